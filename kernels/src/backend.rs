@@ -1,0 +1,76 @@
+//! How the CPU backends lend their memory to the kernels and take results back.
+//!
+//! The kernels work on `&[f32]`; this file is the only one that knows how NdArray and Flex store
+//! a tensor. Results are handed over without a copy.
+
+use burn::backend::Backend;
+use burn::backend::tensor::{FloatTensor, IntTensor};
+use burn::tensor::{Shape, TensorData};
+use std::borrow::Cow;
+
+/// A backend whose tensors live in host memory.
+pub(crate) trait CpuBackend: Backend {
+    /// The tensor's values in row-major order; borrowed when it is contiguous.
+    fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]>;
+
+    /// The tensor's values, to be overwritten: the same memory when nobody else holds it.
+    fn into_values(tensor: FloatTensor<Self>) -> Vec<f32>;
+
+    /// Wraps `values` as a tensor of `shape`, taking the vector's memory.
+    fn tensor(values: Vec<f32>, shape: impl Into<Shape>, device: &Self::Device) -> FloatTensor<Self> {
+        Self::float_from_data(TensorData::new(values, shape), device)
+    }
+
+    /// Wraps integers as a tensor of `shape`, taking the vector's memory.
+    fn int_tensor(values: Vec<i32>, shape: impl Into<Shape>, device: &Self::Device) -> IntTensor<Self> {
+        Self::int_from_data(TensorData::new(values, shape), device)
+    }
+}
+
+#[cfg(feature = "ndarray")]
+mod ndarray {
+    use super::*;
+    use burn_ndarray::{NdArray, NdArrayTensor};
+
+    impl CpuBackend for NdArray {
+        fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]> {
+            match tensor {
+                NdArrayTensor::F32(storage) => {
+                    let view = storage.view();
+                    match view.to_slice() {
+                        Some(slice) => Cow::Borrowed(slice),
+                        None => Cow::Owned(view.iter().copied().collect()),
+                    }
+                }
+                other => panic!("the kernels take f32 tensors, got {:?}", burn::backend::TensorMetadata::dtype(other)),
+            }
+        }
+
+        fn into_values(tensor: FloatTensor<Self>) -> Vec<f32> {
+            Self::values(&tensor).into_owned()
+        }
+    }
+}
+
+#[cfg(feature = "flex")]
+mod flex {
+    use super::*;
+    use burn_flex::Flex;
+
+    impl CpuBackend for Flex {
+        fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]> {
+            match tensor.as_slice::<f32>() {
+                Some(slice) => Cow::Borrowed(slice),
+                None => Cow::Owned(tensor.to_contiguous().storage::<f32>().to_vec()),
+            }
+        }
+
+        fn into_values(tensor: FloatTensor<Self>) -> Vec<f32> {
+            if tensor.is_unique() && tensor.is_contiguous() {
+                let data = tensor.into_data();
+                return data.try_into_vec::<f32>().expect("a contiguous f32 tensor gives its vector");
+            }
+            Self::values(&tensor).into_owned()
+        }
+    }
+}

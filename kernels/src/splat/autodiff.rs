@@ -1,0 +1,98 @@
+//! Gradient registration for [`super::splat`].
+
+use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use burn::backend::Autodiff;
+use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
+use burn::backend::autodiff::grads::Gradients;
+use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use burn::backend::tensor::FloatTensor;
+
+#[derive(Clone, Debug)]
+struct State<B: SplatOps> {
+    means: FloatTensor<B>,
+    rotations: FloatTensor<B>,
+    log_scales: FloatTensor<B>,
+    opacity_logits: FloatTensor<B>,
+    sh: FloatTensor<B>,
+    settings: SplatSettings,
+    saved: SplatSaved,
+}
+
+#[derive(Debug)]
+struct SplatBackward;
+
+impl<B: SplatOps> Backward<B, 6> for SplatBackward {
+    type State = State<B>;
+
+    fn backward(self, ops: Ops<Self::State, 6>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
+        let grad_image = grads.consume::<B>(&ops.node);
+        let s = ops.state;
+        let out = B::splat_backward(
+            s.means,
+            s.rotations,
+            s.log_scales,
+            s.opacity_logits,
+            s.sh,
+            grad_image,
+            s.settings,
+            s.saved,
+        );
+        let all = [out.means, out.rotations, out.log_scales, out.opacity_logits, out.sh, out.screen_offsets];
+        for (parent, grad) in ops.parents.into_iter().zip(all) {
+            if let Some(node) = parent {
+                grads.register::<B>(node.id, grad);
+            }
+        }
+    }
+}
+
+impl<B: SplatOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
+    fn splat_forward(
+        means: FloatTensor<Self>,
+        rotations: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        opacity_logits: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        screen_offsets: FloatTensor<Self>,
+        settings: SplatSettings,
+    ) -> SplatForward<Self> {
+        let (means, n_means) = means.into_parts();
+        let (rotations, n_rotations) = rotations.into_parts();
+        let (log_scales, n_log_scales) = log_scales.into_parts();
+        let (opacity_logits, n_opacity) = opacity_logits.into_parts();
+        let (sh, n_sh) = sh.into_parts();
+        let (screen_offsets, n_offsets) = screen_offsets.into_parts();
+        let out = B::splat_forward(
+            means.clone(),
+            rotations.clone(),
+            log_scales.clone(),
+            opacity_logits.clone(),
+            sh.clone(),
+            screen_offsets,
+            settings,
+        );
+        let nodes = [n_means, n_rotations, n_log_scales, n_opacity, n_sh, n_offsets];
+        let image = match SplatBackward.prepare::<C>(nodes).compute_bound().stateful() {
+            OpsKind::Tracked(prep) => {
+                let saved = out.saved.clone();
+                let state = State::<B> { means, rotations, log_scales, opacity_logits, sh, settings, saved };
+                prep.finish(state, out.image)
+            }
+            OpsKind::UnTracked(prep) => prep.finish(out.image),
+        };
+        SplatForward { image, radii: out.radii, saved: out.saved }
+    }
+
+    fn splat_backward(
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        _: SplatSettings,
+        _: SplatSaved,
+    ) -> SplatGradients<Self> {
+        panic!("splat has no second derivative: call backward once, on a loss")
+    }
+}

@@ -1,0 +1,191 @@
+//! Gradients of blending with respect to the projected Gaussians.
+//!
+//! Each tile is replayed front to back. With V the gradient of a pixel, `S` starts as `V . C` (the whole
+//! pixel) and loses what each Gaussian added, so that it is what lies behind; then
+//! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per
+//! tile and Gaussian; per-Gaussian sums are then merged in the order of the tiles.
+
+use super::blend::{AREA, COLUMN_CENTRES, Plane, Tile, TileArea, row_range};
+use super::lanes::{any, exp2};
+use super::{Saved, TILE};
+use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+/// Sums over pixels for one Gaussian: u, u dx, u dy, u dx^2, u dx dy, u dy^2 with u = dL/dpower, and dL/dcolour.
+pub(super) type ScreenGradient = [f32; 9];
+
+/// Per-Gaussian gradients on screen, `[N]`.
+pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &SplatSettings) -> Vec<ScreenGradient> {
+    let (width, height) = (settings.camera.width, settings.camera.height);
+    let tiles_x = saved.bins.tiles_x;
+    let arch = Arch::new();
+    let partial: Vec<Vec<ScreenGradient>> = (0..saved.bins.tile_count())
+        .into_par_iter()
+        .map(|t| {
+            let used = saved.used[t] as usize;
+            let tile = Tile {
+                splats: &saved.splats,
+                entries: &saved.bins.tile(t)[..used],
+                area: TileArea::new(t, tiles_x, width, height),
+            };
+            let mut sums = vec![[0.0; 9]; used];
+            if used > 0 {
+                let mut pixels = PixelGradients::load(&tile.area, width, grad_image, &saved.image, settings);
+                arch.dispatch(BlendBackwardTile { tile: &tile, pixels: &mut pixels, sums: &mut sums });
+            }
+            sums
+        })
+        .collect();
+    merge(saved, &partial)
+}
+
+/// Adds the tiles' sums per Gaussian. Each task owns a range of Gaussians and walks all tiles in order,
+/// so the order of additions does not depend on the number of tasks.
+fn merge(saved: &Saved, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> {
+    let n = saved.splats.len();
+    let mut sums = vec![[0.0; 9]; n];
+    let range = n.div_ceil(rayon::current_num_threads()).max(1);
+    sums.par_chunks_mut(range).enumerate().for_each(|(k, out)| {
+        let start = (k * range) as u32;
+        for (t, sums) in partial.iter().enumerate() {
+            for (&i, sum) in saved.bins.tile(t).iter().zip(sums) {
+                let Some(target) = i.checked_sub(start).and_then(|j| out.get_mut(j as usize)) else { continue };
+                for (a, b) in target.iter_mut().zip(sum) {
+                    *a += b;
+                }
+            }
+        }
+    });
+    sums
+}
+
+/// Per-pixel inputs of a tile.
+struct PixelGradients {
+    /// dL/d(red, green, blue, alpha).
+    v: [Plane; 4],
+    /// `V . C` of what has not been replayed yet.
+    behind: Plane,
+}
+
+impl PixelGradients {
+    fn load(area: &TileArea, width: usize, grad: &[f32], image: &[f32], settings: &SplatSettings) -> Box<Self> {
+        let mut out = Box::new(Self { v: [Plane::ZERO; 4], behind: Plane::ZERO });
+        debug_assert_eq!(AREA, out.behind.0.len());
+        let _ = settings;
+        for r in 0..area.rows {
+            for c in 0..area.columns {
+                let at = ((area.y0 + r) * width + area.x0 + c) * 4;
+                let p = r * TILE + c;
+                let mut total = 0.0;
+                for k in 0..4 {
+                    out.v[k].0[p] = grad[at + k];
+                    total += grad[at + k] * image[at + k];
+                }
+                out.behind.0[p] = total;
+            }
+        }
+        out
+    }
+}
+
+struct BlendBackwardTile<'a> {
+    tile: &'a Tile<'a>,
+    pixels: &'a mut PixelGradients,
+    sums: &'a mut [ScreenGradient],
+}
+
+impl WithSimd for BlendBackwardTile<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Tile { splats, entries, area } = self.tile;
+        let vectors = TILE / S::F32_LANES;
+        let mut open = area.transmittance();
+        let mut live = area.live_rows();
+        let open = S::as_mut_simd_f32s(&mut open.0).0;
+        let behind = S::as_mut_simd_f32s(&mut self.pixels.behind.0).0;
+        let [v0, v1, v2, v3] = &self.pixels.v;
+        let v = [v0, v1, v2, v3].map(|plane| S::as_simd_f32s(&plane.0).0);
+        let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
+        let threshold = simd.splat_f32s(ALPHA_MIN.log2());
+        let floor = simd.splat_f32s(-16.0);
+        let alpha_max = simd.splat_f32s(ALPHA_MAX);
+        let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
+        let zero = simd.splat_f32s(0.0);
+        let one = simd.splat_f32s(1.0);
+
+        for (&index, out) in entries.iter().zip(self.sums.iter_mut()) {
+            let s = &splats[index as usize];
+            let (first, last) = row_range(s, area);
+            let offset = simd.splat_f32s(area.x0 as f32 - s.x);
+            let (qa, lo) = (simd.splat_f32s(s.qa), simd.splat_f32s(s.log2_opacity));
+            let colour = s.colour.map(|c| simd.splat_f32s(c));
+            let mut sum = [zero; 9];
+            let mut hit = false;
+            for row in first..=last {
+                if live >> row & 1 == 0 {
+                    continue;
+                }
+                let dy = (area.y0 + row) as f32 + 0.5 - s.y;
+                let (qb, qc) = (simd.splat_f32s(s.qb * dy), simd.splat_f32s(s.qc * dy * dy));
+                let dy = simd.splat_f32s(dy);
+                let mut row_live = false;
+                for column in 0..vectors {
+                    let at = row * vectors + column;
+                    let dx = simd.add_f32s(centres[column], offset);
+                    let inner = simd.mul_add_e_f32s(qa, dx, qb);
+                    let power = simd.mul_add_e_f32s(inner, dx, simd.add_f32s(qc, lo));
+                    let t = open[at];
+                    let pixel_open = simd.greater_than_f32s(t, zero);
+                    let touched = simd.and_m32s(simd.greater_than_or_equal_f32s(power, threshold), pixel_open);
+                    if !any(simd, touched) {
+                        row_live |= any(simd, pixel_open);
+                        continue;
+                    }
+                    hit = true;
+                    let unclamped = exp2(simd, simd.max_f32s(power, floor));
+                    let alpha = simd.min_f32s(unclamped, alpha_max);
+                    let weight = simd.mul_f32s(t, alpha);
+                    let after = simd.sub_f32s(t, weight);
+                    let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));
+                    let weight = simd.select_f32s(blended, weight, zero);
+                    let alpha = simd.select_f32s(blended, alpha, zero);
+
+                    // V . (c, 1): the fourth channel is alpha, to which every Gaussian gives its whole weight
+                    let vc = simd.mul_add_e_f32s(v[0][at], colour[0], v[3][at]);
+                    let vc = simd.mul_add_e_f32s(v[1][at], colour[1], vc);
+                    let vc = simd.mul_add_e_f32s(v[2][at], colour[2], vc);
+                    let rest = simd.sub_f32s(behind[at], simd.mul_f32s(weight, vc));
+                    behind[at] = rest;
+                    let d_alpha = simd.sub_f32s(simd.mul_f32s(t, vc), simd.div_f32s(rest, simd.sub_f32s(one, alpha)));
+                    let saturated = simd.greater_than_f32s(unclamped, alpha_max);
+                    let u = simd.select_f32s(saturated, zero, simd.mul_f32s(alpha, d_alpha));
+
+                    let (ux, uy) = (simd.mul_f32s(u, dx), simd.mul_f32s(u, dy));
+                    sum[0] = simd.add_f32s(sum[0], u);
+                    sum[1] = simd.add_f32s(sum[1], ux);
+                    sum[2] = simd.add_f32s(sum[2], uy);
+                    sum[3] = simd.mul_add_e_f32s(ux, dx, sum[3]);
+                    sum[4] = simd.mul_add_e_f32s(ux, dy, sum[4]);
+                    sum[5] = simd.mul_add_e_f32s(uy, dy, sum[5]);
+                    for channel in 0..3 {
+                        sum[6 + channel] = simd.mul_add_e_f32s(weight, v[channel][at], sum[6 + channel]);
+                    }
+                    let t = simd.select_f32s(touched, simd.select_f32s(blended, after, zero), t);
+                    open[at] = t;
+                    row_live |= any(simd, simd.greater_than_f32s(t, zero));
+                }
+                if !row_live {
+                    live &= !(1 << row);
+                }
+            }
+            if hit {
+                for (o, lanes) in out.iter_mut().zip(sum) {
+                    *o = simd.reduce_sum_f32s(lanes);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The splat op on host memory: the stages in order, and the binding to NdArray and Flex.
+//!
+//! project (per Gaussian) -> bin (tiles, depth order) -> blend (a task a tile); backward: blend again
+//! front to back with gradients, merge per Gaussian in a fixed order, then back through the projection.
+//! No result depends on the number of threads.
+
+mod bin;
+mod blend;
+mod blend_backward;
+mod lanes;
+mod project;
+mod project_backward;
+mod sh;
+
+use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use crate::backend::CpuBackend;
+use bin::Bins;
+use burn::backend::TensorMetadata;
+use burn::backend::tensor::FloatTensor;
+use project::Splat2d;
+use std::sync::Arc;
+
+/// Tile side in pixels.
+pub(super) const TILE: usize = 16;
+
+/// The five attribute arrays, row-major.
+#[derive(Clone, Copy)]
+pub(super) struct Attributes<'a> {
+    /// `[N, 3]`
+    pub means: &'a [f32],
+    /// `[N, 4]`
+    pub rotations: &'a [f32],
+    /// `[N, 3]`
+    pub log_scales: &'a [f32],
+    /// `[N]`
+    pub opacity_logits: &'a [f32],
+    /// `[N, K, 3]`
+    pub sh: &'a [f32],
+    /// Coefficients a Gaussian, K.
+    pub sh_stride: usize,
+}
+
+impl Attributes<'_> {
+    fn len(&self) -> usize {
+        self.opacity_logits.len()
+    }
+}
+
+/// What the forward pass leaves for the backward pass.
+struct Saved {
+    splats: Vec<Splat2d>,
+    bins: Bins,
+    /// Entries of each tile that were reached before all its pixels were done.
+    used: Vec<u32>,
+    /// The rendered image `[H, W, 4]`.
+    image: Vec<f32>,
+}
+
+fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> (Vec<f32>, Vec<i32>, Saved) {
+    let splats = project::project(attributes, offsets, settings);
+    let bins = bin::bin(&splats, settings.camera.width, settings.camera.height);
+    let (image, used) = blend::blend(&splats, &bins, settings);
+    let radii = splats.iter().map(|s| s.radius).collect();
+    (image.clone(), radii, Saved { splats, bins, used, image })
+}
+
+impl<B: CpuBackend> CpuSplat for B {}
+
+/// The op for any backend in host memory; the public trait is implemented by forwarding to this.
+trait CpuSplat: CpuBackend {
+    fn cpu_forward(
+        tensors: [FloatTensor<Self>; 5],
+        offsets: FloatTensor<Self>,
+        settings: SplatSettings,
+    ) -> SplatForward<Self> {
+        let device = tensors[0].device();
+        let n = tensors[0].shape()[0];
+        let sh_stride = tensors[4].shape()[1];
+        let [means, rotations, log_scales, opacity_logits, sh] = &tensors;
+        let values = (
+            Self::values(means),
+            Self::values(rotations),
+            Self::values(log_scales),
+            Self::values(opacity_logits),
+            Self::values(sh),
+        );
+        let attributes = Attributes {
+            means: &values.0,
+            rotations: &values.1,
+            log_scales: &values.2,
+            opacity_logits: &values.3,
+            sh: &values.4,
+            sh_stride,
+        };
+        let (image, radii, saved) = forward(attributes, &Self::values(&offsets), &settings);
+        SplatForward {
+            image: Self::tensor(image, [settings.camera.height, settings.camera.width, 4], &device),
+            radii: Self::int_tensor(radii, [n], &device),
+            saved: SplatSaved(Arc::new(saved)),
+        }
+    }
+
+    fn cpu_backward(
+        tensors: [FloatTensor<Self>; 5],
+        grad_image: FloatTensor<Self>,
+        settings: SplatSettings,
+        saved: SplatSaved,
+    ) -> SplatGradients<Self> {
+        let device = tensors[0].device();
+        let n = tensors[0].shape()[0];
+        let sh_stride = tensors[4].shape()[1];
+        let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
+        let [means, rotations, log_scales, opacity_logits, sh] = &tensors;
+        let values = (
+            Self::values(means),
+            Self::values(rotations),
+            Self::values(log_scales),
+            Self::values(opacity_logits),
+            Self::values(sh),
+        );
+        let attributes = Attributes {
+            means: &values.0,
+            rotations: &values.1,
+            log_scales: &values.2,
+            opacity_logits: &values.3,
+            sh: &values.4,
+            sh_stride,
+        };
+        let screen = blend_backward::blend_backward(saved, &Self::values(&grad_image), &settings);
+        let g = project_backward::project_backward(attributes, &saved.splats, &screen, &settings);
+        SplatGradients {
+            means: Self::tensor(g.means, [n, 3], &device),
+            rotations: Self::tensor(g.rotations, [n, 4], &device),
+            log_scales: Self::tensor(g.log_scales, [n, 3], &device),
+            opacity_logits: Self::tensor(g.opacity_logits, [n], &device),
+            sh: Self::tensor(g.sh, [n, sh_stride, 3], &device),
+            screen_offsets: Self::tensor(g.screen_offsets, [n, 2], &device),
+        }
+    }
+}
+
+macro_rules! bind {
+    ($backend:ty) => {
+        impl SplatOps for $backend {
+            fn splat_forward(
+                means: FloatTensor<Self>,
+                rotations: FloatTensor<Self>,
+                log_scales: FloatTensor<Self>,
+                opacity_logits: FloatTensor<Self>,
+                sh: FloatTensor<Self>,
+                screen_offsets: FloatTensor<Self>,
+                settings: SplatSettings,
+            ) -> SplatForward<Self> {
+                Self::cpu_forward([means, rotations, log_scales, opacity_logits, sh], screen_offsets, settings)
+            }
+
+            fn splat_backward(
+                means: FloatTensor<Self>,
+                rotations: FloatTensor<Self>,
+                log_scales: FloatTensor<Self>,
+                opacity_logits: FloatTensor<Self>,
+                sh: FloatTensor<Self>,
+                grad_image: FloatTensor<Self>,
+                settings: SplatSettings,
+                saved: SplatSaved,
+            ) -> SplatGradients<Self> {
+                Self::cpu_backward([means, rotations, log_scales, opacity_logits, sh], grad_image, settings, saved)
+            }
+        }
+    };
+}
+
+#[cfg(feature = "ndarray")]
+bind!(burn_ndarray::NdArray);
+#[cfg(feature = "flex")]
+bind!(burn_flex::Flex);

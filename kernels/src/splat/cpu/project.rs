@@ -1,0 +1,203 @@
+//! Per Gaussian: to the screen. Position, inverse covariance, opacity, colour, extent, depth.
+
+use super::lanes::LOG2_E;
+use super::{Attributes, sh};
+use crate::Camera;
+use crate::splat::{ALPHA_MIN, DILATION, NEAR, SplatSettings};
+use rayon::prelude::*;
+
+/// A projected Gaussian, as blending reads it.
+///
+/// `log2(opacity * exp(power)) = qa dx^2 + qb dx dy + qc dy^2 + log2_opacity`.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Splat2d {
+    pub x: f32,
+    pub y: f32,
+    pub qa: f32,
+    pub qb: f32,
+    pub qc: f32,
+    pub log2_opacity: f32,
+    pub colour: [f32; 3],
+    /// Half extents in pixels of the region where alpha reaches 1/255.
+    pub extent: [f32; 2],
+    pub depth: f32,
+    /// Pixels, three standard deviations; 0 for a Gaussian that is not drawn.
+    pub radius: i32,
+}
+
+/// Intermediate results of one projection that the backward pass needs again.
+pub(super) struct Projection {
+    /// Rotation matrix of the Gaussian.
+    pub rotation: [[f32; 3]; 3],
+    /// Normalised quaternion and the inverse of its norm (0 for a zero quaternion).
+    pub quaternion: [f32; 4],
+    pub inverse_norm: f32,
+    pub scales: [f32; 3],
+    /// Position in camera space.
+    pub camera_mean: [f32; 3],
+    /// `x/z`, `y/z`, clamped, and whether the clamp took hold.
+    pub slope: [f32; 2],
+    pub clamped: [bool; 2],
+    /// `J W`, `[2, 3]`.
+    pub jw: [[f32; 3]; 2],
+    /// `J W R S`, `[2, 3]`; the projected covariance is this times its transpose.
+    pub root: [[f32; 3]; 2],
+    /// Projected covariance (a, b, c) with the dilation, and its determinant.
+    pub covariance: [f32; 3],
+    pub determinant: f32,
+}
+
+impl Projection {
+    #[inline(always)]
+    pub(super) fn new(mean: [f32; 3], quaternion: [f32; 4], log_scales: [f32; 3], camera: &Camera) -> Self {
+        let w = &camera.rotation;
+        let norm2: f32 = quaternion.iter().map(|q| q * q).sum();
+        let (inverse_norm, quaternion) = if norm2 > 1e-24 {
+            let i = 1.0 / norm2.sqrt();
+            (i, quaternion.map(|q| q * i))
+        } else if norm2 <= 1e-24 {
+            (0.0, [1.0, 0.0, 0.0, 0.0])
+        } else {
+            (f32::NAN, quaternion) // NaN: the Gaussian is culled
+        };
+        let rotation = rotation_matrix(quaternion);
+        let scales = log_scales.map(f32::exp);
+        let camera_mean: [f32; 3] = std::array::from_fn(|i| {
+            w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]
+        });
+        let iz = 1.0 / camera_mean[2];
+        let limits = camera.jacobian_limits();
+        let raw = [camera_mean[0] * iz, camera_mean[1] * iz];
+        let clamped = [raw[0].abs() > limits[0], raw[1].abs() > limits[1]];
+        let slope = [raw[0].clamp(-limits[0], limits[0]), raw[1].clamp(-limits[1], limits[1])];
+        let (j00, j02) = (camera.fx * iz, -camera.fx * slope[0] * iz);
+        let (j11, j12) = (camera.fy * iz, -camera.fy * slope[1] * iz);
+        let jw =
+            [std::array::from_fn(|k| j00 * w[0][k] + j02 * w[2][k]), std::array::from_fn(|k| j11 * w[1][k] + j12 * w[2][k])];
+        let root = jw.map(|row: [f32; 3]| {
+            std::array::from_fn(|k| {
+                scales[k] * (row[0] * rotation[0][k] + row[1] * rotation[1][k] + row[2] * rotation[2][k])
+            })
+        });
+        let [r0, r1]: [[f32; 3]; 2] = root;
+        let (aa, ab, cc) = (dot(r0, r0), dot(r0, r1), dot(r1, r1));
+        // |r0 x r1|^2 is the determinant without the dilation, free of cancellation (Lagrange's identity)
+        let cross = [r0[1] * r1[2] - r0[2] * r1[1], r0[2] * r1[0] - r0[0] * r1[2], r0[0] * r1[1] - r0[1] * r1[0]];
+        let determinant = dot(cross, cross) + DILATION * (aa + cc) + DILATION * DILATION;
+        let covariance = [aa + DILATION, ab, cc + DILATION];
+        Self {
+            rotation,
+            quaternion,
+            inverse_norm,
+            scales,
+            camera_mean,
+            slope,
+            clamped,
+            jw,
+            root,
+            covariance,
+            determinant,
+        }
+    }
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn rotation_matrix([w, x, y, z]: [f32; 4]) -> [[f32; 3]; 3] {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+}
+
+/// Reads row `i` of a row-major array with `D` columns.
+#[inline(always)]
+pub(super) fn row<const D: usize>(values: &[f32], i: usize) -> [f32; D] {
+    std::array::from_fn(|k| values[D * i + k])
+}
+
+/// Unit direction from the camera to the mean, and the inverse of the distance.
+#[inline(always)]
+pub(super) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
+    let d = [mean[0] - eye[0], mean[1] - eye[1], mean[2] - eye[2]];
+    let inverse = 1.0 / dot(d, d).sqrt().max(1e-20);
+    (d.map(|v| v * inverse), inverse)
+}
+
+/// Projects all Gaussians; those that are culled have radius 0.
+pub(super) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> Vec<Splat2d> {
+    let eye = settings.camera.position();
+    (0..attributes.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|i| project_one(attributes, i, [offsets[2 * i], offsets[2 * i + 1]], eye, settings).unwrap_or_default())
+        .collect()
+}
+
+/// `None` if the Gaussian is behind the near plane, too transparent, off screen or not finite.
+#[inline(always)]
+fn project_one(a: Attributes<'_>, i: usize, offset: [f32; 2], eye: [f32; 3], settings: &SplatSettings) -> Option<Splat2d> {
+    let camera = &settings.camera;
+    let mean = row::<3>(a.means, i);
+    let opacity = 1.0 / (1.0 + (-a.opacity_logits[i]).exp());
+    // reversed comparisons, so that NaN is culled too
+    if !(opacity >= ALPHA_MIN) {
+        return None;
+    }
+    let p = Projection::new(mean, row(a.rotations, i), row(a.log_scales, i), camera);
+    if !(p.camera_mean[2] > NEAR) {
+        return None;
+    }
+    let [ca, cb, cc] = p.covariance;
+    let inverse = 1.0 / p.determinant;
+    let iz = 1.0 / p.camera_mean[2];
+    let x = camera.fx * p.camera_mean[0] * iz + camera.cx + offset[0];
+    let y = camera.fy * p.camera_mean[1] * iz + camera.cy + offset[1];
+    // alpha >= 1/255 inside the ellipse power >= ln(1/(255 opacity)), i.e. d^T conic d <= reach
+    let reach = 2.0 * (opacity / ALPHA_MIN).ln();
+    let extent = [(reach * ca).sqrt(), (reach * cc).sqrt()];
+    let (qa, qb, qc) = (-0.5 * LOG2_E * cc * inverse, LOG2_E * cb * inverse, -0.5 * LOG2_E * ca * inverse);
+    let on_screen = x + extent[0] >= 0.0
+        && x - extent[0] <= camera.width as f32
+        && y + extent[1] >= 0.0
+        && y - extent[1] <= camera.height as f32;
+    let finite = (qa + qb + qc).is_finite() && inverse > 0.0 && (x + y + extent[0] + extent[1]).is_finite();
+    if !(on_screen && finite) {
+        return None;
+    }
+    let mid = 0.5 * (ca + cc);
+    let lambda = mid + (mid * mid - p.determinant).max(0.1).sqrt();
+    let radius = (3.0 * lambda.sqrt()).ceil().min(1e9) as i32;
+
+    let (direction, _) = view_direction(mean, eye);
+    let b = sh::basis(direction, settings.sh_degree);
+    let count = (settings.sh_degree + 1) * (settings.sh_degree + 1);
+    let coefficients = &a.sh[3 * a.sh_stride * i..][..3 * count];
+    let mut colour = [0.5f32; 3];
+    for (k, c) in coefficients.chunks_exact(3).enumerate() {
+        for channel in 0..3 {
+            colour[channel] += b[k] * c[channel];
+        }
+    }
+    if colour.iter().any(|c| !c.is_finite()) {
+        return None;
+    }
+    let colour = colour.map(|c| c.max(0.0));
+    Some(Splat2d {
+        x,
+        y,
+        qa,
+        qb,
+        qc,
+        log2_opacity: opacity.log2(),
+        colour,
+        extent,
+        depth: p.camera_mean[2],
+        radius,
+    })
+}

@@ -1,0 +1,172 @@
+//! Differentiable Gaussian splatting: Gaussians and a camera in, colour and alpha out.
+//!
+//! What is computed (3DGS, Kerbl et al. 2023; the paper's equations 1 to 4), with the constants of the
+//! reference rasteriser:
+//!
+//! * covariance `R S S^T R^T`, projected with the Jacobian clamped at 1.3 times the field of view,
+//!   0.3 added to its diagonal (pixels squared);
+//! * colour `max(0, SH(direction) + 0.5)`, the gradient flowing through the direction;
+//! * `alpha = min(0.99, opacity * exp(power))`, skipped below 1/255; where it is clamped at 0.99 the
+//!   gradient is zero (the reference rasteriser passes it through);
+//! * front to back by depth, ties by index; a Gaussian that would bring the transmittance to 1e-4
+//!   or less ends the pixel and is not blended; Gaussians at depth 0.2 or less are culled.
+//!
+//! A Gaussian whose projection is not finite (NaN, infinite scale) is culled like one behind the
+//! camera: it adds nothing to the image and its gradients are zero. A zero quaternion stands for no rotation.
+
+mod autodiff;
+mod cpu;
+pub mod reference;
+
+use crate::Camera;
+use burn::backend::tensor::{FloatTensor, IntTensor};
+use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
+use burn::tensor::{Int, Tensor};
+use std::any::Any;
+use std::sync::Arc;
+
+/// Alpha is clamped to this value.
+pub const ALPHA_MAX: f32 = 0.99;
+/// Contributions below this alpha are skipped.
+pub const ALPHA_MIN: f32 = 1.0 / 255.0;
+/// A pixel is finished when its transmittance would fall to this value.
+pub const TRANSMITTANCE_MIN: f32 = 1e-4;
+/// Gaussians at or nearer than this depth are culled.
+pub const NEAR: f32 = 0.2;
+/// Added to the diagonal of the projected covariance, pixels squared.
+pub const DILATION: f32 = 0.3;
+
+/// Everything about a rendering that is not a tensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplatSettings {
+    /// The camera, with the image size.
+    pub camera: Camera,
+    /// Background colour, RGB.
+    pub background: [f32; 3],
+    /// Spherical-harmonics degree in use, 0 to 3; coefficients beyond it are ignored and get no gradient.
+    pub sh_degree: usize,
+}
+
+/// What the forward pass keeps for the backward pass; opaque, and each backend's own.
+#[derive(Clone)]
+pub struct SplatSaved(Arc<dyn Any + Send + Sync>);
+
+impl std::fmt::Debug for SplatSaved {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("SplatSaved")
+    }
+}
+
+/// Result of the forward pass on a backend.
+#[derive(ExtensionType)]
+pub struct SplatForward<B: Backend> {
+    /// Colour and alpha `[H, W, 4]`, differentiable.
+    pub image: FloatTensor<B>,
+    /// Radius of each Gaussian on screen in pixels (three standard deviations, rounded up); 0 if not drawn. `[N]`.
+    pub radii: IntTensor<B>,
+    /// Kept for the backward pass.
+    pub saved: SplatSaved,
+}
+
+/// Result of the backward pass on a backend: one gradient per input.
+#[derive(ExtensionType)]
+pub struct SplatGradients<B: Backend> {
+    /// `[N, 3]`
+    pub means: FloatTensor<B>,
+    /// `[N, 4]`
+    pub rotations: FloatTensor<B>,
+    /// `[N, 3]`
+    pub log_scales: FloatTensor<B>,
+    /// `[N]`
+    pub opacity_logits: FloatTensor<B>,
+    /// `[N, K, 3]`
+    pub sh: FloatTensor<B>,
+    /// `[N, 2]`
+    pub screen_offsets: FloatTensor<B>,
+}
+
+/// The backend side of [`splat`].
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+pub trait SplatOps: Backend {
+    /// Renders; shapes as in [`splat`].
+    fn splat_forward(
+        means: FloatTensor<Self>,
+        rotations: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        opacity_logits: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        screen_offsets: FloatTensor<Self>,
+        settings: SplatSettings,
+    ) -> SplatForward<Self>;
+
+    /// Gradients of a loss whose gradient with respect to the image is `grad_image` `[H, W, 4]`.
+    fn splat_backward(
+        means: FloatTensor<Self>,
+        rotations: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        opacity_logits: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        grad_image: FloatTensor<Self>,
+        settings: SplatSettings,
+        saved: SplatSaved,
+    ) -> SplatGradients<Self>;
+}
+
+/// A rendered view.
+#[derive(Clone, Debug)]
+pub struct Splatted {
+    /// Colour over the background and alpha, `[H, W, 4]`, differentiable.
+    pub image: Tensor<3>,
+    /// Radius on screen in pixels, 0 for Gaussians that were not drawn, `[N]`.
+    pub radii: Tensor<1, Int>,
+}
+
+/// The Gaussians to draw, as they are optimised.
+#[derive(Clone, Debug)]
+pub struct SplatInputs {
+    /// World positions `[N, 3]`.
+    pub means: Tensor<2>,
+    /// Quaternions w, x, y, z `[N, 4]`; normalised inside.
+    pub rotations: Tensor<2>,
+    /// Natural logarithm of the standard deviations `[N, 3]`, world units.
+    pub log_scales: Tensor<2>,
+    /// Opacity before the sigmoid `[N]`.
+    pub opacity_logits: Tensor<1>,
+    /// Spherical-harmonics coefficients `[N, K, 3]`, K in 1, 4, 9, 16.
+    pub sh: Tensor<3>,
+    /// Pixel offsets added to the projected means `[N, 2]`; pass zeros. Their gradient is the
+    /// screen-space gradient that densification needs. `None` if no one asks for it.
+    pub screen_offsets: Option<Tensor<2>>,
+}
+
+/// Renders Gaussians through a camera.
+///
+/// # Panics
+/// If the shapes disagree, or `sh` holds fewer coefficients than `settings.sh_degree` needs: both are
+/// errors of the calling program, never of the data.
+pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
+    let [n, three] = inputs.means.dims();
+    assert_eq!(three, 3, "splat: means are [N, 3], got [{n}, {three}]");
+    assert_eq!(inputs.rotations.dims(), [n, 4], "splat: rotations are [N, 4] with N = {n}");
+    assert_eq!(inputs.log_scales.dims(), [n, 3], "splat: log_scales are [N, 3] with N = {n}");
+    assert_eq!(inputs.opacity_logits.dims(), [n], "splat: opacity_logits are [N] with N = {n}");
+    let [n_sh, k, channels] = inputs.sh.dims();
+    assert_eq!((n_sh, channels), (n, 3), "splat: sh are [N, K, 3] with N = {n}");
+    let degree = settings.sh_degree;
+    assert!(degree <= 3 && (degree + 1).pow(2) <= k, "splat: degree {degree} needs {} coefficients, sh has {k}", (degree + 1).pow(2));
+    let camera = settings.camera;
+    assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
+
+    let offsets = inputs.screen_offsets.unwrap_or_else(|| Tensor::zeros([n, 2], &inputs.means.device()));
+    assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");
+    let out = Dispatch::splat_forward(
+        inputs.means.into_dispatch(),
+        inputs.rotations.into_dispatch(),
+        inputs.log_scales.into_dispatch(),
+        inputs.opacity_logits.into_dispatch(),
+        inputs.sh.into_dispatch(),
+        offsets.into_dispatch(),
+        settings,
+    );
+    Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
+}
