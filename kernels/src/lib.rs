@@ -10,10 +10,10 @@
 mod backend;
 mod camera;
 
-//pub mod adam;
-//pub mod field;
+pub mod adam;
+pub mod field;
 pub mod splat;
-//pub mod ssim;
-//pub mod tv;
+pub mod ssim;
+pub mod tv;
 
 pub use camera::Camera;

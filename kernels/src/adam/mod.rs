@@ -1,0 +1,12 @@
+//! The Adam optimiser step on one flat parameter buffer.
+//! Fast kernel in [`cpu`], oracle in [`mod@reference`].
+
+pub mod cpu;
+mod ops;
+pub mod reference;
+
+#[cfg(test)]
+mod tests;
+
+pub use ops::{AdamOps, AdamOutput, AdamTensors, adam};
+pub use cpu::{AdamStep, LrPattern, NonFiniteGradient, adam_step};

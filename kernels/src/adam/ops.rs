@@ -1,0 +1,108 @@
+//! Adam as an op on tensors: parameter and moments in, updated ones out, in the same memory where the
+//! backend allows it. Not differentiable; call it on tensors without gradients.
+
+use super::{AdamStep, adam_step};
+use crate::backend::CpuBackend;
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
+use burn::tensor::Tensor;
+
+/// Result of a step on a backend.
+#[derive(ExtensionType)]
+pub struct AdamOutput<B: Backend> {
+    /// Updated parameter.
+    pub param: FloatTensor<B>,
+    /// Updated first moment.
+    pub moment_1: FloatTensor<B>,
+    /// Updated second moment.
+    pub moment_2: FloatTensor<B>,
+    /// First element of the gradient that is not finite; then nothing was updated.
+    pub non_finite: Option<usize>,
+}
+
+/// The backend side of [`adam`].
+#[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+pub trait AdamOps: Backend {
+    /// One step.
+    fn adam(
+        param: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        moment_1: FloatTensor<Self>,
+        moment_2: FloatTensor<Self>,
+        step: AdamStep,
+    ) -> AdamOutput<Self>;
+}
+
+/// A parameter with its moments, all of one shape.
+#[derive(Clone, Debug)]
+pub struct AdamTensors<const D: usize> {
+    /// The parameter.
+    pub param: Tensor<D>,
+    /// Mean of the gradient.
+    pub moment_1: Tensor<D>,
+    /// Mean of its square.
+    pub moment_2: Tensor<D>,
+}
+
+/// One Adam step (PyTorch's semantics: epsilon outside the root, after bias correction).
+///
+/// The second result is the index of the first gradient element that is NaN or infinite; then nothing
+/// was updated and the caller should stop.
+///
+/// # Panics
+/// If the shapes differ.
+pub fn adam<const D: usize>(tensors: AdamTensors<D>, grad: Tensor<D>, step: AdamStep) -> (AdamTensors<D>, Option<usize>) {
+    assert_eq!(tensors.param.dims(), grad.dims(), "adam: the gradient has the parameter's shape");
+    let out = Dispatch::adam(
+        tensors.param.into_dispatch(),
+        grad.into_dispatch(),
+        tensors.moment_1.into_dispatch(),
+        tensors.moment_2.into_dispatch(),
+        step,
+    );
+    let tensors = AdamTensors {
+        param: Tensor::from_dispatch(out.param),
+        moment_1: Tensor::from_dispatch(out.moment_1),
+        moment_2: Tensor::from_dispatch(out.moment_2),
+    };
+    (tensors, out.non_finite)
+}
+
+fn cpu<B: CpuBackend>(
+    param: FloatTensor<B>,
+    grad: &FloatTensor<B>,
+    moments: [FloatTensor<B>; 2],
+    step: AdamStep,
+) -> AdamOutput<B> {
+    let (shape, device) = (param.shape(), param.device());
+    let [m, v] = moments;
+    let (mut param, mut m, mut v) = (B::into_values(param), B::into_values(m), B::into_values(v));
+    let non_finite = adam_step(&mut param, &B::values(grad), &mut m, &mut v, step).err().map(|e| e.index);
+    AdamOutput {
+        param: B::tensor(param, shape.clone(), &device),
+        moment_1: B::tensor(m, shape.clone(), &device),
+        moment_2: B::tensor(v, shape, &device),
+        non_finite,
+    }
+}
+
+macro_rules! bind {
+    ($backend:ty) => {
+        impl AdamOps for $backend {
+            fn adam(
+                param: FloatTensor<Self>,
+                grad: FloatTensor<Self>,
+                moment_1: FloatTensor<Self>,
+                moment_2: FloatTensor<Self>,
+                step: AdamStep,
+            ) -> AdamOutput<Self> {
+                cpu::<Self>(param, &grad, [moment_1, moment_2], step)
+            }
+        }
+    };
+}
+
+#[cfg(feature = "ndarray")]
+bind!(burn_ndarray::NdArray);
+#[cfg(feature = "flex")]
+bind!(burn_flex::Flex);

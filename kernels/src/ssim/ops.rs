@@ -1,0 +1,100 @@
+//! SSIM as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
+
+use super::{ssim, ssim_grad};
+use crate::backend::CpuBackend;
+use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
+use burn::backend::autodiff::grads::Gradients;
+use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
+use burn::tensor::Tensor;
+
+/// SSIM and its gradient on a backend.
+#[derive(ExtensionType)]
+pub struct SsimForward<B: Backend> {
+    /// Mean SSIM `[1]`.
+    pub value: FloatTensor<B>,
+    /// dSSIM/da `[H, W, 3]`; a single zero when it was not asked for.
+    pub grad: FloatTensor<B>,
+}
+
+/// The backend side of [`mean_ssim`].
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+pub trait SsimOps: Backend {
+    /// SSIM of two images `[H, W, 3]`, with the gradient of the first if asked for.
+    fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self>;
+}
+
+/// Mean SSIM of two RGB images `[H, W, 3]` in [0, 1], as `[1]`, differentiable with respect to `a`;
+/// `b` is taken as a constant. Window: 11 taps, Gaussian, sigma 1.5, zero padding.
+///
+/// # Panics
+/// If the shapes differ.
+pub fn mean_ssim(a: Tensor<3>, b: Tensor<3>) -> Tensor<1> {
+    assert_eq!(a.dims(), b.dims(), "mean_ssim: both images are [H, W, 3]");
+    Tensor::from_dispatch(Dispatch::ssim_forward(a.into_dispatch(), b.into_dispatch(), false).value)
+}
+
+fn cpu_forward<B: CpuBackend>(a: &FloatTensor<B>, b: &FloatTensor<B>, with_grad: bool) -> SsimForward<B> {
+    let device = a.device();
+    let shape = a.shape();
+    let (h, w) = (shape[0], shape[1]);
+    let (va, vb) = (B::values(a), B::values(b));
+    let (value, grad) = if with_grad {
+        let mut grad = vec![0.0; va.len()];
+        let value = ssim_grad(&va, &vb, h, w, 1.0, &mut grad);
+        (value, B::tensor(grad, shape, &device))
+    } else {
+        (ssim(&va, &vb, h, w), B::tensor(vec![0.0], [1], &device))
+    };
+    SsimForward { value: B::tensor(vec![value as f32], [1], &device), grad }
+}
+
+macro_rules! bind {
+    ($backend:ty) => {
+        impl SsimOps for $backend {
+            fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self> {
+                cpu_forward::<Self>(&a, &b, with_grad)
+            }
+        }
+    };
+}
+
+#[cfg(feature = "ndarray")]
+bind!(burn_ndarray::NdArray);
+#[cfg(feature = "flex")]
+bind!(burn_flex::Flex);
+
+#[derive(Debug)]
+struct SsimBackward;
+
+impl<B: SsimOps> Backward<B, 1> for SsimBackward {
+    type State = FloatTensor<B>;
+
+    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
+        let upstream = grads.consume::<B>(&ops.node);
+        if let [Some(node)] = ops.parents {
+            let upstream = B::float_reshape(upstream, [1, 1, 1].into());
+            grads.register::<B>(node.id, B::float_mul(ops.state, upstream));
+        }
+    }
+}
+
+impl<B: SsimOps, C: CheckpointStrategy> SsimOps for Autodiff<B, C> {
+    fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, _: bool) -> SsimForward<Self> {
+        let (a, node) = a.into_parts();
+        let (b, _) = b.into_parts();
+        match SsimBackward.prepare::<C>([node]).compute_bound().stateful() {
+            OpsKind::Tracked(prep) => {
+                let out = B::ssim_forward(a, b, true);
+                let none = <Self as burn::backend::AutodiffBackend>::from_inner(out.grad.clone());
+                SsimForward { value: prep.finish(out.grad, out.value), grad: none }
+            }
+            OpsKind::UnTracked(prep) => {
+                let out = B::ssim_forward(a, b, false);
+                let none = <Self as burn::backend::AutodiffBackend>::from_inner(out.grad);
+                SsimForward { value: prep.finish(out.value), grad: none }
+            }
+        }
+    }
+}

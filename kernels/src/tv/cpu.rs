@@ -1,0 +1,308 @@
+//! Total variation and one-prior of the flat field tensors, loss and gradient in one pass.
+//! Each task owns the gradient of a few rows and reads their neighbours; losses add up in f64 in row order,
+//! so the bits do not depend on the number of threads.
+
+use crate::field::{FieldParams, FieldShape, TensorSpan};
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Elements of one task, rounded to whole rows.
+const TASK: usize = 16_384;
+/// Elements summed in f32 before they join the f64 sum.
+const FLUSH: usize = 256;
+const LANES: usize = 8;
+
+/// Which differences are penalised. Every tensor counts with the mean over its differences.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TvKind {
+    /// Squared first differences: along both axes of a plane, along a line, along time (paper eq. 6).
+    First,
+    /// Squared second differences along the slow axis of a plane, along a line, along time.
+    Second,
+}
+
+/// Factors of the penalty terms. A term whose weight is 0 leaves the loss and the gradient alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TvWeights {
+    /// Differences in planes and lines.
+    pub space: f32,
+    /// Differences in times.
+    pub time: f32,
+    /// mean |1 - g| of every plane and line tensor.
+    pub one_prior_space: f32,
+    /// mean |1 - g| of every time tensor.
+    pub one_prior_time: f32,
+}
+
+/// Gradient buffers that [`tv`] adds to; laid out like the parameters.
+#[derive(Debug)]
+pub struct TvGrads<'a> {
+    /// Gradient of the plane buffer.
+    pub planes: &'a mut [f32],
+    /// Gradient of the line buffer.
+    pub lines: &'a mut [f32],
+    /// Gradient of the time buffer.
+    pub times: &'a mut [f32],
+}
+
+/// Returns the weighted penalty and adds its gradient to `grads`. An axis too short for a difference
+/// contributes 0. The slope of |1 - g| at g = 1 is taken as 0. Non-finite parameters make the loss
+/// non-finite and spoil the gradient of their neighbours only.
+///
+/// # Panics
+/// If a slice length does not fit `shape`, or `shape` has an extent of 0.
+pub fn tv(
+    params: FieldParams<'_>,
+    shape: &FieldShape,
+    kind: TvKind,
+    weights: TvWeights,
+    grads: TvGrads<'_>,
+) -> f64 {
+    if let Err(error) = shape.validate() {
+        panic!("{error}");
+    }
+    let kinds = [
+        (shape.plane_spans(), params.planes, grads.planes),
+        (shape.line_spans(), params.lines, grads.lines),
+        (shape.time_spans(), params.times, grads.times),
+    ];
+    let expected = [shape.planes_len(), shape.lines_len(), shape.times_len()];
+    let factors = [
+        (weights.space, weights.one_prior_space),
+        (weights.space, weights.one_prior_space),
+        (weights.time, weights.one_prior_time),
+    ];
+    let mut tasks = Vec::new();
+    for (((spans, data, grad), len), (weight, prior)) in
+        kinds.into_iter().zip(expected).zip(factors)
+    {
+        assert_eq!(data.len(), len, "parameters do not fit the field shape");
+        assert_eq!(grad.len(), len, "gradients do not fit the field shape");
+        if weight != 0.0 || prior != 0.0 {
+            push_tasks(
+                &mut tasks,
+                &spans,
+                shape.channels,
+                kind,
+                weight,
+                prior,
+                data,
+                grad,
+            );
+        }
+    }
+    let losses: Vec<f64> = tasks
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|task| Arch::new().dispatch(task))
+        .collect();
+    losses.iter().sum()
+}
+
+fn push_tasks<'a>(
+    tasks: &mut Vec<Rows<'a>>,
+    spans: &[TensorSpan],
+    channels: usize,
+    kind: TvKind,
+    weight: f32,
+    prior: f32,
+    data: &'a [f32],
+    mut grad: &'a mut [f32],
+) {
+    for span in spans {
+        let row = span.width * channels;
+        let len = span.height * row;
+        let data = &data[span.offset..span.offset + len];
+        let (own, rest) = grad.split_at_mut(len);
+        grad = rest;
+        let mean = |weight: f32, count: usize| match count {
+            0 => 0.0,
+            count => weight / count as f32,
+        };
+        let factors = match kind {
+            TvKind::First => Factors {
+                slow: mean(weight, (span.height - 1) * row),
+                fast: mean(weight, span.height * (span.width - 1) * channels),
+                prior: mean(prior, len),
+            },
+            TvKind::Second => Factors {
+                slow: mean(weight, span.height.saturating_sub(2) * row),
+                fast: 0.0,
+                prior: mean(prior, len),
+            },
+        };
+        let rows = (TASK / row).max(1);
+        for (index, grad) in own.chunks_mut(rows * row).enumerate() {
+            tasks.push(Rows {
+                data,
+                first: index * rows,
+                row,
+                channels,
+                kind,
+                factors,
+                grad,
+            });
+        }
+    }
+}
+
+/// Weight of one squared difference or one |1 - g|.
+#[derive(Clone, Copy)]
+struct Factors {
+    slow: f32,
+    fast: f32,
+    prior: f32,
+}
+
+/// Some rows of one tensor `[height, width, R]`.
+struct Rows<'a> {
+    data: &'a [f32],
+    first: usize,
+    /// Elements of a row, `width * R`.
+    row: usize,
+    channels: usize,
+    kind: TvKind,
+    factors: Factors,
+    grad: &'a mut [f32],
+}
+
+impl WithSimd for Rows<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let (data, row, r) = (self.data, self.row, self.channels);
+        let height = data.len() / row;
+        let mut loss = 0.0;
+        for (y, grad) in (self.first..).zip(self.grad.chunks_exact_mut(row)) {
+            // A neighbour that does not exist is replaced by the nearest row that does.
+            let line = |y: usize| &data[y.min(height - 1) * row..][..row];
+            let (up, cur, down) = (line(y.saturating_sub(1)), line(y), line(y + 1));
+            match self.kind {
+                TvKind::First => {
+                    let rows = [up, cur, down];
+                    // The first and last node lack a neighbour on one side: they stand in for it.
+                    if row == r {
+                        loss += first(rows, 0..r, [0, 0], self.factors, grad);
+                    } else {
+                        let last = row - r;
+                        loss += first(rows, 0..r, [0, r], self.factors, grad);
+                        loss += first(rows, r..last, [0, 2 * r], self.factors, grad);
+                        loss += first(rows, last..row, [last - r, last], self.factors, grad);
+                    }
+                }
+                TvKind::Second => {
+                    let valid = |ok: bool| if ok { 1.0 } else { 0.0 };
+                    let masks = [
+                        valid(y >= 2),
+                        valid(y >= 1 && y + 1 < height),
+                        valid(y + 2 < height),
+                    ];
+                    let near = [up, down, line(y.saturating_sub(2)), line(y + 2)];
+                    loss += second(cur, near, masks, self.factors, grad);
+                }
+            }
+        }
+        loss
+    }
+}
+
+/// Loss and gradient of |1 - g| with factor `prior`.
+#[inline(always)]
+fn one_prior(value: f32, prior: f32) -> (f32, f32) {
+    let over = value - 1.0;
+    let slope = if over > 0.0 { prior } else { -prior };
+    (over.abs() * prior, if over == 0.0 { 0.0 } else { slope })
+}
+
+/// First differences in `part` of the middle one of three rows; its left and right neighbours start at `beside`.
+/// Counts the loss of the differences to below and right.
+#[inline(always)]
+fn first(
+    [up, cur, down]: [&[f32]; 3],
+    part: Range<usize>,
+    beside: [usize; 2],
+    factors: Factors,
+    grad: &mut [f32],
+) -> f64 {
+    let Factors { slow, fast, prior } = factors;
+    let near = [
+        &up[part.clone()],
+        &down[part.clone()],
+        &cur[beside[0]..][..part.len()],
+        &cur[beside[1]..][..part.len()],
+    ];
+    let (cur, grad) = (&cur[part.clone()], &mut grad[part]);
+    accumulate(cur, near, grad, |cur, [up, down, left, right]| {
+        let (below, beside) = (down - cur, right - cur);
+        let (loss, slope) = one_prior(cur, prior);
+        let slow_slope = 2.0 * slow * ((cur - up) - below);
+        let fast_slope = 2.0 * fast * ((cur - left) - beside);
+        (
+            slow * (below * below) + fast * (beside * beside) + loss,
+            slow_slope + fast_slope + slope,
+        )
+    })
+}
+
+/// Second differences along the slow axis with `near` = up, down, two up, two down. `masks` tell which of
+/// the differences centred above, here and below exist. Counts the loss of the one centred here.
+#[inline(always)]
+fn second(
+    cur: &[f32],
+    near: [&[f32]; 4],
+    masks: [f32; 3],
+    factors: Factors,
+    grad: &mut [f32],
+) -> f64 {
+    let Factors { slow, prior, .. } = factors;
+    accumulate(cur, near, grad, |cur, [up, down, up2, down2]| {
+        let above = masks[0] * ((up2 - up) - (up - cur));
+        let here = masks[1] * ((up - cur) - (cur - down));
+        let below = masks[2] * ((cur - down) - (down - down2));
+        let (loss, slope) = one_prior(cur, prior);
+        (
+            slow * (here * here) + loss,
+            2.0 * slow * (above - 2.0 * here + below) + slope,
+        )
+    })
+}
+
+/// Applies `term` (loss, gradient) to every element; returns the summed loss, adds the gradient.
+#[inline(always)]
+fn accumulate(
+    cur: &[f32],
+    near: [&[f32]; 4],
+    grad: &mut [f32],
+    term: impl Fn(f32, [f32; 4]) -> (f32, f32),
+) -> f64 {
+    let len = cur.len();
+    let [up, down, third, fourth] = near;
+    let (up, down) = (&up[..len], &down[..len]);
+    let (third, fourth) = (&third[..len], &fourth[..len]);
+    let grad = &mut grad[..len];
+    let mut loss = 0.0;
+    let mut from = 0;
+    while from < len {
+        let to = (from + FLUSH).min(len);
+        let whole = from + (to - from) / LANES * LANES;
+        let mut sums = [0.0f32; LANES];
+        for at in (from..whole).step_by(LANES) {
+            for lane in 0..LANES {
+                let i = at + lane;
+                let (l, g) = term(cur[i], [up[i], down[i], third[i], fourth[i]]);
+                sums[lane] += l;
+                grad[i] += g;
+            }
+        }
+        for i in whole..to {
+            let (l, g) = term(cur[i], [up[i], down[i], third[i], fourth[i]]);
+            sums[0] += l;
+            grad[i] += g;
+        }
+        loss += f64::from(sums.iter().sum::<f32>());
+        from = to;
+    }
+    loss
+}

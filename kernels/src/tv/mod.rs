@@ -1,0 +1,12 @@
+//! Smoothness and one-prior penalties on the feature field's parameters (paper eq. 6).
+//! Fast kernel in [`cpu`], oracle in [`mod@reference`].
+
+pub mod cpu;
+mod ops;
+pub mod reference;
+
+#[cfg(test)]
+mod tests;
+
+pub use ops::{TvForward, TvOps, total_variation};
+pub use cpu::{TvGrads, TvKind, TvWeights, tv};
