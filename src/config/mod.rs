@@ -1,0 +1,4 @@
+//! Configuration of a run.
+
+pub mod layers;
+pub mod types;

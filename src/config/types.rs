@@ -1,0 +1,381 @@
+//! Every choice of a training run, typed. Nothing is read or layered here; that is `layers`.
+//!
+//! The defaults are the `best` preset. Each key that the paper ablates is here by name.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// A training run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Images and background.
+    pub data: DataConfig,
+    /// The first Gaussians.
+    pub init: InitConfig,
+    /// Gaussians and deformation field.
+    pub model: ModelConfig,
+    /// Length of the two stages.
+    pub stages: StagesConfig,
+    /// What is minimised.
+    pub loss: LossConfig,
+    /// Learning rates.
+    pub optim: OptimConfig,
+    /// How the number of Gaussians changes.
+    pub densify: DensifyConfig,
+    /// Logs and checkpoints.
+    pub output: OutputConfig,
+}
+
+/// `data.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DataConfig {
+    /// Integer factor by which images are reduced (area filter, premultiplied alpha).
+    pub downscale: u32,
+    /// `white`, `black`, `random` (a new colour each step; white in evaluation) or `#rrggbb`.
+    pub background: String,
+}
+
+/// `init.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct InitConfig {
+    /// Number of Gaussians at the start.
+    pub points: usize,
+    /// Where they lie.
+    pub placement: Placement,
+    /// Half side of the cube for `placement = "box"`, world units.
+    pub box_half_size: f64,
+    /// Standard deviation as a multiple of the mean spacing.
+    pub scale: f64,
+    /// Opacity in (0, 1).
+    pub opacity: f64,
+}
+
+/// Where the first Gaussians lie.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Placement {
+    /// Inside the visual hull of the alpha masks of at least one time.
+    Hull,
+    /// Uniformly in a cube around the origin.
+    Box,
+}
+
+/// `model.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModelConfig {
+    /// Spherical-harmonics degree, 0 to 3.
+    pub sh_degree: usize,
+    /// The space-time encoder: `factorised` (the paper's) or `implicit` (its ablation).
+    pub encoder: EncoderKind,
+    /// Levels of the factorised encoder; level m has `m * resolution` nodes an axis.
+    pub levels: usize,
+    /// Nodes an axis of the first level.
+    pub resolution: usize,
+    /// Knots of the temporal vectors.
+    pub time_knots: usize,
+    /// Channels of every plane, line and temporal vector.
+    pub channels: usize,
+    /// How planes and lines start.
+    pub grid_init: GridInit,
+    /// Map time onto the whole temporal grid (`full`) or its second half (`half`, as the reference code).
+    pub time_range: TimeRange,
+    /// The box that the grid covers: that of the visual hull (`hull`) or of the first Gaussians (`points`).
+    pub bounds: Bounds,
+    /// Margin added around the box, as a fraction of its size.
+    pub bounds_margin: f64,
+    /// Octaves of the positional encoding of the implicit encoder.
+    pub implicit_octaves: usize,
+    /// Width of the hidden layers.
+    pub width: usize,
+    /// One hidden layer for each output (`heads`, the paper's) or one for all (`shared`, cheaper).
+    pub decoder: DecoderKind,
+    /// Start the outputs at zero, so that joint training begins where warm-up ended.
+    pub zero_init_heads: bool,
+    /// Whether opacity changes over time.
+    pub deform_opacity: bool,
+}
+
+/// The space-time encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum EncoderKind {
+    /// Planes, lines and temporal vectors.
+    Factorised,
+    /// A multi-layer perceptron on a positional encoding.
+    Implicit,
+}
+
+/// How the grid starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum GridInit {
+    /// Planes and lines uniform in [0.1, 0.5], temporal vectors 1.
+    Uniform,
+    /// All zero, as the reference code; needs `loss.one_prior`, or nothing is ever learnt.
+    Zero,
+}
+
+/// How time maps onto the temporal grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TimeRange {
+    /// [0, 1] onto all knots.
+    Full,
+    /// [0, 1] onto the second half of the knots.
+    Half,
+}
+
+/// The box of the grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Bounds {
+    /// Bounding box of the visual hull.
+    Hull,
+    /// Bounding box of the first Gaussians.
+    Points,
+}
+
+/// The decoder's shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DecoderKind {
+    /// A hidden layer for each of mean, rotation, scale and opacity.
+    Heads,
+    /// One hidden layer for all.
+    Shared,
+}
+
+/// `stages.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StagesConfig {
+    /// Steps of warm-up: canonical Gaussians alone.
+    pub warmup_steps: usize,
+    /// Times that warm-up sees.
+    pub warmup_times: WarmupTimes,
+    /// Steps of joint training.
+    pub joint_steps: usize,
+    /// The spherical-harmonics degree rises by one every so many steps, in each stage; 0 starts at the top.
+    pub sh_every: usize,
+}
+
+/// Times that warm-up sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum WarmupTimes {
+    /// The middle training time.
+    Middle,
+    /// All of them.
+    All,
+}
+
+/// `loss.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LossConfig {
+    /// Distance between colours.
+    pub kind: LossKind,
+    /// Weight of DSSIM (1 - SSIM).
+    pub dssim: f64,
+    /// DSSIM counts in the last so many joint steps.
+    pub dssim_last: usize,
+    /// Weight of the squared error of alpha.
+    pub alpha: f64,
+    /// Weight of total variation on planes and lines.
+    pub tv: f64,
+    /// Weight of total variation on temporal vectors.
+    pub tv_time: f64,
+    /// First differences on both axes (`first`, the paper's) or second differences on one (`second`).
+    pub tv_kind: TvOrder,
+    /// Weight of mean |1 - g| over the grid (the reference code's prior).
+    pub one_prior: f64,
+}
+
+/// Distance between colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum LossKind {
+    /// Mean absolute difference.
+    L1,
+    /// Mean squared difference.
+    L2,
+}
+
+/// Order of total variation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TvOrder {
+    /// First differences on both axes.
+    First,
+    /// Second differences on one axis.
+    Second,
+}
+
+/// `optim.*`: Adam with one learning rate a group.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OptimConfig {
+    /// Means, as a multiple of the scene's extent, falling log-linearly over the joint stage.
+    pub means: f64,
+    /// Rotations.
+    pub rotations: f64,
+    /// Log-scales.
+    pub log_scales: f64,
+    /// Opacity logits.
+    pub opacity: f64,
+    /// First spherical-harmonics coefficient.
+    pub sh: f64,
+    /// Learning rate of the others, as a fraction of `sh`.
+    pub sh_rest: f64,
+    /// Planes, lines and temporal vectors (and the implicit encoder).
+    pub encoder: f64,
+    /// The decoder.
+    pub decoder: f64,
+    /// Final rate of means, encoder and decoder, as a fraction of the first.
+    pub final_fraction: f64,
+    /// Final rate of the other groups, as a fraction of the first.
+    pub attributes_final_fraction: f64,
+    /// First and second decay of Adam.
+    pub betas: [f64; 2],
+    /// Adam's epsilon.
+    pub epsilon: f64,
+}
+
+/// `densify.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DensifyConfig {
+    /// Number of Gaussians that is never exceeded and, in `budget` mode, reached exactly.
+    pub budget: usize,
+    /// How new Gaussians are chosen.
+    pub mode: DensifyMode,
+    /// Steps between densifications.
+    pub every: usize,
+    /// First step of warm-up after which Gaussians are added.
+    pub warmup_from: usize,
+    /// First joint step after which Gaussians are added.
+    pub joint_from: usize,
+    /// Last joint step at which Gaussians are added.
+    pub joint_until: usize,
+    /// Mean norm of the screen-space gradient (normalised device coordinates) above which `threshold` mode adds.
+    pub threshold: f64,
+    /// Gaussians larger than this fraction of the scene's extent are split, smaller ones cloned.
+    pub split_above: f64,
+    /// Gaussians whose largest opacity over time stays below this are removed; 0 turns pruning off.
+    pub prune_opacity: f64,
+    /// Steps between prunings.
+    pub prune_every: usize,
+    /// Warm-up step at which opacities are reset to at most 0.01; 0 for never.
+    pub opacity_reset: usize,
+}
+
+/// How new Gaussians are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DensifyMode {
+    /// Those with the largest gradients, as many as a straight line towards the budget asks for.
+    Budget,
+    /// Those above the threshold, as in 3DGS, cut at the budget.
+    Threshold,
+    /// None are added.
+    Off,
+}
+
+/// `output.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OutputConfig {
+    /// Steps between log lines.
+    pub log_every: usize,
+    /// Steps between evaluations on a few test views; 0 for never.
+    pub eval_every: usize,
+    /// Test views in such an evaluation, evenly spaced.
+    pub eval_views: usize,
+    /// Steps between checkpoints.
+    pub checkpoint_every: usize,
+    /// Checkpoints kept.
+    pub keep: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            data: DataConfig { downscale: 1, background: "white".into() },
+            init: InitConfig {
+                points: 50_000,
+                placement: Placement::Hull,
+                box_half_size: 1.3,
+                scale: 0.6,
+                opacity: 0.1,
+            },
+            model: ModelConfig {
+                sh_degree: 3,
+                encoder: EncoderKind::Factorised,
+                levels: 2,
+                resolution: 64,
+                time_knots: 25,
+                channels: 32,
+                grid_init: GridInit::Uniform,
+                time_range: TimeRange::Full,
+                bounds: Bounds::Hull,
+                bounds_margin: 0.05,
+                implicit_octaves: 4,
+                width: 64,
+                decoder: DecoderKind::Heads,
+                zero_init_heads: true,
+                deform_opacity: true,
+            },
+            stages: StagesConfig {
+                warmup_steps: 1500,
+                warmup_times: WarmupTimes::Middle,
+                joint_steps: 20_000,
+                sh_every: 500,
+            },
+            loss: LossConfig {
+                kind: LossKind::L2,
+                dssim: 0.2,
+                dssim_last: 5000,
+                alpha: 0.1,
+                tv: 1e-4,
+                tv_time: 1e-4,
+                tv_kind: TvOrder::First,
+                one_prior: 0.0,
+            },
+            optim: OptimConfig {
+                means: 1.6e-4,
+                rotations: 1e-3,
+                log_scales: 5e-3,
+                opacity: 0.05,
+                sh: 2.5e-3,
+                sh_rest: 0.05,
+                encoder: 7e-3,
+                decoder: 7e-4,
+                final_fraction: 0.01,
+                attributes_final_fraction: 0.1,
+                betas: [0.9, 0.999],
+                epsilon: 1e-15,
+            },
+            densify: DensifyConfig {
+                budget: 150_000,
+                mode: DensifyMode::Budget,
+                every: 100,
+                warmup_from: 300,
+                joint_from: 500,
+                joint_until: 12_000,
+                threshold: 2e-4,
+                split_above: 0.004,
+                prune_opacity: 0.005,
+                prune_every: 500,
+                opacity_reset: 0,
+            },
+            output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
+        }
+    }
+}

@@ -1,0 +1,161 @@
+use proptest::prelude::*;
+
+use super::*;
+
+fn sample(n: usize, sh_degree: usize) -> PlyGaussians {
+    let k = (sh_degree + 1) * (sh_degree + 1);
+    let value = |i: usize| i as f32 * 0.25 - 3.0;
+    PlyGaussians {
+        means: (0..n).map(|i| [value(i), 1.5, -2.0]).collect(),
+        log_scales: (0..n).map(|i| [-value(i), 0.5, 0.25]).collect(),
+        rotations: (0..n).map(|i| [1.0, value(i), 0.0, 0.5]).collect(),
+        opacity_logits: (0..n).map(value).collect(),
+        sh: (0..n * k * 3).map(value).collect(),
+        sh_degree,
+    }
+}
+
+fn bytes(gaussians: &PlyGaussians) -> Vec<u8> {
+    let mut out = Vec::new();
+    gaussians.write_to(&mut out).unwrap();
+    out
+}
+
+fn read(mut bytes: &[u8]) -> Result<PlyGaussians, String> {
+    PlyGaussians::read_from(&mut bytes).map_err(|error| match error {
+        ReadError::Format(reason) => reason,
+        ReadError::Io(error) => panic!("{error}"),
+    })
+}
+
+#[test]
+fn the_header_is_byte_exact_and_colours_lie_channel_by_channel() {
+    let gaussians = sample(1, 1);
+    let mut expected = String::from("ply\nformat binary_little_endian 1.0\nelement vertex 1\n");
+    for name in [
+        "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0", "f_rest_1",
+        "f_rest_2", "f_rest_3", "f_rest_4", "f_rest_5", "f_rest_6", "f_rest_7", "f_rest_8",
+        "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+    ] {
+        expected += &format!("property float {name}\n");
+    }
+    expected += "end_header\n";
+    let written = bytes(&gaussians);
+    assert_eq!(&written[..expected.len()], expected.as_bytes());
+    let row: Vec<f32> = written[expected.len()..]
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
+        .collect();
+    assert_eq!(row.len(), 26);
+    assert_eq!(row[3..6], [0.0; 3]);
+    let sh = |k: usize, c: usize| gaussians.sh[k * 3 + c];
+    assert_eq!(row[6..9], [sh(0, 0), sh(0, 1), sh(0, 2)]);
+    assert_eq!(row[9..12], [sh(1, 0), sh(2, 0), sh(3, 0)]);
+    assert_eq!(row[15..18], [sh(1, 2), sh(2, 2), sh(3, 2)]);
+}
+
+#[test]
+fn a_file_round_trips_at_every_degree() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.ply");
+    for degree in 0..=3 {
+        for n in [0, 5] {
+            let gaussians = sample(n, degree);
+            gaussians.write(&path).unwrap();
+            assert_eq!(PlyGaussians::read(&path).unwrap(), gaussians);
+        }
+    }
+    assert!(PlyGaussians::read(&dir.path().join("none.ply")).is_err());
+}
+
+#[test]
+fn other_orders_types_and_properties_are_accepted() {
+    let mut data = String::from(
+        "ply\r\nformat binary_little_endian 1.0\r\ncomment by hand\nelement vertex 1\n\
+         property uchar red\nproperty double opacity\n",
+    );
+    let names = [
+        "rot_3", "rot_2", "rot_1", "rot_0", "z", "y", "x", "f_dc_2", "f_dc_1", "f_dc_0", "scale_2",
+        "scale_1", "scale_0",
+    ];
+    for name in names {
+        data += &format!("property float32 {name}\n");
+    }
+    data += "element face 7\nproperty list uchar int vertex_indices\nend_header\n";
+    let mut data = data.into_bytes();
+    data.push(9);
+    data.extend(0.5f64.to_le_bytes());
+    data.extend((0..names.len()).flat_map(|i| (i as f32).to_le_bytes()));
+    let read = read(&data).unwrap();
+    assert_eq!(read.opacity_logits, [0.5]);
+    assert_eq!(read.rotations, [[3.0, 2.0, 1.0, 0.0]]);
+    assert_eq!(read.means, [[6.0, 5.0, 4.0]]);
+    assert_eq!(read.sh, [9.0, 8.0, 7.0]);
+    assert_eq!(read.log_scales, [[12.0, 11.0, 10.0]]);
+}
+
+#[test]
+fn wrong_files_are_named() {
+    let good = bytes(&sample(2, 0));
+    let text = String::from_utf8_lossy(&good).into_owned();
+    let with = |from: &str, to: &str| read(text.replace(from, to).as_bytes()).unwrap_err();
+    assert!(with("binary_little_endian", "ascii").contains("ascii is not supported"));
+    assert!(with("element vertex 2", "element point 2").contains("`point`"));
+    assert!(with("vertex 2", "vertex -2").contains("is not a count"));
+    assert!(with("float opacity", "float o").contains("`opacity` is missing"));
+    assert!(with("float nx", "float f_rest_0").contains("match no degree"));
+    assert!(with("float nx", "quad nx").contains("unknown type quad"));
+    assert!(with("ply\n", "plx\n").contains("no PLY file"));
+    let cut = read(&good[..good.len() - 1]).unwrap_err();
+    assert!(cut.contains("Gaussian 1 of 2"), "{cut}");
+    // A count of rows that could never fit the memory fails at the first missing row.
+    assert!(with("vertex 2", "vertex 18446744073709551615").contains("cut short"));
+}
+
+#[test]
+fn fields_of_different_lengths_are_not_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.ply");
+    let mut gaussians = sample(2, 1);
+    gaussians.sh.pop();
+    let error = gaussians.write(&path).unwrap_err().to_string();
+    assert!(error.contains("sh holds 23 entries"), "{error}");
+    assert!(!path.exists());
+    gaussians.sh_degree = 4;
+    assert!(gaussians.write(&path).is_err());
+}
+
+#[test]
+fn every_truncation_is_an_error_and_none_panics() {
+    let good = bytes(&sample(2, 1));
+    for length in 0..good.len() {
+        assert!(read(&good[..length]).is_err(), "{length}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_bits_round_trip(degree in 0usize..=3, seed in any::<[u32; 16]>(), n in 0usize..4) {
+        let k = (degree + 1) * (degree + 1);
+        let value = |i: usize| f32::from_bits(seed[i % 16].rotate_left(i as u32 / 16));
+        let gaussians = PlyGaussians {
+            means: (0..n).map(|i| [value(i), value(i + 1), value(i + 2)]).collect(),
+            log_scales: (0..n).map(|i| [value(i + 3), value(i + 4), value(i + 5)]).collect(),
+            rotations: (0..n).map(|i| [value(i), value(i + 6), value(i + 7), value(i)]).collect(),
+            opacity_logits: (0..n).map(value).collect(),
+            sh: (0..n * k * 3).map(value).collect(),
+            sh_degree: degree,
+        };
+        let written = bytes(&gaussians);
+        // Compared as bytes, for NaN.
+        prop_assert_eq!(bytes(&read(&written).unwrap()), written);
+    }
+
+    #[test]
+    fn changed_bytes_never_panic(at in 0usize..900, byte in any::<u8>()) {
+        let mut data = bytes(&sample(2, 1));
+        let at = at % data.len();
+        data[at] = byte;
+        let _ = read(&data);
+    }
+}

@@ -1,0 +1,4 @@
+//! Logs of a run.
+
+pub mod jsonl;
+pub mod tensorboard;

@@ -1,0 +1,99 @@
+//! The light decoder: features in, changes of mean, rotation, log-scale and opacity logit out.
+
+use crate::config::types::{DecoderKind, ModelConfig};
+use crate::rng::{Purpose, Rng};
+use burn::module::{Module, Param};
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, Tensor, TensorData};
+
+/// Columns of the decoder's output: mean, rotation, log-scale, opacity logit.
+pub const OUTPUTS: [usize; 4] = [3, 4, 3, 1];
+/// Their sum.
+pub const OUTPUT_COLUMNS: usize = 11;
+
+/// A trunk and one or four heads, their weights packed side by side:
+/// `head(relu(hidden(relu(trunk(x)))))`, each head with its own hidden layer.
+#[derive(Module, Debug)]
+pub struct Decoder {
+    /// `[features, width]`
+    pub trunk_weight: Param<Tensor<2>>,
+    /// `[width]`
+    pub trunk_bias: Param<Tensor<1>>,
+    /// `[width, heads * width]`
+    pub hidden_weight: Param<Tensor<2>>,
+    /// `[heads * width]`
+    pub hidden_bias: Param<Tensor<1>>,
+    /// `[width, 11]`, the columns of a head fed by its hidden layer alone.
+    pub output_weight: Param<Tensor<2>>,
+    /// `[11]`
+    pub output_bias: Param<Tensor<1>>,
+    heads: usize,
+}
+
+/// `x W + b`.
+pub(crate) fn linear(x: Tensor<2>, weight: &Param<Tensor<2>>, bias: &Param<Tensor<1>>) -> Tensor<2> {
+    x.matmul(weight.val()) + bias.val().unsqueeze()
+}
+
+/// Xavier-uniform weights `[inputs, outputs]`.
+pub(crate) fn xavier(rng: &mut Rng, inputs: usize, outputs: usize, device: &Device) -> Param<Tensor<2>> {
+    let bound = (6.0 / (inputs + outputs) as f32).sqrt();
+    uniform(rng, inputs, outputs, bound, device)
+}
+
+fn uniform(rng: &mut Rng, inputs: usize, outputs: usize, bound: f32, device: &Device) -> Param<Tensor<2>> {
+    let values: Vec<f32> = (0..inputs * outputs).map(|_| bound * (2.0 * rng.uniform() - 1.0)).collect();
+    Param::from_tensor(Tensor::from_data(TensorData::new(values, [inputs, outputs]), device))
+}
+
+impl Decoder {
+    /// A new decoder for `features` inputs.
+    ///
+    /// With `zero_init_heads` the outputs start within 1e-4 of zero, so that the first joint step does
+    /// not throw the Gaussians about; exactly zero would hold the encoder's gradient at zero for a step.
+    pub fn new(config: &ModelConfig, features: usize, seed: u64, device: &Device) -> Self {
+        let mut rng = Rng::new(seed, 0, Purpose::DecoderInit as u64);
+        let width = config.width;
+        let heads = match config.decoder {
+            DecoderKind::Heads => OUTPUTS.len(),
+            DecoderKind::Shared => 1,
+        };
+        let bias = |n: usize| Param::from_tensor(Tensor::zeros([n], device));
+        let trunk_weight = xavier(&mut rng, features, width, device);
+        let hidden: Vec<Tensor<2>> = (0..heads).map(|_| xavier(&mut rng, width, width, device).val()).collect();
+        let output_weight = if config.zero_init_heads {
+            uniform(&mut rng, width, OUTPUT_COLUMNS, 1e-4, device)
+        } else {
+            xavier(&mut rng, width, OUTPUT_COLUMNS, device)
+        };
+        Self {
+            trunk_weight,
+            trunk_bias: bias(width),
+            hidden_weight: Param::from_tensor(Tensor::cat(hidden, 1).detach()),
+            hidden_bias: bias(heads * width),
+            output_weight,
+            output_bias: bias(OUTPUT_COLUMNS),
+            heads,
+        }
+    }
+
+    /// `[N, features]` to `[N, 11]`.
+    pub fn forward(&self, features: Tensor<2>) -> Tensor<2> {
+        let h = relu(linear(features, &self.trunk_weight, &self.trunk_bias));
+        let h = relu(linear(h, &self.hidden_weight, &self.hidden_bias));
+        if self.heads == 1 {
+            return linear(h, &self.output_weight, &self.output_bias);
+        }
+        let [n, wide] = h.dims();
+        let width = wide / self.heads;
+        let weight = self.output_weight.val();
+        let mut column = 0;
+        let outputs = OUTPUTS.iter().enumerate().map(|(k, &size)| {
+            let hidden = h.clone().slice([0..n, k * width..(k + 1) * width]);
+            let part = weight.clone().slice([0..width, column..column + size]);
+            column += size;
+            hidden.matmul(part)
+        });
+        Tensor::cat(outputs.collect(), 1) + self.output_bias.val().unsqueeze()
+    }
+}

@@ -1,0 +1,98 @@
+//! The deformation field: canonical means and a time in, changes of every deformable attribute out.
+
+use super::Gaussians;
+use super::decoder::Decoder;
+use super::encoder::{Encoder, FactorisedEncoder, ImplicitEncoder};
+use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+
+/// Encoder and decoder (the paper's F = D o H).
+#[derive(Module, Debug)]
+pub struct DeformationField {
+    /// Space-time features.
+    pub encoder: Encoder,
+    /// Features to changes.
+    pub decoder: Decoder,
+    #[module(skip)]
+    placing: Placing,
+}
+
+/// Where the field lies in space and time.
+#[derive(Clone, Debug)]
+struct Placing {
+    centre: [f32; 3],
+    half_size: [f32; 3],
+    time_range: TimeRange,
+    deform_opacity: bool,
+}
+
+/// Gaussians at a time: attributes ready to be drawn (`sh` does not change over time).
+#[derive(Clone, Debug)]
+pub struct Deformed {
+    /// `[N, 3]`
+    pub means: Tensor<2>,
+    /// `[N, 4]`
+    pub rotations: Tensor<2>,
+    /// `[N, 3]`
+    pub log_scales: Tensor<2>,
+    /// `[N]`
+    pub opacity_logits: Tensor<1>,
+}
+
+impl Deformed {
+    /// The canonical Gaussians themselves.
+    pub fn canonical(gaussians: &Gaussians) -> Self {
+        Self {
+            means: gaussians.means.val(),
+            rotations: gaussians.rotations.val(),
+            log_scales: gaussians.log_scales.val(),
+            opacity_logits: gaussians.opacity_logits.val(),
+        }
+    }
+}
+
+impl DeformationField {
+    /// A new field over the box `centre +- half_size`.
+    pub fn new(config: &ModelConfig, centre: [f32; 3], half_size: [f32; 3], seed: u64, device: &Device) -> Self {
+        let encoder = match config.encoder {
+            EncoderKind::Factorised => Encoder::Factorised(FactorisedEncoder::new(config, seed, device)),
+            EncoderKind::Implicit => Encoder::Implicit(ImplicitEncoder::new(config, seed, device)),
+        };
+        let decoder = Decoder::new(config, config.levels * config.channels, seed, device);
+        let placing =
+            Placing { centre, half_size, time_range: config.time_range, deform_opacity: config.deform_opacity };
+        Self { encoder, decoder, placing }
+    }
+
+    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes.
+    pub fn deform(&self, gaussians: &Gaussians, time: f32) -> Deformed {
+        let means = gaussians.means.val();
+        let device = means.device();
+        let row = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
+        let inverse = self.placing.half_size.map(|h| 1.0 / h);
+        let points = (means.clone() - row(self.placing.centre)) * row(inverse);
+        let u = match self.placing.time_range {
+            TimeRange::Full => time,
+            TimeRange::Half => 0.5 + 0.5 * time,
+        };
+        let features = match &self.encoder {
+            Encoder::Factorised(e) => e.forward(points, u),
+            Encoder::Implicit(e) => e.forward(points, u),
+        };
+        let change = self.decoder.forward(features);
+        let [n, _] = change.dims();
+        let columns = |from: usize, to: usize| change.clone().slice([0..n, from..to]);
+        let opacity_logits = gaussians.opacity_logits.val();
+        Deformed {
+            means: means + columns(0, 3),
+            rotations: gaussians.rotations.val() + columns(3, 7),
+            log_scales: gaussians.log_scales.val() + columns(7, 10),
+            opacity_logits: if self.placing.deform_opacity {
+                opacity_logits + columns(10, 11).reshape([n])
+            } else {
+                opacity_logits
+            },
+        }
+    }
+}

@@ -1,0 +1,14 @@
+//! What is trained: burn modules for the Gaussians and their deformation over time.
+//!
+//! Knows the kernels and the configuration's types; nothing of images, losses or files of datasets.
+
+pub mod decoder;
+pub mod deformation;
+pub mod encoder;
+pub mod gaussians;
+pub mod params;
+pub mod scene;
+
+pub use deformation::{Deformed, DeformationField};
+pub use gaussians::Gaussians;
+pub use scene::{Scene, SceneError, SceneSpec};
