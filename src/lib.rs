@@ -3,8 +3,15 @@
 //! The pipeline is the layout: `data` (images and cameras) -> `model` and `train` -> `eval` and
 //! `export`. Data flows one way; no folder reaches back. The binary's commands live in `cli`.
 
-// `no field is ever read` of derived modules is burn's business
+pub mod cli;
 pub mod config;
+pub mod data;
+pub mod device;
+pub mod eval;
+pub mod export;
 pub mod files;
+pub mod log;
+pub mod metrics;
 pub mod model;
 pub mod rng;
+pub mod train;

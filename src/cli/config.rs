@@ -1,0 +1,69 @@
+//! `volseggs config`, and the options by which commands take a configuration.
+
+use super::CliError;
+use crate::config::layers::{Layers, Resolved, schema};
+use crate::config::types::Config;
+use crate::config::{PRESETS, RESERVED_VARIABLES};
+use clap::{Args, Subcommand};
+
+/// Where a configuration comes from.
+#[derive(Debug, Clone, Args)]
+pub struct ConfigSource {
+    /// Configuration file (TOML) or preset: best, quick, paper, official.
+    #[arg(long, value_name = "FILE")]
+    config: Option<String>,
+    /// Override a key, such as loss.dssim=0.2; may be given many times.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl ConfigSource {
+    /// Defaults, the file and what it extends, `VOLSEGGS_*` variables, `--set`.
+    pub(super) fn resolve(&self) -> Result<Resolved<Config>, CliError> {
+        let mut layers = Layers::new(PRESETS);
+        if let Some(source) = &self.config {
+            layers = layers.source(source);
+        }
+        let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(CliError::input)?;
+        layers.sets(self.set.iter().cloned()).resolve::<Config>().map_err(CliError::input)
+    }
+}
+
+/// Show the resolved configuration, the presets or the JSON Schema.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  volseggs config show --config quick --set loss.tv=0\n  volseggs config schema > configs/schema.json\n  volseggs config presets")]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Every key with its value and where the value came from.
+    Show {
+        #[command(flatten)]
+        source: ConfigSource,
+        /// Print the values as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// The JSON Schema of configuration files.
+    Schema,
+    /// The built-in presets.
+    Presets,
+}
+
+impl ConfigArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        match self.action {
+            Action::Show { source, json: false } => print!("{}", source.resolve()?.show()),
+            Action::Show { source, json: true } => super::print_json(&source.resolve()?.value)?,
+            Action::Schema => super::print_json(&schema::<Config>())?,
+            Action::Presets => PRESETS.iter().for_each(|(name, text)| {
+                let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();
+                println!("{name}: {}", comment.join(" "));
+            }),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,52 @@
+//! Errors as the terminal shows them.
+
+use crate::data::DataError;
+use crate::train::TrainError;
+use std::fmt;
+
+/// A message and an exit code: 2 for bad input or usage, 1 for anything else.
+#[derive(Debug)]
+pub struct CliError {
+    message: String,
+    code: u8,
+}
+
+impl CliError {
+    /// Bad input or usage.
+    pub fn input(error: impl fmt::Display) -> Self {
+        Self { message: error.to_string(), code: 2 }
+    }
+
+    /// Anything else.
+    pub fn failure(error: impl fmt::Display) -> Self {
+        Self { message: error.to_string(), code: 1 }
+    }
+
+    /// The exit code.
+    pub fn code(&self) -> u8 {
+        self.code
+    }
+}
+
+impl fmt::Display for CliError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for CliError {}
+
+impl From<DataError> for CliError {
+    fn from(error: DataError) -> Self {
+        Self::input(error)
+    }
+}
+
+impl From<TrainError> for CliError {
+    fn from(error: TrainError) -> Self {
+        match error {
+            TrainError::Data(_) | TrainError::Config(_) | TrainError::Checkpoint(_) => Self::input(error),
+            TrainError::NotFinite { .. } | TrainError::Log { .. } => Self::failure(error),
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! `volseggs export`
+use super::CliError;
+use clap::Args;
+/// x
+#[derive(Debug, Args)]
+pub struct ExportArgs {}
+impl ExportArgs { pub(super) fn run(self) -> Result<(), CliError> { Ok(()) } }

@@ -1,0 +1,79 @@
+//! The command line: one file a command, each turning arguments into a library call.
+
+mod config;
+mod doctor;
+mod error;
+mod eval;
+mod export;
+mod inspect;
+mod render;
+mod train;
+
+pub use error::CliError;
+
+use crate::device::DeviceName;
+use burn::tensor::Device;
+use clap::{Args, Parser, Subcommand};
+
+/// Deformable 3D Gaussians from rendered images of time-varying volumes.
+#[derive(Debug, Parser)]
+#[command(name = "volseggs", version, about, max_term_width = 100)]
+#[command(after_help = "Start here:\n  volseggs inspect DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs render RUN --path orbit --out FRAMES")]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Train(train::TrainArgs),
+    Eval(eval::EvalArgs),
+    Render(render::RenderArgs),
+    Export(export::ExportArgs),
+    Inspect(inspect::InspectArgs),
+    Config(config::ConfigArgs),
+    Doctor(doctor::DoctorArgs),
+}
+
+/// Options that every command has.
+#[derive(Debug, Clone, Args)]
+pub struct Common {
+    /// Device to run on: flex or ndarray (those compiled in; see `volseggs doctor`).
+    #[arg(long, default_value = "flex", value_name = "NAME")]
+    pub device: String,
+    /// Print one JSON object on standard output; logs stay on standard error.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Common {
+    fn device(&self) -> Result<(DeviceName, Device), CliError> {
+        let name: DeviceName = self.device.parse().map_err(CliError::input)?;
+        Ok((name, name.open().map_err(CliError::input)?))
+    }
+}
+
+/// Prints a value as one JSON object on standard output.
+fn print_json(value: &impl serde::Serialize) -> Result<(), CliError> {
+    let text = serde_json::to_string_pretty(value).map_err(CliError::failure)?;
+    println!("{text}");
+    Ok(())
+}
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// A message for the terminal, with the exit code.
+    pub fn run(self) -> Result<(), CliError> {
+        match self.command {
+            Command::Train(args) => args.run(),
+            Command::Eval(args) => args.run(),
+            Command::Render(args) => args.run(),
+            Command::Export(args) => args.run(),
+            Command::Inspect(args) => args.run(),
+            Command::Config(args) => args.run(),
+            Command::Doctor(args) => args.run(),
+        }
+    }
+}

@@ -1,0 +1,297 @@
+//! A dataset folder: its splits, each with frames (camera, time) and images.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::camera::Camera;
+use super::error::DataError;
+use super::images::{ImageSet, common_size, downscaled_size, image_error};
+use super::transforms::{Transforms, read_text};
+
+/// The splits a dataset may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SplitName {
+    /// Views to train on.
+    Train,
+    /// Views to tune on.
+    Val,
+    /// Views to report on.
+    Test,
+}
+
+impl SplitName {
+    /// All names, in the order train, val, test.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Val, Self::Test];
+
+    /// The name in lower case, as in `transforms_<name>.json`.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Val => "val",
+            Self::Test => "test",
+        }
+    }
+
+    /// The split's JSON file under `root`.
+    #[must_use]
+    pub fn json_path(self, root: &Path) -> PathBuf {
+        root.join(format!("transforms_{}.json", self.as_str()))
+    }
+}
+
+impl std::fmt::Display for SplitName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl std::str::FromStr for SplitName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|n| n.as_str() == text);
+        found.ok_or_else(|| format!("`{text}` is not a split; use train, val or test"))
+    }
+}
+
+/// One view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// The image's file name without extension.
+    pub name: String,
+    /// The image file.
+    pub path: PathBuf,
+    /// The camera, for the image as loaded (after downscaling).
+    pub camera: Camera,
+    /// Time in [0, 1].
+    pub time: f64,
+}
+
+/// The views of one split; `images` holds `frames.len()` images in the same order, or none if not asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Split {
+    /// The split's name.
+    pub name: SplitName,
+    /// The views.
+    pub frames: Vec<Frame>,
+    /// Their images.
+    pub images: ImageSet,
+}
+
+impl Split {
+    /// The times of the frames, ascending, each once.
+    #[must_use]
+    pub fn times(&self) -> Vec<f64> {
+        let mut times: Vec<f64> = self.frames.iter().map(|f| f.time).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
+    }
+}
+
+/// How to open a dataset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OpenOptions<'a> {
+    /// Integer factor by which images are made smaller; 1 leaves them.
+    pub downscale: u32,
+    /// The splits whose images are loaded.
+    pub splits: &'a [SplitName],
+    /// At most this many views of each split, spread evenly over the file; none for all.
+    pub max_views: Option<usize>,
+}
+
+impl Default for OpenOptions<'_> {
+    fn default() -> Self {
+        Self { downscale: 1, splits: &[SplitName::Train], max_views: None }
+    }
+}
+
+/// An open dataset.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dataset {
+    /// The folder.
+    pub root: PathBuf,
+    /// The training split. Its frames are always there, its images only if it was named.
+    pub train: Split,
+    /// The validation split, if named.
+    pub val: Option<Split>,
+    /// The test split, if named.
+    pub test: Option<Split>,
+    fingerprint: u64,
+}
+
+impl Dataset {
+    /// Opens the folder `root`.
+    ///
+    /// # Errors
+    /// A missing or wrong JSON file or image; a `downscale` that does not divide the image size.
+    pub fn open(root: &Path, options: &OpenOptions<'_>) -> Result<Self, DataError> {
+        let read = |name: SplitName| {
+            let (downscale, max_views) = (options.downscale, options.max_views);
+            let wanted = options.splits.contains(&name);
+            wanted.then(|| read_split(root, name, downscale, max_views)).transpose()
+        };
+        let (path, text) = (SplitName::Train.json_path(root), read_text(&SplitName::Train.json_path(root))?);
+        let json = Transforms::parse(&path, &text)?;
+        let all: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
+        let train = match read(SplitName::Train)? {
+            Some(split) => split,
+            None => outline(root, SplitName::Train, &json, options.downscale, options.max_views)?.0,
+        };
+        let fingerprint = fingerprint(&path, text.as_bytes(), &all, options.downscale)?;
+        let (val, test) = (read(SplitName::Val)?, read(SplitName::Test)?);
+        Ok(Self { root: root.to_owned(), train, val, test, fingerprint })
+    }
+
+    /// The splits that have a JSON file under `root`.
+    #[must_use]
+    pub fn present(root: &Path) -> Vec<SplitName> {
+        SplitName::ALL.into_iter().filter(|n| n.json_path(root).is_file()).collect()
+    }
+
+    /// The split of that name, if loaded.
+    #[must_use]
+    pub fn split(&self, name: SplitName) -> Option<&Split> {
+        match name {
+            SplitName::Train => Some(&self.train),
+            SplitName::Val => self.val.as_ref(),
+            SplitName::Test => self.test.as_ref(),
+        }
+    }
+
+    /// 16 hexadecimal digits that tell one training set from another: a 64-bit FNV-1a hash of the bytes of
+    /// `transforms_train.json`, the size of every training image file and the downscale factor. The same whichever
+    /// other splits are loaded and however many views.
+    #[must_use]
+    pub fn fingerprint(&self) -> String {
+        format!("{:016x}", self.fingerprint)
+    }
+
+    /// The training times, ascending, each once.
+    #[must_use]
+    pub fn times(&self) -> Vec<f64> {
+        self.train.times()
+    }
+
+    /// 1.1 times the largest distance of a training camera from their mean; learning rates of positions are
+    /// relative to it.
+    #[must_use]
+    pub fn scene_extent(&self) -> f64 {
+        scene_extent(&self.train.frames)
+    }
+}
+
+/// See [`Dataset::scene_extent`]; 0 for no frames.
+#[must_use]
+pub fn scene_extent(frames: &[Frame]) -> f64 {
+    let mean = frames.iter().map(|f| f.camera.position()).sum::<DVec3>() / frames.len().max(1) as f64;
+    1.1 * frames.iter().map(|f| f.camera.position().distance(mean)).fold(0.0, f64::max)
+}
+
+/// Reads one split with its images; `downscale` and `max_views` as in [`OpenOptions`].
+///
+/// # Errors
+/// As [`Dataset::open`].
+pub fn read_split(
+    root: &Path,
+    name: SplitName,
+    downscale: u32,
+    max_views: Option<usize>,
+) -> Result<Split, DataError> {
+    let json = Transforms::read(&name.json_path(root))?;
+    let (mut split, kept) = outline(root, name, &json, downscale, max_views)?;
+    let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
+    // With fewer views than frames, a message must still name the frame's place in the file.
+    split.images = ImageSet::load(&json.path, &paths, downscale).map_err(|e| renumber(e, &kept))?;
+    Ok(split)
+}
+
+fn renumber(mut error: DataError, kept: &[usize]) -> DataError {
+    if let DataError::Image { frame, .. } | DataError::MixedResolution { frame, .. } = &mut error {
+        *frame = kept.get(*frame).copied().unwrap_or(*frame);
+    }
+    error
+}
+
+/// The split without its images, and which frames of the file it keeps; only the first image's size is read.
+fn outline(
+    root: &Path,
+    name: SplitName,
+    json: &Transforms,
+    downscale: u32,
+    max_views: Option<usize>,
+) -> Result<(Split, Vec<usize>), DataError> {
+    let total = json.frames.len();
+    let count = max_views.unwrap_or(total).min(total);
+    if count == 0 {
+        return Err(DataError::Option {
+            path: json.path.clone(),
+            option: "max_views",
+            problem: "0 leaves no view".to_owned(),
+            hint: "use at least 1, or leave it out for all views".to_owned(),
+        });
+    }
+    let kept: Vec<usize> = (0..count).map(|i| i * total / count).collect();
+    let first = json.frames[kept[0]].image_path(root);
+    let full = common_size(&json.path, std::slice::from_ref(&first)).map_err(|e| renumber(e, &kept))?;
+    check_aspect(json, full)?;
+    let (width, height) = downscaled_size(&json.path, full, downscale)?;
+    let frames = kept
+        .iter()
+        .map(|i| {
+            let record = &json.frames[*i];
+            let camera = json.intrinsics.camera(full.0, full.1, record.camera_to_world).downscaled(downscale);
+            Frame { name: record.name(), path: record.image_path(root), camera, time: record.time }
+        })
+        .collect();
+    let images = ImageSet { width, height, pixels: Vec::new() };
+    Ok((Split { name, frames, images }, kept))
+}
+
+/// The images may be a scaled copy of the `w` x `h` that the JSON speaks of, but not a cropped one.
+fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), DataError> {
+    let (Some(w), Some(h)) = (json.intrinsics.w, json.intrinsics.h) else { return Ok(()) };
+    let (sx, sy) = (f64::from(width) / w, f64::from(height) / h);
+    if (sx / sy - 1.0).abs() <= 0.01 {
+        return Ok(());
+    }
+    let problem = format!("{w}x{h} has another shape than the images, {width}x{height}");
+    let hint = "correct `w` and `h`, or render the images in that shape";
+    Err(DataError::field_error(&json.path, None, "w", problem, hint))
+}
+
+fn fingerprint(json: &Path, text: &[u8], images: &[PathBuf], downscale: u32) -> Result<u64, DataError> {
+    let mut hash = fnv1a(0xcbf2_9ce4_8422_2325, text);
+    for (i, path) in images.iter().enumerate() {
+        let bytes = std::fs::metadata(path).map_err(|e| {
+            let missing = e.kind() == std::io::ErrorKind::NotFound;
+            let problem = if missing { "the image is missing".to_owned() } else { e.to_string() };
+            image_error(json, path, i, problem)
+        })?;
+        hash = fnv1a(hash, &bytes.len().to_le_bytes());
+    }
+    Ok(fnv1a(hash, &downscale.to_le_bytes()))
+}
+
+/// One step of the 64-bit FNV-1a hash over `bytes`.
+fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
+    bytes.iter().fold(hash, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+/// The folder of the published test dataset, if the environment names one.
+#[cfg(test)]
+pub(crate) fn test_data() -> Option<PathBuf> {
+    let found = std::env::var_os("VOLSEGGS_TEST_DATA").map(|f| PathBuf::from(f).join("data/vortex-400"));
+    if found.is_none() {
+        println!("skipped: VOLSEGGS_TEST_DATA is not set");
+    }
+    found
+}
+
+#[cfg(test)]
+#[path = "dataset_tests.rs"]
+pub(crate) mod tests;

@@ -1,0 +1,189 @@
+//! The visual hull of the alpha masks: where the data can be. Gives the bounding box, points inside it and the
+//! colours seen there. Knows no Gaussians.
+//!
+//! A point is in the hull of a time if every view of that time that has the point in its image shows alpha there
+//! (and at least one view has it). The hull of a split is the union over its times.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::carve::{Grid, Masks};
+use super::dataset::Split;
+use super::error::DataError;
+use crate::rng::Rng;
+
+const PURPOSE_SAMPLE: u64 = 0x6875_6c6c;
+/// Draws per point before its cell's last draw is taken as it is. Cells are kept only if they may hold hull, so
+/// this is reached only in cells that touch the hull in a sliver.
+const MAX_DRAWS: usize = 64;
+const CHUNK: usize = 1024;
+
+/// An axis-aligned box in world units.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Aabb {
+    /// Smallest corner.
+    pub min: DVec3,
+    /// Largest corner.
+    pub max: DVec3,
+}
+
+impl Aabb {
+    /// The cube around `centre` of half-side `half`.
+    #[must_use]
+    pub fn cube(centre: DVec3, half: f64) -> Self {
+        Self { min: centre - DVec3::splat(half), max: centre + DVec3::splat(half) }
+    }
+
+    /// The three side lengths.
+    #[must_use]
+    pub fn size(&self) -> DVec3 {
+        self.max - self.min
+    }
+
+    /// The middle.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        0.5 * (self.min + self.max)
+    }
+
+    /// The box with `fraction` of its size added on every side.
+    #[must_use]
+    pub fn grown(&self, fraction: f64) -> Self {
+        Self { min: self.min - fraction * self.size(), max: self.max + fraction * self.size() }
+    }
+
+    /// Whether the box holds the point (its faces included).
+    #[must_use]
+    pub fn contains(&self, p: DVec3) -> bool {
+        p.cmpge(self.min).all() && p.cmple(self.max).all()
+    }
+}
+
+/// How to carve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HullOptions {
+    /// Alpha in [0, 1] above which a pixel counts as seen.
+    pub alpha_threshold: f32,
+    /// Cells per axis of the coarse grid; the fine one has twice as many.
+    pub resolution: usize,
+}
+
+impl Default for HullOptions {
+    fn default() -> Self {
+        Self { alpha_threshold: 0.0, resolution: 64 }
+    }
+}
+
+/// The carved hull of a split.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VisualHull {
+    /// Its axis-aligned box.
+    pub bounds: Aabb,
+    /// The fraction of the box that the hull fills (cells of the fine grid), in (0, 1].
+    pub filled: f64,
+    /// False where the images have no transparent pixel: then `bounds` is only where the cameras look.
+    pub carved: bool,
+}
+
+impl VisualHull {
+    /// Carves the hull from the alpha masks, coarse to fine.
+    ///
+    /// # Errors
+    /// If the masks leave nothing.
+    pub fn carve(split: &Split, options: &HullOptions) -> Result<Self, DataError> {
+        let start = view_box(split);
+        let masks = Masks::new(split, options.alpha_threshold);
+        if masks.opaque() {
+            return Ok(Self { bounds: start, filled: 1.0, carved: false });
+        }
+        let empty = || DataError::EmptyHull { split: split.name.to_string(), views: split.frames.len() };
+        let n = options.resolution.max(2);
+        // Whole cells first, so that nothing thin is lost; then half cells of a box that fits.
+        let rough = Grid::carve(&masks, start, n, 0.87).bounds().ok_or_else(empty)?;
+        let coarse = Grid::carve(&masks, rough, n, 0.87);
+        let fine = coarse.refine(&masks, 0.25);
+        let bounds = fine.bounds().ok_or_else(empty)?;
+        let cells = bounds.size() / fine.cell();
+        let filled = (fine.cells.len() as f64 / (cells.x * cells.y * cells.z)).min(1.0);
+        Ok(Self { bounds, filled, carved: true })
+    }
+}
+
+/// The box of the visual hull of `split`, with the default options.
+///
+/// # Errors
+/// If the masks leave nothing.
+pub fn bounds(split: &Split) -> Result<Aabb, DataError> {
+    VisualHull::carve(split, &HullOptions::default()).map(|hull| hull.bounds)
+}
+
+/// `n` points `[n, 3]` uniform in the part of `bounds` that is in the hull of at least one time; uniform in all of
+/// `bounds` where nothing is left. The same for the same `seed`, whatever the number of threads.
+#[must_use]
+pub fn sample(split: &Split, bounds: Aabb, n: usize, seed: u64) -> Vec<[f32; 3]> {
+    sample_in(&Masks::new(split, 0.0), bounds, n, seed)
+        .into_iter()
+        .map(|(p, _)| p.as_vec3().to_array())
+        .collect()
+}
+
+/// As [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over
+/// the views of one time whose hull holds it; mid-grey where no view shows it.
+#[must_use]
+pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+    let masks = Masks::new(split, 0.0);
+    sample_in(&masks, bounds, n, seed)
+        .into_par_iter()
+        .with_min_len(CHUNK)
+        .map(|(p, group)| (p.as_vec3().to_array(), masks.mean_colour(group, p)))
+        .unzip()
+}
+
+/// Points, each with the number of a time group whose hull holds it.
+fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3, usize)> {
+    let grid = if masks.opaque() { Grid::full(bounds) } else { Grid::carve(masks, bounds, 64, 0.87) };
+    let grid = if grid.cells.is_empty() { Grid::full(bounds) } else { grid };
+    let inside = |p: DVec3, first: usize| {
+        if masks.opaque() { Some(first) } else { masks.group_holding(p, first) }
+    };
+    (0..n)
+        .into_par_iter()
+        .with_min_len(CHUNK)
+        .map(|i| {
+            let mut rng = Rng::new(seed, i as u64, PURPOSE_SAMPLE);
+            let mut last = (bounds.centre(), 0);
+            for _ in 0..MAX_DRAWS {
+                let cell = grid.cells[rng.below(grid.cells.len())];
+                let at = DVec3::from_array(std::array::from_fn(|_| f64::from(rng.uniform())));
+                let p = grid.point(cell.index, at);
+                last = (p, cell.group);
+                if let Some(group) = inside(p, cell.group) {
+                    return (p, group);
+                }
+            }
+            last
+        })
+        .collect()
+}
+
+/// Where the cameras look: the cube around the point nearest to all optical axes, as wide as the narrowest view
+/// is there. Where the axes do not meet, the cube before the mean camera at twice the cameras' spread.
+#[must_use]
+pub fn view_box(split: &Split) -> Aabb {
+    let cameras = || split.frames.iter().map(|f| &f.camera);
+    let n = split.frames.len().max(1) as f64;
+    let mean = cameras().map(super::camera::Camera::position).sum::<DVec3>() / n;
+    let spread = cameras().map(|c| c.position().distance(mean)).fold(0.0, f64::max);
+    let ahead = cameras().map(super::camera::Camera::forward).sum::<DVec3>().normalize_or_zero();
+    let centre = super::camera::look_at_point(cameras())
+        .map_or_else(|| mean + ahead * if spread > 0.0 { 2.0 * spread } else { 1.0 }, |(p, _)| p);
+    let half = cameras()
+        .map(|c| c.position().distance(centre) * (0.5 * c.fov_x().max(c.fov_y())).tan())
+        .fold(0.0, f64::max);
+    Aabb::cube(centre, if half > 0.0 && half.is_finite() { half } else { 1.0 })
+}
+
+#[cfg(test)]
+#[path = "hull_tests.rs"]
+mod tests;

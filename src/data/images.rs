@@ -1,0 +1,293 @@
+//! Sets of equally large RGBA images in one block of bytes: decoding PNGs, area downscaling, compositing. Knows
+//! nothing of cameras.
+
+use std::path::{Path, PathBuf};
+
+use image::{ImageFormat, ImageReader, RgbaImage};
+use rayon::prelude::*;
+
+use super::error::DataError;
+
+/// All images of a split, `[frames, height, width, 4]` bytes, rows from the top, straight (not premultiplied)
+/// alpha.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ImageSet {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// RGBA bytes, all frames contiguous.
+    pub pixels: Vec<u8>,
+}
+
+impl ImageSet {
+    /// Channels of a pixel: red, green, blue, alpha.
+    pub const CHANNELS: usize = 4;
+
+    /// Decodes `paths` in parallel, each made smaller by the integer `downscale`. `json` is the file that names
+    /// them, in this order, and serves messages only.
+    ///
+    /// PNGs of 8 or 16 bits with or without alpha are taken (grey ones too); without alpha counts as opaque.
+    ///
+    /// # Errors
+    /// The first image that is missing, broken or differs in size; a `downscale` that does not divide the size;
+    /// too little memory.
+    pub fn load(json: &Path, paths: &[PathBuf], downscale: u32) -> Result<Self, DataError> {
+        let (full_width, full_height) = common_size(json, paths)?;
+        let (width, height) = downscaled_size(json, (full_width, full_height), downscale)?;
+        let frame = width as usize * height as usize * Self::CHANNELS;
+        let mut pixels = Vec::new();
+        let total = frame.saturating_mul(paths.len());
+        pixels.try_reserve_exact(total).map_err(|_| DataError::Option {
+            path: json.to_owned(),
+            option: "downscale",
+            problem: format!("{} images of {width}x{height} need {} MiB of memory", paths.len(), total >> 20),
+            hint: "use a larger downscale factor or fewer views".to_owned(),
+        })?;
+        pixels.resize(total, 0);
+        let results: Vec<Result<(), DataError>> = pixels
+            .par_chunks_mut(frame.max(1))
+            .zip(paths)
+            .enumerate()
+            .map(|(i, (out, path))| {
+                let image = decode(path).map_err(|problem| image_error(json, path, i, problem))?;
+                if image.dimensions() != (full_width, full_height) {
+                    return Err(image_error(json, path, i, "its header and its content differ in size".to_owned()));
+                }
+                shrink(image.as_raw(), full_width as usize, downscale as usize, out, width as usize);
+                Ok(())
+            })
+            .collect();
+        results.into_iter().collect::<Result<(), _>>()?;
+        Ok(Self { width, height, pixels })
+    }
+
+    /// How many images there are.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.pixels.len() / self.frame_len().max(1)
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.pixels.is_empty()
+    }
+
+    fn frame_len(&self) -> usize {
+        self.width as usize * self.height as usize * Self::CHANNELS
+    }
+
+    /// The bytes of image `frame`, `[height, width, 4]`.
+    ///
+    /// # Panics
+    /// If `frame` is not below `len()`.
+    #[must_use]
+    pub fn frame(&self, frame: usize) -> &[u8] {
+        let n = self.frame_len();
+        &self.pixels[frame * n..(frame + 1) * n]
+    }
+
+    /// A copy made smaller by the integer `factor`: each pixel is the mean of `factor` x `factor`, colours
+    /// weighted by alpha, rounded to nearest.
+    ///
+    /// # Errors
+    /// If `factor` is 0 or does not divide width and height.
+    pub fn downscale(&self, factor: u32) -> Result<Self, DataError> {
+        let (width, height) = downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
+        let mut out = vec![0; width as usize * height as usize * Self::CHANNELS * self.len()];
+        out.par_chunks_mut((width as usize * height as usize * Self::CHANNELS).max(1))
+            .zip(self.pixels.par_chunks(self.frame_len().max(1)))
+            .for_each(|(out, image)| shrink(image, self.width as usize, factor as usize, out, width as usize));
+        Ok(Self { width, height, pixels: out })
+    }
+
+    /// Image `frame` over `background` into `out` `[height * width * 3]`: `rgb * a + background * (1 - a)`, all
+    /// in [0, 1].
+    ///
+    /// # Panics
+    /// If `frame` is not below `len()` or `out` has another length.
+    pub fn composite(&self, frame: usize, background: [f32; 3], out: &mut [f32]) {
+        let image = self.frame(frame);
+        assert_eq!(out.len() * 4, image.len() * 3, "composite: `out` must hold height * width * 3 values");
+        for (pixel, out) in image.chunks_exact(4).zip(out.chunks_exact_mut(3)) {
+            let a = f32::from(pixel[3]) / 255.0;
+            for c in 0..3 {
+                out[c] = f32::from(pixel[c]) / 255.0 * a + background[c] * (1.0 - a);
+            }
+        }
+    }
+
+    /// The alpha of image `frame` into `out` `[height * width]`, in [0, 1].
+    ///
+    /// # Panics
+    /// If `frame` is not below `len()` or `out` has another length.
+    pub fn alpha(&self, frame: usize, out: &mut [f32]) {
+        let image = self.frame(frame);
+        assert_eq!(out.len() * 4, image.len(), "alpha: `out` must hold height * width values");
+        for (pixel, out) in image.chunks_exact(4).zip(out) {
+            *out = f32::from(pixel[3]) / 255.0;
+        }
+    }
+}
+
+/// Decodes one PNG to 8-bit RGBA; the error says what is wrong with it.
+pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
+    let mut reader = open(path)?;
+    reader.set_format(ImageFormat::Png);
+    reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
+}
+
+/// Width and height from the header alone.
+pub(crate) fn size(path: &Path) -> Result<(u32, u32), String> {
+    let mut reader = open(path)?;
+    reader.set_format(ImageFormat::Png);
+    reader.into_dimensions().map_err(|e| format!("not a readable PNG: {e}"))
+}
+
+fn open(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>, String> {
+    ImageReader::open(path).map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => "the image is missing".to_owned(),
+        _ => format!("cannot read the image: {e}"),
+    })
+}
+
+pub(crate) fn image_error(json: &Path, path: &Path, frame: usize, problem: String) -> DataError {
+    let hint = if problem.contains("missing") {
+        "check `file_path` (relative to the dataset folder, `.png` is appended) and that all images were copied"
+    } else {
+        "render or copy the image again; only PNG is read"
+    };
+    DataError::Image { path: path.to_owned(), json: json.to_owned(), frame, problem, hint: hint.to_owned() }
+}
+
+/// The size that all images share, from their headers.
+pub(crate) fn common_size(json: &Path, paths: &[PathBuf]) -> Result<(u32, u32), DataError> {
+    let sizes: Vec<Result<(u32, u32), String>> = paths.par_iter().map(|p| size(p)).collect();
+    let mut first = None;
+    for (i, size) in sizes.into_iter().enumerate() {
+        let size = size.map_err(|problem| image_error(json, &paths[i], i, problem))?;
+        let expected = *first.get_or_insert(size);
+        if size != expected {
+            return Err(DataError::MixedResolution {
+                json: json.to_owned(),
+                first: paths[0].clone(),
+                first_size: expected,
+                second: paths[i].clone(),
+                second_size: size,
+                frame: i,
+            });
+        }
+    }
+    Ok(first.unwrap_or((0, 0)))
+}
+
+pub(crate) fn downscaled_size(path: &Path, (w, h): (u32, u32), factor: u32) -> Result<(u32, u32), DataError> {
+    if factor == 0 || w % factor != 0 || h % factor != 0 {
+        let dividing = (1..=16).filter(|k| w % k == 0 && h % k == 0).map(|k| k.to_string()).collect::<Vec<_>>();
+        return Err(DataError::Option {
+            path: path.to_owned(),
+            option: "downscale",
+            problem: format!("{factor} does not divide the image size {w}x{h}"),
+            hint: format!("use one of {}", dividing.join(", ")),
+        });
+    }
+    Ok((w / factor, h / factor))
+}
+
+/// Area filter in premultiplied alpha, one frame; `out` is `out_width` wide.
+fn shrink(image: &[u8], width: usize, factor: usize, out: &mut [u8], out_width: usize) {
+    if factor == 1 {
+        out.copy_from_slice(image);
+        return;
+    }
+    let area = (factor * factor) as u64;
+    for (i, out) in out.chunks_exact_mut(4).enumerate() {
+        let (x, y) = (i % out_width * factor, i / out_width * factor);
+        let (mut colour, mut alpha) = ([0u64; 3], 0u64);
+        for row in y..y + factor {
+            let start = (row * width + x) * 4;
+            for pixel in image[start..start + factor * 4].chunks_exact(4) {
+                let a = u64::from(pixel[3]);
+                alpha += a;
+                for c in 0..3 {
+                    colour[c] += a * u64::from(pixel[c]);
+                }
+            }
+        }
+        for c in 0..3 {
+            // Where nothing is there, the colour does not matter; 0 compresses best.
+            out[c] = (colour[c] + alpha / 2).checked_div(alpha).unwrap_or(0) as u8;
+        }
+        out[3] = ((alpha + area / 2) / area) as u8;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{DynamicImage, Rgba, RgbaImage};
+
+    fn set(width: u32, height: u32, pixels: &[[u8; 4]]) -> ImageSet {
+        ImageSet { width, height, pixels: pixels.concat() }
+    }
+
+    #[test]
+    fn area_filter_weights_by_alpha_and_rounds() {
+        let clear_red = [255, 0, 0, 0];
+        let blue = [0, 0, 255, 255];
+        let small = set(2, 2, &[clear_red, blue, clear_red, blue]).downscale(2).unwrap();
+        assert_eq!(small.pixels, [0, 0, 255, 128]);
+        let small = set(2, 2, &[[1, 0, 0, 255], [1, 0, 0, 255], [0, 0, 0, 255], [0; 4]]).downscale(2).unwrap();
+        assert_eq!(small.pixels, [1, 0, 0, 191]);
+        assert_eq!(set(2, 2, &[clear_red; 4]).downscale(2).unwrap().pixels, [0; 4]);
+        let two = set(2, 1, &[[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16]]);
+        assert_eq!((two.len(), two.downscale(1).unwrap()), (2, two.clone()));
+        let text = two.downscale(2).unwrap_err().to_string();
+        assert!(text.contains("2 does not divide the image size 2x1") && text.contains("use one of 1"), "{text}");
+        assert!(two.downscale(0).is_err());
+    }
+
+    #[test]
+    fn composites_straight_alpha() {
+        let one = set(2, 1, &[[255, 0, 51, 255], [255, 255, 0, 51]]);
+        let (mut rgb, mut alpha) = ([0.0; 6], [0.0; 2]);
+        one.composite(0, [0.0, 0.5, 1.0], &mut rgb);
+        for (got, want) in rgb.iter().zip([1.0, 0.0, 0.2, 0.2, 0.6, 0.8]) {
+            assert!((got - want).abs() < 1e-6, "{rgb:?}");
+        }
+        one.alpha(0, &mut alpha);
+        assert!((alpha[0] - 1.0).abs() < 1e-6 && (alpha[1] - 0.2).abs() < 1e-6);
+    }
+
+    #[test]
+    #[should_panic(expected = "height * width * 3")]
+    fn composite_checks_the_length() {
+        set(1, 1, &[[0; 4]]).composite(0, [0.0; 3], &mut [0.0; 4]);
+    }
+
+    #[test]
+    fn every_bit_depth_and_colour_type_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let rgba = DynamicImage::ImageRgba8(RgbaImage::from_pixel(2, 2, Rgba([10, 200, 10, 128])));
+        let kinds = [
+            DynamicImage::ImageRgba16(rgba.to_rgba16()),
+            DynamicImage::ImageRgb8(rgba.to_rgb8()),
+            DynamicImage::ImageRgb16(rgba.to_rgb16()),
+            DynamicImage::ImageLuma8(rgba.to_luma8()),
+            rgba,
+        ];
+        let paths: Vec<PathBuf> = (0..kinds.len()).map(|i| folder.path().join(format!("{i}.png"))).collect();
+        for (image, path) in kinds.iter().zip(&paths) {
+            image.save(path).unwrap();
+        }
+        let set = ImageSet::load(Path::new("t.json"), &paths, 1).unwrap();
+        assert_eq!((set.len(), set.is_empty()), (5, false));
+        assert_eq!(&set.frame(0)[..4], [10, 200, 10, 128]);
+        assert_eq!(&set.frame(1)[..4], [10, 200, 10, 255]);
+        assert_eq!(&set.frame(2)[..4], [10, 200, 10, 255]);
+        assert_eq!(set.frame(3)[3], 255);
+        assert_eq!(ImageSet::load(Path::new("t.json"), &paths, 2).unwrap().width, 1);
+        assert!(ImageSet::load(Path::new("t.json"), &[], 1).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,19 @@
+//! Datasets of rendered images: cameras, camera paths, `transforms_*.json`, image sets, splits, visual hulls and
+//! the checks behind `volseggs inspect`. No tensors, no training.
+
+pub mod camera;
+mod carve;
+pub mod dataset;
+pub mod error;
+pub mod hull;
+pub mod images;
+pub mod paths;
+pub mod scan;
+pub mod transforms;
+
+pub use camera::Camera;
+pub use dataset::{Dataset, Frame, OpenOptions, Split, SplitName};
+pub use error::DataError;
+pub use hull::{Aabb, VisualHull};
+pub use images::ImageSet;
+pub use transforms::Transforms;

@@ -1,0 +1,196 @@
+//! Camera paths: spherical Fibonacci training cameras, the spiral of test views, orbits; and which time each
+//! view shows. All look at the origin with z up.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use glam::DVec3;
+
+use super::camera::Camera;
+use crate::rng::Rng;
+
+/// Distance of the cameras from the origin in the published datasets.
+pub const RADIUS: f64 = 4.0311;
+/// Horizontal field of view of the published datasets: 30 degrees, in radians.
+pub const FOV_X: f64 = PI / 6.0;
+/// How near the spiral comes to a pole, in radians, so that "up" stays defined.
+pub const POLE_GAP: f64 = 1.75e-4;
+
+const PURPOSE_DEAL: u64 = 0x6465_616c;
+
+/// What every camera of a path shares.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// Whole horizontal field of view in radians.
+    pub fov_x: f64,
+    /// Image width in pixels.
+    pub width: u32,
+    /// Image height in pixels.
+    pub height: u32,
+}
+
+impl Lens {
+    fn at(&self, eye: DVec3) -> Camera {
+        Camera::look_at(eye, DVec3::ZERO, DVec3::Z, self.fov_x, self.width, self.height)
+    }
+}
+
+/// `n` points spread evenly over the sphere of `radius`, from the bottom (-z) up.
+///
+/// With `g = (3 - sqrt 5) pi` and `h_i` evenly spaced from `1/n - 1` to `1 - 1/n`, point i is
+/// `radius * (-s cos(g i), h_i, s sin(g i))`, `s = sqrt(1 - h_i^2)`; then sorted by z.
+#[must_use]
+pub fn fibonacci(n: usize, radius: f64) -> Vec<DVec3> {
+    let golden = (3.0 - 5f64.sqrt()) * PI;
+    let mut points: Vec<DVec3> = (0..n)
+        .map(|i| {
+            let h = (2.0 * i as f64 + 1.0) / n as f64 - 1.0;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            let s = (1.0 - h * h).sqrt();
+            radius * DVec3::new(-s * cos, h, s * sin)
+        })
+        .collect();
+    points.sort_by(|a, b| a.z.total_cmp(&b.z));
+    points
+}
+
+/// The `n` training cameras of a Fibonacci sphere.
+#[must_use]
+pub fn training_cameras(n: usize, radius: f64, lens: Lens) -> Vec<Camera> {
+    fibonacci(n, radius).into_iter().map(|eye| lens.at(eye)).collect()
+}
+
+/// `count` time indices evenly spread over `0..total`, rounded down: 30 of 100 give 0, 3, 6, 10, 13, ... 99.
+#[must_use]
+pub fn time_indices(count: usize, total: usize) -> Vec<usize> {
+    let last = total.saturating_sub(1);
+    (0..count).map(|i| if count < 2 { 0 } else { i * last / (count - 1) }).collect()
+}
+
+/// Deals `views_per_time` views to each of `times` at random: entry i is the position in the list of times that
+/// view i shows, `[times * views_per_time]`.
+#[must_use]
+pub fn deal_times(times: usize, views_per_time: usize, seed: u64) -> Vec<usize> {
+    let mut deal: Vec<usize> = (0..times * views_per_time).map(|i| i % times).collect();
+    Rng::new(seed, 0, PURPOSE_DEAL).shuffle(&mut deal);
+    deal
+}
+
+/// The test path, `views` cameras each with its time in [0, 1]: elevation rises from -90 to 90 degrees while the
+/// azimuth turns once from -90 degrees, and the time steps through `timesteps` (181 and 100 as published).
+#[must_use]
+pub fn test_spiral(views: usize, timesteps: usize, radius: f64, lens: Lens) -> Vec<(Camera, f64)> {
+    let (last, last_time) = (views.saturating_sub(1).max(1), timesteps.saturating_sub(1));
+    (0..views)
+        .map(|i| {
+            let along = i as f64 / last as f64;
+            let elevation = (PI * along - FRAC_PI_2).clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
+            let eye = on_sphere(radius, elevation, 2.0 * PI * along - FRAC_PI_2);
+            let time = (i * last_time / last) as f64 / last_time.max(1) as f64;
+            (lens.at(eye), time)
+        })
+        .collect()
+}
+
+/// `n` cameras on a level circle at `elevation` (radians above the xy plane), starting at azimuth -90 degrees;
+/// the circle closes, so the last camera stands one step before the first.
+#[must_use]
+pub fn orbit(n: usize, radius: f64, elevation: f64, lens: Lens) -> Vec<Camera> {
+    let elevation = elevation.clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
+    (0..n)
+        .map(|i| lens.at(on_sphere(radius, elevation, 2.0 * PI * i as f64 / n as f64 - FRAC_PI_2)))
+        .collect()
+}
+
+fn on_sphere(radius: f64, elevation: f64, azimuth: f64) -> DVec3 {
+    let (sin_e, cos_e) = elevation.sin_cos();
+    let (sin_a, cos_a) = azimuth.sin_cos();
+    radius * DVec3::new(cos_e * cos_a, cos_e * sin_a, sin_e)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::transforms::Transforms;
+
+    const LENS: Lens = Lens { fov_x: FOV_X, width: 400, height: 400 };
+
+    #[test]
+    fn fibonacci_known_positions() {
+        let points = fibonacci(600, RADIUS);
+        for (i, p) in [
+            (0, [0.361_645_238, 0.047_029_5, -4.014_569_486]),
+            (1, [-0.176_336_265, 0.329_206_5, -4.013_763_298]),
+            (299, [-0.232_638_674, -4.024_381_5, 0.0]),
+            (450, [3.002_941_686, -1.793_839_5, 2.003_558_906]),
+            (599, [-0.195_278_412, -0.181_399_5, 4.022_278_928]),
+        ] {
+            assert!((points[i] - DVec3::from_array(p)).length() < 1e-6, "{i}: {}", points[i]);
+        }
+        assert!(fibonacci(0, 1.0).is_empty() && fibonacci(1, 1.0)[0].is_finite());
+    }
+
+    #[test]
+    fn spiral_known_positions() {
+        let path = test_spiral(181, 100, RADIUS, LENS);
+        for (i, p, time) in [
+            (0, [0.0, -0.000_705_442, -4.031_099_938], 0),
+            (1, [0.002_455_263, -0.070_309_539, -4.030_486_044], 0),
+            (45, [2.850_418_146, 0.0, -2.850_418_146], 24),
+            (90, [0.0, 4.0311, 0.0], 49),
+            (133, [-2.940_978_337, 0.205_653_239, 2.749_203_588], 73),
+        ] {
+            assert!((path[i].0.position() - DVec3::from_array(p)).length() < 1e-6, "{i}");
+            assert!((path[i].1 - f64::from(time) / 99.0).abs() < 1e-12, "{i}");
+        }
+        assert_eq!(path[180].1, 1.0);
+        assert!(test_spiral(1, 1, 1.0, LENS)[0].0.position().is_finite());
+    }
+
+    #[test]
+    fn times_are_spread_and_dealt_evenly() {
+        let known = [
+            0, 3, 6, 10, 13, 17, 20, 23, 27, 30, 34, 37, 40, 44, 47, 51, 54, 58, 61, 64, 68, 71, 75, 78, 81, 85,
+            88, 92, 95, 99,
+        ];
+        assert_eq!(time_indices(30, 100), known);
+        assert_eq!((time_indices(1, 100), time_indices(0, 5)), (vec![0], vec![]));
+        let deal = deal_times(30, 20, 1);
+        assert!((0..30).all(|t| deal.iter().filter(|x| **x == t).count() == 20));
+        assert_ne!(deal, deal_times(30, 20, 2));
+        assert!(deal_times(0, 20, 1).is_empty());
+    }
+
+    #[test]
+    fn orbit_keeps_its_height_and_distance() {
+        let path = orbit(8, 3.0, 0.5, LENS);
+        assert_eq!(path.len(), 8);
+        for c in &path {
+            assert!((c.position().length() - 3.0).abs() < 1e-12);
+            assert!((c.position().z - 3.0 * 0.5f64.sin()).abs() < 1e-12);
+            assert!((c.project(DVec3::ZERO).unwrap().0.x - 200.0).abs() < 1e-9);
+        }
+    }
+
+    /// The published poses are single precision with 1e-8 added, good to 1e-6 of the radius.
+    #[test]
+    fn reproduces_the_published_poses() {
+        let Some(root) = crate::data::dataset::test_data() else { return };
+        let check = |file: &str, cameras: &[Camera], times: Option<&[f64]>| {
+            let json = Transforms::read(&root.join(file)).unwrap();
+            assert_eq!(json.frames.len(), cameras.len());
+            for (i, (frame, camera)) in json.frames.iter().zip(cameras).enumerate() {
+                let off = (frame.camera_to_world.w_axis - camera.camera_to_world.w_axis).length();
+                assert!(off < 1e-6 * RADIUS, "{file} frame {i}: {off}");
+                // Next to a pole "right" turns with the rounding of x, by 1.4e-5.
+                let off = (frame.camera_to_world - camera.camera_to_world).abs_diff_eq(glam::DMat4::ZERO, 2e-5);
+                assert!(off, "{file} frame {i}");
+                if let Some(times) = times {
+                    assert!((frame.time - times[i]).abs() < 1e-12);
+                }
+            }
+        };
+        check("transforms_train.json", &training_cameras(600, RADIUS, LENS), None);
+        let (cameras, times): (Vec<_>, Vec<_>) = test_spiral(181, 100, RADIUS, LENS).into_iter().unzip();
+        check("transforms_test.json", &cameras, Some(&times));
+    }
+}

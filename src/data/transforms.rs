@@ -1,0 +1,197 @@
+//! `transforms_*.json` of D-NeRF/Blender datasets: the values, reading, writing. What makes a file wrong is in
+//! `scan`; images are not looked at here.
+
+use std::path::{Path, PathBuf};
+
+use glam::DMat4;
+use serde_json::{Value, json};
+
+use super::camera::Camera;
+use super::error::DataError;
+use super::scan::scan;
+use crate::files::write_atomic;
+
+/// The lens as the JSON gives it; what is absent follows from the image size.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Intrinsics {
+    /// Whole horizontal field of view, radians.
+    pub camera_angle_x: Option<f64>,
+    /// Whole vertical field of view, radians.
+    pub camera_angle_y: Option<f64>,
+    /// Focal length in x, pixels of a `w` wide image; preferred over `camera_angle_x`.
+    pub fl_x: Option<f64>,
+    /// Focal length in y, pixels of an `h` high image.
+    pub fl_y: Option<f64>,
+    /// Principal point x, pixels of a `w` wide image.
+    pub cx: Option<f64>,
+    /// Principal point y, pixels of an `h` high image.
+    pub cy: Option<f64>,
+    /// Width that the pixel values refer to.
+    pub w: Option<f64>,
+    /// Height that the pixel values refer to.
+    pub h: Option<f64>,
+}
+
+impl Intrinsics {
+    /// The camera of a `width` x `height` image at `camera_to_world`; values in pixels of `w` x `h` are scaled
+    /// to that size.
+    #[must_use]
+    pub fn camera(&self, width: u32, height: u32, camera_to_world: DMat4) -> Camera {
+        let angle = self.camera_angle_x.unwrap_or(std::f64::consts::FRAC_PI_2);
+        let mut camera = Camera::from_fov_x(angle, width, height, camera_to_world);
+        let scale_x = self.w.map_or(1.0, |w| f64::from(width) / w);
+        let scale_y = self.h.map_or(1.0, |h| f64::from(height) / h);
+        if let Some(focal) = self.fl_x {
+            camera.fx = focal * scale_x;
+            camera.fy = focal * scale_y;
+        }
+        if let Some(focal) = self.fl_y {
+            camera.fy = focal * scale_y;
+        } else if let (None, Some(angle)) = (self.fl_x, self.camera_angle_y) {
+            camera.fy = 0.5 * f64::from(height) / (0.5 * angle).tan();
+        }
+        camera.cx = self.cx.map_or(camera.cx, |x| x * scale_x);
+        camera.cy = self.cy.map_or(camera.cy, |y| y * scale_y);
+        camera
+    }
+}
+
+/// One entry of `frames`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameRecord {
+    /// The image, relative to the dataset folder, as written: the extension may be absent.
+    pub file_path: String,
+    /// Camera-to-world `[4, 4]`, rigid, NeRF/OpenGL axes, bottom row exactly `[0, 0, 0, 1]`.
+    pub camera_to_world: DMat4,
+    /// Time in [0, 1].
+    pub time: f64,
+}
+
+impl FrameRecord {
+    /// The image file under `root`; `.png` is appended where the path does not end so.
+    #[must_use]
+    pub fn image_path(&self, root: &Path) -> PathBuf {
+        let relative = self.file_path.strip_prefix("./").unwrap_or(&self.file_path);
+        if relative.to_ascii_lowercase().ends_with(".png") {
+            root.join(relative)
+        } else {
+            root.join(format!("{relative}.png"))
+        }
+    }
+
+    /// A short name: the file name without folder and `.png`.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let name = self.file_path.rsplit('/').next().unwrap_or(&self.file_path);
+        let cut = name.len().saturating_sub(4);
+        match name.get(cut..) {
+            Some(end) if end.eq_ignore_ascii_case(".png") => name[..cut].to_owned(),
+            _ => name.to_owned(),
+        }
+    }
+}
+
+/// The content of one `transforms_*.json`, checked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Transforms {
+    /// The file it was read from, for messages.
+    pub path: PathBuf,
+    /// The lens that all frames share.
+    pub intrinsics: Intrinsics,
+    /// The frames in the file's order; never empty after reading.
+    pub frames: Vec<FrameRecord>,
+}
+
+impl Transforms {
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// The first problem of the file, with file, frame and field.
+    pub fn read(path: &Path) -> Result<Self, DataError> {
+        Self::parse(path, &read_text(path)?)
+    }
+
+    /// Checks the text of a file; `path` is only for messages.
+    ///
+    /// # Errors
+    /// The first problem of the text, with file, frame and field.
+    pub fn parse(path: &Path, text: &str) -> Result<Self, DataError> {
+        let scan = scan(path, text);
+        match scan.problems.into_iter().next() {
+            Some(problem) => Err(problem),
+            None => Ok(Self {
+                path: path.to_owned(),
+                intrinsics: scan.intrinsics,
+                frames: scan.frames.into_iter().flatten().collect(),
+            }),
+        }
+    }
+
+    /// The JSON text, which reads back to the same values bit by bit.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let frames: Vec<Value> = self
+            .frames
+            .iter()
+            .map(|f| {
+                let rows = f.camera_to_world.transpose().to_cols_array_2d();
+                json!({ "file_path": f.file_path, "transform_matrix": rows, "time": f.time })
+            })
+            .collect();
+        let lens = &self.intrinsics;
+        let mut top = serde_json::Map::new();
+        for (field, value) in [
+            ("camera_angle_x", lens.camera_angle_x),
+            ("camera_angle_y", lens.camera_angle_y),
+            ("fl_x", lens.fl_x),
+            ("fl_y", lens.fl_y),
+            ("cx", lens.cx),
+            ("cy", lens.cy),
+            ("w", lens.w),
+            ("h", lens.h),
+        ] {
+            if let Some(value) = value {
+                top.insert(field.to_owned(), json!(value));
+            }
+        }
+        top.insert("frames".to_owned(), Value::Array(frames));
+        format!("{:#}\n", Value::Object(top))
+    }
+
+    /// Writes the file atomically, after checking that it would be read again.
+    ///
+    /// # Errors
+    /// A value that reading would refuse, or what the file system answers.
+    pub fn write(&self, path: &Path) -> Result<(), DataError> {
+        let text = self.to_json();
+        Self::parse(path, &text)?;
+        write_atomic(path, text.as_bytes()).map_err(|source| DataError::Io {
+            path: path.to_owned(),
+            action: "write the file",
+            source,
+            hint: "check that the folder exists, is writable and has room".to_owned(),
+        })
+    }
+}
+
+/// Reads a JSON file as text, with an error that says what to do.
+pub(crate) fn read_text(path: &Path) -> Result<String, DataError> {
+    let bytes = std::fs::read(path).map_err(|source| DataError::Io {
+        path: path.to_owned(),
+        action: "read the file",
+        source,
+        hint: "a dataset folder holds transforms_train.json and transforms_test.json; check the path".to_owned(),
+    })?;
+    String::from_utf8(bytes).map_err(|error| DataError::Syntax {
+        path: path.to_owned(),
+        frame: None,
+        line: 1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count(),
+        column: 1,
+        problem: "the text is not UTF-8".to_owned(),
+        hint: "save the file as UTF-8; it may be binary or damaged".to_owned(),
+    })
+}
+
+#[cfg(test)]
+#[path = "transforms_tests.rs"]
+mod tests;

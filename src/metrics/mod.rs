@@ -1,0 +1,4 @@
+//! Image metrics over plain RGB arrays. Nothing here knows of models or files of runs.
+
+pub mod psnr;
+pub mod ssim;

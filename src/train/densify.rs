@@ -1,0 +1,235 @@
+//! Which Gaussians are added and removed: clone, split, prune, reset, to an exact budget.
+//!
+//! Plans on the host from statistics gathered over the steps; the plan is then applied to the attributes
+//! and to the optimiser's moments alike.
+
+use crate::config::types::{Config, DensifyMode};
+use crate::model::gaussians::HostGaussians;
+use crate::rng::{Purpose, Rng};
+use crate::train::schedule::Stage;
+
+/// What is remembered about each Gaussian between densifications.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Sum of the norm of the screen-space gradient, normalised device coordinates.
+    pub gradient: Vec<f32>,
+    /// Views that drew it.
+    pub views: Vec<f32>,
+    /// Largest opacity it had since the last pruning.
+    pub opacity: Vec<f32>,
+}
+
+impl Statistics {
+    /// Nothing seen yet, for `n` Gaussians.
+    pub fn new(n: usize) -> Self {
+        Self { gradient: vec![0.0; n], views: vec![0.0; n], opacity: vec![0.0; n] }
+    }
+
+    /// Adds a view: gradients `[N, 2]` in pixels of an image `width x height`, radii `[N]`.
+    pub fn add_view(&mut self, gradient: &[f32], radii: &[i32], width: usize, height: usize) {
+        let (sx, sy) = (0.5 * width as f32, 0.5 * height as f32);
+        for (i, g) in gradient.chunks_exact(2).enumerate() {
+            if radii[i] > 0 {
+                self.gradient[i] += (g[0] * sx).hypot(g[1] * sy);
+                self.views[i] += 1.0;
+            }
+        }
+    }
+
+    /// Notes the opacities of a step, given as logits `[N]`.
+    pub fn add_opacity(&mut self, logits: &[f32]) {
+        for (largest, logit) in self.opacity.iter_mut().zip(logits) {
+            *largest = largest.max(1.0 / (1.0 + (-logit).exp()));
+        }
+    }
+
+    fn score(&self, i: usize) -> f32 {
+        if self.views[i] > 0.0 { self.gradient[i] / self.views[i] } else { 0.0 }
+    }
+}
+
+/// Where a row of the new arrays comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Row {
+    /// An old Gaussian, with its moments.
+    Keep(usize),
+    /// A copy of an old Gaussian, with moments of zero.
+    Clone(usize),
+    /// One of the two halves of an old Gaussian, with moments of zero.
+    Half(usize),
+}
+
+impl Row {
+    /// The old Gaussian.
+    pub fn source(self) -> usize {
+        let (Self::Keep(i) | Self::Clone(i) | Self::Half(i)) = self;
+        i
+    }
+}
+
+/// What is due at a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Due {
+    /// The number of Gaussians to grow to; `None` if none are added now.
+    pub grow_to: Option<usize>,
+    /// Whether transparent Gaussians are removed.
+    pub prune: bool,
+    /// Whether opacities are reset.
+    pub reset: bool,
+}
+
+/// What is due after `stage`'s step (counted from 1 within its stage).
+pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
+    let d = &config.densify;
+    let warmup_span = config.stages.warmup_steps.saturating_sub(d.warmup_from);
+    let joint_end = d.joint_until.min(config.stages.joint_steps);
+    let joint_span = joint_end.saturating_sub(d.joint_from);
+    let (done, within, step) = match stage {
+        Stage::Warmup(s) => ((s + 1).saturating_sub(d.warmup_from), s + 1 > d.warmup_from, s + 1),
+        Stage::Joint(s) => {
+            let inside = s + 1 > d.joint_from && s < joint_end;
+            (warmup_span + (s + 1).saturating_sub(d.joint_from), inside, s + 1)
+        }
+    };
+    let is_last = stage == Stage::Joint(joint_end.saturating_sub(1));
+    let now = within && (step.is_multiple_of(d.every.max(1)) || is_last);
+    let grow_to = match d.mode {
+        DensifyMode::Off => None,
+        DensifyMode::Threshold => now.then_some(d.budget),
+        DensifyMode::Budget => now.then(|| {
+            let fraction = done as f64 / (warmup_span + joint_span).max(1) as f64;
+            let start = start.min(d.budget) as f64;
+            (start + (d.budget as f64 - start) * fraction.min(1.0)).round() as usize
+        }),
+    };
+    let prune = d.prune_opacity > 0.0 && within && (step.is_multiple_of(d.prune_every.max(1)) || is_last);
+    let reset = d.opacity_reset > 0 && stage == Stage::Warmup(d.opacity_reset - 1);
+    Due { grow_to, prune, reset }
+}
+
+/// Decides which rows the new arrays have.
+pub fn plan(due: Due, statistics: &Statistics, gaussians: &HostGaussians, config: &Config, extent: f64) -> Vec<Row> {
+    let d = &config.densify;
+    let n = gaussians.opacity_logits.len();
+    let alive: Vec<usize> =
+        (0..n).filter(|&i| !(due.prune && f64::from(statistics.opacity[i]) < d.prune_opacity)).collect();
+    // never prune the scene away
+    let alive = if alive.is_empty() { (0..n).collect() } else { alive };
+    let wanted = due.grow_to.map_or(0, |target| target.saturating_sub(alive.len()));
+    let threshold = if d.mode == DensifyMode::Threshold { d.threshold as f32 } else { 0.0 };
+    let mut chosen: Vec<usize> = alive.iter().copied().filter(|&i| statistics.score(i) > threshold).collect();
+    chosen.sort_by(|&a, &b| statistics.score(b).total_cmp(&statistics.score(a)).then(a.cmp(&b)));
+    chosen.truncate(wanted);
+    chosen.sort_unstable();
+
+    let limit = (d.split_above * extent).ln() as f32;
+    let is_large = |i: usize| gaussians.log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit);
+    let mut rows: Vec<Row> = Vec::with_capacity(alive.len() + chosen.len());
+    let mut next = chosen.iter().copied().peekable();
+    for i in alive {
+        let selected = next.next_if_eq(&i).is_some();
+        rows.push(if selected && is_large(i) { Row::Half(i) } else { Row::Keep(i) });
+    }
+    rows.extend(chosen.into_iter().map(|i| if is_large(i) { Row::Half(i) } else { Row::Clone(i) }));
+    rows
+}
+
+/// Rows of a row-major array with `width` columns.
+pub fn gather(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
+    rows.iter().flat_map(|r| &values[width * r.source()..][..width]).copied().collect()
+}
+
+/// Rows of an optimiser moment: zero for Gaussians that are new.
+pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
+    let mut out = vec![0.0; rows.len() * width];
+    for (target, row) in out.chunks_exact_mut(width).zip(rows) {
+        if let Row::Keep(i) = row {
+            target.copy_from_slice(&values[width * i..][..width]);
+        }
+    }
+    out
+}
+
+/// The new attributes. Halves are drawn from their parent's distribution and 1.6 times smaller (3DGS).
+pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
+    let sh_width = g.sh.len() / g.opacity_logits.len().max(1);
+    let mut out = HostGaussians {
+        means: gather(&g.means, rows, 3),
+        rotations: gather(&g.rotations, rows, 4),
+        log_scales: gather(&g.log_scales, rows, 3),
+        opacity_logits: gather(&g.opacity_logits, rows, 1),
+        sh: gather(&g.sh, rows, sh_width),
+    };
+    let mut rng = Rng::new(seed, step as u64, Purpose::Split as u64);
+    for (j, row) in rows.iter().enumerate() {
+        if matches!(row, Row::Half(_)) {
+            let scales: [f32; 3] = std::array::from_fn(|k| out.log_scales[3 * j + k].exp());
+            let local = glam::Vec3::from_array(scales.map(|s| s * rng.normal()));
+            let [w, x, y, z] = std::array::from_fn(|k| out.rotations[4 * j + k]);
+            let rotation = glam::Quat::from_xyzw(x, y, z, w);
+            let rotation = if rotation.length_squared() > 1e-12 { rotation.normalize() } else { glam::Quat::IDENTITY };
+            let offset = rotation * local;
+            for k in 0..3 {
+                out.means[3 * j + k] += offset[k];
+                out.log_scales[3 * j + k] -= 1.6f32.ln();
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gaussians(n: usize) -> HostGaussians {
+        HostGaussians {
+            means: (0..3 * n).map(|v| v as f32).collect(),
+            rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
+            log_scales: (0..3 * n).map(|i| if i / 3 % 2 == 0 { -9.0 } else { 0.0 }).collect(),
+            opacity_logits: vec![0.0; n],
+            sh: (0..12 * n).map(|v| v as f32).collect(),
+        }
+    }
+
+    fn statistics(n: usize) -> Statistics {
+        Statistics { gradient: (0..n).map(|i| (i + 1) as f32).collect(), views: vec![1.0; n], opacity: vec![0.5; n] }
+    }
+
+    #[test]
+    fn growth_reaches_the_target_exactly_and_takes_the_largest_gradients() {
+        let g = gaussians(10);
+        let due = Due { grow_to: Some(13), prune: false, reset: false };
+        let rows = plan(due, &statistics(10), &g, &Config::default(), 4.0);
+        assert_eq!(rows.len(), 13);
+        // 7, 8 and 9 have the largest; odd ones are large and split, 8 is cloned
+        assert_eq!(rows[7..], [Row::Half(7), Row::Keep(8), Row::Half(9), Row::Half(7), Row::Clone(8), Row::Half(9)]);
+        let out = apply(&rows, &g, 1, 2);
+        assert_eq!(out.means[3 * 11..3 * 12], g.means[24..27]);
+        assert!((out.log_scales[3 * 12] + 1.6f32.ln()).abs() < 1e-6);
+        assert_ne!(out.means[3 * 7..3 * 8], out.means[3 * 10..3 * 11]);
+        assert_eq!(gather_moments(&[1.0; 10], &rows, 1).iter().sum::<f32>(), 8.0);
+    }
+
+    #[test]
+    fn pruning_makes_room_and_never_empties_the_scene() {
+        let mut s = statistics(6);
+        s.opacity[5] = 0.001;
+        let due = Due { grow_to: Some(6), prune: true, reset: false };
+        let rows = plan(due, &s, &gaussians(6), &Config::default(), 4.0);
+        assert_eq!(rows.len(), 6);
+        assert!(rows.iter().all(|r| r.source() != 5));
+        s.opacity.fill(0.0);
+        assert_eq!(plan(due, &s, &gaussians(6), &Config::default(), 4.0).len(), 6);
+    }
+
+    #[test]
+    fn the_budget_line_ends_at_the_budget() {
+        let config = Config::default();
+        let last = config.densify.joint_until - 1;
+        assert_eq!(due(Stage::Joint(last), &config, 50_000).grow_to, Some(config.densify.budget));
+        assert_eq!(due(Stage::Joint(last + 1), &config, 50_000), Due::default());
+        let first = due(Stage::Warmup(399), &config, 50_000).grow_to.unwrap();
+        assert!((50_000..60_000).contains(&first), "{first}");
+    }
+}

@@ -1,0 +1,15 @@
+//! Training: images in, a scene out. Stages, losses, densification, optimiser groups, checkpoints.
+//!
+//! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
+//! with logs, evaluation, checkpoints and signals.
+
+pub mod checkpoint;
+pub mod densify;
+pub mod init;
+pub mod losses;
+pub mod optimizer;
+pub mod run;
+pub mod schedule;
+mod trainer;
+
+pub use trainer::{StepReport, TrainError, Trainer};

@@ -1,0 +1,160 @@
+//! Adam over a module's parameters by name, with moments that can follow Gaussians as they come and go.
+
+use crate::model::params::{HostTensor, Path, to_vec};
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use std::collections::BTreeMap;
+use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, adam};
+
+/// First and second moment of one parameter, flat, and the number of steps taken.
+#[derive(Clone, Debug)]
+struct Moments {
+    first: Tensor<1>,
+    second: Tensor<1>,
+    steps: u64,
+}
+
+/// Adam's constants.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamConstants {
+    /// Decays of the moments.
+    pub betas: [f64; 2],
+    /// Added to the root.
+    pub epsilon: f64,
+    /// Learning rate of spherical harmonics beyond the first, as a fraction of the first's.
+    pub sh_rest: f64,
+}
+
+/// A gradient that is not finite.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BadGradient {
+    /// The parameter's name.
+    pub name: String,
+    /// First element that is NaN or infinite.
+    pub element: usize,
+}
+
+/// The optimiser's state.
+#[derive(Debug)]
+pub struct Optimizer {
+    constants: AdamConstants,
+    moments: BTreeMap<String, Moments>,
+}
+
+impl Optimizer {
+    /// A new optimiser without moments.
+    pub fn new(constants: AdamConstants) -> Self {
+        Self { constants, moments: BTreeMap::new() }
+    }
+
+    /// One step on every parameter that has a gradient and a rate. Gives the module back with the first
+    /// gradient that is not finite, if any: parameters visited before it have then been updated, and the
+    /// caller stops and goes back to the last checkpoint.
+    pub fn step<M: Module>(
+        &mut self,
+        module: M,
+        gradients: &mut Gradients,
+        rate: impl Fn(&str) -> Option<f64>,
+    ) -> (M, Option<BadGradient>) {
+        let mut stepper = Stepper { path: Path::default(), optimizer: self, gradients, rate, bad: None };
+        let module = module.map(&mut stepper);
+        (module, stepper.bad)
+    }
+
+    /// The moments of parameter `name`, for densification: rewritten row by row by `f`.
+    pub fn map_moments(&mut self, name: &str, f: impl Fn(&[f32]) -> Vec<f32>) {
+        if let Some(m) = self.moments.get_mut(name) {
+            for tensor in [&mut m.first, &mut m.second] {
+                let device = tensor.device();
+                let values = f(&to_vec(tensor.clone()));
+                let len = values.len();
+                *tensor = Tensor::from_data(TensorData::new(values, [len]), &device);
+            }
+        }
+    }
+
+    /// The state as named tensors; the number of steps is a tensor of two 24-bit halves, exact in f32.
+    pub fn to_tensors(&self) -> BTreeMap<String, HostTensor> {
+        let mut out = BTreeMap::new();
+        for (name, m) in &self.moments {
+            for (suffix, tensor) in [("first", &m.first), ("second", &m.second)] {
+                let values = to_vec(tensor.clone());
+                out.insert(format!("adam.{suffix}.{name}"), HostTensor { shape: vec![values.len()], values });
+            }
+            let steps = vec![(m.steps >> 24) as f32, (m.steps & 0xff_ffff) as f32];
+            out.insert(format!("adam.steps.{name}"), HostTensor { shape: vec![2], values: steps });
+        }
+        out
+    }
+
+    /// Takes the state back from [`Optimizer::to_tensors`].
+    pub fn load(&mut self, tensors: &BTreeMap<String, HostTensor>, device: &Device) {
+        let tensor = |t: &HostTensor| Tensor::from_data(TensorData::new(t.values.clone(), [t.values.len()]), device);
+        self.moments.clear();
+        for (key, first) in tensors {
+            let Some(name) = key.strip_prefix("adam.first.") else { continue };
+            let second = tensors.get(&format!("adam.second.{name}"));
+            let steps = tensors.get(&format!("adam.steps.{name}"));
+            if let (Some(second), Some(steps)) = (second, steps) {
+                let steps = ((steps.values[0] as u64) << 24) | steps.values[1] as u64;
+                let moments = Moments { first: tensor(first), second: tensor(second), steps };
+                self.moments.insert(name.to_owned(), moments);
+            }
+        }
+    }
+}
+
+struct Stepper<'a, F> {
+    path: Path,
+    optimizer: &'a mut Optimizer,
+    gradients: &'a mut Gradients,
+    rate: F,
+    bad: Option<BadGradient>,
+}
+
+impl<F: Fn(&str) -> Option<f64>> ModuleMapper for Stepper<'_, F> {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.enter(name);
+    }
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.exit();
+    }
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = self.path.name();
+        let Some(rate) = (self.rate)(&name) else { return param };
+        let Some(gradient) = param.val().grad_remove(self.gradients) else { return param };
+        if self.bad.is_some() {
+            return param;
+        }
+        let dims = param.dims();
+        let len: usize = dims.iter().product();
+        let value = param.into_value().inner().reshape([len]);
+        let device = value.device();
+        let moments = self.optimizer.moments.remove(&name).unwrap_or_else(|| Moments {
+            first: Tensor::zeros([len], &device),
+            second: Tensor::zeros([len], &device),
+            steps: 0,
+        });
+        let steps = moments.steps + 1;
+        let AdamConstants { betas: [beta1, beta2], epsilon, sh_rest } = self.optimizer.constants;
+        let correction = |beta: f64| (1.0 - beta.powf(steps as f64)) as f32;
+        let pattern = (name == "gaussians.sh" && sh_rest != 1.0)
+            .then(|| LrPattern { row_len: dims[1..].iter().product(), head_len: 3, tail_factor: sh_rest as f32 });
+        let step = AdamStep {
+            lr: rate as f32,
+            beta1: beta1 as f32,
+            beta2: beta2 as f32,
+            eps: epsilon as f32,
+            bias_correction1: correction(beta1),
+            bias_correction2: correction(beta2),
+            lr_pattern: pattern,
+        };
+        let tensors = AdamTensors { param: value, moment_1: moments.first, moment_2: moments.second };
+        let (out, bad) = adam(tensors, gradient.reshape([len]), step);
+        if let Some(element) = bad {
+            self.bad = Some(BadGradient { name: name.clone(), element });
+        }
+        self.optimizer.moments.insert(name, Moments { first: out.moment_1, second: out.moment_2, steps });
+        Param::from_tensor(Tensor::from_inner(out.param.reshape(dims)))
+    }
+}

@@ -1,0 +1,286 @@
+//! A training run in a folder: steps, logs, evaluation on a few test views, checkpoints, signals.
+
+use super::checkpoint::{self, CheckpointError, State};
+use super::{StepReport, TrainError, Trainer};
+use crate::config::types::Config;
+use crate::data::{Dataset, Split};
+use crate::files::write_atomic;
+use crate::log::jsonl::{JsonlWriter, truncate_after};
+use crate::log::tensorboard::EventWriter;
+use crate::metrics::psnr::psnr;
+use burn::tensor::Device;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// What a run is asked to do.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Folder of the run.
+    pub out: PathBuf,
+    /// Go on from the newest checkpoint, if there is one.
+    pub resume: bool,
+    /// The resolved configuration as TOML, kept beside the results.
+    pub config_toml: String,
+    /// The device's name, for the record.
+    pub device_name: String,
+    /// Stop after this many steps in all, as if interrupted (a checkpoint is saved).
+    pub stop_after: Option<usize>,
+}
+
+/// The record of a run, `run.json`.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// Version of the program.
+    pub version: String,
+    /// Seed.
+    pub seed: u64,
+    /// Device.
+    pub device: String,
+    /// Worker threads.
+    pub threads: usize,
+    /// Dataset folder.
+    pub dataset: PathBuf,
+    /// Fingerprint of the dataset.
+    pub fingerprint: String,
+    /// `running`, `interrupted` or `complete`.
+    pub status: String,
+    /// Steps taken.
+    pub steps: usize,
+    /// Seconds of training, without the wait between a stop and a resume.
+    pub training_seconds: f64,
+    /// Gaussians at the end.
+    pub gaussians: usize,
+    /// Peak memory of the process, bytes; 0 where unknown.
+    pub peak_memory_bytes: u64,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+pub struct RunOutcome {
+    /// The record as written.
+    pub record: RunRecord,
+    /// False if it was interrupted.
+    pub complete: bool,
+    /// PSNR of the last evaluation on test views, decibels.
+    pub test_psnr: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct Line {
+    step: usize,
+    seconds: f64,
+    stage: &'static str,
+    loss: f64,
+    train_psnr: f64,
+    gaussians: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    test_psnr: Option<f64>,
+    milliseconds: Milliseconds,
+}
+
+#[derive(Serialize)]
+struct Milliseconds {
+    data: f64,
+    deform: f64,
+    splat: f64,
+    loss: f64,
+    backward: f64,
+    adam: f64,
+    densify: f64,
+}
+
+/// Trains into `options.out` until the end, a signal or an error. `stop` is raised by a signal handler.
+///
+/// # Errors
+/// As [`Trainer`], and if a file cannot be written.
+pub fn run(
+    config: &Config,
+    dataset: &Dataset,
+    device: &Device,
+    options: &RunOptions,
+    stop: &AtomicBool,
+) -> Result<RunOutcome, TrainError> {
+    let mut trainer = Trainer::new(config.clone(), dataset, device)?;
+    let out = &options.out;
+    let log_error = |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
+    std::fs::create_dir_all(out).map_err(|e| log_error(out, &e))?;
+    let fingerprint = dataset.fingerprint();
+    let newest = checkpoint::list(out).pop().filter(|_| options.resume);
+    let mut seconds_before = 0.0;
+    if let Some((_, path)) = &newest {
+        let state = checkpoint::restore(path, &mut trainer, &options.config_toml, &fingerprint)?;
+        seconds_before = state.seconds;
+    } else if !options.resume && !checkpoint::list(out).is_empty() {
+        let reason = "holds checkpoints of another run; pass --resume to go on, or choose another --out".to_owned();
+        return Err(CheckpointError::File { path: out.clone(), reason }.into());
+    }
+    let config_path = out.join("config.toml");
+    write_atomic(&config_path, options.config_toml.as_bytes()).map_err(|e| log_error(&config_path, &e))?;
+
+    let first = trainer.steps_done();
+    let metrics_path = out.join("metrics.jsonl");
+    if newest.is_some() {
+        truncate_after(&metrics_path, first as u64).map_err(|e| log_error(&metrics_path, &e))?;
+    } else if metrics_path.exists() {
+        // what a run left that died before its first checkpoint
+        std::fs::remove_file(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
+    }
+    let mut metrics = JsonlWriter::open(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
+    let events_path = out.join("tensorboard");
+    let events = if first == 0 { EventWriter::create(&events_path) } else { EventWriter::resume(&events_path, first as u64 + 1) };
+    let mut events = events.map_err(|e| log_error(&events_path, &e))?;
+
+    let started = Instant::now();
+    let seconds = || seconds_before + started.elapsed().as_secs_f64();
+    let mut record = RunRecord {
+        version: env!("CARGO_PKG_VERSION").into(),
+        seed: config.seed,
+        device: options.device_name.clone(),
+        threads: rayon::current_num_threads(),
+        dataset: std::fs::canonicalize(&dataset.root).unwrap_or_else(|_| dataset.root.clone()),
+        fingerprint: fingerprint.clone(),
+        status: "running".into(),
+        ..RunRecord::default()
+    };
+    let record_path = out.join("run.json");
+    let write_record = |record: &RunRecord| {
+        let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
+        write_atomic(&record_path, &json).map_err(|e| log_error(&record_path, &e))
+    };
+    write_record(&record)?;
+    let save = |trainer: &Trainer| -> Result<(), TrainError> {
+        let state = State {
+            step: trainer.steps_done(),
+            initial: trainer.initial,
+            dataset: fingerprint.clone(),
+            config: options.config_toml.clone(),
+            seconds: seconds(),
+        };
+        checkpoint::save(out, trainer, &state, config.output.keep)?;
+        Ok(())
+    };
+
+    let total = trainer.total_steps();
+    let limit = options.stop_after.map_or(total, |s| s.min(total));
+    let bar = progress_bar(total, first);
+    let mut saved = newest.is_some();
+    let mut test_psnr = None;
+    let mut smooth_psnr: Option<f64> = None;
+    while trainer.steps_done() < limit && !stop.load(Ordering::Relaxed) {
+        let report = trainer.step(&dataset.train)?;
+        saved = false;
+        let done = report.step + 1;
+        smooth_psnr = Some(smooth_psnr.map_or(report.psnr, |p| 0.98 * p + 0.02 * report.psnr));
+        let every = |n: usize| n > 0 && (done.is_multiple_of(n) || done == total);
+        if every(config.output.eval_every)
+            && let Some(test) = &dataset.test
+        {
+            test_psnr = Some(quick_psnr(&trainer, test, config.output.eval_views));
+        }
+        if every(config.output.log_every) || every(config.output.eval_every) {
+            let evaluated = test_psnr.filter(|_| every(config.output.eval_every));
+            let line = line(&report, seconds(), evaluated);
+            metrics.append(&line).map_err(|e| log_error(&metrics_path, &e))?;
+            log_events(&mut events, &line).map_err(|e| log_error(&events_path, &e))?;
+        }
+        bar.set_position(done as u64);
+        bar.set_message(message(&report, smooth_psnr, test_psnr));
+        if every(config.output.checkpoint_every) {
+            save(&trainer)?;
+            metrics.sync().map_err(|e| log_error(&metrics_path, &e))?;
+            saved = true;
+        }
+    }
+    bar.abandon();
+    events.flush().map_err(|e| log_error(&events_path, &e))?;
+    if !saved && trainer.steps_done() > 0 {
+        save(&trainer)?;
+    }
+    let complete = trainer.steps_done() == total;
+    record.status = if complete { "complete" } else { "interrupted" }.into();
+    record.steps = trainer.steps_done();
+    record.training_seconds = seconds();
+    record.gaussians = trainer.scene().gaussians.count();
+    record.peak_memory_bytes = peak_memory();
+    write_record(&record)?;
+    Ok(RunOutcome { record, complete, test_psnr })
+}
+
+fn progress_bar(total: usize, first: usize) -> ProgressBar {
+    let bar = ProgressBar::new(total as u64).with_position(first as u64);
+    bar.reset_eta();
+    let template = "{bar:28} {pos}/{len} {elapsed}<{eta} {msg}";
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> String {
+    let stage = if report.stage.is_joint() { "joint" } else { "warm-up" };
+    let test = test.map(|p| format!(" test {p:.2} dB")).unwrap_or_default();
+    let train = train.unwrap_or_default();
+    format!("{stage} loss {:.5} train {train:.2} dB{test} N={}", report.loss, report.gaussians)
+}
+
+fn line(report: &StepReport, seconds: f64, test_psnr: Option<f64>) -> Line {
+    let ms = |d: std::time::Duration| (d.as_secs_f64() * 1e5).round() / 100.0;
+    let t = &report.times;
+    Line {
+        step: report.step + 1,
+        seconds: (seconds * 1e3).round() / 1e3,
+        stage: if report.stage.is_joint() { "joint" } else { "warmup" },
+        loss: report.loss,
+        train_psnr: report.psnr,
+        gaussians: report.gaussians,
+        test_psnr,
+        milliseconds: Milliseconds {
+            data: ms(t.data),
+            deform: ms(t.deform),
+            splat: ms(t.splat),
+            loss: ms(t.loss),
+            backward: ms(t.backward),
+            adam: ms(t.adam),
+            densify: ms(t.densify),
+        },
+    }
+}
+
+fn log_events(events: &mut EventWriter, line: &Line) -> std::io::Result<()> {
+    let step = line.step as u64;
+    events.scalar(step, "train/loss", line.loss as f32)?;
+    events.scalar(step, "train/psnr", line.train_psnr as f32)?;
+    events.scalar(step, "train/gaussians", line.gaussians as f32)?;
+    if let Some(p) = line.test_psnr {
+        events.scalar(step, "test/psnr", p as f32)?;
+    }
+    Ok(())
+}
+
+/// Mean PSNR over a few evenly spaced views, decibels.
+fn quick_psnr(trainer: &Trainer, split: &Split, views: usize) -> f64 {
+    let n = split.frames.len();
+    let views = views.clamp(1, n);
+    let scene = trainer.scene();
+    let mut truth = vec![0.0; 3 * split.images.width as usize * split.images.height as usize];
+    let mut sum = 0.0;
+    for k in 0..views {
+        let i = k * n / views;
+        let frame = &split.frames[i];
+        let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
+        let rgb: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+        split.images.composite(i, scene.spec.background, &mut truth);
+        sum += psnr(&rgb, &truth).unwrap_or(f64::NAN);
+    }
+    sum / views as f64
+}
+
+/// Peak resident memory of this process, bytes; 0 where the system does not tell.
+pub fn peak_memory() -> u64 {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok()).map_or(0, |kib| kib * 1024)
+}

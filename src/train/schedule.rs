@@ -1,0 +1,111 @@
+//! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
+
+use crate::config::types::{Config, OptimConfig};
+use crate::rng::{Purpose, Rng};
+
+/// A stage and the number of the step within it, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Canonical Gaussians alone.
+    Warmup(usize),
+    /// Gaussians and deformation field.
+    Joint(usize),
+}
+
+impl Stage {
+    /// The stage of global step `step`, from 0.
+    pub fn at(step: usize, config: &Config) -> Self {
+        let warmup = config.stages.warmup_steps;
+        if step < warmup { Self::Warmup(step) } else { Self::Joint(step - warmup) }
+    }
+
+    /// The spherical-harmonics degree in use: one more every `stages.sh_every` steps of warm-up. It does
+    /// not fall back in the joint stage unless there was no warm-up long enough to reach the top.
+    pub fn sh_degree(self, config: &Config) -> usize {
+        let every = config.stages.sh_every;
+        let steps = match self {
+            Self::Warmup(s) => s,
+            Self::Joint(s) => s + config.stages.warmup_steps,
+        };
+        steps.checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
+    }
+
+    /// How far the joint stage has come, in [0, 1].
+    pub fn progress(self, config: &Config) -> f64 {
+        match self {
+            // as in 3DGS, the schedule of the means runs in warm-up too, and starts over with the joint stage
+            Self::Warmup(s) | Self::Joint(s) => (s as f64 / config.stages.joint_steps.max(1) as f64).min(1.0),
+        }
+    }
+
+    /// True in the joint stage.
+    pub fn is_joint(self) -> bool {
+        matches!(self, Self::Joint(_))
+    }
+
+    /// Whether DSSIM counts: in the last `loss.dssim_last` steps of the joint stage.
+    pub fn with_dssim(self, config: &Config) -> bool {
+        match self {
+            Self::Warmup(_) => false,
+            Self::Joint(s) => config.loss.dssim > 0.0 && s + config.loss.dssim_last >= config.stages.joint_steps,
+        }
+    }
+}
+
+/// Learning rate of a parameter by its name, `None` if it is not trained in this stage.
+pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> Option<f64> {
+    let OptimConfig { means, rotations, log_scales, opacity, sh, encoder, decoder, .. } = config.optim;
+    let falling = |rate: f64| rate * config.optim.final_fraction.powf(stage.progress(config));
+    let attribute = |rate: f64| {
+        if stage.is_joint() { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
+    };
+    match name {
+        "gaussians.means" => Some(falling(means * extent)),
+        "gaussians.rotations" => Some(attribute(rotations)),
+        "gaussians.log_scales" => Some(attribute(log_scales)),
+        "gaussians.opacity_logits" => Some(attribute(opacity)),
+        "gaussians.sh" => Some(attribute(sh)),
+        _ if !stage.is_joint() => None,
+        _ if name.starts_with("field.encoder") => Some(falling(encoder)),
+        _ => Some(falling(decoder)),
+    }
+}
+
+/// The training view of a step: every view once, shuffled anew each time round.
+pub fn view(seed: u64, step: usize, views: usize) -> usize {
+    let (round, place) = (step / views, step % views);
+    let mut order: Vec<usize> = (0..views).collect();
+    Rng::new(seed, round as u64, Purpose::Views as u64).shuffle(&mut order);
+    order[place]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_view_is_seen_once_a_round() {
+        let mut seen: Vec<usize> = (0..30).map(|s| view(7, s, 30)).collect();
+        let second: Vec<usize> = (30..60).map(|s| view(7, s, 30)).collect();
+        assert_ne!(seen, second);
+        seen.sort_unstable();
+        assert_eq!(seen, (0..30).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn rates_fall_log_linearly_and_the_field_waits_for_the_joint_stage() {
+        let config = Config::default();
+        let rate = |name, stage| learning_rate(name, stage, &config, 4.0);
+        assert_eq!(rate("field.encoder.Factorised.planes", Stage::Warmup(3)), None);
+        let start = rate("gaussians.means", Stage::Joint(0)).unwrap();
+        let middle = rate("gaussians.means", Stage::Joint(10_000)).unwrap();
+        assert!((start - 6.4e-4).abs() < 1e-9 && (middle / start - 0.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn dssim_comes_late() {
+        let config = Config::default();
+        assert!(!Stage::Joint(14_999).with_dssim(&config));
+        assert!(Stage::Joint(15_000).with_dssim(&config));
+    }
+}
