@@ -11,9 +11,15 @@ mod backend;
 mod camera;
 
 pub mod adam;
+pub mod decoder;
 pub mod field;
 pub mod splat;
 pub mod ssim;
 pub mod tv;
 
 pub use camera::Camera;
+
+/// The vector instructions that the CPU kernels use on this machine.
+pub fn simd_level() -> String {
+    format!("{:?}", pulp::Arch::new())
+}

@@ -1,7 +1,95 @@
 //! `volseggs eval`
-use super::CliError;
+
+use super::run_folder::RunFolder;
+use super::{CliError, Common, print_json};
+use crate::data::SplitName;
+use crate::eval::plot::{Series, line_plot};
+use crate::eval::run::{Costs, evaluate, to_csv};
+use crate::export::images::encode_png;
+use crate::files::write_atomic;
+use crate::metrics::lpips::Lpips;
 use clap::Args;
-/// x
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::{Path, PathBuf};
+
+/// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
-pub struct EvalArgs {}
-impl EvalArgs { pub(super) fn run(self) -> Result<(), CliError> { Ok(()) } }
+#[command(after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg.")]
+pub struct EvalArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Split: train, val or test.
+    #[arg(long, default_value = "test")]
+    split: SplitName,
+    /// Dataset folder, if it is not where it was in training.
+    #[arg(long, value_name = "DATASET")]
+    data: Option<PathBuf>,
+    /// At most this many views, evenly spaced; all if not given.
+    #[arg(long, value_name = "N")]
+    views: Option<usize>,
+    /// LPIPS weights (safetensors: net.conv*.weight, lin0..4); AlexNet or VGG-16 is recognised. May be given twice.
+    #[arg(long, value_name = "FILE")]
+    lpips_weights: Vec<PathBuf>,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl EvalArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let networks = self
+            .lpips_weights
+            .iter()
+            .map(|path| Lpips::load(path, &device).map_err(CliError::input))
+            .collect::<Result<Vec<_>, _>>()?;
+        let split = run.split(self.split, self.data.as_deref(), self.views)?;
+        let costs = Costs {
+            training_seconds: run.record.training_seconds,
+            model_bytes: std::fs::metadata(&run.scene_path).map_err(CliError::failure)?.len(),
+        };
+        let bar = ProgressBar::new(split.frames.len() as u64);
+        if let Ok(style) = ProgressStyle::with_template("{bar:28} {pos}/{len} views {elapsed}<{eta} {msg}") {
+            bar.set_style(style);
+        }
+        let evaluation = evaluate(&run.scene, &split, &networks, &costs, |done, psnr| {
+            bar.set_position(done as u64);
+            bar.set_message(format!("{psnr:.2} dB"));
+        })
+        .map_err(CliError::failure)?;
+        bar.finish_and_clear();
+
+        let folder = run.path.join("eval").join(self.split.as_str());
+        std::fs::create_dir_all(&folder).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
+        let write = |name: &str, bytes: &[u8]| -> Result<(), CliError> {
+            let path: &Path = &folder.join(name);
+            write_atomic(path, bytes).map_err(|e| CliError::failure(format!("{}: {e}", path.display())))
+        };
+        write("views.csv", to_csv(&evaluation.views).as_bytes())?;
+        write("mean.json", &serde_json::to_vec_pretty(&evaluation.summary).map_err(CliError::failure)?)?;
+        let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.psnr)).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let series = [Series { name: self.split.to_string(), points }];
+        write("psnr-over-time.svg", line_plot("PSNR over time", "time", "dB", &series).as_bytes())?;
+        if let Some(sheet) = &evaluation.sheet {
+            write("contact-sheet.png", &encode_png(sheet).map_err(CliError::failure)?)?;
+        }
+        let s = &evaluation.summary;
+        if self.common.json {
+            return print_json(s);
+        }
+        let lpips = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
+        println!("views          {} ({}x{}, {} split)", s.views, s.width, s.height, s.split);
+        println!("PSNR           {:.2} dB", s.psnr);
+        println!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
+        println!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
+        println!("frames/second  {:.1}", s.fps);
+        println!("training       {:.1} min", s.training_seconds / 60.0);
+        println!("model          {:.2} MB, {} Gaussians", s.model_bytes as f64 / 1e6, s.gaussians);
+        for note in &s.notes {
+            println!("note: {note}");
+        }
+        eprintln!("per view, pictures: {}", folder.display());
+        Ok(())
+    }
+}

@@ -7,6 +7,7 @@ mod eval;
 mod export;
 mod inspect;
 mod render;
+mod run_folder;
 mod train;
 
 pub use error::CliError;

@@ -2,4 +2,5 @@
 
 pub mod font;
 pub mod plot;
+pub mod run;
 pub mod sheet;

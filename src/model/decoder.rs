@@ -3,8 +3,8 @@
 use crate::config::types::{DecoderKind, ModelConfig};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 
 /// Columns of the decoder's output: mean, rotation, log-scale, opacity logit.
 pub const OUTPUTS: [usize; 4] = [3, 4, 3, 1];
@@ -77,23 +77,68 @@ impl Decoder {
         }
     }
 
-    /// `[N, features]` to `[N, 11]`.
+    /// `[N, features]` to `[N, 11]`, fused.
     pub fn forward(&self, features: Tensor<2>) -> Tensor<2> {
-        let h = relu(linear(features, &self.trunk_weight, &self.trunk_bias));
-        let h = relu(linear(h, &self.hidden_weight, &self.hidden_bias));
-        if self.heads == 1 {
-            return linear(h, &self.output_weight, &self.output_bias);
-        }
+        let [inputs, width] = self.trunk_weight.dims();
+        let head_sizes = if self.heads == 1 { vec![OUTPUT_COLUMNS] } else { OUTPUTS.to_vec() };
+        let weights = DecoderWeights {
+            trunk: (self.trunk_weight.val(), self.trunk_bias.val()),
+            hidden: (self.hidden_weight.val(), self.hidden_bias.val()),
+            output: (self.output_weight.val(), self.output_bias.val()),
+        };
+        decoder(features, weights, &DecoderShape { inputs, width, head_sizes })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::types::Config;
+    use crate::device::DeviceName;
+    use burn::tensor::activation::relu;
+
+    /// The same in plain tensor operations.
+    fn plain(decoder: &Decoder, features: Tensor<2>) -> Tensor<2> {
+        let h = relu(linear(features, &decoder.trunk_weight, &decoder.trunk_bias));
+        let h = relu(linear(h, &decoder.hidden_weight, &decoder.hidden_bias));
         let [n, wide] = h.dims();
-        let width = wide / self.heads;
-        let weight = self.output_weight.val();
+        let width = wide / decoder.heads;
+        let weight = decoder.output_weight.val();
+        let sizes = if decoder.heads == 1 { vec![OUTPUT_COLUMNS] } else { OUTPUTS.to_vec() };
         let mut column = 0;
-        let outputs = OUTPUTS.iter().enumerate().map(|(k, &size)| {
+        let outputs = sizes.iter().enumerate().map(|(k, &size)| {
             let hidden = h.clone().slice([0..n, k * width..(k + 1) * width]);
             let part = weight.clone().slice([0..width, column..column + size]);
             column += size;
             hidden.matmul(part)
         });
-        Tensor::cat(outputs.collect(), 1) + self.output_bias.val().unsqueeze()
+        Tensor::cat(outputs.collect(), 1) + decoder.output_bias.val().unsqueeze()
+    }
+
+    #[test]
+    fn the_fused_decoder_equals_plain_tensor_operations() {
+        for kind in [DecoderKind::Heads, DecoderKind::Shared] {
+            for name in DeviceName::all() {
+                let device = name.open().unwrap().autodiff();
+                let mut config = Config::default().model;
+                (config.decoder, config.zero_init_heads) = (kind, false);
+                let decoder = Decoder::new(&config, 64, 3, &device);
+                let mut rng = Rng::new(1, 2, 3);
+                let values: Vec<f32> = (0..100 * 64).map(|_| rng.normal()).collect();
+                let x = Tensor::<2>::from_data(TensorData::new(values, [100, 64]), &device).require_grad();
+                let run = |out: Tensor<2>| {
+                    let g = (out.clone() * out.clone()).sum().backward();
+                    let grads = [x.grad(&g).unwrap(), decoder.hidden_weight.val().grad(&g).unwrap()];
+                    (out.inner().into_data(), grads.map(|t| t.into_data()))
+                };
+                let (a, ga) = run(decoder.forward(x.clone()));
+                let (b, gb) = run(plain(&decoder, x.clone()));
+                let tolerance = burn::tensor::Tolerance::<f32>::rel_abs(1e-3, 1e-3);
+                a.assert_approx_eq::<f32>(&b, tolerance);
+                for (p, q) in ga.iter().zip(&gb) {
+                    p.assert_approx_eq::<f32>(q, tolerance);
+                }
+            }
+        }
     }
 }

@@ -11,6 +11,7 @@ use crate::metrics::psnr::psnr;
 use burn::tensor::Device;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -186,8 +187,12 @@ pub fn run(
             metrics.append(&line).map_err(|e| log_error(&metrics_path, &e))?;
             log_events(&mut events, &line).map_err(|e| log_error(&events_path, &e))?;
         }
+        let text = message(&report, smooth_psnr, test_psnr);
+        if !std::io::stderr().is_terminal() && (every(config.output.eval_every) || every(1000)) {
+            eprintln!("{done}/{total} {:.0} s {text}", seconds());
+        }
         bar.set_position(done as u64);
-        bar.set_message(message(&report, smooth_psnr, test_psnr));
+        bar.set_message(text);
         if every(config.output.checkpoint_every) {
             save(&trainer)?;
             metrics.sync().map_err(|e| log_error(&metrics_path, &e))?;

@@ -281,7 +281,7 @@ impl Trainer {
 
         let due = densify::due(stage, &self.config, self.initial);
         let screen = offsets.grad_remove(&mut gradients).map(to_vec).unwrap_or_default();
-        let radii: Vec<i32> = drawn.radii.into_data().iter::<i32>().collect();
+        let radii: Vec<i32> = drawn.radii.into_data().convert::<i32>().try_into_vec().unwrap_or_default();
         self.statistics.add_view(&screen, &radii, split.images.width as usize, split.images.height as usize);
         self.statistics.add_opacity(&to_vec(logits.inner()));
         lap(&mut times.densify);

@@ -1,0 +1,199 @@
+//! Fast forward pass of the decoder over f32 slices, and the entry to the backward pass.
+//! Work is cut into blocks that depend on the input alone and merged in a fixed order, so the bits do not
+//! depend on the number of threads; they may differ between processor families, whose vector width and
+//! fused multiply-add differ. No tensor library and no parameter storage here.
+//!
+//! Rows never mix in the forward pass: NaN in a row gives NaN in its whole output row, infinity or overflow
+//! may do so, and all other rows stay as they are. In the backward pass such a row, unless skipped, poisons
+//! the parameter gradients, but no input gradient other than its own.
+
+use super::kernel::{BiasRelu, Rows, TILE, dots, product};
+use super::pack::{Aligned, Packed};
+use super::shape::DecoderShape;
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+/// Rows whose hidden units are held at once, a whole number of tiles: they fit the first-level cache.
+pub(super) const BLOCK: usize = 8 * TILE;
+/// Rows of one forward task.
+const FORWARD_ROWS: usize = 10 * BLOCK;
+
+/// The parameters, row-major: `F` inputs, `W` hidden units, `H` heads, `C` outputs.
+#[derive(Clone, Copy, Debug)]
+pub struct DecoderParams<'a> {
+    /// Trunk weights `[F, W]`.
+    pub w0: &'a [f32],
+    /// Trunk bias `[W]`.
+    pub b0: &'a [f32],
+    /// Head weights `[W, H * W]`; head `k` owns columns `k * W .. (k + 1) * W`.
+    pub w1: &'a [f32],
+    /// Head biases `[H * W]`.
+    pub b1: &'a [f32],
+    /// Output weights `[W, C]`; each head owns its columns.
+    pub w2: &'a [f32],
+    /// Output bias `[C]`.
+    pub b2: &'a [f32],
+}
+
+/// Where [`backward`] writes; every element is overwritten.
+#[derive(Debug)]
+pub struct DecoderGrads<'a> {
+    /// Gradient of the trunk weights `[F, W]`.
+    pub w0: &'a mut [f32],
+    /// Gradient of the trunk bias `[W]`.
+    pub b0: &'a mut [f32],
+    /// Gradient of the head weights `[W, H * W]`.
+    pub w1: &'a mut [f32],
+    /// Gradient of the head biases `[H * W]`.
+    pub b1: &'a mut [f32],
+    /// Gradient of the output weights `[W, C]`.
+    pub w2: &'a mut [f32],
+    /// Gradient of the output bias `[C]`.
+    pub b2: &'a mut [f32],
+    /// Gradient of the inputs `[N, F]`.
+    pub x: &'a mut [f32],
+}
+
+/// Decodes `x` `[N, F]` into `out` `[N, C]`. With `h = relu(x W0 + b0)`, head `k` gives its columns of
+/// `relu(h W1_k + b1_k) W2 + b2`.
+///
+/// # Panics
+/// If a slice length does not fit `shape`, or `shape` has an extent of 0.
+pub fn forward(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], out: &mut [f32]) {
+    check(shape, params, x, out.len());
+    if x.is_empty() {
+        return;
+    }
+    let packed = Packed::new(shape, params);
+    out.par_chunks_mut(FORWARD_ROWS * shape.outputs())
+        .zip(x.par_chunks(FORWARD_ROWS * shape.inputs))
+        .for_each(|(out, x)| {
+            Arch::new().dispatch(ForwardRows {
+                packed: &packed,
+                x,
+                out,
+            });
+        });
+}
+
+/// Gradients of [`forward`] for `grad_out` `[N, C]`. Hidden units are computed again, nothing is kept from
+/// the forward pass. A row whose `active` entry is false, or whose output gradient is all zeros, is skipped:
+/// its input gradient is 0 and its values, even NaN, reach no other gradient. A hidden unit at exactly 0
+/// passes no gradient.
+///
+/// # Panics
+/// If a slice length does not fit `shape`, or `shape` has an extent of 0.
+pub fn backward(
+    shape: &DecoderShape,
+    params: DecoderParams<'_>,
+    x: &[f32],
+    grad_out: &[f32],
+    active: Option<&[bool]>,
+    grads: DecoderGrads<'_>,
+) {
+    check(shape, params, x, grad_out.len());
+    assert_eq!(grads.w0.len(), params.w0.len(), "grads.w0");
+    assert_eq!(grads.b0.len(), params.b0.len(), "grads.b0");
+    assert_eq!(grads.w1.len(), params.w1.len(), "grads.w1");
+    assert_eq!(grads.b1.len(), params.b1.len(), "grads.b1");
+    assert_eq!(grads.w2.len(), params.w2.len(), "grads.w2");
+    assert_eq!(grads.b2.len(), params.b2.len(), "grads.b2");
+    assert_eq!(grads.x.len(), x.len(), "grads.x");
+    if let Some(active) = active {
+        assert_eq!(
+            active.len(),
+            x.len() / shape.inputs,
+            "active: one entry a row"
+        );
+    }
+    super::backward::run(shape, params, x, grad_out, active, grads);
+}
+
+fn check(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], outputs: usize) {
+    if let Err(error) = shape.validate() {
+        panic!("{error}");
+    }
+    assert_eq!(params.w0.len(), shape.w0_len(), "w0: [F, W]");
+    assert_eq!(params.b0.len(), shape.b0_len(), "b0: [W]");
+    assert_eq!(params.w1.len(), shape.w1_len(), "w1: [W, H * W]");
+    assert_eq!(params.b1.len(), shape.b1_len(), "b1: [H * W]");
+    assert_eq!(params.w2.len(), shape.w2_len(), "w2: [W, C]");
+    assert_eq!(params.b2.len(), shape.b2_len(), "b2: [C]");
+    assert!(x.len().is_multiple_of(shape.inputs), "x: [N, F]");
+    assert_eq!(
+        outputs,
+        x.len() / shape.inputs * shape.outputs(),
+        "outputs: [N, C]"
+    );
+}
+
+/// Hidden units of the trunk, `[rows, width]`.
+#[inline(always)]
+pub(super) fn trunk<S: Simd>(
+    simd: S,
+    packed: &Packed<'_>,
+    rows: usize,
+    x: &[f32],
+    out: &mut [f32],
+) {
+    let f = packed.shape.inputs;
+    let bias = BiasRelu::<S>(S::as_simd_f32s(packed.trunk_bias()).0);
+    product(simd, rows, Rows::new(x, f), (f, &packed.trunk), out, bias);
+}
+
+/// Hidden units of head `k` from those of the trunk, `[rows, width]`.
+#[inline(always)]
+pub(super) fn head<S: Simd>(
+    simd: S,
+    packed: &Packed<'_>,
+    k: usize,
+    rows: usize,
+    trunk: &[f32],
+    out: &mut [f32],
+) {
+    let (panels, bias) = packed.head(k);
+    let bias = BiasRelu::<S>(S::as_simd_f32s(bias).0);
+    let trunk = Rows::new(trunk, packed.width);
+    product(simd, rows, trunk, (packed.shape.width, panels), out, bias);
+}
+
+struct ForwardRows<'a> {
+    packed: &'a Packed<'a>,
+    x: &'a [f32],
+    out: &'a mut [f32],
+}
+
+impl WithSimd for ForwardRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (packed, shape, width) = (self.packed, self.packed.shape, self.packed.width);
+        let (f, c) = (shape.inputs, shape.outputs());
+        let mut hidden = Aligned::new(BLOCK * width);
+        let mut units = Aligned::new(BLOCK * width);
+        let mut partial = Vec::new();
+        let blocks = self.x.chunks(BLOCK * f);
+        for (mut x, out) in blocks.zip(self.out.chunks_mut(BLOCK * c)) {
+            let rows = x.len() / f;
+            if rows < BLOCK {
+                partial.resize(BLOCK * f, 0.0);
+                partial[..x.len()].copy_from_slice(x);
+                x = &partial;
+            }
+            trunk(simd, packed, rows, x, &mut hidden);
+            for (k, (first, size)) in shape.head_columns().enumerate() {
+                head(simd, packed, k, rows, &hidden, &mut units);
+                let weights = &packed.outputs[first * width..][..size * width];
+                dots(
+                    simd,
+                    (&units, width),
+                    weights,
+                    packed.output_bias,
+                    first,
+                    out,
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,17 @@
+//! Decoder of the deformation field: a shared trunk and small heads, for every row of features.
+//! Sizes live in [`shape`], the fast kernels in [`cpu`], the oracle in [`mod@reference`].
+
+mod backward;
+pub mod cpu;
+mod kernel;
+mod ops;
+mod pack;
+pub mod reference;
+pub mod shape;
+
+#[cfg(test)]
+mod tests;
+
+pub use ops::{DecoderGradients, DecoderOps, DecoderWeights, decoder};
+pub use cpu::{DecoderGrads, DecoderParams, backward, forward};
+pub use shape::{DecoderShape, DecoderShapeError};

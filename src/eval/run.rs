@@ -1,0 +1,179 @@
+//! Evaluation of a scene over a split: the paper's metrics for each view and their mean.
+
+use super::sheet::{SheetRow, contact_sheet};
+use crate::data::Split;
+use crate::metrics::lpips::{Lpips, LpipsNet};
+use crate::metrics::psnr::psnr;
+use crate::metrics::ssim::{ssim_gray, ssim_rgb};
+use crate::model::Scene;
+use image::RgbImage;
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::time::Instant;
+
+/// Metrics of one view.
+#[derive(Clone, Debug, Serialize)]
+pub struct ViewMetrics {
+    /// Name of the view.
+    pub view: String,
+    /// Its time in [0, 1].
+    pub time: f64,
+    /// Decibels, over all pixels and channels of the 8-bit render.
+    pub psnr: f64,
+    /// SSIM on RGB, 11-tap Gaussian window, zero padding.
+    pub ssim: f64,
+    /// SSIM on grey values, 7x7 uniform window, scikit-image's default.
+    pub ssim_gray: f64,
+    /// LPIPS, AlexNet.
+    pub lpips_alex: Option<f64>,
+    /// LPIPS, VGG-16.
+    pub lpips_vgg: Option<f64>,
+}
+
+/// Means over a split, and what the scene costs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Split.
+    pub split: String,
+    /// Views.
+    pub views: usize,
+    /// Mean PSNR, decibels.
+    pub psnr: f64,
+    /// Mean SSIM, RGB.
+    pub ssim: f64,
+    /// Mean SSIM, grey.
+    pub ssim_gray: f64,
+    /// Mean LPIPS with AlexNet; null without weights.
+    pub lpips_alex: Option<f64>,
+    /// Mean LPIPS with VGG-16; null without weights.
+    pub lpips_vgg: Option<f64>,
+    /// Frames per second of the test path, deformation recomputed for each frame, image on the host.
+    pub fps: f64,
+    /// Seconds of training.
+    pub training_seconds: f64,
+    /// Bytes of the scene file.
+    pub model_bytes: u64,
+    /// Gaussians.
+    pub gaussians: usize,
+    /// Width of the images in pixels.
+    pub width: u32,
+    /// Height of the images in pixels.
+    pub height: u32,
+    /// Background that images were composited over.
+    pub background: [f32; 3],
+    /// What limits the comparison, in words.
+    pub notes: Vec<String>,
+}
+
+/// Result of an evaluation.
+#[derive(Debug)]
+pub struct Evaluation {
+    /// For each view.
+    pub views: Vec<ViewMetrics>,
+    /// The means.
+    pub summary: Summary,
+    /// Truth, render and error of a few views.
+    pub sheet: Option<RgbImage>,
+}
+
+/// What the evaluation cannot know itself.
+#[derive(Debug, Default)]
+pub struct Costs {
+    /// Seconds of training.
+    pub training_seconds: f64,
+    /// Bytes of the scene file.
+    pub model_bytes: u64,
+}
+
+/// Rounds to 8 bits and back, as an image file would.
+fn quantise(v: f32) -> f32 {
+    (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
+}
+
+/// Evaluates every view of `split`; `progress` is told after each. Renders and truths are compared as 8-bit images.
+///
+/// # Errors
+/// A message if a metric cannot be computed (an image too small for its window).
+pub fn evaluate(
+    scene: &Scene,
+    split: &Split,
+    networks: &[Lpips],
+    costs: &Costs,
+    mut progress: impl FnMut(usize, f64),
+) -> Result<Evaluation, String> {
+    let (w, h) = (split.images.width as usize, split.images.height as usize);
+    let n = split.frames.len();
+    let background = scene.spec.background;
+    let shown: Vec<usize> = (0..n.min(6)).map(|k| (2 * k + 1) * n / (2 * n.min(6))).collect();
+    let mut kept = Vec::new();
+    let mut views = Vec::with_capacity(n);
+    let mut truth = vec![0.0; 3 * w * h];
+    let mut render_seconds = 0.0;
+    for (i, frame) in split.frames.iter().enumerate() {
+        let started = Instant::now();
+        let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
+        render_seconds += started.elapsed().as_secs_f64();
+        let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [quantise(p[0]), quantise(p[1]), quantise(p[2])]).collect();
+        split.images.composite(i, background, &mut truth);
+        truth.iter_mut().for_each(|v| *v = quantise(*v));
+        let lpips = |net: LpipsNet| -> Result<Option<f64>, String> {
+            let network = networks.iter().find(|n| n.net() == net);
+            network.map(|n| n.distance(&render, &truth, h, w).map_err(|e| e.to_string())).transpose()
+        };
+        let metrics = ViewMetrics {
+            view: frame.name.clone(),
+            time: frame.time,
+            psnr: psnr(&render, &truth).map_err(|e| e.to_string())?,
+            ssim: ssim_rgb(&render, &truth, w, h).map_err(|e| e.to_string())?,
+            ssim_gray: ssim_gray(&render, &truth, w, h).map_err(|e| e.to_string())?,
+            lpips_alex: lpips(LpipsNet::Alex)?,
+            lpips_vgg: lpips(LpipsNet::Vgg)?,
+        };
+        progress(i + 1, metrics.psnr);
+        if shown.contains(&i) {
+            kept.push((format!("{} t {:.2} {:.2} dB", frame.name, frame.time, metrics.psnr), truth.clone(), render));
+        }
+        views.push(metrics);
+    }
+    let mean = |f: &dyn Fn(&ViewMetrics) -> f64| views.iter().map(f).sum::<f64>() / n as f64;
+    let mean_option = |f: &dyn Fn(&ViewMetrics) -> Option<f64>| -> Option<f64> {
+        views.iter().map(f).sum::<Option<f64>>().map(|s| s / n as f64)
+    };
+    let mut notes = vec!["renders and truths are compared as 8-bit images".to_owned()];
+    if networks.is_empty() {
+        notes.push("LPIPS is null: give a weights file with --lpips-weights".to_owned());
+    }
+    let summary = Summary {
+        split: split.name.as_str().to_owned(),
+        views: n,
+        psnr: mean(&|v| v.psnr),
+        ssim: mean(&|v| v.ssim),
+        ssim_gray: mean(&|v| v.ssim_gray),
+        lpips_alex: mean_option(&|v| v.lpips_alex),
+        lpips_vgg: mean_option(&|v| v.lpips_vgg),
+        fps: n as f64 / render_seconds,
+        training_seconds: costs.training_seconds,
+        model_bytes: costs.model_bytes,
+        gaussians: scene.gaussians.count(),
+        width: split.images.width,
+        height: split.images.height,
+        background,
+        notes,
+    };
+    let rows: Vec<SheetRow<'_>> =
+        kept.iter().map(|(label, truth, render)| SheetRow { label: label.clone(), truth, render }).collect();
+    let sheet = contact_sheet(&rows, w, h).ok();
+    Ok(Evaluation { views, summary, sheet })
+}
+
+/// The metrics of each view as CSV; an absent LPIPS is an empty cell.
+pub fn to_csv(views: &[ViewMetrics]) -> String {
+    let mut out = String::from("view,time,psnr,ssim,ssim_gray,lpips_alex,lpips_vgg\n");
+    let cell = |v: Option<f64>| v.map(|v| format!("{v:.6}")).unwrap_or_default();
+    for v in views {
+        let (alex, vgg) = (cell(v.lpips_alex), cell(v.lpips_vgg));
+        // writing to a String cannot fail
+        let _ = writeln!(out, "{},{:.6},{:.4},{:.6},{:.6},{alex},{vgg}", v.view, v.time, v.psnr, v.ssim, v.ssim_gray);
+    }
+    out
+}

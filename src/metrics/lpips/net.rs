@@ -1,0 +1,115 @@
+//! The two backbones as tables: which layers run, and where LPIPS reads its features. No tensors here.
+
+use super::LpipsNet;
+
+/// A convolution followed by a ReLU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct ConvSpec {
+    pub input: usize,
+    pub output: usize,
+    pub kernel: usize,
+    pub stride: usize,
+    pub padding: usize,
+}
+
+/// Convolutions up to a feature map that LPIPS reads, after an optional max pool of stride 2.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stage {
+    /// Side of the pool's window.
+    pub pool: Option<usize>,
+    pub convs: &'static [ConvSpec],
+}
+
+/// Stride of every max pool of both nets.
+pub(super) const POOL_STRIDE: usize = 2;
+
+const fn conv(
+    input: usize,
+    output: usize,
+    kernel: usize,
+    stride: usize,
+    padding: usize,
+) -> ConvSpec {
+    ConvSpec {
+        input,
+        output,
+        kernel,
+        stride,
+        padding,
+    }
+}
+
+const fn same3(input: usize, output: usize) -> ConvSpec {
+    conv(input, output, 3, 1, 1)
+}
+
+const ALEX: [Stage; 5] = [
+    Stage {
+        pool: None,
+        convs: &[conv(3, 64, 11, 4, 2)],
+    },
+    Stage {
+        pool: Some(3),
+        convs: &[conv(64, 192, 5, 1, 2)],
+    },
+    Stage {
+        pool: Some(3),
+        convs: &[same3(192, 384)],
+    },
+    Stage {
+        pool: None,
+        convs: &[same3(384, 256)],
+    },
+    Stage {
+        pool: None,
+        convs: &[same3(256, 256)],
+    },
+];
+
+const VGG: [Stage; 5] = [
+    Stage {
+        pool: None,
+        convs: &[same3(3, 64), same3(64, 64)],
+    },
+    Stage {
+        pool: Some(2),
+        convs: &[same3(64, 128), same3(128, 128)],
+    },
+    Stage {
+        pool: Some(2),
+        convs: &[same3(128, 256), same3(256, 256), same3(256, 256)],
+    },
+    Stage {
+        pool: Some(2),
+        convs: &[same3(256, 512), same3(512, 512), same3(512, 512)],
+    },
+    Stage {
+        pool: Some(2),
+        convs: &[same3(512, 512), same3(512, 512), same3(512, 512)],
+    },
+];
+
+impl LpipsNet {
+    pub(super) fn stages(self) -> &'static [Stage; 5] {
+        match self {
+            LpipsNet::Alex => &ALEX,
+            LpipsNet::Vgg => &VGG,
+        }
+    }
+
+    /// The smallest height and width whose feature maps all hold at least one position.
+    pub fn min_side(self) -> usize {
+        // Backwards from one position in the last map: a window needs (n - 1) stride + kernel inputs.
+        let mut side = 1;
+        for stage in self.stages().iter().rev() {
+            for conv in stage.convs.iter().rev() {
+                let padded = (side - 1) * conv.stride + conv.kernel;
+                side = padded.saturating_sub(2 * conv.padding).max(1);
+            }
+            if let Some(kernel) = stage.pool {
+                side = (side - 1) * POOL_STRIDE + kernel;
+            }
+        }
+        side
+    }
+}
