@@ -1,7 +1,121 @@
 //! `volseggs inspect`
-use super::CliError;
+
+use super::{CliError, print_json};
+use crate::data::inspect::inspect;
+use crate::data::layout::layout_picture;
+use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
+use crate::export::ply::PlyGaussians;
+use crate::files::write_atomic;
+use crate::model::scene::read_tensors;
+use crate::train::checkpoint;
 use clap::Args;
-/// x
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Show what a dataset, a run, a PLY or a checkpoint holds, and check it.
 #[derive(Debug, Args)]
-pub struct InspectArgs {}
-impl InspectArgs { pub(super) fn run(self) -> Result<(), CliError> { Ok(()) } }
+#[command(after_help = "Examples:\n  volseggs inspect DATASET --picture cameras.png\n  volseggs inspect checkpoints/first\n  volseggs inspect scene.ply --json\n\nExit code 2 if a check fails.")]
+pub struct InspectArgs {
+    /// Dataset folder, run folder, .ply or .safetensors file.
+    path: PathBuf,
+    /// Draw the camera layout of a dataset into this PNG file.
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+impl InspectArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let extension = self.path.extension().and_then(|e| e.to_str());
+        if SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file()) {
+            self.dataset()
+        } else if !checkpoint::list(&self.path).is_empty() {
+            self.run_folder()
+        } else if extension == Some("ply") {
+            let ply = PlyGaussians::read(&self.path).map_err(CliError::input)?;
+            self.show(&json!({ "kind": "ply", "gaussians": ply.len(), "sh_degree": ply.sh_degree }))
+        } else if extension == Some("safetensors") {
+            self.tensors(&self.path)
+        } else {
+            Err(CliError::input(format!(
+                "{}: not a dataset (transforms_*.json), a run (checkpoints/), a .ply or a .safetensors file",
+                self.path.display()
+            )))
+        }
+    }
+
+    fn dataset(&self) -> Result<(), CliError> {
+        let report = inspect(&self.path);
+        if self.json {
+            print_json(&report)?;
+        } else {
+            for check in &report.checks {
+                println!("{:4} {}: {}", if check.ok { "ok" } else { "FAIL" }, check.name, check.detail);
+            }
+            for split in &report.splits {
+                let [near, far] = split.camera_radius.unwrap_or_default();
+                println!(
+                    "     {}: {} frames, {} times, cameras {near:.3} to {far:.3} from the point they look at, alpha in {:.1} % of pixels",
+                    split.name,
+                    split.frames,
+                    split.times,
+                    100.0 * split.alpha_coverage.unwrap_or_default()
+                );
+            }
+            report.problems.iter().for_each(|p| println!("problem: {p}"));
+            report.notes.iter().for_each(|n| println!("note: {n}"));
+        }
+        if let Some(picture) = &self.picture {
+            let options = OpenOptions { splits: &[SplitName::Train], ..OpenOptions::default() };
+            let dataset = Dataset::open(&self.path, &options)?;
+            let bounds: Aabb = VisualHull::carve(&dataset.train, &crate::data::hull::HullOptions::default())?.bounds;
+            let image = image::DynamicImage::ImageRgba8(layout_picture(&dataset.train.frames, &bounds)).to_rgb8();
+            let bytes = crate::export::images::encode_png(&image).map_err(CliError::failure)?;
+            write_atomic(picture, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", picture.display())))?;
+            eprintln!("camera layout: {}", picture.display());
+        }
+        if report.ok() { Ok(()) } else { Err(CliError::input(format!("{}: some checks failed", self.path.display()))) }
+    }
+
+    fn run_folder(&self) -> Result<(), CliError> {
+        let checkpoints = checkpoint::list(&self.path);
+        let record = std::fs::read_to_string(self.path.join("run.json"))
+            .ok()
+            .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
+        let steps: Vec<usize> = checkpoints.iter().map(|(s, _)| *s).collect();
+        let mut whole = Vec::new();
+        for (_, path) in &checkpoints {
+            for name in ["scene.safetensors", "optimizer.safetensors"] {
+                read_tensors(&path.join(name)).map_err(CliError::input)?;
+            }
+            whole.push(path);
+        }
+        self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": whole.len() }))
+    }
+
+    fn tensors(&self, path: &Path) -> Result<(), CliError> {
+        let (tensors, metadata) = read_tensors(path).map_err(CliError::input)?;
+        let shapes: serde_json::Map<String, serde_json::Value> = tensors
+            .iter()
+            .map(|(name, t)| {
+                let finite = t.values.iter().all(|v| v.is_finite());
+                (name.clone(), json!({ "shape": t.shape, "finite": finite }))
+            })
+            .collect();
+        self.show(&json!({ "kind": "tensors", "tensors": shapes, "metadata": metadata.keys().collect::<Vec<_>>() }))
+    }
+
+    fn show(&self, value: &serde_json::Value) -> Result<(), CliError> {
+        if self.json {
+            return print_json(value);
+        }
+        if let Some(object) = value.as_object() {
+            for (key, value) in object {
+                println!("{key}: {}", serde_json::to_string_pretty(value).map_err(CliError::failure)?);
+            }
+        }
+        Ok(())
+    }
+}

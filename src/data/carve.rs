@@ -21,7 +21,11 @@ impl View {
     fn project(&self, p: DVec3) -> Option<(f64, f64, f64)> {
         let q = self.rotation * p + self.translation;
         (q.z > 1e-9).then(|| {
-            (self.focal[0] * q.x / q.z + self.centre[0], self.focal[1] * q.y / q.z + self.centre[1], q.z)
+            (
+                self.focal[0] * q.x / q.z + self.centre[0],
+                self.focal[1] * q.y / q.z + self.centre[1],
+                q.z,
+            )
         })
     }
 }
@@ -34,24 +38,69 @@ pub(super) struct Masks<'a> {
     opaque: bool,
     width: usize,
     height: usize,
+    /// Pixels per entry of the tables, per axis.
+    pool: usize,
+    /// Entries of a table's row.
+    stride: usize,
+    /// Per group and view, the summed-area table of the mask in blocks of `pool` x `pool` pixels.
+    tables: Vec<Vec<Vec<u32>>>,
+    /// Per frame, one bit for each pixel that is seen: small enough to stay in the processor's cache.
+    bits: Vec<Vec<u64>>,
 }
+
+/// Tables are at most about this wide, so that those of all views fit in memory.
+const TABLE_SIDE: usize = 256;
 
 impl<'a> Masks<'a> {
     /// `threshold` in [0, 1]: alpha above it counts.
     pub(super) fn new(split: &'a Split, threshold: f32) -> Self {
         let threshold = (threshold.clamp(0.0, 1.0) * 255.0).floor() as u8;
         let loaded = split.images.len() == split.frames.len();
-        let opaque = !loaded || split.images.pixels.par_chunks_exact(4).all(|p| p[3] > threshold);
+        let opaque = !loaded
+            || split
+                .images
+                .pixels
+                .par_chunks_exact(4)
+                .all(|p| p[3] > threshold);
         let times = split.times();
         let mut groups: Vec<Vec<View>> = times.iter().map(|_| Vec::new()).collect();
         for (frame, f) in split.frames.iter().enumerate() {
             let group = times.partition_point(|t| *t < f.time);
             let (rotation, translation) = f.camera.world_to_camera_opencv();
             let (focal, centre) = ([f.camera.fx, f.camera.fy], [f.camera.cx, f.camera.cy]);
-            groups[group].push(View { rotation, translation, focal, centre, frame });
+            groups[group].push(View {
+                rotation,
+                translation,
+                focal,
+                centre,
+                frame,
+            });
         }
         let (width, height) = (split.images.width as usize, split.images.height as usize);
-        Self { split, groups, threshold, opaque, width, height }
+        let pool = width.max(height).div_ceil(TABLE_SIDE).max(1);
+        let (stride, tables) = (width.div_ceil(pool) + 1, Vec::new());
+        let mut masks = Self {
+            split,
+            groups,
+            threshold,
+            opaque,
+            width,
+            height,
+            pool,
+            stride,
+            tables,
+            bits: Vec::new(),
+        };
+        if !opaque {
+            masks.bits = (0..split.frames.len())
+                .into_par_iter()
+                .map(|f| masks.pack(f))
+                .collect();
+            let table =
+                |group: &Vec<View>| group.par_iter().map(|v| masks.table(v.frame)).collect();
+            masks.tables = masks.groups.par_iter().map(table).collect();
+        }
+        masks
     }
 
     /// Whether there is nothing to carve with: no image, or no transparent pixel.
@@ -59,26 +108,50 @@ impl<'a> Masks<'a> {
         self.opaque
     }
 
-    /// The RGBA bytes of a pixel; none outside the image.
-    fn pixel(&self, frame: usize, x: f64, y: f64) -> Option<&[u8]> {
+    /// The number of a pixel in its image; none outside.
+    fn pixel(&self, x: f64, y: f64) -> Option<usize> {
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
-        inside.then(|| {
-            let at = (y as usize * self.width + x as usize) * 4;
-            &self.split.images.frame(frame)[at..at + 4]
-        })
+        inside.then(|| y as usize * self.width + x as usize)
+    }
+
+    fn pack(&self, frame: usize) -> Vec<u64> {
+        let word = |pixels: &[u8]| {
+            let bit = |(i, p): (usize, &[u8])| u64::from(p[3] > self.threshold) << i;
+            pixels
+                .chunks_exact(4)
+                .enumerate()
+                .map(bit)
+                .fold(0, |a, b| a | b)
+        };
+        self.split
+            .images
+            .frame(frame)
+            .chunks(4 * 64)
+            .map(word)
+            .collect()
     }
 
     fn holds(&self, group: usize, p: DVec3) -> bool {
-        let mut seen = false;
+        let mut seen = 0;
         for view in &self.groups[group] {
-            let Some((x, y, _)) = view.project(p) else { continue };
-            let Some(pixel) = self.pixel(view.frame, x, y) else { continue };
-            if pixel[3] <= self.threshold {
+            let Some((x, y, _)) = view.project(p) else {
+                continue;
+            };
+            let Some(pixel) = self.pixel(x, y) else {
+                continue;
+            };
+            if self.bits[view.frame][pixel / 64] >> (pixel % 64) & 1 == 0 {
                 return false;
             }
-            seen = true;
+            seen += 1;
         }
-        seen
+        self.enough(group, seen)
+    }
+
+    /// Half of a time's views must have a point in their image: far out along one camera's axis no other view
+    /// would speak against it.
+    fn enough(&self, group: usize, seen: usize) -> bool {
+        2 * seen >= self.groups[group].len().max(1)
     }
 
     /// A time group whose hull holds `p`, looking at `first` first.
@@ -92,8 +165,13 @@ impl<'a> Masks<'a> {
         let (mut sum, mut weight) = ([0u64; 3], 0u64);
         if self.split.images.len() == self.split.frames.len() {
             for view in self.groups.get(group).into_iter().flatten() {
-                let Some((x, y, _)) = view.project(p) else { continue };
-                let Some(pixel) = self.pixel(view.frame, x, y) else { continue };
+                let Some((x, y, _)) = view.project(p) else {
+                    continue;
+                };
+                let Some(pixel) = self.pixel(x, y) else {
+                    continue;
+                };
+                let pixel = &self.split.images.frame(view.frame)[4 * pixel..4 * pixel + 4];
                 let a = u64::from(pixel[3]);
                 weight += a;
                 (0..3).for_each(|c| sum[c] += a * u64::from(pixel[c]));
@@ -105,45 +183,57 @@ impl<'a> Masks<'a> {
         }
     }
 
-    /// Summed-area tables `[(height + 1) * (width + 1)]` of the masks of one group.
-    fn tables(&self, group: usize) -> Vec<Vec<u32>> {
-        let stride = self.width + 1;
-        let table = |view: &View| {
-            let image = self.split.images.frame(view.frame);
-            let mut sums = vec![0u32; stride * (self.height + 1)];
-            for (y, row) in image.chunks_exact(self.width * 4).enumerate() {
-                let mut along = 0;
-                for (x, pixel) in row.chunks_exact(4).enumerate() {
-                    along += u32::from(pixel[3] > self.threshold);
-                    sums[(y + 1) * stride + x + 1] = sums[y * stride + x + 1] + along;
+    /// The summed-area table `[height / pool + 1, width / pool + 1]` of one mask; a block with one seen pixel counts.
+    fn table(&self, frame: usize) -> Vec<u32> {
+        let (pool, stride) = (self.pool, self.stride);
+        let mut sums = vec![0u32; stride];
+        sums.reserve_exact(stride * self.height.div_ceil(pool));
+        let mut seen = vec![0u8; stride - 1];
+        for rows in self.split.images.frame(frame).chunks(self.width * 4 * pool) {
+            seen.fill(0);
+            for row in rows.chunks_exact(self.width * 4) {
+                for (block, seen) in row.chunks(4 * pool).zip(&mut seen) {
+                    for pixel in block.chunks_exact(4) {
+                        *seen |= u8::from(pixel[3] > self.threshold);
+                    }
                 }
             }
-            sums
-        };
-        self.groups[group].par_iter().map(table).collect()
+            let (above, mut along) = (sums.len() - stride, 0);
+            sums.push(0);
+            for (x, seen) in seen.iter().enumerate() {
+                along += u32::from(*seen);
+                sums.push(sums[above + x + 1] + along);
+            }
+        }
+        sums
     }
 
     /// Whether every view of `group` that has `p` in its image has a seen pixel within `radius` (world units).
-    fn near(&self, group: usize, tables: &[Vec<u32>], p: DVec3, radius: f64) -> bool {
-        let (stride, mut seen) = (self.width + 1, false);
+    fn near(&self, group: usize, p: DVec3, radius: f64) -> bool {
+        let (stride, mut seen) = (self.stride, 0);
         let (w, h) = (self.width as f64, self.height as f64);
-        for (view, sums) in self.groups[group].iter().zip(tables) {
-            let Some((x, y, depth)) = view.project(p) else { continue };
-            let (rx, ry) = (radius * view.focal[0] / depth, radius * view.focal[1] / depth);
+        for (view, sums) in self.groups[group].iter().zip(&self.tables[group]) {
+            let Some((x, y, depth)) = view.project(p) else {
+                continue;
+            };
+            let (rx, ry) = (
+                radius * view.focal[0] / depth,
+                radius * view.focal[1] / depth,
+            );
             let (x0, x1, y0, y1) = (x - rx, x + rx, y - ry, y + ry);
             if x0 < 0.0 || y0 < 0.0 || x1 >= w || y1 >= h {
-                // What leaves the image is unknown there, not empty; in part inside counts as seen.
-                seen |= x1 >= 0.0 && y1 >= 0.0 && x0 < w && y0 < h;
+                // What leaves the image is unknown there, neither empty nor seen.
                 continue;
             }
-            let (x0, y0, x1, y1) = (x0 as usize, y0 as usize, x1 as usize + 1, y1 as usize + 1);
+            let [x0, y0] = [x0, y0].map(|v| v as usize / self.pool);
+            let [x1, y1] = [x1, y1].map(|v| v as usize / self.pool + 1);
             let inside = sums[y1 * stride + x1] + sums[y0 * stride + x0];
             if inside == sums[y0 * stride + x1] + sums[y1 * stride + x0] {
                 return false;
             }
-            seen = true;
+            seen += 1;
         }
-        seen
+        self.enough(group, seen)
     }
 }
 
@@ -164,39 +254,67 @@ pub(super) struct Grid {
 impl Grid {
     /// One cell, the whole box.
     pub(super) fn full(bounds: Aabb) -> Self {
-        Self { bounds, n: 1, cells: vec![Cell { index: [0; 3], group: 0 }] }
+        Self {
+            bounds,
+            n: 1,
+            cells: vec![Cell {
+                index: [0; 3],
+                group: 0,
+            }],
+        }
     }
 
     /// Tests all cells; `reach` in cell sides is how far from a cell's middle a seen pixel may be (0.87 covers the
     /// whole cell).
     pub(super) fn carve(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64) -> Self {
-        let all = (0..n * n * n).map(|i| [(i % n) as u32, (i / n % n) as u32, (i / n / n) as u32]).collect();
+        let index = |i: usize| [(i % n) as u32, (i / n % n) as u32, (i / n / n) as u32];
+        let all = (0..n * n * n)
+            .map(|i| Cell {
+                index: index(i),
+                group: 0,
+            })
+            .collect();
         Self::keep(masks, bounds, n, reach, all)
     }
 
-    /// The grid of half the cell side, testing only inside surviving cells.
+    /// The grid of half the cell side, testing only inside surviving cells: a time that lost the whole cell is not
+    /// asked about its parts.
     pub(super) fn refine(&self, masks: &Masks<'_>, reach: f64) -> Self {
+        let child = |c: &Cell, k: u32| Cell {
+            index: [0, 1, 2].map(|a| 2 * c.index[a] + (k >> a & 1)),
+            group: c.group,
+        };
         let children = self
             .cells
             .iter()
-            .flat_map(|c| (0..8u32).map(|k| [0, 1, 2].map(|axis| 2 * c.index[axis] + (k >> axis & 1))))
+            .flat_map(|c| (0..8u32).map(move |k| child(c, k)))
             .collect();
         Self::keep(masks, self.bounds, 2 * self.n, reach, children)
     }
 
-    fn keep(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64, candidates: Vec<[u32; 3]>) -> Self {
-        let mut grid = Self { bounds, n, cells: Vec::new() };
+    /// The candidates that some time from their `group` on keeps.
+    fn keep(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64, mut left: Vec<Cell>) -> Self {
+        let mut grid = Self {
+            bounds,
+            n,
+            cells: Vec::new(),
+        };
         let radius = reach * grid.cell().max_element();
-        let mut left = candidates;
-        // Time by time, so that only one time's tables are in memory, and a kept cell is not asked again.
+        // Time by time rather than cell by cell: one time's tables fit the processor's cache, all do not.
         for group in 0..masks.groups.len() {
-            let tables = masks.tables(group);
             let kept: Vec<bool> = left
                 .par_iter()
-                .map(|c| masks.near(group, &tables, grid.point(*c, DVec3::splat(0.5)), radius))
+                .with_min_len(256)
+                .map(|c| {
+                    c.group <= group
+                        && masks.near(group, grid.point(c.index, DVec3::splat(0.5)), radius)
+                })
                 .collect();
-            let split = left.iter().zip(&kept);
-            grid.cells.extend(split.filter(|(_, k)| **k).map(|(c, _)| Cell { index: *c, group }));
+            let both = left.iter().zip(&kept).filter(|(_, k)| **k);
+            grid.cells.extend(both.map(|(c, _)| Cell {
+                index: c.index,
+                group,
+            }));
             let mut kept = kept.iter();
             left.retain(|_| !kept.next().copied().unwrap_or(false));
         }
@@ -216,8 +334,14 @@ impl Grid {
     /// The box of the surviving cells; none if there are none.
     pub(super) fn bounds(&self) -> Option<Aabb> {
         let corner = |within: f64, pick: fn(DVec3, DVec3) -> DVec3| {
-            self.cells.iter().map(|c| self.point(c.index, DVec3::splat(within))).reduce(pick)
+            self.cells
+                .iter()
+                .map(|c| self.point(c.index, DVec3::splat(within)))
+                .reduce(pick)
         };
-        Some(Aabb { min: corner(0.0, DVec3::min)?, max: corner(1.0, DVec3::max)? })
+        Some(Aabb {
+            min: corner(0.0, DVec3::min)?,
+            max: corner(1.0, DVec3::max)?,
+        })
     }
 }

@@ -1,8 +1,8 @@
 //! The visual hull of the alpha masks: where the data can be. Gives the bounding box, points inside it and the
 //! colours seen there. Knows no Gaussians.
 //!
-//! A point is in the hull of a time if every view of that time that has the point in its image shows alpha there
-//! (and at least one view has it). The hull of a split is the union over its times.
+//! A point is in the hull of a time if at least half of that time's views have it in their image, and every one
+//! that has shows alpha there. The hull of a split is the union over its times.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::carve::{Grid, Masks};
 use super::dataset::Split;
 use super::error::DataError;
+use super::fit::shrink_to_silhouettes;
 use crate::rng::Rng;
 
 const PURPOSE_SAMPLE: u64 = 0x6875_6c6c;
@@ -32,7 +33,10 @@ impl Aabb {
     /// The cube around `centre` of half-side `half`.
     #[must_use]
     pub fn cube(centre: DVec3, half: f64) -> Self {
-        Self { min: centre - DVec3::splat(half), max: centre + DVec3::splat(half) }
+        Self {
+            min: centre - DVec3::splat(half),
+            max: centre + DVec3::splat(half),
+        }
     }
 
     /// The three side lengths.
@@ -50,7 +54,10 @@ impl Aabb {
     /// The box with `fraction` of its size added on every side.
     #[must_use]
     pub fn grown(&self, fraction: f64) -> Self {
-        Self { min: self.min - fraction * self.size(), max: self.max + fraction * self.size() }
+        Self {
+            min: self.min - fraction * self.size(),
+            max: self.max + fraction * self.size(),
+        }
     }
 
     /// Whether the box holds the point (its faces included).
@@ -71,14 +78,17 @@ pub struct HullOptions {
 
 impl Default for HullOptions {
     fn default() -> Self {
-        Self { alpha_threshold: 0.0, resolution: 64 }
+        Self {
+            alpha_threshold: 0.0,
+            resolution: 64,
+        }
     }
 }
 
 /// The carved hull of a split.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VisualHull {
-    /// Its axis-aligned box.
+    /// Its axis-aligned box, without tips that no silhouette needs where there are enough views to tell.
     pub bounds: Aabb,
     /// The fraction of the box that the hull fills (cells of the fine grid), in (0, 1].
     pub filled: f64,
@@ -95,18 +105,38 @@ impl VisualHull {
         let start = view_box(split);
         let masks = Masks::new(split, options.alpha_threshold);
         if masks.opaque() {
-            return Ok(Self { bounds: start, filled: 1.0, carved: false });
+            return Ok(Self {
+                bounds: start,
+                filled: 1.0,
+                carved: false,
+            });
         }
-        let empty = || DataError::EmptyHull { split: split.name.to_string(), views: split.frames.len() };
+        let empty = || DataError::EmptyHull {
+            split: split.name.to_string(),
+            views: split.frames.len(),
+        };
         let n = options.resolution.max(2);
-        // Whole cells first, so that nothing thin is lost; then half cells of a box that fits.
-        let rough = Grid::carve(&masks, start, n, 0.87).bounds().ok_or_else(empty)?;
+        // Whole cells first, so that nothing thin is lost; then half cells of a box that
+        // fits.
+        let rough = Grid::carve(&masks, start, n / 2, 0.87)
+            .bounds()
+            .ok_or_else(empty)?;
         let coarse = Grid::carve(&masks, rough, n, 0.87);
         let fine = coarse.refine(&masks, 0.25);
         let bounds = fine.bounds().ok_or_else(empty)?;
+        let bounds = shrink_to_silhouettes(split, bounds, options.alpha_threshold);
         let cells = bounds.size() / fine.cell();
-        let filled = (fine.cells.len() as f64 / (cells.x * cells.y * cells.z)).min(1.0);
-        Ok(Self { bounds, filled, carved: true })
+        let held = fine
+            .cells
+            .iter()
+            .filter(|c| bounds.contains(fine.point(c.index, DVec3::splat(0.5))))
+            .count();
+        let filled = (held as f64 / (cells.x * cells.y * cells.z)).min(1.0);
+        Ok(Self {
+            bounds,
+            filled,
+            carved: true,
+        })
     }
 }
 
@@ -131,7 +161,12 @@ pub fn sample(split: &Split, bounds: Aabb, n: usize, seed: u64) -> Vec<[f32; 3]>
 /// As [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over
 /// the views of one time whose hull holds it; mid-grey where no view shows it.
 #[must_use]
-pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+pub fn sample_coloured(
+    split: &Split,
+    bounds: Aabb,
+    n: usize,
+    seed: u64,
+) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
     let masks = Masks::new(split, 0.0);
     sample_in(&masks, bounds, n, seed)
         .into_par_iter()
@@ -142,10 +177,22 @@ pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec
 
 /// Points, each with the number of a time group whose hull holds it.
 fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3, usize)> {
-    let grid = if masks.opaque() { Grid::full(bounds) } else { Grid::carve(masks, bounds, 64, 0.87) };
-    let grid = if grid.cells.is_empty() { Grid::full(bounds) } else { grid };
+    let grid = if masks.opaque() {
+        Grid::full(bounds)
+    } else {
+        Grid::carve(masks, bounds, 64, 0.87)
+    };
+    let grid = if grid.cells.is_empty() {
+        Grid::full(bounds)
+    } else {
+        grid
+    };
     let inside = |p: DVec3, first: usize| {
-        if masks.opaque() { Some(first) } else { masks.group_holding(p, first) }
+        if masks.opaque() {
+            Some(first)
+        } else {
+            masks.group_holding(p, first)
+        }
     };
     (0..n)
         .into_par_iter()
@@ -173,15 +220,32 @@ fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3
 pub fn view_box(split: &Split) -> Aabb {
     let cameras = || split.frames.iter().map(|f| &f.camera);
     let n = split.frames.len().max(1) as f64;
-    let mean = cameras().map(super::camera::Camera::position).sum::<DVec3>() / n;
-    let spread = cameras().map(|c| c.position().distance(mean)).fold(0.0, f64::max);
-    let ahead = cameras().map(super::camera::Camera::forward).sum::<DVec3>().normalize_or_zero();
-    let centre = super::camera::look_at_point(cameras())
-        .map_or_else(|| mean + ahead * if spread > 0.0 { 2.0 * spread } else { 1.0 }, |(p, _)| p);
+    let mean = cameras()
+        .map(super::camera::Camera::position)
+        .sum::<DVec3>()
+        / n;
+    let spread = cameras()
+        .map(|c| c.position().distance(mean))
+        .fold(0.0, f64::max);
+    let ahead = cameras()
+        .map(super::camera::Camera::forward)
+        .sum::<DVec3>()
+        .normalize_or_zero();
+    let centre = super::camera::look_at_point(cameras()).map_or_else(
+        || mean + ahead * if spread > 0.0 { 2.0 * spread } else { 1.0 },
+        |(p, _)| p,
+    );
     let half = cameras()
         .map(|c| c.position().distance(centre) * (0.5 * c.fov_x().max(c.fov_y())).tan())
         .fold(0.0, f64::max);
-    Aabb::cube(centre, if half > 0.0 && half.is_finite() { half } else { 1.0 })
+    Aabb::cube(
+        centre,
+        if half > 0.0 && half.is_finite() {
+            half
+        } else {
+            1.0
+        },
+    )
 }
 
 #[cfg(test)]

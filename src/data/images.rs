@@ -38,12 +38,18 @@ impl ImageSet {
         let frame = width as usize * height as usize * Self::CHANNELS;
         let mut pixels = Vec::new();
         let total = frame.saturating_mul(paths.len());
-        pixels.try_reserve_exact(total).map_err(|_| DataError::Option {
-            path: json.to_owned(),
-            option: "downscale",
-            problem: format!("{} images of {width}x{height} need {} MiB of memory", paths.len(), total >> 20),
-            hint: "use a larger downscale factor or fewer views".to_owned(),
-        })?;
+        pixels
+            .try_reserve_exact(total)
+            .map_err(|_| DataError::Option {
+                path: json.to_owned(),
+                option: "downscale",
+                problem: format!(
+                    "{} images of {width}x{height} need {} MiB of memory",
+                    paths.len(),
+                    total >> 20
+                ),
+                hint: "use a larger downscale factor or fewer views".to_owned(),
+            })?;
         pixels.resize(total, 0);
         let results: Vec<Result<(), DataError>> = pixels
             .par_chunks_mut(frame.max(1))
@@ -52,14 +58,29 @@ impl ImageSet {
             .map(|(i, (out, path))| {
                 let image = decode(path).map_err(|problem| image_error(json, path, i, problem))?;
                 if image.dimensions() != (full_width, full_height) {
-                    return Err(image_error(json, path, i, "its header and its content differ in size".to_owned()));
+                    return Err(image_error(
+                        json,
+                        path,
+                        i,
+                        "its header and its content differ in size".to_owned(),
+                    ));
                 }
-                shrink(image.as_raw(), full_width as usize, downscale as usize, out, width as usize);
+                shrink(
+                    image.as_raw(),
+                    full_width as usize,
+                    downscale as usize,
+                    out,
+                    width as usize,
+                );
                 Ok(())
             })
             .collect();
         results.into_iter().collect::<Result<(), _>>()?;
-        Ok(Self { width, height, pixels })
+        Ok(Self {
+            width,
+            height,
+            pixels,
+        })
     }
 
     /// How many images there are.
@@ -94,12 +115,25 @@ impl ImageSet {
     /// # Errors
     /// If `factor` is 0 or does not divide width and height.
     pub fn downscale(&self, factor: u32) -> Result<Self, DataError> {
-        let (width, height) = downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
+        let (width, height) =
+            downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
         let mut out = vec![0; width as usize * height as usize * Self::CHANNELS * self.len()];
         out.par_chunks_mut((width as usize * height as usize * Self::CHANNELS).max(1))
             .zip(self.pixels.par_chunks(self.frame_len().max(1)))
-            .for_each(|(out, image)| shrink(image, self.width as usize, factor as usize, out, width as usize));
-        Ok(Self { width, height, pixels: out })
+            .for_each(|(out, image)| {
+                shrink(
+                    image,
+                    self.width as usize,
+                    factor as usize,
+                    out,
+                    width as usize,
+                )
+            });
+        Ok(Self {
+            width,
+            height,
+            pixels: out,
+        })
     }
 
     /// Image `frame` over `background` into `out` `[height * width * 3]`: `rgb * a + background * (1 - a)`, all
@@ -109,7 +143,11 @@ impl ImageSet {
     /// If `frame` is not below `len()` or `out` has another length.
     pub fn composite(&self, frame: usize, background: [f32; 3], out: &mut [f32]) {
         let image = self.frame(frame);
-        assert_eq!(out.len() * 4, image.len() * 3, "composite: `out` must hold height * width * 3 values");
+        assert_eq!(
+            out.len() * 4,
+            image.len() * 3,
+            "composite: `out` must hold height * width * 3 values"
+        );
         for (pixel, out) in image.chunks_exact(4).zip(out.chunks_exact_mut(3)) {
             let a = f32::from(pixel[3]) / 255.0;
             for c in 0..3 {
@@ -124,7 +162,11 @@ impl ImageSet {
     /// If `frame` is not below `len()` or `out` has another length.
     pub fn alpha(&self, frame: usize, out: &mut [f32]) {
         let image = self.frame(frame);
-        assert_eq!(out.len() * 4, image.len(), "alpha: `out` must hold height * width values");
+        assert_eq!(
+            out.len() * 4,
+            image.len(),
+            "alpha: `out` must hold height * width values"
+        );
         for (pixel, out) in image.chunks_exact(4).zip(out) {
             *out = f32::from(pixel[3]) / 255.0;
         }
@@ -135,14 +177,19 @@ impl ImageSet {
 pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
-    reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
+    reader
+        .decode()
+        .map(|image| image.to_rgba8())
+        .map_err(|e| format!("not a readable PNG: {e}"))
 }
 
 /// Width and height from the header alone.
 pub(crate) fn size(path: &Path) -> Result<(u32, u32), String> {
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
-    reader.into_dimensions().map_err(|e| format!("not a readable PNG: {e}"))
+    reader
+        .into_dimensions()
+        .map_err(|e| format!("not a readable PNG: {e}"))
 }
 
 fn open(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>, String> {
@@ -158,7 +205,13 @@ pub(crate) fn image_error(json: &Path, path: &Path, frame: usize, problem: Strin
     } else {
         "render or copy the image again; only PNG is read"
     };
-    DataError::Image { path: path.to_owned(), json: json.to_owned(), frame, problem, hint: hint.to_owned() }
+    DataError::Image {
+        path: path.to_owned(),
+        json: json.to_owned(),
+        frame,
+        problem,
+        hint: hint.to_owned(),
+    }
 }
 
 /// The size that all images share, from their headers.
@@ -182,9 +235,16 @@ pub(crate) fn common_size(json: &Path, paths: &[PathBuf]) -> Result<(u32, u32), 
     Ok(first.unwrap_or((0, 0)))
 }
 
-pub(crate) fn downscaled_size(path: &Path, (w, h): (u32, u32), factor: u32) -> Result<(u32, u32), DataError> {
+pub(crate) fn downscaled_size(
+    path: &Path,
+    (w, h): (u32, u32),
+    factor: u32,
+) -> Result<(u32, u32), DataError> {
     if factor == 0 || w % factor != 0 || h % factor != 0 {
-        let dividing = (1..=16).filter(|k| w % k == 0 && h % k == 0).map(|k| k.to_string()).collect::<Vec<_>>();
+        let dividing = (1..=16)
+            .filter(|k| w % k == 0 && h % k == 0)
+            .map(|k| k.to_string())
+            .collect::<Vec<_>>();
         return Err(DataError::Option {
             path: path.to_owned(),
             option: "downscale",
@@ -224,70 +284,5 @@ fn shrink(image: &[u8], width: usize, factor: usize, out: &mut [u8], out_width: 
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use image::{DynamicImage, Rgba, RgbaImage};
-
-    fn set(width: u32, height: u32, pixels: &[[u8; 4]]) -> ImageSet {
-        ImageSet { width, height, pixels: pixels.concat() }
-    }
-
-    #[test]
-    fn area_filter_weights_by_alpha_and_rounds() {
-        let clear_red = [255, 0, 0, 0];
-        let blue = [0, 0, 255, 255];
-        let small = set(2, 2, &[clear_red, blue, clear_red, blue]).downscale(2).unwrap();
-        assert_eq!(small.pixels, [0, 0, 255, 128]);
-        let small = set(2, 2, &[[1, 0, 0, 255], [1, 0, 0, 255], [0, 0, 0, 255], [0; 4]]).downscale(2).unwrap();
-        assert_eq!(small.pixels, [1, 0, 0, 191]);
-        assert_eq!(set(2, 2, &[clear_red; 4]).downscale(2).unwrap().pixels, [0; 4]);
-        let two = set(2, 1, &[[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16]]);
-        assert_eq!((two.len(), two.downscale(1).unwrap()), (2, two.clone()));
-        let text = two.downscale(2).unwrap_err().to_string();
-        assert!(text.contains("2 does not divide the image size 2x1") && text.contains("use one of 1"), "{text}");
-        assert!(two.downscale(0).is_err());
-    }
-
-    #[test]
-    fn composites_straight_alpha() {
-        let one = set(2, 1, &[[255, 0, 51, 255], [255, 255, 0, 51]]);
-        let (mut rgb, mut alpha) = ([0.0; 6], [0.0; 2]);
-        one.composite(0, [0.0, 0.5, 1.0], &mut rgb);
-        for (got, want) in rgb.iter().zip([1.0, 0.0, 0.2, 0.2, 0.6, 0.8]) {
-            assert!((got - want).abs() < 1e-6, "{rgb:?}");
-        }
-        one.alpha(0, &mut alpha);
-        assert!((alpha[0] - 1.0).abs() < 1e-6 && (alpha[1] - 0.2).abs() < 1e-6);
-    }
-
-    #[test]
-    #[should_panic(expected = "height * width * 3")]
-    fn composite_checks_the_length() {
-        set(1, 1, &[[0; 4]]).composite(0, [0.0; 3], &mut [0.0; 4]);
-    }
-
-    #[test]
-    fn every_bit_depth_and_colour_type_is_read() {
-        let folder = tempfile::tempdir().unwrap();
-        let rgba = DynamicImage::ImageRgba8(RgbaImage::from_pixel(2, 2, Rgba([10, 200, 10, 128])));
-        let kinds = [
-            DynamicImage::ImageRgba16(rgba.to_rgba16()),
-            DynamicImage::ImageRgb8(rgba.to_rgb8()),
-            DynamicImage::ImageRgb16(rgba.to_rgb16()),
-            DynamicImage::ImageLuma8(rgba.to_luma8()),
-            rgba,
-        ];
-        let paths: Vec<PathBuf> = (0..kinds.len()).map(|i| folder.path().join(format!("{i}.png"))).collect();
-        for (image, path) in kinds.iter().zip(&paths) {
-            image.save(path).unwrap();
-        }
-        let set = ImageSet::load(Path::new("t.json"), &paths, 1).unwrap();
-        assert_eq!((set.len(), set.is_empty()), (5, false));
-        assert_eq!(&set.frame(0)[..4], [10, 200, 10, 128]);
-        assert_eq!(&set.frame(1)[..4], [10, 200, 10, 255]);
-        assert_eq!(&set.frame(2)[..4], [10, 200, 10, 255]);
-        assert_eq!(set.frame(3)[3], 255);
-        assert_eq!(ImageSet::load(Path::new("t.json"), &paths, 2).unwrap().width, 1);
-        assert!(ImageSet::load(Path::new("t.json"), &[], 1).unwrap().is_empty());
-    }
-}
+#[path = "images_tests.rs"]
+mod tests;

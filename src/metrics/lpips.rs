@@ -10,7 +10,7 @@ mod weights;
 
 use burn::tensor::activation::relu;
 use burn::tensor::module::{conv2d, max_pool2d};
-use burn::tensor::ops::ConvOptions;
+use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -222,17 +222,13 @@ impl Lpips {
         let mut x: Tensor<4> = Tensor::from_data(data, (&self.device, DType::F32));
         let mut distance = 0.0;
         for (index, stage) in self.net().stages().iter().enumerate() {
-            let t0=std::time::Instant::now();
             if let Some(kernel) = stage.pool {
                 x = pool(x, kernel);
             }
-            let t1=std::time::Instant::now();
             for conv in &self.weights.convs[index] {
                 x = convolve(x, conv);
             }
-            let t2=std::time::Instant::now();
             distance += layer_distance(x.clone(), self.weights.heads[index].clone())?;
-            if std::env::var_os("LT").is_some(){println!("  stage {index} pool {:?} convs {:?} dist {:?}",t1-t0,t2-t1,t2.elapsed());}
         }
         Ok(distance)
     }
@@ -250,7 +246,6 @@ fn planes(image: &[f32]) -> Vec<f32> {
 }
 
 fn pool(x: Tensor<4>, kernel: usize) -> Tensor<4> {
-    use burn::tensor::ops::MaxPoolOptions;
     max_pool2d(
         x,
         MaxPoolOptions::new([kernel; 2]).with_stride([net::POOL_STRIDE; 2]),

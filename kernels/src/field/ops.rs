@@ -97,7 +97,10 @@ fn cpu_backward<B: CpuBackend>(
     let mut grads =
         (vec![0.0; params.planes.len()], vec![0.0; params.lines.len()], vec![0.0; params.times.len()], vec![0.0; 3 * n]);
     let out = FieldGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2, points: &mut grads.3 };
-    backward(shape, params, &B::values(points), time, &B::values(grad), None, out);
+    let grad = B::values(grad);
+    // Gaussians that no pixel saw have a gradient of zero: about half of them in a translucent scene
+    let active: Vec<bool> = grad.chunks_exact(shape.features_len()).map(|row| row.iter().any(|&g| g != 0.0)).collect();
+    backward(shape, params, &B::values(points), time, &grad, Some(&active), out);
     FieldGradients {
         planes: B::tensor(grads.0, planes.shape(), &device),
         lines: B::tensor(grads.1, lines.shape(), &device),

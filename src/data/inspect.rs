@@ -1,0 +1,292 @@
+//! Every check of a dataset folder, gathered into one report: it never stops at the first problem and changes
+//! nothing. Pictures are in `layout`.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::dataset::{Dataset, SplitName};
+use super::images::{decode, size};
+use super::inspect_views::{cameras, times};
+use super::scan::{ROTATION_TOLERANCE, scan};
+use super::transforms::{FrameRecord, read_text};
+
+/// How many problems a check's detail spells out; the report's `problems` has them all.
+const SHOWN: usize = 5;
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Check {
+    /// What, as in `train: json`.
+    pub name: String,
+    /// Whether it is as it should be.
+    pub ok: bool,
+    /// What was found, in words.
+    pub detail: String,
+}
+
+/// Numbers of one split.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SplitFacts {
+    /// `train`, `val` or `test`.
+    pub name: String,
+    /// Frames in the JSON file.
+    pub frames: usize,
+    /// Width and height of the first readable image, pixels.
+    pub resolution: Option<[u32; 2]>,
+    /// Images that are not there.
+    pub missing_images: usize,
+    /// Distinct times.
+    pub times: usize,
+    /// First and last time.
+    pub time_range: Option<[f64; 2]>,
+    /// Largest step between neighbouring times over the mean step; 1 for evenly spaced.
+    pub time_step_ratio: Option<f64>,
+    /// Fewest and most views of a time.
+    pub views_per_time: Option<[usize; 2]>,
+    /// Focal lengths x and y, pixels of the images as stored.
+    pub focal: Option<[f64; 2]>,
+    /// Principal point, pixels of the images as stored.
+    pub principal_point: Option<[f64; 2]>,
+    /// Horizontal field of view, degrees.
+    pub fov_x_degrees: Option<f64>,
+    /// Largest entry of `|R^T R - I|` over all poses.
+    pub orthonormality_error: f64,
+    /// The point that the cameras look at.
+    pub look_at: Option<[f64; 3]>,
+    /// Root-mean-square distance of the optical axes from it.
+    pub look_at_error: Option<f64>,
+    /// Smallest and largest distance of a camera from that point (from the origin if there is none).
+    pub camera_radius: Option<[f64; 2]>,
+    /// Fraction of pixels with alpha above 0, mean over the readable images.
+    pub alpha_coverage: Option<f64>,
+    /// Fraction of pixels with full alpha.
+    pub alpha_opaque: Option<f64>,
+}
+
+/// What a dataset folder holds and what is wrong with it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// The folder.
+    pub root: PathBuf,
+    /// The checks, in a fixed order.
+    pub checks: Vec<Check>,
+    /// Numbers per split.
+    pub splits: Vec<SplitFacts>,
+    /// Every single problem, with file, frame and field.
+    pub problems: Vec<String>,
+    /// Remarks that are no problem.
+    pub notes: Vec<String>,
+}
+
+impl Report {
+    /// Whether all checks passed.
+    #[must_use]
+    pub fn ok(&self) -> bool {
+        self.checks.iter().all(|c| c.ok)
+    }
+
+    pub(super) fn check(&mut self, split: &str, what: &str, ok: bool, detail: impl Into<String>) {
+        self.checks.push(Check {
+            name: format!("{split}: {what}"),
+            ok,
+            detail: detail.into(),
+        });
+    }
+
+    /// A check that fails with `problems`, or passes with `fine`.
+    fn check_list(
+        &mut self,
+        split: &str,
+        what: &str,
+        problems: Vec<String>,
+        fine: impl Into<String>,
+    ) {
+        let detail = if problems.is_empty() {
+            fine.into()
+        } else {
+            summary(&problems)
+        };
+        self.check(split, what, problems.is_empty(), detail);
+        self.problems.extend(problems);
+    }
+}
+
+/// Looks at the dataset folder `root`: JSON, images, times, lens and poses of every split.
+#[must_use]
+pub fn inspect(root: &Path) -> Report {
+    let mut report = Report {
+        root: root.to_owned(),
+        ..Report::default()
+    };
+    let present = Dataset::present(root);
+    let found = present
+        .iter()
+        .map(|n| n.as_str())
+        .collect::<Vec<_>>()
+        .join(", ");
+    let lacking = SplitName::ALL
+        .iter()
+        .filter(|n| **n != SplitName::Val && !present.contains(n));
+    let problems = lacking
+        .map(|n| format!("{} is missing", n.json_path(root).display()))
+        .collect();
+    report.check_list("dataset", "splits", problems, format!("found {found}"));
+    let texts: Vec<(SplitName, Result<String, String>)> = present
+        .into_iter()
+        .map(|n| (n, read_text(&n.json_path(root)).map_err(|e| e.to_string())))
+        .collect();
+    for (i, (name, text)) in texts.iter().enumerate() {
+        if let Some((other, _)) = texts[..i].iter().find(|(_, t)| t.is_ok() && t == text) {
+            report
+                .notes
+                .push(format!("{name} is the same, byte for byte, as {other}"));
+        }
+        match text {
+            Ok(text) => inspect_split(&mut report, root, *name, text),
+            Err(problem) => report.check_list(name.as_str(), "json", vec![problem.clone()], ""),
+        }
+    }
+    report
+}
+
+fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) {
+    let path = name.json_path(root);
+    let scan = scan(&path, text);
+    let split = name.as_str();
+    let mut facts = SplitFacts {
+        name: split.to_owned(),
+        frames: scan.frames.len(),
+        ..SplitFacts::default()
+    };
+    let problems: Vec<String> = scan.problems.iter().map(ToString::to_string).collect();
+    report.check_list(
+        split,
+        "json",
+        problems,
+        format!("{} frames", scan.frames.len()),
+    );
+    facts.orthonormality_error = scan.orthonormality_error;
+    report.check(
+        split,
+        "poses",
+        scan.orthonormality_error <= ROTATION_TOLERANCE,
+        format!(
+            "rotations are orthonormal to {:.1e} (at most {ROTATION_TOLERANCE:.0e})",
+            scan.orthonormality_error
+        ),
+    );
+    let records: Vec<(usize, &FrameRecord)> = scan
+        .frames
+        .iter()
+        .enumerate()
+        .filter_map(|(i, f)| f.as_ref().map(|f| (i, f)))
+        .collect();
+    images(report, &mut facts, root, &path, &records);
+    times(report, &mut facts, &records);
+    cameras(report, &mut facts, &scan, &records);
+    report.splits.push(facts);
+}
+
+/// Decodes every image once, in parallel, keeping nothing but counts.
+fn images(
+    report: &mut Report,
+    facts: &mut SplitFacts,
+    root: &Path,
+    json: &Path,
+    records: &[(usize, &FrameRecord)],
+) {
+    let paths: Vec<PathBuf> = records.iter().map(|(_, r)| r.image_path(root)).collect();
+    let unique: HashSet<&PathBuf> = paths.iter().collect();
+    if unique.len() < paths.len() {
+        report.notes.push(format!(
+            "{}: {} images are named more than once",
+            facts.name,
+            paths.len() - unique.len()
+        ));
+    }
+    let looked: Vec<Result<[u64; 4], String>> = paths.par_iter().map(|p| count_alpha(p)).collect();
+    let (mut missing, mut broken, mut odd) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut seen, mut opaque, mut pixels) = (0, 0, 0);
+    let mut first: Option<([u32; 2], usize)> = None;
+    for (k, result) in looked.into_iter().enumerate() {
+        let place = format!(
+            "{} (frame {} of {})",
+            paths[k].display(),
+            records[k].0,
+            json.display()
+        );
+        match result {
+            Err(problem) if !paths[k].exists() => missing.push(format!("{place}: {problem}")),
+            Err(problem) => broken.push(format!("{place}: {problem}")),
+            Ok([w, h, some, full]) => {
+                let size = [w as u32, h as u32];
+                let (expected, at) = *first.get_or_insert((size, k));
+                if size != expected {
+                    let (a, b) = (paths[at].display(), expected);
+                    odd.push(format!("{place} is {w}x{h}, but {a} is {}x{}", b[0], b[1]));
+                }
+                (seen, opaque, pixels) = (seen + some, opaque + full, pixels + w * h);
+            }
+        }
+    }
+    facts.missing_images = missing.len();
+    facts.resolution = first.map(|(size, _)| size);
+    let n = paths.len();
+    let size = first.map_or_else(
+        || "no image could be read".to_owned(),
+        |([w, h], _)| format!("{w}x{h} pixels"),
+    );
+    let name = facts.name.clone();
+    report.check_list(&name, "images present", missing, format!("{n} of {n}"));
+    report.check_list(&name, "images readable", broken, "all are PNGs that decode");
+    report.check_list(&name, "resolution", odd, size);
+    if pixels > 0 {
+        let (some, full) = (seen as f64 / pixels as f64, opaque as f64 / pixels as f64);
+        (facts.alpha_coverage, facts.alpha_opaque) = (Some(some), Some(full));
+        let shares = format!(
+            "{:.1} % of the pixels are not empty, {:.1} % opaque",
+            100.0 * some,
+            100.0 * full
+        );
+        let hint = match () {
+            () if some <= 0.0 => "; every image is empty",
+            () if full >= 1.0 => {
+                "; no transparency: the box of the data cannot be found from the images"
+            }
+            () => "",
+        };
+        report.check(&name, "alpha", hint.is_empty(), shares + hint);
+    }
+}
+
+/// Width, height, pixels with some alpha, pixels with full alpha.
+fn count_alpha(path: &Path) -> Result<[u64; 4], String> {
+    size(path)?;
+    let image = decode(path)?;
+    let (mut some, mut full) = (0, 0);
+    for pixel in image.as_raw().chunks_exact(4) {
+        some += u64::from(pixel[3] > 0);
+        full += u64::from(pixel[3] == 255);
+    }
+    Ok([
+        u64::from(image.width()),
+        u64::from(image.height()),
+        some,
+        full,
+    ])
+}
+
+fn summary(problems: &[String]) -> String {
+    let mut text = problems[..problems.len().min(SHOWN)].join("; ");
+    if problems.len() > SHOWN {
+        text += &format!("; and {} more", problems.len() - SHOWN);
+    }
+    text
+}
+
+#[cfg(test)]
+#[path = "inspect_tests.rs"]
+mod tests;
