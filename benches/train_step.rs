@@ -7,19 +7,17 @@
 
 #[path = "../kernels/benches/common/mod.rs"]
 mod common;
+#[path = "support/whole.rs"]
+mod whole;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, Samples, Scene, Splatter, measure};
-use glam::DVec3;
-use std::path::Path;
-use std::time::Instant;
-use volseggs::config::types::{Bounds, Config, DecoderKind, DensifyMode, ModelConfig, Placement};
-use volseggs::data::{Camera, Dataset, OpenOptions};
+use volseggs::config::types::{Config, DecoderKind, ModelConfig};
 use volseggs::model::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 use volseggs::model::encoder::field_shape;
 use volseggs::model::gaussians::HostGaussians;
 use volseggs::train::densify::{self, Due, Statistics};
-use volseggs::train::{Trainer, losses};
+use volseggs::train::losses;
 use volseggs_kernels::adam::{AdamStep, LrPattern, adam_step};
 use volseggs_kernels::decoder::{self, DecoderGrads, DecoderParams, DecoderShape};
 use volseggs_kernels::field::{self, FieldGrads, FieldParams, FieldShape};
@@ -51,25 +49,16 @@ fn main() {
     );
     let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| stages(n, repeats)).collect();
     table("stage, alone", &sizes, &columns);
-    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| whole_step(n, repeats)).collect();
+    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| whole::whole_step(n, repeats)).collect();
     table("part of `Trainer::step`", &sizes, &columns);
 }
 
 fn table(title: &str, sizes: &[usize], columns: &[Vec<Stage>]) {
-    let heads: Vec<String> = sizes
-        .iter()
-        .map(|n| format!("{}k", *n as f64 / 1e3))
-        .collect();
-    println!(
-        "\n| {title} | {} |\n|---|{}",
-        heads.join(" | "),
-        "--:|".repeat(sizes.len())
-    );
+    let heads: Vec<String> = sizes.iter().map(|n| format!("{}k", *n as f64 / 1e3)).collect();
+    println!("\n| {title} | {} |\n|---|{}", heads.join(" | "), "--:|".repeat(sizes.len()));
     for (row, (name, _)) in columns[0].iter().enumerate() {
-        let cells: Vec<String> = columns
-            .iter()
-            .map(|c| format!("{:.1} / {:.1}", c[row].1.min(), c[row].1.median()))
-            .collect();
+        let cells: Vec<String> =
+            columns.iter().map(|c| format!("{:.1} / {:.1}", c[row].1.min(), c[row].1.median())).collect();
         println!("| {name} | {} |", cells.join(" | "));
     }
 }
@@ -83,21 +72,12 @@ fn stages(n: usize, repeats: usize) -> Vec<Stage> {
     let lengths = field_and_decoder(&scene, &seen, &config.model, repeats, &mut out);
     loss_stages(&image, &config, repeats, &mut out);
     let names = ["Adam, Gaussians", "Adam, field and decoder"];
-    let attributes = [
-        (3 * n, false),
-        (4 * n, false),
-        (3 * n, false),
-        (n, false),
-        (48 * n, true),
-    ];
+    let attributes = [(3 * n, false), (4 * n, false), (3 * n, false), (n, false), (48 * n, true)];
     let field = lengths.map(|len| (len, false));
     for (name, group) in names.into_iter().zip([&attributes[..], &field[..]]) {
         out.push((name, adam_stage(group, repeats)));
     }
-    out.push((
-        "densification (+2 %, once in 100 steps)",
-        densify_stage(scene, &config, repeats),
-    ));
+    out.push(("densification (+2 %, once in 100 steps)", densify_stage(scene, &config, repeats)));
     out
 }
 
@@ -110,10 +90,7 @@ fn splat_stages(scene: &Scene, repeats: usize, out: &mut Vec<Stage>) -> (Vec<f32
     let image = common::image(&forward);
     let gradient = TensorData::new(common::l2_gradient(&image, 8), [SIZE, SIZE, 4]);
     let gradient = Tensor::<3>::from_data(gradient, &device);
-    out.push((
-        "splat backward",
-        measure(repeats, || splatter.backward(&forward, &gradient)).0,
-    ));
+    out.push(("splat backward", measure(repeats, || splatter.backward(&forward, &gradient)).0));
     let slopes = common::host(splatter.backward(&forward, &gradient).opacity_logits);
     (image, slopes.into_iter().map(|g| g != 0.0).collect())
 }
@@ -132,11 +109,7 @@ fn field_and_decoder(
     let mut r = Numbers(9);
     let lengths = [shape.planes_len(), shape.lines_len(), shape.times_len()];
     let [planes, lines, times] = lengths.map(|len| r.take(len, |r| 0.1 + 0.4 * r.uniform()));
-    let params = FieldParams {
-        planes: &planes,
-        lines: &lines,
-        times: &times,
-    };
+    let params = FieldParams { planes: &planes, lines: &lines, times: &times };
     let mut features = vec![0.0; n * shape.features_len()];
     let forward = || field::forward(&shape, params, &scene.means, TIME, &mut features);
     out.push(("field forward", measure(repeats, forward).0));
@@ -144,27 +117,9 @@ fn field_and_decoder(
     let [mut g_planes, mut g_lines, mut g_times] = lengths.map(|len| vec![0.0; len]);
     let mut g_points = vec![0.0; 3 * n];
     let backward = || {
-        let (planes, lines, times, points) = (
-            &mut g_planes[..],
-            &mut g_lines[..],
-            &mut g_times[..],
-            &mut g_points[..],
-        );
-        let grads = FieldGrads {
-            planes,
-            lines,
-            times,
-            points,
-        };
-        field::backward(
-            &shape,
-            params,
-            &scene.means,
-            TIME,
-            &grad_features,
-            Some(seen),
-            grads,
-        );
+        let (planes, lines, times, points) = (&mut g_planes[..], &mut g_lines[..], &mut g_times[..], &mut g_points[..]);
+        let grads = FieldGrads { planes, lines, times, points };
+        field::backward(&shape, params, &scene.means, TIME, &grad_features, Some(seen), grads);
     };
     out.push(("field backward", measure(repeats, backward).0));
 
@@ -173,28 +128,10 @@ fn field_and_decoder(
         DecoderKind::Shared => vec![OUTPUT_COLUMNS],
     };
     let (inputs, width, heads) = (shape.features_len(), config.width, head_sizes.len());
-    let decoder_shape = DecoderShape {
-        inputs,
-        width,
-        head_sizes,
-    };
-    let sizes = [
-        inputs * width,
-        width,
-        width * heads * width,
-        heads * width,
-        width * OUTPUT_COLUMNS,
-        OUTPUT_COLUMNS,
-    ];
+    let decoder_shape = DecoderShape { inputs, width, head_sizes };
+    let sizes = [inputs * width, width, width * heads * width, heads * width, width * OUTPUT_COLUMNS, OUTPUT_COLUMNS];
     let [w0, b0, w1, b1, w2, b2] = sizes.map(|len| r.take(len, |r| 0.2 * r.normal()));
-    let params = DecoderParams {
-        w0: &w0,
-        b0: &b0,
-        w1: &w1,
-        b1: &b1,
-        w2: &w2,
-        b2: &b2,
-    };
+    let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
     let mut change = vec![0.0; n * OUTPUT_COLUMNS];
     let forward = || decoder::forward(&decoder_shape, params, &features, &mut change);
     out.push(("decoder forward", measure(repeats, forward).0));
@@ -203,15 +140,7 @@ fn field_and_decoder(
     let mut g_x = vec![0.0; features.len()];
     let backward = || {
         let [w0, b0, w1, b1, w2, b2] = g.each_mut().map(|v| &mut v[..]);
-        let grads = DecoderGrads {
-            w0,
-            b0,
-            w1,
-            b1,
-            w2,
-            b2,
-            x: &mut g_x,
-        };
+        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, x: &mut g_x };
         decoder::backward(&decoder_shape, params, &features, &grad_change, None, grads);
     };
     out.push(("decoder backward", measure(repeats, backward).0));
@@ -236,25 +165,12 @@ fn loss_stages(image: &[f32], config: &Config, repeats: usize, out: &mut Vec<Sta
     let shape = field_shape(&config.model);
     let lengths = [shape.planes_len(), shape.lines_len(), shape.times_len()];
     let [planes, lines, times] = lengths.map(|len| r.take(len, |r| 0.1 + 0.4 * r.uniform()));
-    let params = FieldParams {
-        planes: &planes,
-        lines: &lines,
-        times: &times,
-    };
+    let params = FieldParams { planes: &planes, lines: &lines, times: &times };
     let (space, time) = (config.loss.tv as f32, config.loss.tv_time as f32);
-    let weights = TvWeights {
-        space,
-        time,
-        one_prior_space: 0.0,
-        one_prior_time: 0.0,
-    };
+    let weights = TvWeights { space, time, one_prior_space: 0.0, one_prior_time: 0.0 };
     let [mut planes, mut lines, mut times] = lengths.map(|len| vec![0.0; len]);
     let penalty = || {
-        let grads = TvGrads {
-            planes: &mut planes,
-            lines: &mut lines,
-            times: &mut times,
-        };
+        let grads = TvGrads { planes: &mut planes, lines: &mut lines, times: &mut times };
         tv(params, &shape, TvKind::First, weights, grads)
     };
     out.push(("total variation, both passes", measure(repeats, penalty).0));
@@ -267,13 +183,7 @@ fn adam_stage(buffers: &[(usize, bool)], repeats: usize) -> Samples {
         .iter()
         .map(|&(len, sh)| {
             let gradient = r.take(len, Numbers::normal);
-            (
-                vec![0.5f32; len],
-                gradient,
-                vec![0.1f32; len],
-                vec![0.1f32; len],
-                sh,
-            )
+            (vec![0.5f32; len], gradient, vec![0.1f32; len], vec![0.1f32; len], sh)
         })
         .collect();
     let step = AdamStep {
@@ -285,24 +195,10 @@ fn adam_stage(buffers: &[(usize, bool)], repeats: usize) -> Samples {
         bias_correction2: 0.5,
         lr_pattern: None,
     };
-    let rows = LrPattern {
-        row_len: 48,
-        head_len: 3,
-        tail_factor: 0.05,
-    };
+    let rows = LrPattern { row_len: 48, head_len: 3, tail_factor: 0.05 };
     let all = || {
         for (param, gradient, m, v, sh) in &mut state {
-            adam_step(
-                param,
-                gradient,
-                m,
-                v,
-                AdamStep {
-                    lr_pattern: sh.then_some(rows),
-                    ..step
-                },
-            )
-            .unwrap();
+            adam_step(param, gradient, m, v, AdamStep { lr_pattern: sh.then_some(rows), ..step }).unwrap();
         }
     };
     measure(repeats, all).0
@@ -312,16 +208,9 @@ fn adam_stage(buffers: &[(usize, bool)], repeats: usize) -> Samples {
 fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
     let n = scene.opacity_logits.len();
     let mut r = Numbers(12);
-    let statistics = Statistics {
-        gradient: r.take(n, Numbers::uniform),
-        views: vec![1.0; n],
-        opacity: r.take(n, Numbers::uniform),
-    };
-    let due = Due {
-        grow_to: Some(n + n / 50),
-        prune: true,
-        reset: false,
-    };
+    let statistics =
+        Statistics { gradient: r.take(n, Numbers::uniform), views: vec![1.0; n], opacity: r.take(n, Numbers::uniform) };
+    let due = Due { grow_to: Some(n + n / 50), prune: true, reset: false };
     let host = HostGaussians {
         means: scene.means,
         rotations: scene.rotations,
@@ -332,105 +221,10 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
     let change = || {
         let rows = densify::plan(due, &statistics, &host, config, DISTANCE);
         let new = densify::apply(&rows, &host, 1, 2);
-        let parts = [
-            (&host.means, 3),
-            (&host.rotations, 4),
-            (&host.log_scales, 3),
-            (&host.opacity_logits, 1),
-            (&host.sh, 48),
-        ];
-        let moments =
-            parts.map(|(m, width)| [0, 1].map(|_| densify::gather_moments(m, &rows, width)));
+        let parts =
+            [(&host.means, 3), (&host.rotations, 4), (&host.log_scales, 3), (&host.opacity_logits, 1), (&host.sh, 48)];
+        let moments = parts.map(|(m, width)| [0, 1].map(|_| densify::gather_moments(m, &rows, width)));
         (new, moments)
     };
     measure(repeats, change).0
-}
-
-/// Two views of a ball of Gaussians, as a dataset folder.
-fn write_dataset(folder: &Path) {
-    let scene = common::scene(20_000, 13);
-    let mut frames = Vec::new();
-    for (i, eye) in [DVec3::new(2.8, 2.4, 1.5), DVec3::new(-2.4, 2.8, 1.5)]
-        .into_iter()
-        .enumerate()
-    {
-        let (size, eye) = (SIZE as u32, DISTANCE * eye.normalize());
-        let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 30f64.to_radians(), size, size);
-        let image =
-            common::image(&Splatter::new(&scene, camera.to_kernel(), &Device::flex()).forward());
-        let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
-        let straight = |p: &[f32]| {
-            [0, 1, 2, 3].map(|c| byte(if c < 3 { p[c] / p[3].max(1e-6) } else { p[3] }))
-        };
-        let bytes: Vec<u8> = image.chunks_exact(4).flat_map(straight).collect();
-        image::save_buffer(
-            folder.join(format!("r_{i}.png")),
-            &bytes,
-            size,
-            size,
-            image::ColorType::Rgba8,
-        )
-        .unwrap();
-        let rows: Vec<_> = (0..4)
-            .map(|row| camera.camera_to_world.row(row).to_array())
-            .collect();
-        frames.push(serde_json::json!({ "file_path": format!("./r_{i}"), "time": i as f64, "transform_matrix": rows }));
-    }
-    let json = serde_json::json!({ "camera_angle_x": 30f64.to_radians(), "frames": frames });
-    std::fs::write(folder.join("transforms_train.json"), json.to_string()).unwrap();
-}
-
-/// Joint steps with DSSIM, without densification; the first Gaussians are the trainer's own.
-fn whole_step(n: usize, repeats: usize) -> Vec<Stage> {
-    let folder = tempfile::tempdir().unwrap();
-    write_dataset(folder.path());
-    let dataset = Dataset::open(folder.path(), &OpenOptions::default()).unwrap();
-    let mut config = Config::default();
-    // a cube with the volume of the unit ball
-    (
-        config.init.points,
-        config.init.placement,
-        config.init.box_half_size,
-    ) = (n, Placement::Box, 0.806);
-    (config.init.scale, config.init.opacity, config.model.bounds) = (0.7, 0.3, Bounds::Points);
-    (
-        config.stages.warmup_steps,
-        config.stages.joint_steps,
-        config.stages.sh_every,
-    ) = (0, 1_000_000, 0);
-    config.loss.dssim_last = config.stages.joint_steps;
-    (config.densify.mode, config.densify.prune_opacity) = (DensifyMode::Off, 0.0);
-    let mut trainer = Trainer::new(config, &dataset, &Device::flex()).unwrap();
-    let names = [
-        "data",
-        "deform",
-        "splat",
-        "loss",
-        "backward",
-        "adam",
-        "statistics",
-        "**whole step**",
-    ];
-    let mut samples = names.map(|_| Vec::new());
-    for run in 0..=repeats {
-        let start = Instant::now();
-        let t = trainer.step(&dataset.train).unwrap().times;
-        let parts = [
-            t.data,
-            t.deform,
-            t.splat,
-            t.loss,
-            t.backward,
-            t.adam,
-            t.densify,
-            start.elapsed(),
-        ];
-        if run > 0 {
-            samples
-                .iter_mut()
-                .zip(parts)
-                .for_each(|(s, part)| s.push(part.as_secs_f64() * 1e3));
-        }
-    }
-    names.into_iter().zip(samples.map(Samples::new)).collect()
 }

@@ -36,10 +36,7 @@ fn parent_of(path: &Path) -> &Path {
 /// Registers and returns a fresh temporary name beside `path`.
 fn temporary_for(path: &Path) -> io::Result<PathBuf> {
     let name = path.file_name().ok_or_else(|| {
-        io::Error::new(
-            io::ErrorKind::InvalidInput,
-            format!("{} does not end in a file name", path.display()),
-        )
+        io::Error::new(io::ErrorKind::InvalidInput, format!("{} does not end in a file name", path.display()))
     })?;
     let mut temporary = OsString::from(PREFIX);
     temporary.push(name);
@@ -86,11 +83,9 @@ impl AtomicFile {
     pub fn create(path: &Path) -> io::Result<Self> {
         let temporary = temporary_for(path)?;
         match File::create_new(&temporary) {
-            Ok(file) => Ok(Self {
-                path: path.to_path_buf(),
-                temporary,
-                writer: BufWriter::with_capacity(1 << 16, file),
-            }),
+            Ok(file) => {
+                Ok(Self { path: path.to_path_buf(), temporary, writer: BufWriter::with_capacity(1 << 16, file) })
+            }
             Err(error) => {
                 live().remove(&temporary);
                 Err(error)
@@ -148,10 +143,7 @@ impl AtomicDir {
             live().remove(&temporary);
             return Err(error);
         }
-        Ok(Self {
-            path: path.to_path_buf(),
-            temporary,
-        })
+        Ok(Self { path: path.to_path_buf(), temporary })
     }
 
     /// The folder to build in.
@@ -168,10 +160,7 @@ impl AtomicDir {
         if self.path.symlink_metadata().is_ok() {
             return Err(io::Error::new(
                 io::ErrorKind::AlreadyExists,
-                format!(
-                    "{} already exists; choose another name or remove it",
-                    self.path.display()
-                ),
+                format!("{} already exists; choose another name or remove it", self.path.display()),
             ));
         }
         self.publish()
@@ -193,10 +182,7 @@ impl AtomicDir {
         let (path, kept) = (self.path.clone(), aside.clone());
         let outcome = sync_tree(&self.temporary)
             .and_then(|()| fs::rename(&self.path, &aside))
-            .and_then(|()| {
-                self.publish()
-                    .inspect_err(|_| drop(fs::rename(&aside, &path)))
-            });
+            .and_then(|()| self.publish().inspect_err(|_| drop(fs::rename(&aside, &path))));
         if outcome.is_ok() {
             // The new folder is in place; what is left of the old one is a stale temporary.
             let _ = fs::remove_dir_all(&kept);
@@ -261,11 +247,7 @@ pub fn clean_stale(parent: &Path) -> io::Result<Vec<PathBuf>> {
 
 /// The spelling under which temporaries in `dir` are registered.
 fn parent_of_listing(dir: &Path) -> &Path {
-    if dir.as_os_str().is_empty() {
-        Path::new(".")
-    } else {
-        dir
-    }
+    if dir.as_os_str().is_empty() { Path::new(".") } else { dir }
 }
 
 /// The process id in `.tmp-NAME-PID-N`, or `None` for a name that is not one of ours.

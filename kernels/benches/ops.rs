@@ -10,11 +10,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::Splatter;
 
 /// Name, Gaussians, pixels a side, seed.
-const SCENES: [(&str, usize, usize, u64); 3] = [
-    ("S", 10_000, 200, 11),
-    ("M", 50_000, 400, 12),
-    ("L", 150_000, 800, 13),
-];
+const SCENES: [(&str, usize, usize, u64); 3] =
+    [("S", 10_000, 200, 11), ("M", 50_000, 400, 12), ("L", 150_000, 800, 13)];
 
 fn main() {
     let (names, repeats) = common::arguments(9);
@@ -35,26 +32,19 @@ fn main() {
         let gradient = TensorData::new(common::l2_gradient(&image, seed), [size, size, 4]);
         let gradient = Tensor::<3>::from_data(gradient, &device);
         for threads in [1, 2] {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .unwrap();
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
                 let forward = common::measure(repeats, || splatter.forward());
-                let both = common::measure(repeats, || {
-                    splatter.backward(&splatter.forward(), &gradient)
-                });
+                let both = common::measure(repeats, || splatter.backward(&splatter.forward(), &gradient));
                 for (pass, (wall, cpu)) in [("forward", forward), ("forward + backward", both)] {
-                    let times = [wall.min(), wall.median(), cpu.min(), cpu.median()]
-                        .map(|ms| format!("{ms:.1}"));
+                    let times = [wall.min(), wall.median(), cpu.min(), cpu.median()].map(|ms| format!("{ms:.1}"));
                     println!("| {name} | {pass} | {threads} | {} |", times.join(" | "));
                 }
             });
         }
         let alpha: Vec<f32> = image.chunks_exact(4).map(|p| p[3]).collect();
-        let share = |f: &dyn Fn(f32) -> bool| {
-            100.0 * alpha.iter().filter(|&&a| f(a)).count() as f64 / alpha.len() as f64
-        };
+        let share =
+            |f: &dyn Fn(f32) -> bool| 100.0 * alpha.iter().filter(|&&a| f(a)).count() as f64 / alpha.len() as f64;
         notes.push(format!(
             "{name}: {n} Gaussians, {size}x{size}; alpha > 0.999 in {:.1} % of the pixels, 0 in {:.1} %",
             share(&|a| a > 0.999),

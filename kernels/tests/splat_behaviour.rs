@@ -56,7 +56,11 @@ fn gradients_agree_with_finite_differences_of_the_reference() {
             let mut errors: Vec<f64> = a.iter().zip(&b).map(|(&x, &y)| (f64::from(x) - y).abs()).collect();
             errors.sort_by(f64::total_cmp);
             let p90 = errors[errors.len() * 9 / 10];
-            println!("degree {degree} {name}: 90th percentile {:.1e} of the rms, norm error {:.1e}", p90 / scale, relative_error(&a, &b));
+            println!(
+                "degree {degree} {name}: 90th percentile {:.1e} of the rms, norm error {:.1e}",
+                p90 / scale,
+                relative_error(&a, &b)
+            );
             assert!(p90 < 5e-3 * scale, "degree {degree} {name}: {p90:.2e} against rms {scale:.2e}");
         }
     }
@@ -119,7 +123,11 @@ fn rendering_agrees_with_the_reference_on_odd_sizes() {
             let worst = ours.iter().zip(&expected).map(|(&a, b)| (f64::from(a) - b).abs()).fold(0.0, f64::max);
             // a pixel may fall on the other side of the 1/255 or the 1e-4 cut
             let off = ours.iter().zip(&expected).filter(|(a, b)| (f64::from(**a) - **b).abs() > 1e-4).count();
-            assert!(worst < 0.02 && off * 200 <= ours.len(), "{name} {w}x{h}: worst {worst:.1e}, {off} of {}", ours.len());
+            assert!(
+                worst < 0.02 && off * 200 <= ours.len(),
+                "{name} {w}x{h}: worst {worst:.1e}, {off} of {}",
+                ours.len()
+            );
         }
     }
 }

@@ -28,7 +28,9 @@ fn load(name: &str) -> Golden {
     let get = |key: &str| -> Vec<f64> {
         let t = file.tensor(key).unwrap();
         match t.dtype() {
-            safetensors::Dtype::F64 => t.data().chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect(),
+            safetensors::Dtype::F64 => {
+                t.data().chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect()
+            }
             safetensors::Dtype::F32 => {
                 t.data().chunks_exact(4).map(|b| f64::from(f32::from_le_bytes(b.try_into().unwrap()))).collect()
             }
@@ -105,7 +107,10 @@ fn image_and_alpha_match_on_every_device() {
         for (device_name, device) in devices() {
             let out = volseggs_kernels::splat::splat(common::inputs(&g.scene, &device), g.settings);
             let image = common::to_vec(out.image);
-            let db = psnr(image.chunks_exact(4).flat_map(|p| p[..3].iter().map(|&v| f64::from(v)).collect::<Vec<_>>()), &g.image);
+            let db = psnr(
+                image.chunks_exact(4).flat_map(|p| p[..3].iter().map(|&v| f64::from(v)).collect::<Vec<_>>()),
+                &g.image,
+            );
             let alpha: Vec<f64> = g.transmittance.iter().map(|t| 1.0 - t).collect();
             let alpha_db = psnr(image.chunks_exact(4).map(|p| f64::from(p[3])), &alpha);
             println!("{name} on {device_name}: rgb {db:.1} dB, alpha {alpha_db:.1} dB");

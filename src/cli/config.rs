@@ -31,7 +31,9 @@ impl ConfigSource {
 
 /// Show the resolved configuration, the presets or the JSON Schema.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  volseggs config show --config quick --set loss.tv=0\n  volseggs config schema > configs/schema.json\n  volseggs config presets")]
+#[command(
+    after_help = "Examples:\n  volseggs config show --config quick --set loss.tv=0\n  volseggs config schema > configs/schema.json\n  volseggs config presets"
+)]
 pub struct ConfigArgs {
     #[command(subcommand)]
     action: Action,

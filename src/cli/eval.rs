@@ -14,7 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg.")]
+#[command(
+    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg."
+)]
 pub struct EvalArgs {
     /// Folder of the run.
     run: PathBuf,

@@ -9,7 +9,9 @@ use std::path::PathBuf;
 
 /// Write a run's Gaussians as standard files.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat).")]
+#[command(
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat)."
+)]
 pub struct ExportArgs {
     /// Folder of the run.
     run: PathBuf,
@@ -48,7 +50,8 @@ impl ExportArgs {
             None => files.push((self.out.clone(), self.time)),
             Some(0) => return Err(CliError::input("--frames 0: at least 1")),
             Some(n) => {
-                std::fs::create_dir_all(&self.out).map_err(|e| CliError::failure(format!("{}: {e}", self.out.display())))?;
+                std::fs::create_dir_all(&self.out)
+                    .map_err(|e| CliError::failure(format!("{}: {e}", self.out.display())))?;
                 let time = |i: usize| i as f64 / (n - 1).max(1) as f64;
                 files.extend((0..n).map(|i| (self.out.join(format!("{i:04}.ply")), time(i))));
             }

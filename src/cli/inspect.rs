@@ -14,7 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// Show what a dataset, a run, a PLY or a checkpoint holds, and check it.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  volseggs inspect DATASET --picture cameras.png\n  volseggs inspect checkpoints/first\n  volseggs inspect scene.ply --json\n\nExit code 2 if a check fails.")]
+#[command(
+    after_help = "Examples:\n  volseggs inspect DATASET --picture cameras.png\n  volseggs inspect checkpoints/first\n  volseggs inspect scene.ply --json\n\nExit code 2 if a check fails."
+)]
 pub struct InspectArgs {
     /// Dataset folder, run folder, .ply or .safetensors file.
     path: PathBuf,

@@ -19,7 +19,9 @@ use clap::{Args, Parser, Subcommand};
 /// Deformable 3D Gaussians from rendered images of time-varying volumes.
 #[derive(Debug, Parser)]
 #[command(name = "volseggs", version, about, max_term_width = 100)]
-#[command(after_help = "Start here:\n  volseggs inspect DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs render RUN --path orbit --out FRAMES")]
+#[command(
+    after_help = "Start here:\n  volseggs inspect DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs render RUN --path orbit --out FRAMES"
+)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,

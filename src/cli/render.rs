@@ -15,7 +15,9 @@ use std::time::Instant;
 
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n\nWrites OUT/0000.png, ... and OUT/animation.png (an animated PNG that browsers play).")]
+#[command(
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n\nWrites OUT/0000.png, ... and OUT/animation.png (an animated PNG that browsers play)."
+)]
 pub struct RenderArgs {
     /// Folder of the run.
     run: PathBuf,
@@ -85,7 +87,12 @@ impl RenderArgs {
         }
         let report =
             Report { frames: views.len(), width, height, render_fps: views.len() as f64 / seconds, out: self.out };
-        eprintln!("{} frames of {width}x{height} in {}, rendered at {:.1} frames/second", report.frames, report.out.display(), report.render_fps);
+        eprintln!(
+            "{} frames of {width}x{height} in {}, rendered at {:.1} frames/second",
+            report.frames,
+            report.out.display(),
+            report.render_fps
+        );
         if self.common.json {
             print_json(&report)?;
         }

@@ -22,25 +22,36 @@ pub(super) struct RunFolder {
 impl RunFolder {
     pub(super) fn open(path: &Path, device: &Device) -> Result<Self, CliError> {
         let scene_path = checkpoint::newest_scene(path).ok_or_else(|| {
-            CliError::input(format!("{}: no checkpoint here; give the folder that `volseggs train --out` made", path.display()))
+            CliError::input(format!(
+                "{}: no checkpoint here; give the folder that `volseggs train --out` made",
+                path.display()
+            ))
         })?;
         let scene = Scene::load(&scene_path, device).map_err(CliError::input)?;
         let read = |name: &str| {
             let file = path.join(name);
             std::fs::read_to_string(&file).map_err(|e| CliError::input(format!("{}: {e}", file.display())))
         };
-        let record =
-            serde_json::from_str(&read("run.json")?).map_err(|e| CliError::input(format!("{}: {e}", path.join("run.json").display())))?;
-        let config =
-            toml::from_str(&read("config.toml")?).map_err(|e| CliError::input(format!("{}: {e}", path.join("config.toml").display())))?;
+        let record = serde_json::from_str(&read("run.json")?)
+            .map_err(|e| CliError::input(format!("{}: {e}", path.join("run.json").display())))?;
+        let config = toml::from_str(&read("config.toml")?)
+            .map_err(|e| CliError::input(format!("{}: {e}", path.join("config.toml").display())))?;
         Ok(Self { path: path.to_owned(), scene, scene_path, record, config })
     }
 
     /// Reads a split of the run's dataset, or of `data` in its place.
-    pub(super) fn split(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, CliError> {
+    pub(super) fn split(
+        &self,
+        name: SplitName,
+        data: Option<&Path>,
+        max_views: Option<usize>,
+    ) -> Result<Split, CliError> {
         let root = data.unwrap_or(&self.record.dataset);
         if !root.is_dir() {
-            return Err(CliError::input(format!("{}: the dataset is not there any more; point to it with --data", root.display())));
+            return Err(CliError::input(format!(
+                "{}: the dataset is not there any more; point to it with --data",
+                root.display()
+            )));
         }
         Ok(read_split(root, name, self.config.data.downscale, max_views)?)
     }

@@ -10,7 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Train a scene from posed, timed images.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --data DATASET --config best --out checkpoints/first --resume\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.")]
+#[command(
+    after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --data DATASET --config best --out checkpoints/first --resume\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened."
+)]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).
     #[arg(long, value_name = "DATASET")]
@@ -85,7 +87,10 @@ impl TrainArgs {
         if outcome.complete || self.stop_after.is_some() {
             Ok(())
         } else {
-            Err(CliError::failure(format!("interrupted; go on with: volseggs train ... --out {} --resume", self.out.display())))
+            Err(CliError::failure(format!(
+                "interrupted; go on with: volseggs train ... --out {} --resume",
+                self.out.display()
+            )))
         }
     }
 }

@@ -95,10 +95,7 @@ impl<'a> Layers<'a> {
     /// Starts from the defaults alone; `presets` are the built-in files as (name, TOML text).
     #[must_use]
     pub fn new(presets: &'a [(&'a str, &'a str)]) -> Self {
-        Self {
-            presets,
-            ..Self::default()
-        }
+        Self { presets, ..Self::default() }
     }
 
     /// Adds a file, or a preset if no file `name` (or `name.toml`) exists.
@@ -130,10 +127,9 @@ impl<'a> Layers<'a> {
             if !name.starts_with(ENV_PREFIX) || reserved.contains(&name.as_str()) {
                 continue;
             }
-            let value = value.into_string().map_err(|_| ConfigError::Env {
-                name: name.clone(),
-                reason: "the value is not UTF-8".to_owned(),
-            })?;
+            let value = value
+                .into_string()
+                .map_err(|_| ConfigError::Env { name: name.clone(), reason: "the value is not UTF-8".to_owned() })?;
             self.env.push((name, value));
         }
         self.env.sort();
@@ -172,18 +168,13 @@ impl<'a> Layers<'a> {
         for leaf in written.iter().filter(|leaf| !leaf.path.is_empty()) {
             // An empty section given later sets none of its leaves.
             let sets_it = |given: &&Leaf| {
-                leaf.path == given.path
-                    || !given.value.is_table() && leaf.path.starts_with(&given.path)
+                leaf.path == given.path || !given.value.is_table() && leaf.path.starts_with(&given.path)
             };
             let last = leaves.iter().rev().find(sets_it);
             let origin = last.map_or(Origin::Default, |given| given.origin.clone());
             origins.insert(dotted(&leaf.path), origin);
         }
-        Ok(Resolved {
-            value,
-            table,
-            origins,
-        })
+        Ok(Resolved { value, table, origins })
     }
 
     fn leaves(&self, root: &View<'_>) -> Result<Vec<Leaf>, ConfigError> {
@@ -273,9 +264,7 @@ fn put(table: &mut Table, path: &[String], value: Value) {
         }
         return;
     }
-    let inner = table
-        .entry(first.clone())
-        .or_insert_with(|| Value::Table(Table::new()));
+    let inner = table.entry(first.clone()).or_insert_with(|| Value::Table(Table::new()));
     if !inner.is_table() {
         *inner = Value::Table(Table::new());
     }
@@ -285,11 +274,7 @@ fn put(table: &mut Table, path: &[String], value: Value) {
 }
 
 /// Finds the leaf that alone makes the defaults unreadable: serde's error does not name the key.
-fn blame<T: DeserializeOwned>(
-    leaves: &[Leaf],
-    defaults: &Table,
-    whole: &toml::de::Error,
-) -> ConfigError {
+fn blame<T: DeserializeOwned>(leaves: &[Leaf], defaults: &Table, whole: &toml::de::Error) -> ConfigError {
     for leaf in leaves.iter().rev() {
         let mut table = defaults.clone();
         put(&mut table, &leaf.path, leaf.value.clone());

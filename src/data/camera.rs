@@ -30,23 +30,10 @@ impl Camera {
     /// A camera with square pixels and the principal point at the centre; `camera_angle_x` is the whole
     /// horizontal field of view in radians.
     #[must_use]
-    pub fn from_fov_x(
-        camera_angle_x: f64,
-        width: u32,
-        height: u32,
-        camera_to_world: DMat4,
-    ) -> Self {
+    pub fn from_fov_x(camera_angle_x: f64, width: u32, height: u32, camera_to_world: DMat4) -> Self {
         let (w, h) = (f64::from(width), f64::from(height));
         let focal = 0.5 * w / (0.5 * camera_angle_x).tan();
-        Self {
-            width,
-            height,
-            fx: focal,
-            fy: focal,
-            cx: 0.5 * w,
-            cy: 0.5 * h,
-            camera_to_world,
-        }
+        Self { width, height, fx: focal, fy: focal, cx: 0.5 * w, cy: 0.5 * h, camera_to_world }
     }
 
     /// A camera at `eye` that looks at `target` without roll about `up`; `fov_x` in radians.
@@ -54,29 +41,14 @@ impl Camera {
     /// Where `up` is along the view, the world axis least along it takes its place; `eye == target` looks
     /// along -z.
     #[must_use]
-    pub fn look_at(
-        eye: DVec3,
-        target: DVec3,
-        up: DVec3,
-        fov_x: f64,
-        width: u32,
-        height: u32,
-    ) -> Self {
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_x: f64, width: u32, height: u32) -> Self {
         let back = (eye - target).try_normalize().unwrap_or(DVec3::Z);
         let right = up.cross(back).try_normalize().unwrap_or_else(|| {
-            let axis = if back.x.abs() <= back.y.abs() {
-                DVec3::X
-            } else {
-                DVec3::Y
-            };
+            let axis = if back.x.abs() <= back.y.abs() { DVec3::X } else { DVec3::Y };
             axis.cross(back).normalize()
         });
-        let camera_to_world = DMat4::from_cols(
-            right.extend(0.0),
-            back.cross(right).extend(0.0),
-            back.extend(0.0),
-            eye.extend(1.0),
-        );
+        let camera_to_world =
+            DMat4::from_cols(right.extend(0.0), back.cross(right).extend(0.0), back.extend(0.0), eye.extend(1.0));
         Self::from_fov_x(fov_x, width, height, camera_to_world)
     }
 
@@ -105,11 +77,7 @@ impl Camera {
     /// The unit direction of view in world coordinates.
     #[must_use]
     pub fn forward(&self) -> DVec3 {
-        -self
-            .camera_to_world
-            .z_axis
-            .truncate()
-            .normalize_or(DVec3::Z)
+        -self.camera_to_world.z_axis.truncate().normalize_or(DVec3::Z)
     }
 
     /// The whole horizontal field of view in radians.
@@ -138,12 +106,7 @@ impl Camera {
     pub fn project(&self, point: DVec3) -> Option<(DVec2, f64)> {
         let (rotation, translation) = self.world_to_camera_opencv();
         let p = rotation * point + translation;
-        (p.z > 1e-9).then(|| {
-            (
-                DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy),
-                p.z,
-            )
-        })
+        (p.z > 1e-9).then(|| (DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy), p.z))
     }
 
     /// The same camera for an image made smaller by the integer `factor` (0 counts as 1) in both axes.
@@ -169,9 +132,7 @@ impl Camera {
 /// The point nearest to all optical axes in the least-squares sense, and the root-mean-square distance to them;
 /// none where the axes are (nearly) parallel or there are fewer than two.
 #[must_use]
-pub fn look_at_point<'a>(
-    cameras: impl Iterator<Item = &'a Camera> + Clone,
-) -> Option<(DVec3, f64)> {
+pub fn look_at_point<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> Option<(DVec3, f64)> {
     let (mut a, mut b, mut n) = (DMat3::ZERO, DVec3::ZERO, 0.0);
     for camera in cameras.clone() {
         let off_axis = off_axis(camera.forward());
@@ -183,9 +144,7 @@ pub fn look_at_point<'a>(
         return None;
     }
     let point = a.inverse() * b;
-    let square: f64 = cameras
-        .map(|c| (off_axis(c.forward()) * (point - c.position())).length_squared())
-        .sum();
+    let square: f64 = cameras.map(|c| (off_axis(c.forward()) * (point - c.position())).length_squared()).sum();
     point.is_finite().then(|| (point, (square / n).sqrt()))
 }
 

@@ -20,13 +20,8 @@ impl View {
     /// Continuous pixel and depth; none behind the camera.
     fn project(&self, p: DVec3) -> Option<(f64, f64, f64)> {
         let q = self.rotation * p + self.translation;
-        (q.z > 1e-9).then(|| {
-            (
-                self.focal[0] * q.x / q.z + self.centre[0],
-                self.focal[1] * q.y / q.z + self.centre[1],
-                q.z,
-            )
-        })
+        (q.z > 1e-9)
+            .then(|| (self.focal[0] * q.x / q.z + self.centre[0], self.focal[1] * q.y / q.z + self.centre[1], q.z))
     }
 }
 
@@ -56,48 +51,23 @@ impl<'a> Masks<'a> {
     pub(super) fn new(split: &'a Split, threshold: f32) -> Self {
         let threshold = (threshold.clamp(0.0, 1.0) * 255.0).floor() as u8;
         let loaded = split.images.len() == split.frames.len();
-        let opaque = !loaded
-            || split
-                .images
-                .pixels
-                .par_chunks_exact(4)
-                .all(|p| p[3] > threshold);
+        let opaque = !loaded || split.images.pixels.par_chunks_exact(4).all(|p| p[3] > threshold);
         let times = split.times();
         let mut groups: Vec<Vec<View>> = times.iter().map(|_| Vec::new()).collect();
         for (frame, f) in split.frames.iter().enumerate() {
             let group = times.partition_point(|t| *t < f.time);
             let (rotation, translation) = f.camera.world_to_camera_opencv();
             let (focal, centre) = ([f.camera.fx, f.camera.fy], [f.camera.cx, f.camera.cy]);
-            groups[group].push(View {
-                rotation,
-                translation,
-                focal,
-                centre,
-                frame,
-            });
+            groups[group].push(View { rotation, translation, focal, centre, frame });
         }
         let (width, height) = (split.images.width as usize, split.images.height as usize);
         let pool = width.max(height).div_ceil(TABLE_SIDE).max(1);
         let (stride, tables) = (width.div_ceil(pool) + 1, Vec::new());
-        let mut masks = Self {
-            split,
-            groups,
-            threshold,
-            opaque,
-            width,
-            height,
-            pool,
-            stride,
-            tables,
-            bits: Vec::new(),
-        };
+        let mut masks =
+            Self { split, groups, threshold, opaque, width, height, pool, stride, tables, bits: Vec::new() };
         if !opaque {
-            masks.bits = (0..split.frames.len())
-                .into_par_iter()
-                .map(|f| masks.pack(f))
-                .collect();
-            let table =
-                |group: &Vec<View>| group.par_iter().map(|v| masks.table(v.frame)).collect();
+            masks.bits = (0..split.frames.len()).into_par_iter().map(|f| masks.pack(f)).collect();
+            let table = |group: &Vec<View>| group.par_iter().map(|v| masks.table(v.frame)).collect();
             masks.tables = masks.groups.par_iter().map(table).collect();
         }
         masks
@@ -117,18 +87,9 @@ impl<'a> Masks<'a> {
     fn pack(&self, frame: usize) -> Vec<u64> {
         let word = |pixels: &[u8]| {
             let bit = |(i, p): (usize, &[u8])| u64::from(p[3] > self.threshold) << i;
-            pixels
-                .chunks_exact(4)
-                .enumerate()
-                .map(bit)
-                .fold(0, |a, b| a | b)
+            pixels.chunks_exact(4).enumerate().map(bit).fold(0, |a, b| a | b)
         };
-        self.split
-            .images
-            .frame(frame)
-            .chunks(4 * 64)
-            .map(word)
-            .collect()
+        self.split.images.frame(frame).chunks(4 * 64).map(word).collect()
     }
 
     fn holds(&self, group: usize, p: DVec3) -> bool {
@@ -216,10 +177,7 @@ impl<'a> Masks<'a> {
             let Some((x, y, depth)) = view.project(p) else {
                 continue;
             };
-            let (rx, ry) = (
-                radius * view.focal[0] / depth,
-                radius * view.focal[1] / depth,
-            );
+            let (rx, ry) = (radius * view.focal[0] / depth, radius * view.focal[1] / depth);
             let (x0, x1, y0, y1) = (x - rx, x + rx, y - ry, y + ry);
             if x0 < 0.0 || y0 < 0.0 || x1 >= w || y1 >= h {
                 // What leaves the image is unknown there, neither empty nor seen.
@@ -254,67 +212,38 @@ pub(super) struct Grid {
 impl Grid {
     /// One cell, the whole box.
     pub(super) fn full(bounds: Aabb) -> Self {
-        Self {
-            bounds,
-            n: 1,
-            cells: vec![Cell {
-                index: [0; 3],
-                group: 0,
-            }],
-        }
+        Self { bounds, n: 1, cells: vec![Cell { index: [0; 3], group: 0 }] }
     }
 
     /// Tests all cells; `reach` in cell sides is how far from a cell's middle a seen pixel may be (0.87 covers the
     /// whole cell).
     pub(super) fn carve(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64) -> Self {
         let index = |i: usize| [(i % n) as u32, (i / n % n) as u32, (i / n / n) as u32];
-        let all = (0..n * n * n)
-            .map(|i| Cell {
-                index: index(i),
-                group: 0,
-            })
-            .collect();
+        let all = (0..n * n * n).map(|i| Cell { index: index(i), group: 0 }).collect();
         Self::keep(masks, bounds, n, reach, all)
     }
 
     /// The grid of half the cell side, testing only inside surviving cells: a time that lost the whole cell is not
     /// asked about its parts.
     pub(super) fn refine(&self, masks: &Masks<'_>, reach: f64) -> Self {
-        let child = |c: &Cell, k: u32| Cell {
-            index: [0, 1, 2].map(|a| 2 * c.index[a] + (k >> a & 1)),
-            group: c.group,
-        };
-        let children = self
-            .cells
-            .iter()
-            .flat_map(|c| (0..8u32).map(move |k| child(c, k)))
-            .collect();
+        let child = |c: &Cell, k: u32| Cell { index: [0, 1, 2].map(|a| 2 * c.index[a] + (k >> a & 1)), group: c.group };
+        let children = self.cells.iter().flat_map(|c| (0..8u32).map(move |k| child(c, k))).collect();
         Self::keep(masks, self.bounds, 2 * self.n, reach, children)
     }
 
     /// The candidates that some time from their `group` on keeps.
     fn keep(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64, mut left: Vec<Cell>) -> Self {
-        let mut grid = Self {
-            bounds,
-            n,
-            cells: Vec::new(),
-        };
+        let mut grid = Self { bounds, n, cells: Vec::new() };
         let radius = reach * grid.cell().max_element();
         // Time by time rather than cell by cell: one time's tables fit the processor's cache, all do not.
         for group in 0..masks.groups.len() {
             let kept: Vec<bool> = left
                 .par_iter()
                 .with_min_len(256)
-                .map(|c| {
-                    c.group <= group
-                        && masks.near(group, grid.point(c.index, DVec3::splat(0.5)), radius)
-                })
+                .map(|c| c.group <= group && masks.near(group, grid.point(c.index, DVec3::splat(0.5)), radius))
                 .collect();
             let both = left.iter().zip(&kept).filter(|(_, k)| **k);
-            grid.cells.extend(both.map(|(c, _)| Cell {
-                index: c.index,
-                group,
-            }));
+            grid.cells.extend(both.map(|(c, _)| Cell { index: c.index, group }));
             let mut kept = kept.iter();
             left.retain(|_| !kept.next().copied().unwrap_or(false));
         }
@@ -334,14 +263,8 @@ impl Grid {
     /// The box of the surviving cells; none if there are none.
     pub(super) fn bounds(&self) -> Option<Aabb> {
         let corner = |within: f64, pick: fn(DVec3, DVec3) -> DVec3| {
-            self.cells
-                .iter()
-                .map(|c| self.point(c.index, DVec3::splat(within)))
-                .reduce(pick)
+            self.cells.iter().map(|c| self.point(c.index, DVec3::splat(within))).reduce(pick)
         };
-        Some(Aabb {
-            min: corner(0.0, DVec3::min)?,
-            max: corner(1.0, DVec3::max)?,
-        })
+        Some(Aabb { min: corner(0.0, DVec3::min)?, max: corner(1.0, DVec3::max)? })
     }
 }

@@ -106,11 +106,7 @@ pub struct OpenOptions<'a> {
 
 impl Default for OpenOptions<'_> {
     fn default() -> Self {
-        Self {
-            downscale: 1,
-            splits: &[SplitName::Train],
-            max_views: None,
-        }
+        Self { downscale: 1, splits: &[SplitName::Train], max_views: None }
     }
 }
 
@@ -137,47 +133,24 @@ impl Dataset {
         let read = |name: SplitName| {
             let (downscale, max_views) = (options.downscale, options.max_views);
             let wanted = options.splits.contains(&name);
-            wanted
-                .then(|| read_split(root, name, downscale, max_views))
-                .transpose()
+            wanted.then(|| read_split(root, name, downscale, max_views)).transpose()
         };
-        let (path, text) = (
-            SplitName::Train.json_path(root),
-            read_text(&SplitName::Train.json_path(root))?,
-        );
+        let (path, text) = (SplitName::Train.json_path(root), read_text(&SplitName::Train.json_path(root))?);
         let json = Transforms::parse(&path, &text)?;
         let all: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
         let train = match read(SplitName::Train)? {
             Some(split) => split,
-            None => {
-                outline(
-                    root,
-                    SplitName::Train,
-                    &json,
-                    options.downscale,
-                    options.max_views,
-                )?
-                .0
-            }
+            None => outline(root, SplitName::Train, &json, options.downscale, options.max_views)?.0,
         };
         let fingerprint = fingerprint(&path, text.as_bytes(), &all, options.downscale)?;
         let (val, test) = (read(SplitName::Val)?, read(SplitName::Test)?);
-        Ok(Self {
-            root: root.to_owned(),
-            train,
-            val,
-            test,
-            fingerprint,
-        })
+        Ok(Self { root: root.to_owned(), train, val, test, fingerprint })
     }
 
     /// The splits that have a JSON file under `root`.
     #[must_use]
     pub fn present(root: &Path) -> Vec<SplitName> {
-        SplitName::ALL
-            .into_iter()
-            .filter(|n| n.json_path(root).is_file())
-            .collect()
+        SplitName::ALL.into_iter().filter(|n| n.json_path(root).is_file()).collect()
     }
 
     /// The split of that name, if loaded.
@@ -215,24 +188,15 @@ impl Dataset {
 /// See [`Dataset::scene_extent`]; 0 for no frames.
 #[must_use]
 pub fn scene_extent(frames: &[Frame]) -> f64 {
-    let mean =
-        frames.iter().map(|f| f.camera.position()).sum::<DVec3>() / frames.len().max(1) as f64;
-    1.1 * frames
-        .iter()
-        .map(|f| f.camera.position().distance(mean))
-        .fold(0.0, f64::max)
+    let mean = frames.iter().map(|f| f.camera.position()).sum::<DVec3>() / frames.len().max(1) as f64;
+    1.1 * frames.iter().map(|f| f.camera.position().distance(mean)).fold(0.0, f64::max)
 }
 
 /// Reads one split with its images; `downscale` and `max_views` as in [`OpenOptions`].
 ///
 /// # Errors
 /// As [`Dataset::open`].
-pub fn read_split(
-    root: &Path,
-    name: SplitName,
-    downscale: u32,
-    max_views: Option<usize>,
-) -> Result<Split, DataError> {
+pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
     let json = Transforms::read(&name.json_path(root))?;
     let (mut split, kept) = outline(root, name, &json, downscale, max_views)?;
     let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
@@ -268,39 +232,19 @@ fn outline(
     }
     let kept: Vec<usize> = (0..count).map(|i| i * total / count).collect();
     let first = json.frames[kept[0]].image_path(root);
-    let full =
-        common_size(&json.path, std::slice::from_ref(&first)).map_err(|e| renumber(e, &kept))?;
+    let full = common_size(&json.path, std::slice::from_ref(&first)).map_err(|e| renumber(e, &kept))?;
     check_aspect(json, full)?;
     let (width, height) = downscaled_size(&json.path, full, downscale)?;
     let frames = kept
         .iter()
         .map(|i| {
             let record = &json.frames[*i];
-            let camera = json
-                .intrinsics
-                .camera(full.0, full.1, record.camera_to_world)
-                .downscaled(downscale);
-            Frame {
-                name: record.name(),
-                path: record.image_path(root),
-                camera,
-                time: record.time,
-            }
+            let camera = json.intrinsics.camera(full.0, full.1, record.camera_to_world).downscaled(downscale);
+            Frame { name: record.name(), path: record.image_path(root), camera, time: record.time }
         })
         .collect();
-    let images = ImageSet {
-        width,
-        height,
-        pixels: Vec::new(),
-    };
-    Ok((
-        Split {
-            name,
-            frames,
-            images,
-        },
-        kept,
-    ))
+    let images = ImageSet { width, height, pixels: Vec::new() };
+    Ok((Split { name, frames, images }, kept))
 }
 
 /// The images may be a scaled copy of the `w` x `h` that the JSON speaks of, but not a cropped one.
@@ -317,21 +261,12 @@ fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), Da
     Err(DataError::field_error(&json.path, None, "w", problem, hint))
 }
 
-fn fingerprint(
-    json: &Path,
-    text: &[u8],
-    images: &[PathBuf],
-    downscale: u32,
-) -> Result<u64, DataError> {
+fn fingerprint(json: &Path, text: &[u8], images: &[PathBuf], downscale: u32) -> Result<u64, DataError> {
     let mut hash = fnv1a(0xcbf2_9ce4_8422_2325, text);
     for (i, path) in images.iter().enumerate() {
         let bytes = std::fs::metadata(path).map_err(|e| {
             let missing = e.kind() == std::io::ErrorKind::NotFound;
-            let problem = if missing {
-                "the image is missing".to_owned()
-            } else {
-                e.to_string()
-            };
+            let problem = if missing { "the image is missing".to_owned() } else { e.to_string() };
             image_error(json, path, i, problem)
         })?;
         hash = fnv1a(hash, &bytes.len().to_le_bytes());
@@ -341,16 +276,13 @@ fn fingerprint(
 
 /// One step of the 64-bit FNV-1a hash over `bytes`.
 fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
-    bytes.iter().fold(hash, |h, b| {
-        (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
+    bytes.iter().fold(hash, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
 /// The folder of the published test dataset, if the environment names one.
 #[cfg(test)]
 pub(crate) fn test_data() -> Option<PathBuf> {
-    let found =
-        std::env::var_os("VOLSEGGS_TEST_DATA").map(|f| PathBuf::from(f).join("data/vortex-400"));
+    let found = std::env::var_os("VOLSEGGS_TEST_DATA").map(|f| PathBuf::from(f).join("data/vortex-400"));
     if found.is_none() {
         println!("skipped: VOLSEGGS_TEST_DATA is not set");
     }

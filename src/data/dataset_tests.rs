@@ -9,11 +9,7 @@ use crate::data::transforms::{FrameRecord, Intrinsics};
 /// Writes a split of `n` views of a sphere of radius 0.5 at the origin, `size` pixels square, at two times.
 pub(crate) fn write_split(root: &Path, name: SplitName, n: usize, size: u32) {
     std::fs::create_dir_all(root.join(name.as_str())).unwrap();
-    let lens = Lens {
-        fov_x: 0.5,
-        width: size,
-        height: size,
-    };
+    let lens = Lens { fov_x: 0.5, width: size, height: size };
     let mut frames = Vec::new();
     for (i, camera) in training_cameras(n, 4.0, lens).into_iter().enumerate() {
         let file_path = format!("./{name}/r_{i}");
@@ -22,29 +18,13 @@ pub(crate) fn write_split(root: &Path, name: SplitName, n: usize, size: u32) {
             let d = |p: u32, c: f64| (f64::from(p) + 0.5 - c) / camera.fx;
             d(x, camera.cx).hypot(d(y, camera.cy)) < tan
         };
-        let image = RgbaImage::from_fn(size, size, |x, y| {
-            Rgba(if inside(x, y) {
-                [200, 100, 50, 255]
-            } else {
-                [0; 4]
-            })
-        });
+        let image =
+            RgbaImage::from_fn(size, size, |x, y| Rgba(if inside(x, y) { [200, 100, 50, 255] } else { [0; 4] }));
         image.save(root.join(format!("{name}/r_{i}.png"))).unwrap();
-        frames.push(FrameRecord {
-            file_path,
-            camera_to_world: camera.camera_to_world,
-            time: (i % 2) as f64,
-        });
+        frames.push(FrameRecord { file_path, camera_to_world: camera.camera_to_world, time: (i % 2) as f64 });
     }
-    let intrinsics = Intrinsics {
-        camera_angle_x: Some(0.5),
-        ..Intrinsics::default()
-    };
-    let json = Transforms {
-        path: name.json_path(root),
-        intrinsics,
-        frames,
-    };
+    let intrinsics = Intrinsics { camera_angle_x: Some(0.5), ..Intrinsics::default() };
+    let json = Transforms { path: name.json_path(root), intrinsics, frames };
     json.write(&json.path).unwrap();
 }
 
@@ -60,59 +40,27 @@ pub(crate) fn dataset(n: usize, size: u32) -> tempfile::TempDir {
 fn loads_only_what_is_named() {
     let folder = dataset(4, 8);
     let open = |splits: &[SplitName]| {
-        Dataset::open(
-            folder.path(),
-            &OpenOptions {
-                downscale: 2,
-                splits,
-                max_views: None,
-            },
-        )
-        .unwrap()
+        Dataset::open(folder.path(), &OpenOptions { downscale: 2, splits, max_views: None }).unwrap()
     };
     let train = open(&[SplitName::Train]);
-    assert_eq!(
-        (
-            train.train.images.len(),
-            train.train.images.width,
-            train.train.frames[0].camera.width
-        ),
-        (4, 4, 4)
-    );
+    assert_eq!((train.train.images.len(), train.train.images.width, train.train.frames[0].camera.width), (4, 4, 4));
     assert!(train.test.is_none() && train.val.is_none() && train.split(SplitName::Test).is_none());
     assert_eq!(train.times(), [0.0, 1.0]);
     let test = open(&[SplitName::Test]);
     assert!(test.train.images.is_empty() && test.train.frames.len() == 4);
     assert_eq!(test.test.as_ref().unwrap().images.len(), 4);
     assert_eq!(test.fingerprint(), train.fingerprint());
-    assert_eq!(
-        Dataset::present(folder.path()),
-        [SplitName::Train, SplitName::Test]
-    );
+    assert_eq!(Dataset::present(folder.path()), [SplitName::Train, SplitName::Test]);
     assert_eq!("val".parse::<SplitName>(), Ok(SplitName::Val));
-    assert!(
-        "tset"
-            .parse::<SplitName>()
-            .unwrap_err()
-            .contains("train, val or test")
-    );
+    assert!("tset".parse::<SplitName>().unwrap_err().contains("train, val or test"));
 }
 
 #[test]
 fn views_are_thinned_evenly_and_errors_keep_the_file_number() {
     let folder = dataset(4, 8);
     let split = read_split(folder.path(), SplitName::Train, 1, Some(2)).unwrap();
-    assert_eq!(
-        split
-            .frames
-            .iter()
-            .map(|f| f.name.as_str())
-            .collect::<Vec<_>>(),
-        ["r_0", "r_2"]
-    );
-    let text = read_split(folder.path(), SplitName::Train, 1, Some(0))
-        .unwrap_err()
-        .to_string();
+    assert_eq!(split.frames.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["r_0", "r_2"]);
+    let text = read_split(folder.path(), SplitName::Train, 1, Some(0)).unwrap_err().to_string();
     assert!(text.contains("max_views"), "{text}");
     std::fs::remove_file(folder.path().join("train/r_2.png")).unwrap();
     let error = read_split(folder.path(), SplitName::Train, 1, Some(2)).unwrap_err();
@@ -123,34 +71,22 @@ fn views_are_thinned_evenly_and_errors_keep_the_file_number() {
 fn the_fingerprint_follows_the_data() {
     let folder = dataset(4, 8);
     let open = |downscale| {
-        let options = OpenOptions {
-            downscale,
-            ..OpenOptions::default()
-        };
-        Dataset::open(folder.path(), &options)
-            .unwrap()
-            .fingerprint()
+        let options = OpenOptions { downscale, ..OpenOptions::default() };
+        Dataset::open(folder.path(), &options).unwrap().fingerprint()
     };
     let first = open(1);
     assert_eq!((first.len(), &first), (16, &open(1)));
     assert_ne!(first, open(2));
-    RgbaImage::from_fn(8, 8, |x, y| {
-        Rgba([(x * 31 + y * 57) as u8, x as u8, y as u8, 9])
-    })
-    .save(folder.path().join("train/r_1.png"))
-    .unwrap();
+    RgbaImage::from_fn(8, 8, |x, y| Rgba([(x * 31 + y * 57) as u8, x as u8, y as u8, 9]))
+        .save(folder.path().join("train/r_1.png"))
+        .unwrap();
     assert_ne!(first, open(1));
 }
 
 /// Opening must fail with a message that holds every one of `words`.
 fn refused(folder: &Path, words: &[&str]) {
-    let text = Dataset::open(folder, &OpenOptions::default())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        words.iter().chain(&["Hint: "]).all(|w| text.contains(w)),
-        "{text}"
-    );
+    let text = Dataset::open(folder, &OpenOptions::default()).unwrap_err().to_string();
+    assert!(words.iter().chain(&["Hint: "]).all(|w| text.contains(w)), "{text}");
 }
 
 #[test]
@@ -159,76 +95,39 @@ fn bad_folders_and_images_are_refused() {
     refused(empty.path(), &["transforms_train.json", "cannot read"]);
 
     let folder = dataset(4, 8);
-    RgbaImage::new(6, 8)
-        .save(folder.path().join("train/r_3.png"))
-        .unwrap();
-    refused(
-        folder.path(),
-        &["r_0.png is 8x8", "r_3.png is 6x8", "frame 3"],
-    );
+    RgbaImage::new(6, 8).save(folder.path().join("train/r_3.png")).unwrap();
+    refused(folder.path(), &["r_0.png is 8x8", "r_3.png is 6x8", "frame 3"]);
     std::fs::write(folder.path().join("train/r_3.png"), b"GIF89a").unwrap();
     refused(folder.path(), &["r_3.png", "not a readable PNG", "frame 3"]);
     let whole = std::fs::read(folder.path().join("train/r_1.png")).unwrap();
-    std::fs::write(
-        folder.path().join("train/r_3.png"),
-        &whole[..whole.len() - 20],
-    )
-    .unwrap();
+    std::fs::write(folder.path().join("train/r_3.png"), &whole[..whole.len() - 20]).unwrap();
     refused(folder.path(), &["r_3.png", "not a readable PNG", "frame 3"]);
     std::fs::remove_file(folder.path().join("train/r_3.png")).unwrap();
-    refused(
-        folder.path(),
-        &["r_3.png", "missing", "frame 3", "transforms_train.json"],
-    );
+    refused(folder.path(), &["r_3.png", "missing", "frame 3", "transforms_train.json"]);
     std::fs::remove_file(folder.path().join("train/r_0.png")).unwrap();
     refused(folder.path(), &["r_0.png", "missing", "frame 0"]);
 
     let folder = dataset(4, 9);
-    let options = OpenOptions {
-        downscale: 2,
-        ..OpenOptions::default()
-    };
-    let text = Dataset::open(folder.path(), &options)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        text.contains("2 does not divide the image size 9x9") && text.contains("1, 3, 9"),
-        "{text}"
-    );
+    let options = OpenOptions { downscale: 2, ..OpenOptions::default() };
+    let text = Dataset::open(folder.path(), &options).unwrap_err().to_string();
+    assert!(text.contains("2 does not divide the image size 9x9") && text.contains("1, 3, 9"), "{text}");
 
     let path = SplitName::Train.json_path(folder.path());
     let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(
-        &path,
-        text.replacen('{', "{\"fl_x\": 9, \"w\": 18, \"h\": 9,", 1),
-    )
-    .unwrap();
+    std::fs::write(&path, text.replacen('{', "{\"fl_x\": 9, \"w\": 18, \"h\": 9,", 1)).unwrap();
     refused(folder.path(), &["field `w`", "another shape"]);
-    let options = OpenOptions {
-        splits: &[SplitName::Val],
-        ..OpenOptions::default()
-    };
+    let options = OpenOptions { splits: &[SplitName::Val], ..OpenOptions::default() };
     std::fs::write(&path, &text).unwrap();
-    let text = Dataset::open(folder.path(), &options)
-        .unwrap_err()
-        .to_string();
+    let text = Dataset::open(folder.path(), &options).unwrap_err().to_string();
     assert!(text.contains("transforms_val.json"), "{text}");
 }
 
 #[test]
 fn published_dataset() {
     let Some(root) = test_data() else { return };
-    let options = OpenOptions {
-        downscale: 4,
-        splits: &SplitName::ALL,
-        max_views: Some(60),
-    };
+    let options = OpenOptions { downscale: 4, splits: &SplitName::ALL, max_views: Some(60) };
     let dataset = Dataset::open(&root, &options).unwrap();
-    let all = OpenOptions {
-        downscale: 1,
-        splits: &[],
-        max_views: None,
-    };
+    let all = OpenOptions { downscale: 1, splits: &[], max_views: None };
     let extent = Dataset::open(&root, &all).unwrap().scene_extent();
     assert!((extent - 4.4343).abs() < 1e-3, "{extent}");
     let all = Transforms::read(&SplitName::Train.json_path(&root)).unwrap();
@@ -236,9 +135,6 @@ fn published_dataset() {
     let cameras = dataset.train.frames.iter().map(|f| &f.camera);
     let (point, error) = crate::data::camera::look_at_point(cameras).unwrap();
     assert!(point.length() < 1e-5 && error < 1e-5);
-    assert_eq!(
-        (dataset.train.images.width, dataset.train.images.len()),
-        (100, 60)
-    );
+    assert_eq!((dataset.train.images.width, dataset.train.images.len()), (100, 60));
     assert!((dataset.train.frames[0].camera.fx - 50.0 / 15f64.to_radians().tan()).abs() < 1e-9);
 }

@@ -151,13 +151,7 @@ impl DataError {
         hint: impl Into<String>,
     ) -> Self {
         let (field, problem, hint) = (field.to_owned(), problem.into(), hint.into());
-        Self::Field {
-            path: path.to_owned(),
-            frame,
-            field,
-            problem,
-            hint,
-        }
+        Self::Field { path: path.to_owned(), frame, field, problem, hint }
     }
 }
 

@@ -28,27 +28,19 @@ pub(super) fn shrink_to_silhouettes(split: &Split, bounds: Aabb, threshold: f32)
     if split.frames.len() < MIN_VIEWS || split.images.len() != split.frames.len() {
         return bounds;
     }
-    let outlines: Vec<Outline> = (0..split.frames.len())
-        .into_par_iter()
-        .map(|i| outline(split, i, threshold))
-        .collect();
+    let outlines: Vec<Outline> =
+        (0..split.frames.len()).into_par_iter().map(|i| outline(split, i, threshold)).collect();
     // Rays that miss already (stray pixels, the border of coarse masks) have no say, and those that meet even the
     // smallest box need not be asked again.
     let smallest = bounds.grown(-MAX_INSET);
     let outlines: Vec<Outline> = outlines
         .into_par_iter()
         .map(|mut o| {
-            o.rays
-                .retain(|r| hits(&bounds, o.eye, *r) && !hits(&smallest, o.eye, *r));
+            o.rays.retain(|r| hits(&bounds, o.eye, *r) && !hits(&smallest, o.eye, *r));
             o
         })
         .collect();
-    let covers = |b: &Aabb| {
-        outlines
-            .par_iter()
-            .with_min_len(PIECE)
-            .all(|o| o.rays.iter().all(|r| hits(b, o.eye, *r)))
-    };
+    let covers = |b: &Aabb| outlines.par_iter().with_min_len(PIECE).all(|o| o.rays.iter().all(|r| hits(b, o.eye, *r)));
     let step = bounds.size() * (MAX_INSET / STEPS as f64);
     let (mut best, mut free) = (bounds, [true; 6]);
     for _ in 0..STEPS {
@@ -78,29 +70,17 @@ fn outline(split: &Split, frame: usize, threshold: f32) -> Outline {
     let (camera, width) = (&split.frames[frame].camera, split.images.width as usize);
     let threshold = (threshold.clamp(0.0, 1.0) * 255.0).floor() as u8;
     let mut rays = Vec::new();
-    for (y, row) in split
-        .images
-        .frame(frame)
-        .chunks_exact(width.max(1) * 4)
-        .enumerate()
-    {
+    for (y, row) in split.images.frame(frame).chunks_exact(width.max(1) * 4).enumerate() {
         let seen = |p: &[u8]| p[3] > threshold;
         let first = row.chunks_exact(4).position(seen);
         let last = row.chunks_exact(4).rposition(seen);
         for x in first.into_iter().chain(last.filter(|l| Some(*l) != first)) {
             let u = (x as f64 + 0.5 - camera.cx) / camera.fx;
             let v = (y as f64 + 0.5 - camera.cy) / camera.fy;
-            rays.push(
-                camera
-                    .camera_to_world
-                    .transform_vector3(DVec3::new(u, -v, -1.0)),
-            );
+            rays.push(camera.camera_to_world.transform_vector3(DVec3::new(u, -v, -1.0)));
         }
     }
-    Outline {
-        eye: camera.position(),
-        rays,
-    }
+    Outline { eye: camera.position(), rays }
 }
 
 /// Whether the ray meets the box (slab test). Division by a zero component gives infinities, which `min` and `max`
@@ -119,10 +99,7 @@ mod tests {
         let b = Aabb::cube(DVec3::ZERO, 1.0);
         let eye = DVec3::new(4.0, 0.0, 0.0);
         assert!(hits(&b, eye, -DVec3::X) && !hits(&b, eye, DVec3::X) && !hits(&b, eye, DVec3::Z));
-        assert!(
-            hits(&b, eye, DVec3::new(-3.0, 0.99, 0.0))
-                && !hits(&b, eye, DVec3::new(-3.0, 1.01, 0.0))
-        );
+        assert!(hits(&b, eye, DVec3::new(-3.0, 0.99, 0.0)) && !hits(&b, eye, DVec3::new(-3.0, 1.01, 0.0)));
         assert!(hits(&b, DVec3::ZERO, DVec3::X));
     }
 }

@@ -33,10 +33,7 @@ impl Aabb {
     /// The cube around `centre` of half-side `half`.
     #[must_use]
     pub fn cube(centre: DVec3, half: f64) -> Self {
-        Self {
-            min: centre - DVec3::splat(half),
-            max: centre + DVec3::splat(half),
-        }
+        Self { min: centre - DVec3::splat(half), max: centre + DVec3::splat(half) }
     }
 
     /// The three side lengths.
@@ -54,10 +51,7 @@ impl Aabb {
     /// The box with `fraction` of its size added on every side.
     #[must_use]
     pub fn grown(&self, fraction: f64) -> Self {
-        Self {
-            min: self.min - fraction * self.size(),
-            max: self.max + fraction * self.size(),
-        }
+        Self { min: self.min - fraction * self.size(), max: self.max + fraction * self.size() }
     }
 
     /// Whether the box holds the point (its faces included).
@@ -78,10 +72,7 @@ pub struct HullOptions {
 
 impl Default for HullOptions {
     fn default() -> Self {
-        Self {
-            alpha_threshold: 0.0,
-            resolution: 64,
-        }
+        Self { alpha_threshold: 0.0, resolution: 64 }
     }
 }
 
@@ -105,38 +96,21 @@ impl VisualHull {
         let start = view_box(split);
         let masks = Masks::new(split, options.alpha_threshold);
         if masks.opaque() {
-            return Ok(Self {
-                bounds: start,
-                filled: 1.0,
-                carved: false,
-            });
+            return Ok(Self { bounds: start, filled: 1.0, carved: false });
         }
-        let empty = || DataError::EmptyHull {
-            split: split.name.to_string(),
-            views: split.frames.len(),
-        };
+        let empty = || DataError::EmptyHull { split: split.name.to_string(), views: split.frames.len() };
         let n = options.resolution.max(2);
         // Whole cells first, so that nothing thin is lost; then half cells of a box that
         // fits.
-        let rough = Grid::carve(&masks, start, n / 2, 0.87)
-            .bounds()
-            .ok_or_else(empty)?;
+        let rough = Grid::carve(&masks, start, n / 2, 0.87).bounds().ok_or_else(empty)?;
         let coarse = Grid::carve(&masks, rough, n, 0.87);
         let fine = coarse.refine(&masks, 0.25);
         let bounds = fine.bounds().ok_or_else(empty)?;
         let bounds = shrink_to_silhouettes(split, bounds, options.alpha_threshold);
         let cells = bounds.size() / fine.cell();
-        let held = fine
-            .cells
-            .iter()
-            .filter(|c| bounds.contains(fine.point(c.index, DVec3::splat(0.5))))
-            .count();
+        let held = fine.cells.iter().filter(|c| bounds.contains(fine.point(c.index, DVec3::splat(0.5)))).count();
         let filled = (held as f64 / (cells.x * cells.y * cells.z)).min(1.0);
-        Ok(Self {
-            bounds,
-            filled,
-            carved: true,
-        })
+        Ok(Self { bounds, filled, carved: true })
     }
 }
 
@@ -152,21 +126,13 @@ pub fn bounds(split: &Split) -> Result<Aabb, DataError> {
 /// `bounds` where nothing is left. The same for the same `seed`, whatever the number of threads.
 #[must_use]
 pub fn sample(split: &Split, bounds: Aabb, n: usize, seed: u64) -> Vec<[f32; 3]> {
-    sample_in(&Masks::new(split, 0.0), bounds, n, seed)
-        .into_iter()
-        .map(|(p, _)| p.as_vec3().to_array())
-        .collect()
+    sample_in(&Masks::new(split, 0.0), bounds, n, seed).into_iter().map(|(p, _)| p.as_vec3().to_array()).collect()
 }
 
 /// As [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over
 /// the views of one time whose hull holds it; mid-grey where no view shows it.
 #[must_use]
-pub fn sample_coloured(
-    split: &Split,
-    bounds: Aabb,
-    n: usize,
-    seed: u64,
-) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
     let masks = Masks::new(split, 0.0);
     sample_in(&masks, bounds, n, seed)
         .into_par_iter()
@@ -177,22 +143,10 @@ pub fn sample_coloured(
 
 /// Points, each with the number of a time group whose hull holds it.
 fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3, usize)> {
-    let grid = if masks.opaque() {
-        Grid::full(bounds)
-    } else {
-        Grid::carve(masks, bounds, 64, 0.87)
-    };
-    let grid = if grid.cells.is_empty() {
-        Grid::full(bounds)
-    } else {
-        grid
-    };
+    let grid = if masks.opaque() { Grid::full(bounds) } else { Grid::carve(masks, bounds, 64, 0.87) };
+    let grid = if grid.cells.is_empty() { Grid::full(bounds) } else { grid };
     let inside = |p: DVec3, first: usize| {
-        if masks.opaque() {
-            Some(first)
-        } else {
-            masks.group_holding(p, first)
-        }
+        if masks.opaque() { Some(first) } else { masks.group_holding(p, first) }
     };
     (0..n)
         .into_par_iter()
@@ -220,32 +174,14 @@ fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3
 pub fn view_box(split: &Split) -> Aabb {
     let cameras = || split.frames.iter().map(|f| &f.camera);
     let n = split.frames.len().max(1) as f64;
-    let mean = cameras()
-        .map(super::camera::Camera::position)
-        .sum::<DVec3>()
-        / n;
-    let spread = cameras()
-        .map(|c| c.position().distance(mean))
-        .fold(0.0, f64::max);
-    let ahead = cameras()
-        .map(super::camera::Camera::forward)
-        .sum::<DVec3>()
-        .normalize_or_zero();
-    let centre = super::camera::look_at_point(cameras()).map_or_else(
-        || mean + ahead * if spread > 0.0 { 2.0 * spread } else { 1.0 },
-        |(p, _)| p,
-    );
-    let half = cameras()
-        .map(|c| c.position().distance(centre) * (0.5 * c.fov_x().max(c.fov_y())).tan())
-        .fold(0.0, f64::max);
-    Aabb::cube(
-        centre,
-        if half > 0.0 && half.is_finite() {
-            half
-        } else {
-            1.0
-        },
-    )
+    let mean = cameras().map(super::camera::Camera::position).sum::<DVec3>() / n;
+    let spread = cameras().map(|c| c.position().distance(mean)).fold(0.0, f64::max);
+    let ahead = cameras().map(super::camera::Camera::forward).sum::<DVec3>().normalize_or_zero();
+    let centre = super::camera::look_at_point(cameras())
+        .map_or_else(|| mean + ahead * if spread > 0.0 { 2.0 * spread } else { 1.0 }, |(p, _)| p);
+    let half =
+        cameras().map(|c| c.position().distance(centre) * (0.5 * c.fov_x().max(c.fov_y())).tan()).fold(0.0, f64::max);
+    Aabb::cube(centre, if half > 0.0 && half.is_finite() { half } else { 1.0 })
 }
 
 #[cfg(test)]

@@ -9,41 +9,23 @@ fn a_sphere_is_found() {
     let folder = dataset(24, 64);
     let split = read_split(folder.path(), SplitName::Train, 1, None).unwrap();
     let hull = VisualHull::carve(&split, &HullOptions::default()).unwrap();
-    for x in hull
-        .bounds
-        .min
-        .to_array()
-        .into_iter()
-        .chain(hull.bounds.max.to_array())
-    {
+    for x in hull.bounds.min.to_array().into_iter().chain(hull.bounds.max.to_array()) {
         assert!((0.49..0.58).contains(&x.abs()), "{:?}", hull.bounds);
     }
     // A sphere fills 0.52 of its cube; twelve cones leave a little more.
-    assert!(
-        hull.carved && (0.4..0.75).contains(&hull.filled),
-        "{}",
-        hull.filled
-    );
+    assert!(hull.carved && (0.4..0.75).contains(&hull.filled), "{}", hull.filled);
     let (points, colours) = sample_coloured(&split, hull.bounds, 2000, 5);
     assert_eq!(points, sample(&split, hull.bounds, 2000, 5));
     assert_ne!(points, sample(&split, hull.bounds, 2000, 6));
-    let mean = points.iter().fold(DVec3::ZERO, |m, p| {
-        m + glam::Vec3::from_array(*p).as_dvec3() / 2000.0
-    });
+    let mean = points.iter().fold(DVec3::ZERO, |m, p| m + glam::Vec3::from_array(*p).as_dvec3() / 2000.0);
     assert!(mean.length() < 0.03, "{mean}");
     for (p, c) in points.iter().zip(&colours) {
         let p = glam::Vec3::from_array(*p).as_dvec3();
         assert!(p.length() < 0.7 && hull.bounds.contains(p), "{p}");
         assert!((c[0] - 200.0 / 255.0).abs() < 1e-6 && (c[2] - 50.0 / 255.0).abs() < 1e-6);
     }
-    let inner = points
-        .iter()
-        .filter(|p| glam::Vec3::from_array(**p).length() < 0.25)
-        .count();
-    assert!(
-        (150..360).contains(&inner),
-        "an eighth of the sphere's points lie within half its radius: {inner}"
-    );
+    let inner = points.iter().filter(|p| glam::Vec3::from_array(**p).length() < 0.25).count();
+    assert!((150..360).contains(&inner), "an eighth of the sphere's points lie within half its radius: {inner}");
 }
 
 #[test]
@@ -51,10 +33,7 @@ fn thread_count_does_not_matter() {
     let folder = dataset(8, 32);
     let split = read_split(folder.path(), SplitName::Train, 1, None).unwrap();
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let hull = VisualHull::carve(&split, &HullOptions::default()).unwrap();
             let points = sample_coloured(&split, hull.bounds, 3000, 1);
@@ -72,30 +51,13 @@ fn opaque_empty_and_unloaded_images() {
     let start = view_box(&split);
     assert!((start.max.x - 4.0 * 0.25f64.tan()).abs() < 1e-6 && start.centre().length() < 1e-6);
 
-    split
-        .images
-        .pixels
-        .chunks_exact_mut(4)
-        .for_each(|p| p[3] = 0);
-    let text = VisualHull::carve(&split, &HullOptions::default())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        text.contains("split `train`") && text.contains("6 alpha masks"),
-        "{text}"
-    );
+    split.images.pixels.chunks_exact_mut(4).for_each(|p| p[3] = 0);
+    let text = VisualHull::carve(&split, &HullOptions::default()).unwrap_err().to_string();
+    assert!(text.contains("split `train`") && text.contains("6 alpha masks"), "{text}");
     let points = sample(&split, start, 100, 1);
-    assert!(
-        points
-            .iter()
-            .all(|p| start.contains(glam::Vec3::from_array(*p).as_dvec3()))
-    );
+    assert!(points.iter().all(|p| start.contains(glam::Vec3::from_array(*p).as_dvec3())));
 
-    split
-        .images
-        .pixels
-        .chunks_exact_mut(4)
-        .for_each(|p| p[3] = 255);
+    split.images.pixels.chunks_exact_mut(4).for_each(|p| p[3] = 255);
     let hull = VisualHull::carve(&split, &HullOptions::default()).unwrap();
     assert!(!hull.carved && hull.bounds == start && hull.filled == 1.0);
 
@@ -116,17 +78,8 @@ fn published_dataset() {
     let hull = VisualHull::carve(&split, &HullOptions::default()).unwrap();
     let carving = clock.elapsed();
     let points = sample(&split, hull.bounds, 100_000, 1);
-    println!(
-        "{hull:?}: {carving:?}, with 100000 points {:?}",
-        clock.elapsed()
-    );
-    for x in hull
-        .bounds
-        .min
-        .to_array()
-        .into_iter()
-        .chain(hull.bounds.max.to_array())
-    {
+    println!("{hull:?}: {carving:?}, with 100000 points {:?}", clock.elapsed());
+    for x in hull.bounds.min.to_array().into_iter().chain(hull.bounds.max.to_array()) {
         assert!((x.abs() - 0.5401).abs() < 0.012, "{:?}", hull.bounds);
     }
     assert!((0.2..0.4).contains(&hull.filled), "{}", hull.filled);

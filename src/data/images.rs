@@ -38,18 +38,12 @@ impl ImageSet {
         let frame = width as usize * height as usize * Self::CHANNELS;
         let mut pixels = Vec::new();
         let total = frame.saturating_mul(paths.len());
-        pixels
-            .try_reserve_exact(total)
-            .map_err(|_| DataError::Option {
-                path: json.to_owned(),
-                option: "downscale",
-                problem: format!(
-                    "{} images of {width}x{height} need {} MiB of memory",
-                    paths.len(),
-                    total >> 20
-                ),
-                hint: "use a larger downscale factor or fewer views".to_owned(),
-            })?;
+        pixels.try_reserve_exact(total).map_err(|_| DataError::Option {
+            path: json.to_owned(),
+            option: "downscale",
+            problem: format!("{} images of {width}x{height} need {} MiB of memory", paths.len(), total >> 20),
+            hint: "use a larger downscale factor or fewer views".to_owned(),
+        })?;
         pixels.resize(total, 0);
         let results: Vec<Result<(), DataError>> = pixels
             .par_chunks_mut(frame.max(1))
@@ -58,29 +52,14 @@ impl ImageSet {
             .map(|(i, (out, path))| {
                 let image = decode(path).map_err(|problem| image_error(json, path, i, problem))?;
                 if image.dimensions() != (full_width, full_height) {
-                    return Err(image_error(
-                        json,
-                        path,
-                        i,
-                        "its header and its content differ in size".to_owned(),
-                    ));
+                    return Err(image_error(json, path, i, "its header and its content differ in size".to_owned()));
                 }
-                shrink(
-                    image.as_raw(),
-                    full_width as usize,
-                    downscale as usize,
-                    out,
-                    width as usize,
-                );
+                shrink(image.as_raw(), full_width as usize, downscale as usize, out, width as usize);
                 Ok(())
             })
             .collect();
         results.into_iter().collect::<Result<(), _>>()?;
-        Ok(Self {
-            width,
-            height,
-            pixels,
-        })
+        Ok(Self { width, height, pixels })
     }
 
     /// How many images there are.
@@ -115,25 +94,12 @@ impl ImageSet {
     /// # Errors
     /// If `factor` is 0 or does not divide width and height.
     pub fn downscale(&self, factor: u32) -> Result<Self, DataError> {
-        let (width, height) =
-            downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
+        let (width, height) = downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
         let mut out = vec![0; width as usize * height as usize * Self::CHANNELS * self.len()];
         out.par_chunks_mut((width as usize * height as usize * Self::CHANNELS).max(1))
             .zip(self.pixels.par_chunks(self.frame_len().max(1)))
-            .for_each(|(out, image)| {
-                shrink(
-                    image,
-                    self.width as usize,
-                    factor as usize,
-                    out,
-                    width as usize,
-                )
-            });
-        Ok(Self {
-            width,
-            height,
-            pixels: out,
-        })
+            .for_each(|(out, image)| shrink(image, self.width as usize, factor as usize, out, width as usize));
+        Ok(Self { width, height, pixels: out })
     }
 
     /// Image `frame` over `background` into `out` `[height * width * 3]`: `rgb * a + background * (1 - a)`, all
@@ -143,11 +109,7 @@ impl ImageSet {
     /// If `frame` is not below `len()` or `out` has another length.
     pub fn composite(&self, frame: usize, background: [f32; 3], out: &mut [f32]) {
         let image = self.frame(frame);
-        assert_eq!(
-            out.len() * 4,
-            image.len() * 3,
-            "composite: `out` must hold height * width * 3 values"
-        );
+        assert_eq!(out.len() * 4, image.len() * 3, "composite: `out` must hold height * width * 3 values");
         for (pixel, out) in image.chunks_exact(4).zip(out.chunks_exact_mut(3)) {
             let a = f32::from(pixel[3]) / 255.0;
             for c in 0..3 {
@@ -162,11 +124,7 @@ impl ImageSet {
     /// If `frame` is not below `len()` or `out` has another length.
     pub fn alpha(&self, frame: usize, out: &mut [f32]) {
         let image = self.frame(frame);
-        assert_eq!(
-            out.len() * 4,
-            image.len(),
-            "alpha: `out` must hold height * width values"
-        );
+        assert_eq!(out.len() * 4, image.len(), "alpha: `out` must hold height * width values");
         for (pixel, out) in image.chunks_exact(4).zip(out) {
             *out = f32::from(pixel[3]) / 255.0;
         }
@@ -177,19 +135,14 @@ impl ImageSet {
 pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
-    reader
-        .decode()
-        .map(|image| image.to_rgba8())
-        .map_err(|e| format!("not a readable PNG: {e}"))
+    reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
 }
 
 /// Width and height from the header alone.
 pub(crate) fn size(path: &Path) -> Result<(u32, u32), String> {
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
-    reader
-        .into_dimensions()
-        .map_err(|e| format!("not a readable PNG: {e}"))
+    reader.into_dimensions().map_err(|e| format!("not a readable PNG: {e}"))
 }
 
 fn open(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>, String> {
@@ -205,13 +158,7 @@ pub(crate) fn image_error(json: &Path, path: &Path, frame: usize, problem: Strin
     } else {
         "render or copy the image again; only PNG is read"
     };
-    DataError::Image {
-        path: path.to_owned(),
-        json: json.to_owned(),
-        frame,
-        problem,
-        hint: hint.to_owned(),
-    }
+    DataError::Image { path: path.to_owned(), json: json.to_owned(), frame, problem, hint: hint.to_owned() }
 }
 
 /// The size that all images share, from their headers.
@@ -235,16 +182,9 @@ pub(crate) fn common_size(json: &Path, paths: &[PathBuf]) -> Result<(u32, u32), 
     Ok(first.unwrap_or((0, 0)))
 }
 
-pub(crate) fn downscaled_size(
-    path: &Path,
-    (w, h): (u32, u32),
-    factor: u32,
-) -> Result<(u32, u32), DataError> {
+pub(crate) fn downscaled_size(path: &Path, (w, h): (u32, u32), factor: u32) -> Result<(u32, u32), DataError> {
     if factor == 0 || w % factor != 0 || h % factor != 0 {
-        let dividing = (1..=16)
-            .filter(|k| w % k == 0 && h % k == 0)
-            .map(|k| k.to_string())
-            .collect::<Vec<_>>();
+        let dividing = (1..=16).filter(|k| w % k == 0 && h % k == 0).map(|k| k.to_string()).collect::<Vec<_>>();
         return Err(DataError::Option {
             path: path.to_owned(),
             option: "downscale",

@@ -4,49 +4,22 @@ use super::*;
 use image::{DynamicImage, Rgba, RgbaImage};
 
 fn set(width: u32, height: u32, pixels: &[[u8; 4]]) -> ImageSet {
-    ImageSet {
-        width,
-        height,
-        pixels: pixels.concat(),
-    }
+    ImageSet { width, height, pixels: pixels.concat() }
 }
 
 #[test]
 fn area_filter_weights_by_alpha_and_rounds() {
     let clear_red = [255, 0, 0, 0];
     let blue = [0, 0, 255, 255];
-    let small = set(2, 2, &[clear_red, blue, clear_red, blue])
-        .downscale(2)
-        .unwrap();
+    let small = set(2, 2, &[clear_red, blue, clear_red, blue]).downscale(2).unwrap();
     assert_eq!(small.pixels, [0, 0, 255, 128]);
-    let small = set(
-        2,
-        2,
-        &[[1, 0, 0, 255], [1, 0, 0, 255], [0, 0, 0, 255], [0; 4]],
-    )
-    .downscale(2)
-    .unwrap();
+    let small = set(2, 2, &[[1, 0, 0, 255], [1, 0, 0, 255], [0, 0, 0, 255], [0; 4]]).downscale(2).unwrap();
     assert_eq!(small.pixels, [1, 0, 0, 191]);
-    assert_eq!(
-        set(2, 2, &[clear_red; 4]).downscale(2).unwrap().pixels,
-        [0; 4]
-    );
-    let two = set(
-        2,
-        1,
-        &[
-            [1, 2, 3, 4],
-            [5, 6, 7, 8],
-            [9, 10, 11, 12],
-            [13, 14, 15, 16],
-        ],
-    );
+    assert_eq!(set(2, 2, &[clear_red; 4]).downscale(2).unwrap().pixels, [0; 4]);
+    let two = set(2, 1, &[[1, 2, 3, 4], [5, 6, 7, 8], [9, 10, 11, 12], [13, 14, 15, 16]]);
     assert_eq!((two.len(), two.downscale(1).unwrap()), (2, two.clone()));
     let text = two.downscale(2).unwrap_err().to_string();
-    assert!(
-        text.contains("2 does not divide the image size 2x1") && text.contains("use one of 1"),
-        "{text}"
-    );
+    assert!(text.contains("2 does not divide the image size 2x1") && text.contains("use one of 1"), "{text}");
     assert!(two.downscale(0).is_err());
 }
 
@@ -79,9 +52,7 @@ fn every_bit_depth_and_colour_type_is_read() {
         DynamicImage::ImageLuma8(rgba.to_luma8()),
         rgba,
     ];
-    let paths: Vec<PathBuf> = (0..kinds.len())
-        .map(|i| folder.path().join(format!("{i}.png")))
-        .collect();
+    let paths: Vec<PathBuf> = (0..kinds.len()).map(|i| folder.path().join(format!("{i}.png"))).collect();
     for (image, path) in kinds.iter().zip(&paths) {
         image.save(path).unwrap();
     }
@@ -91,15 +62,6 @@ fn every_bit_depth_and_colour_type_is_read() {
     assert_eq!(&set.frame(1)[..4], [10, 200, 10, 255]);
     assert_eq!(&set.frame(2)[..4], [10, 200, 10, 255]);
     assert_eq!(set.frame(3)[3], 255);
-    assert_eq!(
-        ImageSet::load(Path::new("t.json"), &paths, 2)
-            .unwrap()
-            .width,
-        1
-    );
-    assert!(
-        ImageSet::load(Path::new("t.json"), &[], 1)
-            .unwrap()
-            .is_empty()
-    );
+    assert_eq!(ImageSet::load(Path::new("t.json"), &paths, 2).unwrap().width, 1);
+    assert!(ImageSet::load(Path::new("t.json"), &[], 1).unwrap().is_empty());
 }

@@ -89,26 +89,12 @@ impl Report {
     }
 
     pub(super) fn check(&mut self, split: &str, what: &str, ok: bool, detail: impl Into<String>) {
-        self.checks.push(Check {
-            name: format!("{split}: {what}"),
-            ok,
-            detail: detail.into(),
-        });
+        self.checks.push(Check { name: format!("{split}: {what}"), ok, detail: detail.into() });
     }
 
     /// A check that fails with `problems`, or passes with `fine`.
-    fn check_list(
-        &mut self,
-        split: &str,
-        what: &str,
-        problems: Vec<String>,
-        fine: impl Into<String>,
-    ) {
-        let detail = if problems.is_empty() {
-            fine.into()
-        } else {
-            summary(&problems)
-        };
+    fn check_list(&mut self, split: &str, what: &str, problems: Vec<String>, fine: impl Into<String>) {
+        let detail = if problems.is_empty() { fine.into() } else { summary(&problems) };
         self.check(split, what, problems.is_empty(), detail);
         self.problems.extend(problems);
     }
@@ -117,32 +103,17 @@ impl Report {
 /// Looks at the dataset folder `root`: JSON, images, times, lens and poses of every split.
 #[must_use]
 pub fn inspect(root: &Path) -> Report {
-    let mut report = Report {
-        root: root.to_owned(),
-        ..Report::default()
-    };
+    let mut report = Report { root: root.to_owned(), ..Report::default() };
     let present = Dataset::present(root);
-    let found = present
-        .iter()
-        .map(|n| n.as_str())
-        .collect::<Vec<_>>()
-        .join(", ");
-    let lacking = SplitName::ALL
-        .iter()
-        .filter(|n| **n != SplitName::Val && !present.contains(n));
-    let problems = lacking
-        .map(|n| format!("{} is missing", n.json_path(root).display()))
-        .collect();
+    let found = present.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(", ");
+    let lacking = SplitName::ALL.iter().filter(|n| **n != SplitName::Val && !present.contains(n));
+    let problems = lacking.map(|n| format!("{} is missing", n.json_path(root).display())).collect();
     report.check_list("dataset", "splits", problems, format!("found {found}"));
-    let texts: Vec<(SplitName, Result<String, String>)> = present
-        .into_iter()
-        .map(|n| (n, read_text(&n.json_path(root)).map_err(|e| e.to_string())))
-        .collect();
+    let texts: Vec<(SplitName, Result<String, String>)> =
+        present.into_iter().map(|n| (n, read_text(&n.json_path(root)).map_err(|e| e.to_string()))).collect();
     for (i, (name, text)) in texts.iter().enumerate() {
         if let Some((other, _)) = texts[..i].iter().find(|(_, t)| t.is_ok() && t == text) {
-            report
-                .notes
-                .push(format!("{name} is the same, byte for byte, as {other}"));
+            report.notes.push(format!("{name} is the same, byte for byte, as {other}"));
         }
         match text {
             Ok(text) => inspect_split(&mut report, root, *name, text),
@@ -156,34 +127,18 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
     let path = name.json_path(root);
     let scan = scan(&path, text);
     let split = name.as_str();
-    let mut facts = SplitFacts {
-        name: split.to_owned(),
-        frames: scan.frames.len(),
-        ..SplitFacts::default()
-    };
+    let mut facts = SplitFacts { name: split.to_owned(), frames: scan.frames.len(), ..SplitFacts::default() };
     let problems: Vec<String> = scan.problems.iter().map(ToString::to_string).collect();
-    report.check_list(
-        split,
-        "json",
-        problems,
-        format!("{} frames", scan.frames.len()),
-    );
+    report.check_list(split, "json", problems, format!("{} frames", scan.frames.len()));
     facts.orthonormality_error = scan.orthonormality_error;
     report.check(
         split,
         "poses",
         scan.orthonormality_error <= ROTATION_TOLERANCE,
-        format!(
-            "rotations are orthonormal to {:.1e} (at most {ROTATION_TOLERANCE:.0e})",
-            scan.orthonormality_error
-        ),
+        format!("rotations are orthonormal to {:.1e} (at most {ROTATION_TOLERANCE:.0e})", scan.orthonormality_error),
     );
-    let records: Vec<(usize, &FrameRecord)> = scan
-        .frames
-        .iter()
-        .enumerate()
-        .filter_map(|(i, f)| f.as_ref().map(|f| (i, f)))
-        .collect();
+    let records: Vec<(usize, &FrameRecord)> =
+        scan.frames.iter().enumerate().filter_map(|(i, f)| f.as_ref().map(|f| (i, f))).collect();
     images(report, &mut facts, root, &path, &records);
     times(report, &mut facts, &records);
     cameras(report, &mut facts, &scan, &records);
@@ -191,33 +146,18 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
 }
 
 /// Decodes every image once, in parallel, keeping nothing but counts.
-fn images(
-    report: &mut Report,
-    facts: &mut SplitFacts,
-    root: &Path,
-    json: &Path,
-    records: &[(usize, &FrameRecord)],
-) {
+fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path, records: &[(usize, &FrameRecord)]) {
     let paths: Vec<PathBuf> = records.iter().map(|(_, r)| r.image_path(root)).collect();
     let unique: HashSet<&PathBuf> = paths.iter().collect();
     if unique.len() < paths.len() {
-        report.notes.push(format!(
-            "{}: {} images are named more than once",
-            facts.name,
-            paths.len() - unique.len()
-        ));
+        report.notes.push(format!("{}: {} images are named more than once", facts.name, paths.len() - unique.len()));
     }
     let looked: Vec<Result<[u64; 4], String>> = paths.par_iter().map(|p| count_alpha(p)).collect();
     let (mut missing, mut broken, mut odd) = (Vec::new(), Vec::new(), Vec::new());
     let (mut seen, mut opaque, mut pixels) = (0, 0, 0);
     let mut first: Option<([u32; 2], usize)> = None;
     for (k, result) in looked.into_iter().enumerate() {
-        let place = format!(
-            "{} (frame {} of {})",
-            paths[k].display(),
-            records[k].0,
-            json.display()
-        );
+        let place = format!("{} (frame {} of {})", paths[k].display(), records[k].0, json.display());
         match result {
             Err(problem) if !paths[k].exists() => missing.push(format!("{place}: {problem}")),
             Err(problem) => broken.push(format!("{place}: {problem}")),
@@ -235,10 +175,7 @@ fn images(
     facts.missing_images = missing.len();
     facts.resolution = first.map(|(size, _)| size);
     let n = paths.len();
-    let size = first.map_or_else(
-        || "no image could be read".to_owned(),
-        |([w, h], _)| format!("{w}x{h} pixels"),
-    );
+    let size = first.map_or_else(|| "no image could be read".to_owned(), |([w, h], _)| format!("{w}x{h} pixels"));
     let name = facts.name.clone();
     report.check_list(&name, "images present", missing, format!("{n} of {n}"));
     report.check_list(&name, "images readable", broken, "all are PNGs that decode");
@@ -246,16 +183,10 @@ fn images(
     if pixels > 0 {
         let (some, full) = (seen as f64 / pixels as f64, opaque as f64 / pixels as f64);
         (facts.alpha_coverage, facts.alpha_opaque) = (Some(some), Some(full));
-        let shares = format!(
-            "{:.1} % of the pixels are not empty, {:.1} % opaque",
-            100.0 * some,
-            100.0 * full
-        );
+        let shares = format!("{:.1} % of the pixels are not empty, {:.1} % opaque", 100.0 * some, 100.0 * full);
         let hint = match () {
             () if some <= 0.0 => "; every image is empty",
-            () if full >= 1.0 => {
-                "; no transparency: the box of the data cannot be found from the images"
-            }
+            () if full >= 1.0 => "; no transparency: the box of the data cannot be found from the images",
             () => "",
         };
         report.check(&name, "alpha", hint.is_empty(), shares + hint);
@@ -271,12 +202,7 @@ fn count_alpha(path: &Path) -> Result<[u64; 4], String> {
         some += u64::from(pixel[3] > 0);
         full += u64::from(pixel[3] == 255);
     }
-    Ok([
-        u64::from(image.width()),
-        u64::from(image.height()),
-        some,
-        full,
-    ])
+    Ok([u64::from(image.width()), u64::from(image.height()), some, full])
 }
 
 fn summary(problems: &[String]) -> String {

@@ -4,12 +4,7 @@ use super::*;
 use crate::data::dataset::tests::dataset;
 
 fn failing(report: &Report) -> Vec<&str> {
-    report
-        .checks
-        .iter()
-        .filter(|c| !c.ok)
-        .map(|c| c.name.as_str())
-        .collect()
+    report.checks.iter().filter(|c| !c.ok).map(|c| c.name.as_str()).collect()
 }
 
 #[test]
@@ -18,17 +13,9 @@ fn a_good_folder_passes() {
     let report = inspect(folder.path());
     assert!(report.ok() && report.problems.is_empty(), "{report:#?}");
     let train = &report.splits[0];
-    assert_eq!(
-        (train.frames, train.resolution, train.times),
-        (8, Some([16, 16]), 2)
-    );
-    assert_eq!(
-        (train.views_per_time, train.missing_images),
-        (Some([4, 4]), 0)
-    );
-    assert!(
-        (train.camera_radius.unwrap()[0] - 4.0).abs() < 1e-6 && train.look_at_error.unwrap() < 1e-6
-    );
+    assert_eq!((train.frames, train.resolution, train.times), (8, Some([16, 16]), 2));
+    assert_eq!((train.views_per_time, train.missing_images), (Some([4, 4]), 0));
+    assert!((train.camera_radius.unwrap()[0] - 4.0).abs() < 1e-6 && train.look_at_error.unwrap() < 1e-6);
     let text = serde_json::to_string(&report).unwrap();
     assert_eq!(serde_json::from_str::<Report>(&text).unwrap(), report);
 }
@@ -38,9 +25,7 @@ fn all_problems_are_gathered() {
     let folder = dataset(8, 16);
     std::fs::remove_file(folder.path().join("train/r_1.png")).unwrap();
     std::fs::write(folder.path().join("train/r_2.png"), b"no").unwrap();
-    image::RgbaImage::new(3, 3)
-        .save(folder.path().join("train/r_3.png"))
-        .unwrap();
+    image::RgbaImage::new(3, 3).save(folder.path().join("train/r_3.png")).unwrap();
     let path = folder.path().join("transforms_train.json");
     let text = std::fs::read_to_string(&path).unwrap();
     let mut json: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -59,18 +44,8 @@ fn all_problems_are_gathered() {
     ];
     assert_eq!(failing(&report), expected, "{report:#?}");
     assert_eq!(report.problems.len(), 6, "{:#?}", report.problems);
-    for words in [
-        "frame 5, field `time`",
-        "frame 6, field `transform_matrix`",
-        "r_1.png",
-        "r_3.png",
-        "ends in",
-    ] {
-        assert!(
-            report.problems.iter().any(|p| p.contains(words)),
-            "{words}: {:#?}",
-            report.problems
-        );
+    for words in ["frame 5, field `time`", "frame 6, field `transform_matrix`", "r_1.png", "r_3.png", "ends in"] {
+        assert!(report.problems.iter().any(|p| p.contains(words)), "{words}: {:#?}", report.problems);
     }
 }
 
@@ -90,22 +65,8 @@ fn published_dataset() {
     let report = inspect(&root);
     assert!(report.ok(), "{:#?}", report.checks);
     let train = &report.splits[0];
-    assert_eq!(
-        (train.frames, train.times, train.views_per_time),
-        (600, 30, Some([20, 20]))
-    );
-    assert!(
-        (train.fov_x_degrees.unwrap() - 30.0).abs() < 1e-9 && train.orthonormality_error < 1e-6
-    );
-    assert!(
-        (0.1..0.2).contains(&train.alpha_coverage.unwrap()),
-        "{:?}",
-        train.alpha_coverage
-    );
-    assert!(
-        report
-            .notes
-            .iter()
-            .any(|n| n.contains("test is the same, byte for byte, as val"))
-    );
+    assert_eq!((train.frames, train.times, train.views_per_time), (600, 30, Some([20, 20])));
+    assert!((train.fov_x_degrees.unwrap() - 30.0).abs() < 1e-9 && train.orthonormality_error < 1e-6);
+    assert!((0.1..0.2).contains(&train.alpha_coverage.unwrap()), "{:?}", train.alpha_coverage);
+    assert!(report.notes.iter().any(|n| n.contains("test is the same, byte for byte, as val")));
 }

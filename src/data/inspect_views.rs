@@ -6,11 +6,7 @@ use super::scan::Scan;
 use super::transforms::FrameRecord;
 
 /// Are the times evenly spread, and over all of [0, 1]?
-pub(super) fn times(
-    report: &mut Report,
-    facts: &mut SplitFacts,
-    records: &[(usize, &FrameRecord)],
-) {
+pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usize, &FrameRecord)]) {
     let mut all: Vec<f64> = records.iter().map(|(_, r)| r.time).collect();
     all.sort_by(f64::total_cmp);
     let counts: Vec<usize> = all.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
@@ -37,26 +33,15 @@ pub(super) fn times(
     }
     report.check(&name, "times", even, detail);
     let whole = all.len() < 2 || (first < 0.05 && last > 0.95);
-    let detail = if whole {
-        "the times reach from 0 to 1"
-    } else {
-        "the times leave out a part of [0, 1]; rescale them"
-    };
+    let detail =
+        if whole { "the times reach from 0 to 1" } else { "the times leave out a part of [0, 1]; rescale them" };
     report.check(&name, "time range", whole, detail);
 }
 
 /// Is the lens sane, and do the cameras look at one point?
-pub(super) fn cameras(
-    report: &mut Report,
-    facts: &mut SplitFacts,
-    scan: &Scan,
-    records: &[(usize, &FrameRecord)],
-) {
+pub(super) fn cameras(report: &mut Report, facts: &mut SplitFacts, scan: &Scan, records: &[(usize, &FrameRecord)]) {
     let [w, h] = facts.resolution.unwrap_or([1, 1]);
-    let cameras: Vec<Camera> = records
-        .iter()
-        .map(|(_, r)| scan.intrinsics.camera(w, h, r.camera_to_world))
-        .collect();
+    let cameras: Vec<Camera> = records.iter().map(|(_, r)| scan.intrinsics.camera(w, h, r.camera_to_world)).collect();
     let Some(one) = cameras.first() else { return };
     let name = facts.name.clone();
     if facts.resolution.is_some() {
@@ -77,10 +62,7 @@ pub(super) fn cameras(
     let found = look_at_point(cameras.iter());
     let centre = found.map_or(glam::DVec3::ZERO, |(p, _)| p);
     let distances = || cameras.iter().map(|c| c.position().distance(centre));
-    let (near, far) = (
-        distances().fold(f64::INFINITY, f64::min),
-        distances().fold(0.0, f64::max),
-    );
+    let (near, far) = (distances().fold(f64::INFINITY, f64::min), distances().fold(0.0, f64::max));
     facts.camera_radius = Some([near, far]);
     facts.look_at = found.map(|(p, _)| p.to_array());
     facts.look_at_error = found.map(|(_, e)| e);
@@ -90,23 +72,11 @@ pub(super) fn cameras(
                 "the cameras look at ({:.4}, {:.4}, {:.4}) to within {error:.1e}, from {near:.4} to {far:.4} away",
                 p.x, p.y, p.z
             );
-            let behind = cameras
-                .iter()
-                .filter(|c| c.forward().dot(p - c.position()) <= 0.0)
-                .count();
+            let behind = cameras.iter().filter(|c| c.forward().dot(p - c.position()) <= 0.0).count();
             let ok = behind == 0;
-            let more = if ok {
-                String::new()
-            } else {
-                format!("; {behind} look away from it: check the -z axis")
-            };
+            let more = if ok { String::new() } else { format!("; {behind} look away from it: check the -z axis") };
             report.check(&name, "camera layout", ok, detail + &more);
         }
-        None => report.check(
-            &name,
-            "camera layout",
-            cameras.len() < 2,
-            "the optical axes do not meet",
-        ),
+        None => report.check(&name, "camera layout", cameras.len() < 2, "the optical axes do not meet"),
     }
 }

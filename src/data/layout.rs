@@ -32,31 +32,13 @@ struct Panel {
 pub fn layout_picture(frames: &[Frame], bounds: &Aabb) -> RgbaImage {
     let (width, height) = (2 * PANEL + 3 * MARGIN, HEADER + PANEL + FOOTER);
     let mut canvas = Canvas(RgbaImage::from_pixel(width, height, rgba(PAPER)));
-    let reach = frames
-        .iter()
-        .map(|f| f.camera.position())
-        .filter(|p| p.is_finite());
-    let ends = reach
-        .chain([bounds.min, bounds.max])
-        .map(|p| p.abs().max_element())
-        .fold(1e-9, f64::max);
+    let reach = frames.iter().map(|f| f.camera.position()).filter(|p| p.is_finite());
+    let ends = reach.chain([bounds.min, bounds.max]).map(|p| p.abs().max_element()).fold(1e-9, f64::max);
     let scale = 0.5 * f64::from(PANEL) / (1.12 * ends);
     let left = |i: u32| f64::from(MARGIN + i * (PANEL + MARGIN));
     let panels = [
-        Panel {
-            title: "FROM ABOVE: X RIGHT, Y UP",
-            right: 0,
-            up: 1,
-            near: DVec3::Z,
-            left: left(0),
-        },
-        Panel {
-            title: "FROM THE FRONT: X RIGHT, Z UP",
-            right: 0,
-            up: 2,
-            near: -DVec3::Y,
-            left: left(1),
-        },
+        Panel { title: "FROM ABOVE: X RIGHT, Y UP", right: 0, up: 1, near: DVec3::Z, left: left(0) },
+        Panel { title: "FROM THE FRONT: X RIGHT, Z UP", right: 0, up: 2, near: -DVec3::Y, left: left(1) },
     ];
     for panel in &panels {
         canvas.panel(panel, frames, bounds, scale, ends);
@@ -79,56 +61,31 @@ impl Canvas {
         for k in -lines..=lines {
             let off = scale * step * k as f64;
             let shade = if k == 0 { [170, 174, 178] } else { GRID };
-            self.line(
-                middle + DVec2::new(off, -half),
-                middle + DVec2::new(off, half),
-                1.0,
-                shade,
-                1.0,
-            );
-            self.line(
-                middle + DVec2::new(-half, off),
-                middle + DVec2::new(half, off),
-                1.0,
-                shade,
-                1.0,
-            );
+            self.line(middle + DVec2::new(off, -half), middle + DVec2::new(off, half), 1.0, shade, 1.0);
+            self.line(middle + DVec2::new(-half, off), middle + DVec2::new(half, off), 1.0, shade, 1.0);
         }
         let corner = DVec2::splat(half);
         self.rectangle(middle - corner, middle + corner, 1.0, INK);
         // Far ones first, so that near ones lie on top; far ones are paler.
-        let mut order: Vec<&Frame> = frames
-            .iter()
-            .filter(|f| f.camera.position().is_finite())
-            .collect();
+        let mut order: Vec<&Frame> = frames.iter().filter(|f| f.camera.position().is_finite()).collect();
         order.sort_by(|a, b| {
             let depth = |f: &Frame| f.camera.position().dot(panel.near);
             depth(a).total_cmp(&depth(b))
         });
         let length = 0.06 * ends;
-        let (behind, before) =
-            order.split_at(order.partition_point(|f| f.camera.position().dot(panel.near) < 0.0));
+        let (behind, before) = order.split_at(order.partition_point(|f| f.camera.position().dot(panel.near) < 0.0));
         for (group, strength) in [(behind, 0.3), (before, 1.0)] {
             for frame in group {
                 let colour = time_colour(frame.time);
                 let camera = &frame.camera;
                 let eye = camera.position();
-                let [tan_x, tan_y] =
-                    [camera.fov_x(), camera.fov_y()].map(|a| (0.5 * a).tan() * length);
-                let [right, up] = [camera.camera_to_world.x_axis, camera.camera_to_world.y_axis]
-                    .map(|a| a.truncate());
-                let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| {
-                    at(eye + camera.forward() * length + right * tan_x * x + up * tan_y * y)
-                });
+                let [tan_x, tan_y] = [camera.fov_x(), camera.fov_y()].map(|a| (0.5 * a).tan() * length);
+                let [right, up] = [camera.camera_to_world.x_axis, camera.camera_to_world.y_axis].map(|a| a.truncate());
+                let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+                    .map(|(x, y)| at(eye + camera.forward() * length + right * tan_x * x + up * tan_y * y));
                 for k in 0..4 {
                     self.line(at(eye), corners[k], 1.0, colour, 0.5 * strength);
-                    self.line(
-                        corners[k],
-                        corners[(k + 1) % 4],
-                        1.0,
-                        colour,
-                        0.5 * strength,
-                    );
+                    self.line(corners[k], corners[(k + 1) % 4], 1.0, colour, 0.5 * strength);
                 }
                 self.dot(at(eye), 3.2, colour, strength);
             }
@@ -152,24 +109,10 @@ impl Canvas {
             let at = DVec2::new(start + f64::from(x) + 0.5, y);
             self.line(at, at + DVec2::new(0.0, 20.0), 1.0, colour, 1.0);
         }
-        draw_text(
-            &mut self.0,
-            (start + bar) as i64 + 12,
-            y as i64 + 3,
-            2,
-            "1",
-            INK,
-        );
+        draw_text(&mut self.0, (start + bar) as i64 + 12, y as i64 + 3, 2, "1", INK);
         let x = f64::from(width / 2 + MARGIN / 2);
         self.rectangle(DVec2::new(x, y), DVec2::new(x + 20.0, y + 20.0), 2.0, BOX);
-        draw_text(
-            &mut self.0,
-            x as i64 + 32,
-            y as i64 + 3,
-            2,
-            "BOX OF THE DATA",
-            INK,
-        );
+        draw_text(&mut self.0, x as i64 + 32, y as i64 + 3, 2, "BOX OF THE DATA", INK);
         let text = format!("{} VIEWS", frames.len());
         let x = i64::from(width) - i64::from(MARGIN) - i64::from(text_width(&text, 2));
         draw_text(&mut self.0, x, y as i64 + 3, 2, &text, INK);
@@ -187,23 +130,15 @@ impl Canvas {
         let along = b - a;
         let square = along.length_squared();
         self.cover(a.min(b), a.max(b), 0.5 * thickness, colour, strength, |p| {
-            let k = if square > 0.0 {
-                ((p - a).dot(along) / square).clamp(0.0, 1.0)
-            } else {
-                0.0
-            };
+            let k = if square > 0.0 { ((p - a).dot(along) / square).clamp(0.0, 1.0) } else { 0.0 };
             p.distance(a + along * k)
         });
     }
 
     fn dot(&mut self, centre: DVec2, radius: f64, colour: [u8; 3], strength: f64) {
         // Paper around the dot keeps neighbours apart.
-        self.cover(centre, centre, radius + 0.8, PAPER, strength, |p| {
-            p.distance(centre)
-        });
-        self.cover(centre, centre, radius, colour, strength, |p| {
-            p.distance(centre)
-        });
+        self.cover(centre, centre, radius + 0.8, PAPER, strength, |p| p.distance(centre));
+        self.cover(centre, centre, radius, colour, strength, |p| p.distance(centre));
     }
 
     /// Blends `colour` into the pixels whose middle is within `radius` by `distance`, soft over one pixel.
@@ -238,18 +173,9 @@ impl Canvas {
 
 /// Blue over green to amber, even in brightness enough that no time stands out.
 fn time_colour(time: f64) -> [u8; 3] {
-    const STOPS: [[f64; 3]; 5] = [
-        [68.0, 40.0, 130.0],
-        [50.0, 100.0, 160.0],
-        [30.0, 150.0, 138.0],
-        [110.0, 190.0, 80.0],
-        [240.0, 170.0, 30.0],
-    ];
-    let x = if time.is_finite() {
-        time.clamp(0.0, 1.0) * 4.0
-    } else {
-        0.0
-    };
+    const STOPS: [[f64; 3]; 5] =
+        [[68.0, 40.0, 130.0], [50.0, 100.0, 160.0], [30.0, 150.0, 138.0], [110.0, 190.0, 80.0], [240.0, 170.0, 30.0]];
+    let x = if time.is_finite() { time.clamp(0.0, 1.0) * 4.0 } else { 0.0 };
     let i = (x as usize).min(3);
     let k = x - i as f64;
     [0, 1, 2].map(|c| (STOPS[i][c] + k * (STOPS[i + 1][c] - STOPS[i][c])).round() as u8)
@@ -257,11 +183,7 @@ fn time_colour(time: f64) -> [u8; 3] {
 
 fn nice_step(x: f64) -> f64 {
     let power = 10f64.powf(x.log10().floor());
-    [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .map(|k| k * power)
-        .find(|s| *s >= 0.999 * x)
-        .unwrap_or(power)
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|k| k * power).find(|s| *s >= 0.999 * x).unwrap_or(power)
 }
 
 fn rgba([r, g, b]: [u8; 3]) -> Rgba<u8> {
@@ -276,22 +198,13 @@ mod tests {
 
     fn frames(cameras: Vec<Camera>) -> Vec<Frame> {
         let n = cameras.len().max(1) as f64;
-        let frame = |(i, camera)| Frame {
-            name: String::new(),
-            path: "".into(),
-            camera,
-            time: i as f64 / n,
-        };
+        let frame = |(i, camera)| Frame { name: String::new(), path: "".into(), camera, time: i as f64 / n };
         cameras.into_iter().enumerate().map(frame).collect()
     }
 
     #[test]
     fn cameras_and_box_are_where_they_should_be() {
-        let lens = Lens {
-            fov_x: 0.5,
-            width: 4,
-            height: 4,
-        };
+        let lens = Lens { fov_x: 0.5, width: 4, height: 4 };
         let eye = DVec3::new(2.0, -4.0, 0.0);
         let one = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, lens.fov_x, 4, 4);
         let picture = layout_picture(&frames(vec![one]), &Aabb::cube(DVec3::ZERO, 1.0));
@@ -306,11 +219,7 @@ mod tests {
 
     #[test]
     fn odd_input_still_gives_a_picture() {
-        let lens = Lens {
-            fov_x: 0.5,
-            width: 4,
-            height: 4,
-        };
+        let lens = Lens { fov_x: 0.5, width: 4, height: 4 };
         let mut some = frames(training_cameras(3, 1.0, lens));
         some[0].camera.camera_to_world.w_axis.x = f64::NAN;
         some[1].camera.camera_to_world.x_axis.x = f64::INFINITY;
@@ -321,10 +230,7 @@ mod tests {
 
     #[test]
     fn steps_are_round() {
-        assert_eq!(
-            [0.9, 1.0, 1.1, 3.0, 6.0].map(nice_step),
-            [1.0, 1.0, 2.0, 5.0, 10.0]
-        );
+        assert_eq!([0.9, 1.0, 1.1, 3.0, 6.0].map(nice_step), [1.0, 1.0, 2.0, 5.0, 10.0]);
     }
 
     /// Writes the picture of the published data where `VOLSEGGS_TEST_OUT` says, to be looked at.
@@ -332,19 +238,13 @@ mod tests {
     fn published_dataset() {
         use crate::data::dataset::{Dataset, OpenOptions, test_data};
         let Some(root) = test_data() else { return };
-        let options = OpenOptions {
-            downscale: 1,
-            splits: &[],
-            max_views: None,
-        };
+        let options = OpenOptions { downscale: 1, splits: &[], max_views: None };
         let dataset = Dataset::open(&root, &options).unwrap();
         let picture = layout_picture(&dataset.train.frames, &Aabb::cube(DVec3::ZERO, 0.54));
         let marked = picture.pixels().filter(|p| p.0 != rgba(PAPER).0).count();
         assert!(marked > 20_000, "{marked}");
         if let Some(folder) = std::env::var_os("VOLSEGGS_TEST_OUT") {
-            picture
-                .save(std::path::Path::new(&folder).join("layout.png"))
-                .unwrap();
+            picture.save(std::path::Path::new(&folder).join("layout.png")).unwrap();
         }
     }
 }

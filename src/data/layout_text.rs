@@ -55,14 +55,7 @@ pub(super) fn text_width(text: &str, scale: u32) -> u32 {
 }
 
 /// Draws `text` with its top left corner at `(x, y)`; what falls outside is cut, unknown characters are blank.
-pub(super) fn draw_text(
-    image: &mut RgbaImage,
-    x: i64,
-    y: i64,
-    scale: u32,
-    text: &str,
-    [r, g, b]: [u8; 3],
-) {
+pub(super) fn draw_text(image: &mut RgbaImage, x: i64, y: i64, scale: u32, text: &str, [r, g, b]: [u8; 3]) {
     let scale = i64::from(scale);
     for (i, c) in text.chars().enumerate() {
         for (row, bits) in glyph(c).into_iter().enumerate() {

@@ -19,50 +19,28 @@ pub(super) fn parse_lenient(path: &Path, text: &str) -> Result<Value, DataError>
 }
 
 fn syntax_error(path: &Path, text: &str, error: &serde_json::Error) -> DataError {
-    let before: usize = text
-        .split_inclusive('\n')
-        .take(error.line().saturating_sub(1))
-        .map(str::len)
-        .sum();
+    let before: usize = text.split_inclusive('\n').take(error.line().saturating_sub(1)).map(str::len).sum();
     let mut end = (before + error.column()).min(text.len());
     while !text.is_char_boundary(end) {
         end -= 1;
     }
     let begun = text[..end].matches("\"file_path\"").count();
     let (problem, hint) = if error.is_eof() {
-        (
-            "the file ends in the middle".to_owned(),
-            "the file looks truncated; copy or export it again",
-        )
+        ("the file ends in the middle".to_owned(), "the file looks truncated; copy or export it again")
     } else {
-        (
-            format!("not JSON: {error}"),
-            "mend the text there, or export the file again",
-        )
+        (format!("not JSON: {error}"), "mend the text there, or export the file again")
     };
     let (line, column, frame) = (error.line(), error.column(), begun.checked_sub(1));
-    DataError::Syntax {
-        path: path.to_owned(),
-        frame,
-        line,
-        column,
-        problem,
-        hint: hint.to_owned(),
-    }
+    DataError::Syntax { path: path.to_owned(), frame, line, column, problem, hint: hint.to_owned() }
 }
 
 /// `text` with every bare word that parses as a non-finite number replaced by `null`; none if there is none.
 fn null_for_non_finite(text: &str) -> Option<String> {
-    let (mut out, mut changed, mut in_string, mut escaped) =
-        (String::with_capacity(text.len()), false, false, false);
+    let (mut out, mut changed, mut in_string, mut escaped) = (String::with_capacity(text.len()), false, false, false);
     let mut chars = text.char_indices().peekable();
     while let Some((start, c)) = chars.next() {
         if in_string || !is_word(c) {
-            in_string = if in_string {
-                escaped || c != '"'
-            } else {
-                c == '"'
-            };
+            in_string = if in_string { escaped || c != '"' } else { c == '"' };
             escaped = in_string && c == '\\' && !escaped;
             out.push(c);
             continue;

@@ -30,14 +30,7 @@ pub struct Lens {
 
 impl Lens {
     fn at(&self, eye: DVec3) -> Camera {
-        Camera::look_at(
-            eye,
-            DVec3::ZERO,
-            DVec3::Z,
-            self.fov_x,
-            self.width,
-            self.height,
-        )
+        Camera::look_at(eye, DVec3::ZERO, DVec3::Z, self.fov_x, self.width, self.height)
     }
 }
 
@@ -63,19 +56,14 @@ pub fn fibonacci(n: usize, radius: f64) -> Vec<DVec3> {
 /// The `n` training cameras of a Fibonacci sphere.
 #[must_use]
 pub fn training_cameras(n: usize, radius: f64, lens: Lens) -> Vec<Camera> {
-    fibonacci(n, radius)
-        .into_iter()
-        .map(|eye| lens.at(eye))
-        .collect()
+    fibonacci(n, radius).into_iter().map(|eye| lens.at(eye)).collect()
 }
 
 /// `count` time indices evenly spread over `0..total`, rounded down: 30 of 100 give 0, 3, 6, 10, 13, ... 99.
 #[must_use]
 pub fn time_indices(count: usize, total: usize) -> Vec<usize> {
     let last = total.saturating_sub(1);
-    (0..count)
-        .map(|i| if count < 2 { 0 } else { i * last / (count - 1) })
-        .collect()
+    (0..count).map(|i| if count < 2 { 0 } else { i * last / (count - 1) }).collect()
 }
 
 /// Deals `views_per_time` views to each of `times` at random: entry i is the position in the list of times that
@@ -95,8 +83,7 @@ pub fn test_spiral(views: usize, timesteps: usize, radius: f64, lens: Lens) -> V
     (0..views)
         .map(|i| {
             let along = i as f64 / last as f64;
-            let elevation =
-                (PI * along - FRAC_PI_2).clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
+            let elevation = (PI * along - FRAC_PI_2).clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
             let eye = on_sphere(radius, elevation, 2.0 * PI * along - FRAC_PI_2);
             let time = (i * last_time / last) as f64 / last_time.max(1) as f64;
             (lens.at(eye), time)
@@ -109,15 +96,7 @@ pub fn test_spiral(views: usize, timesteps: usize, radius: f64, lens: Lens) -> V
 #[must_use]
 pub fn orbit(n: usize, radius: f64, elevation: f64, lens: Lens) -> Vec<Camera> {
     let elevation = elevation.clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
-    (0..n)
-        .map(|i| {
-            lens.at(on_sphere(
-                radius,
-                elevation,
-                2.0 * PI * i as f64 / n as f64 - FRAC_PI_2,
-            ))
-        })
-        .collect()
+    (0..n).map(|i| lens.at(on_sphere(radius, elevation, 2.0 * PI * i as f64 / n as f64 - FRAC_PI_2))).collect()
 }
 
 fn on_sphere(radius: f64, elevation: f64, azimuth: f64) -> DVec3 {
@@ -131,11 +110,7 @@ mod tests {
     use super::*;
     use crate::data::transforms::Transforms;
 
-    const LENS: Lens = Lens {
-        fov_x: FOV_X,
-        width: 400,
-        height: 400,
-    };
+    const LENS: Lens = Lens { fov_x: FOV_X, width: 400, height: 400 };
 
     #[test]
     fn fibonacci_known_positions() {
@@ -147,11 +122,7 @@ mod tests {
             (450, [3.002_941_686, -1.793_839_5, 2.003_558_906]),
             (599, [-0.195_278_412, -0.181_399_5, 4.022_278_928]),
         ] {
-            assert!(
-                (points[i] - DVec3::from_array(p)).length() < 1e-6,
-                "{i}: {}",
-                points[i]
-            );
+            assert!((points[i] - DVec3::from_array(p)).length() < 1e-6, "{i}: {}", points[i]);
         }
         assert!(fibonacci(0, 1.0).is_empty() && fibonacci(1, 1.0)[0].is_finite());
     }
@@ -166,10 +137,7 @@ mod tests {
             (90, [0.0, 4.0311, 0.0], 49),
             (133, [-2.940_978_337, 0.205_653_239, 2.749_203_588], 73),
         ] {
-            assert!(
-                (path[i].0.position() - DVec3::from_array(p)).length() < 1e-6,
-                "{i}"
-            );
+            assert!((path[i].0.position() - DVec3::from_array(p)).length() < 1e-6, "{i}");
             assert!((path[i].1 - f64::from(time) / 99.0).abs() < 1e-12, "{i}");
         }
         assert_eq!(path[180].1, 1.0);
@@ -179,14 +147,11 @@ mod tests {
     #[test]
     fn times_are_spread_and_dealt_evenly() {
         let known = [
-            0, 3, 6, 10, 13, 17, 20, 23, 27, 30, 34, 37, 40, 44, 47, 51, 54, 58, 61, 64, 68, 71,
-            75, 78, 81, 85, 88, 92, 95, 99,
+            0, 3, 6, 10, 13, 17, 20, 23, 27, 30, 34, 37, 40, 44, 47, 51, 54, 58, 61, 64, 68, 71, 75, 78, 81, 85, 88,
+            92, 95, 99,
         ];
         assert_eq!(time_indices(30, 100), known);
-        assert_eq!(
-            (time_indices(1, 100), time_indices(0, 5)),
-            (vec![0], vec![])
-        );
+        assert_eq!((time_indices(1, 100), time_indices(0, 5)), (vec![0], vec![]));
         let deal = deal_times(30, 20, 1);
         assert!((0..30).all(|t| deal.iter().filter(|x| **x == t).count() == 20));
         assert_ne!(deal, deal_times(30, 20, 2));
@@ -217,21 +182,15 @@ mod tests {
                 let off = (frame.camera_to_world.w_axis - camera.camera_to_world.w_axis).length();
                 assert!(off < 1e-6 * RADIUS, "{file} frame {i}: {off}");
                 // Next to a pole "right" turns with the rounding of x, by 1.4e-5.
-                let off = (frame.camera_to_world - camera.camera_to_world)
-                    .abs_diff_eq(glam::DMat4::ZERO, 2e-5);
+                let off = (frame.camera_to_world - camera.camera_to_world).abs_diff_eq(glam::DMat4::ZERO, 2e-5);
                 assert!(off, "{file} frame {i}");
                 if let Some(times) = times {
                     assert!((frame.time - times[i]).abs() < 1e-12);
                 }
             }
         };
-        check(
-            "transforms_train.json",
-            &training_cameras(600, RADIUS, LENS),
-            None,
-        );
-        let (cameras, times): (Vec<_>, Vec<_>) =
-            test_spiral(181, 100, RADIUS, LENS).into_iter().unzip();
+        check("transforms_train.json", &training_cameras(600, RADIUS, LENS), None);
+        let (cameras, times): (Vec<_>, Vec<_>) = test_spiral(181, 100, RADIUS, LENS).into_iter().unzip();
         check("transforms_test.json", &cameras, Some(&times));
     }
 }

@@ -33,11 +33,7 @@ pub struct Scan {
 pub fn scan(path: &Path, text: &str) -> Scan {
     let mut out = Scan::default();
     match parse_lenient(path, text) {
-        Ok(Value::Object(top)) => Scanner {
-            path,
-            out: &mut out,
-        }
-        .top(&top),
+        Ok(Value::Object(top)) => Scanner { path, out: &mut out }.top(&top),
         Ok(_) => out.problems.push(DataError::field_error(
             path,
             None,
@@ -56,39 +52,18 @@ struct Scanner<'a> {
 }
 
 impl Scanner<'_> {
-    fn problem(
-        &mut self,
-        frame: Option<usize>,
-        field: &str,
-        problem: impl Into<String>,
-        hint: &str,
-    ) {
-        self.out.problems.push(DataError::field_error(
-            self.path, frame, field, problem, hint,
-        ));
+    fn problem(&mut self, frame: Option<usize>, field: &str, problem: impl Into<String>, hint: &str) {
+        self.out.problems.push(DataError::field_error(self.path, frame, field, problem, hint));
     }
 
     fn top(&mut self, top: &Map<String, Value>) {
         self.intrinsics(top);
         let Some(frames) = top.get("frames").and_then(Value::as_array) else {
-            let problem = format!(
-                "{} where a list of frames is needed",
-                kind(top.get("frames"))
-            );
-            return self.problem(
-                None,
-                "frames",
-                problem,
-                "add \"frames\": [{...}, ...], one entry per image",
-            );
+            let problem = format!("{} where a list of frames is needed", kind(top.get("frames")));
+            return self.problem(None, "frames", problem, "add \"frames\": [{...}, ...], one entry per image");
         };
         if frames.is_empty() {
-            self.problem(
-                None,
-                "frames",
-                "the list is empty",
-                "a split needs at least one frame",
-            );
+            self.problem(None, "frames", "the list is empty", "a split needs at least one frame");
         }
         for (i, frame) in frames.iter().enumerate() {
             let record = self.frame(i, frame);
@@ -103,12 +78,7 @@ impl Scanner<'_> {
                 Some(x) => Some(x),
                 None => {
                     let problem = format!("{} where {must} is needed", show(value));
-                    self.problem(
-                        None,
-                        field,
-                        problem,
-                        "correct the number, or remove the field if another gives it",
-                    );
+                    self.problem(None, field, problem, "correct the number, or remove the field if another gives it");
                     None
                 }
             }
@@ -128,36 +98,16 @@ impl Scanner<'_> {
         };
         if !top.contains_key("camera_angle_x") && !top.contains_key("fl_x") {
             let hint = "add the horizontal field of view in radians (or `fl_x` in pixels) at the top level";
-            self.problem(
-                None,
-                "camera_angle_x",
-                "missing, and there is no `fl_x` either",
-                hint,
-            );
+            self.problem(None, "camera_angle_x", "missing, and there is no `fl_x` either", hint);
         }
-        let needs_width =
-            intrinsics.fl_x.is_some() || intrinsics.cx.is_some() || intrinsics.cy.is_some();
+        let needs_width = intrinsics.fl_x.is_some() || intrinsics.cx.is_some() || intrinsics.cy.is_some();
         if needs_width && (intrinsics.w.is_none() || intrinsics.h.is_none()) {
             let hint = "give the size in pixels that `fl_x`, `cx` and `cy` refer to";
-            self.problem(
-                None,
-                "w",
-                "`w` and `h` are needed beside `fl_x`, `cx` or `cy`",
-                hint,
-            );
+            self.problem(None, "w", "`w` and `h` are needed beside `fl_x`, `cx` or `cy`", hint);
         }
         for field in ["k1", "k2", "k3", "k4", "p1", "p2"] {
-            if top
-                .get(field)
-                .and_then(Value::as_f64)
-                .is_some_and(|x| x != 0.0)
-            {
-                self.problem(
-                    None,
-                    field,
-                    "lens distortion is not supported",
-                    "undistort the images first",
-                );
+            if top.get(field).and_then(Value::as_f64).is_some_and(|x| x != 0.0) {
+                self.problem(None, field, "lens distortion is not supported", "undistort the images first");
             }
         }
         self.out.intrinsics = intrinsics;
@@ -167,12 +117,7 @@ impl Scanner<'_> {
         let at = Some(i);
         let Some(frame) = value.as_object() else {
             let problem = format!("{} where an object is needed", show(value));
-            self.problem(
-                at,
-                "frames",
-                problem,
-                "each frame is {\"file_path\", \"transform_matrix\", \"time\"}",
-            );
+            self.problem(at, "frames", problem, "each frame is {\"file_path\", \"transform_matrix\", \"time\"}");
             return None;
         };
         for field in ["camera_angle_x", "fl_x", "fl_y", "cx", "cy"] {
@@ -181,30 +126,17 @@ impl Scanner<'_> {
                 self.problem(at, field, "intrinsics per frame are not supported", hint);
             }
         }
-        let file_path = match frame
-            .get("file_path")
-            .and_then(Value::as_str)
-            .filter(|s| !s.trim().is_empty())
-        {
+        let file_path = match frame.get("file_path").and_then(Value::as_str).filter(|s| !s.trim().is_empty()) {
             Some(text) => Some(text.to_owned()),
             None => {
                 let problem = format!("{} where a path is needed", kind(frame.get("file_path")));
-                self.problem(
-                    at,
-                    "file_path",
-                    problem,
-                    "give the image's path relative to the dataset folder",
-                );
+                self.problem(at, "file_path", problem, "give the image's path relative to the dataset folder");
                 None
             }
         };
         let camera_to_world = self.pose(i, frame.get("transform_matrix"));
         let time = self.time(i, frame.get("time"));
-        Some(FrameRecord {
-            file_path: file_path?,
-            camera_to_world: camera_to_world?,
-            time: time?,
-        })
+        Some(FrameRecord { file_path: file_path?, camera_to_world: camera_to_world?, time: time? })
     }
 
     fn time(&mut self, i: usize, value: Option<&Value>) -> Option<f64> {
@@ -214,8 +146,7 @@ impl Scanner<'_> {
             Some((_, Some(t))) => format!("{t} is outside [0, 1]"),
             Some((v, None)) => format!("{} where a finite number is needed", show(v)),
         };
-        let hint =
-            "give each frame its time, scaled so that the first timestep is 0 and the last is 1";
+        let hint = "give each frame its time, scaled so that the first timestep is 0 and the last is 1";
         self.problem(Some(i), "time", problem, hint);
         None
     }
@@ -232,11 +163,7 @@ impl Scanner<'_> {
         };
         let mut good = true;
         let expected = [0.0, 0.0, 0.0, 1.0];
-        if rows[3]
-            .iter()
-            .zip(expected)
-            .any(|(x, e)| (x - e).abs() > BOTTOM_ROW_TOLERANCE)
-        {
+        if rows[3].iter().zip(expected).any(|(x, e)| (x - e).abs() > BOTTOM_ROW_TOLERANCE) {
             let problem = format!("the bottom row is {:?}, not [0, 0, 0, 1]", rows[3]);
             let hint = "the matrix must be row-major camera-to-world; transpose it if the position is in the last row";
             self.problem(Some(i), field, problem, hint);
@@ -244,36 +171,19 @@ impl Scanner<'_> {
         }
         let matrix = DMat4::from_cols_array_2d(&[rows[0], rows[1], rows[2], expected]).transpose();
         let rotation = DMat3::from_mat4(matrix);
-        let error = (rotation.transpose() * rotation - DMat3::IDENTITY)
-            .to_cols_array()
-            .iter()
-            .fold(0.0, |a: f64, x| {
-                if x.is_finite() {
-                    a.max(x.abs())
-                } else {
-                    f64::MAX
-                }
-            });
+        let error =
+            (rotation.transpose() * rotation - DMat3::IDENTITY)
+                .to_cols_array()
+                .iter()
+                .fold(0.0, |a: f64, x| if x.is_finite() { a.max(x.abs()) } else { f64::MAX });
         self.out.orthonormality_error = self.out.orthonormality_error.max(error);
         if error > ROTATION_TOLERANCE {
-            let problem =
-                format!("the rotation is not orthonormal (|R^T R - I| reaches {error:.3e})");
-            self.problem(
-                Some(i),
-                field,
-                problem,
-                "remove scale and shear; the three columns must be unit axes",
-            );
+            let problem = format!("the rotation is not orthonormal (|R^T R - I| reaches {error:.3e})");
+            self.problem(Some(i), field, problem, "remove scale and shear; the three columns must be unit axes");
             good = false;
         } else if rotation.determinant() < 0.0 {
-            let hint =
-                "the axes must be right-handed: +x right, +y up, looking along -z; flip one column";
-            self.problem(
-                Some(i),
-                field,
-                "the rotation mirrors (determinant -1)",
-                hint,
-            );
+            let hint = "the axes must be right-handed: +x right, +y up, looking along -z; flip one column";
+            self.problem(Some(i), field, "the rotation mirrors (determinant -1)", hint);
             good = false;
         }
         good.then_some(matrix)
@@ -281,31 +191,20 @@ impl Scanner<'_> {
 }
 
 fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
-    let list = value
-        .and_then(Value::as_array)
-        .ok_or_else(|| format!("{} where 4 rows are needed", kind(value)))?;
+    let list = value.and_then(Value::as_array).ok_or_else(|| format!("{} where 4 rows are needed", kind(value)))?;
     if list.len() != 4 {
         return Err(format!("it has {} rows where 4 are needed", list.len()));
     }
     let mut rows = [[0.0; 4]; 4];
     for (r, row) in list.iter().enumerate() {
-        let row = row
-            .as_array()
-            .ok_or_else(|| format!("row {r} is {}, not a list", show(row)))?;
+        let row = row.as_array().ok_or_else(|| format!("row {r} is {}, not a list", show(row)))?;
         if row.len() != 4 {
-            return Err(format!(
-                "row {r} has {} entries where 4 are needed",
-                row.len()
-            ));
+            return Err(format!("row {r} has {} entries where 4 are needed", row.len()));
         }
         for (c, entry) in row.iter().enumerate() {
             let number = entry.as_f64().filter(|x| x.is_finite());
-            rows[r][c] = number.ok_or_else(|| {
-                format!(
-                    "entry ({r}, {c}) is {} where a finite number is needed",
-                    show(entry)
-                )
-            })?;
+            rows[r][c] =
+                number.ok_or_else(|| format!("entry ({r}, {c}) is {} where a finite number is needed", show(entry)))?;
         }
     }
     Ok(rows)

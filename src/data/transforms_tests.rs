@@ -23,21 +23,11 @@ fn refused(change: impl Fn(&mut Value), frame: Option<usize>, field: &str, words
     let mut value = valid();
     change(&mut value);
     let error = parse(&value).unwrap_err();
-    assert_eq!(
-        (error.frame(), error.field()),
-        (frame, Some(field)),
-        "{error}"
-    );
+    assert_eq!((error.frame(), error.field()), (frame, Some(field)), "{error}");
     let text = error.to_string();
-    assert!(
-        text.contains("transforms_train.json") && text.contains("Hint: ") && text.contains(words),
-        "{text}"
-    );
+    assert!(text.contains("transforms_train.json") && text.contains("Hint: ") && text.contains(words), "{text}");
     if let Some(i) = frame {
-        assert!(
-            text.contains(&format!("frame {i}")) && text.contains(field),
-            "{text}"
-        );
+        assert!(text.contains(&format!("frame {i}")) && text.contains(field), "{text}");
     }
 }
 
@@ -46,39 +36,19 @@ fn reads_and_cleans_the_bottom_row() {
     let mut value = valid();
     value["frames"][2]["transform_matrix"][3] = json!([1e-8, 1e-8, 1e-8, 1.00000001]);
     let got = parse(&value).unwrap();
-    assert_eq!(
-        (
-            got.frames.len(),
-            got.frames[2].time,
-            got.intrinsics.camera_angle_x
-        ),
-        (4, 0.5, Some(0.5))
-    );
+    assert_eq!((got.frames.len(), got.frames[2].time, got.intrinsics.camera_angle_x), (4, 0.5, Some(0.5)));
     assert_eq!(got.frames[2].camera_to_world.row(3), glam::DVec4::W);
-    assert_eq!(
-        got.frames[2].camera_to_world.w_axis,
-        glam::DVec4::new(0.5, 0.0, 4.0, 1.0)
-    );
-    assert_eq!(
-        got.frames[0].image_path(Path::new("d")),
-        Path::new("d/train/r_0.png")
-    );
+    assert_eq!(got.frames[2].camera_to_world.w_axis, glam::DVec4::new(0.5, 0.0, 4.0, 1.0));
+    assert_eq!(got.frames[0].image_path(Path::new("d")), Path::new("d/train/r_0.png"));
     assert_eq!(got.frames[0].name(), "r_0");
 }
 
 #[test]
 fn extension_is_optional() {
-    let record = |p: &str| FrameRecord {
-        file_path: p.into(),
-        camera_to_world: DMat4::IDENTITY,
-        time: 0.0,
-    };
-    for (p, path, name) in [
-        ("a/r_1.5", "a/r_1.5.png", "r_1.5"),
-        ("a/r.PNG", "a/r.PNG", "r"),
-        ("é", "é.png", "é"),
-        ("x", "x.png", "x"),
-    ] {
+    let record = |p: &str| FrameRecord { file_path: p.into(), camera_to_world: DMat4::IDENTITY, time: 0.0 };
+    for (p, path, name) in
+        [("a/r_1.5", "a/r_1.5.png", "r_1.5"), ("a/r.PNG", "a/r.PNG", "r"), ("é", "é.png", "é"), ("x", "x.png", "x")]
+    {
         assert_eq!(record(p).image_path(Path::new("")), Path::new(path));
         assert_eq!(record(p).name(), name);
     }
@@ -87,150 +57,46 @@ fn extension_is_optional() {
 #[test]
 fn bad_poses_are_refused() {
     let m = "transform_matrix";
-    refused(
-        |v| v["frames"][1][m][0][0] = json!(null),
-        Some(1),
-        m,
-        "finite",
-    );
-    refused(
-        |v| v["frames"][1][m][0][0] = json!("1"),
-        Some(1),
-        m,
-        "(0, 0) is a string",
-    );
-    refused(
-        |v| v["frames"][3][m] = json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-        Some(3),
-        m,
-        "3 rows",
-    );
-    refused(
-        |v| v["frames"][3][m][2] = json!([1, 0, 0]),
-        Some(3),
-        m,
-        "row 2 has 3 entries",
-    );
+    refused(|v| v["frames"][1][m][0][0] = json!(null), Some(1), m, "finite");
+    refused(|v| v["frames"][1][m][0][0] = json!("1"), Some(1), m, "(0, 0) is a string");
+    refused(|v| v["frames"][3][m] = json!([[1, 0, 0], [0, 1, 0], [0, 0, 1]]), Some(3), m, "3 rows");
+    refused(|v| v["frames"][3][m][2] = json!([1, 0, 0]), Some(3), m, "row 2 has 3 entries");
     refused(|v| v["frames"][3][m][2] = json!(7), Some(3), m, "row 2");
-    refused(
-        |v| v["frames"][2][m][3][0] = json!(0.01),
-        Some(2),
-        m,
-        "bottom row",
-    );
-    refused(
-        |v| v["frames"][2][m][0][0] = json!(1.01),
-        Some(2),
-        m,
-        "orthonormal",
-    );
-    refused(
-        |v| v["frames"][2][m][0][0] = json!(1e200),
-        Some(2),
-        m,
-        "orthonormal",
-    );
-    refused(
-        |v| v["frames"][2][m][0][0] = json!(-1),
-        Some(2),
-        m,
-        "mirrors",
-    );
-    refused(
-        |v| drop(v["frames"][0].as_object_mut().unwrap().remove(m)),
-        Some(0),
-        m,
-        "missing",
-    );
+    refused(|v| v["frames"][2][m][3][0] = json!(0.01), Some(2), m, "bottom row");
+    refused(|v| v["frames"][2][m][0][0] = json!(1.01), Some(2), m, "orthonormal");
+    refused(|v| v["frames"][2][m][0][0] = json!(1e200), Some(2), m, "orthonormal");
+    refused(|v| v["frames"][2][m][0][0] = json!(-1), Some(2), m, "mirrors");
+    refused(|v| drop(v["frames"][0].as_object_mut().unwrap().remove(m)), Some(0), m, "missing");
 }
 
 #[test]
 fn bad_times_paths_and_lenses_are_refused() {
-    refused(
-        |v| drop(v["frames"][2].as_object_mut().unwrap().remove("time")),
-        Some(2),
-        "time",
-        "missing",
-    );
-    refused(
-        |v| v["frames"][2]["time"] = json!(1.5),
-        Some(2),
-        "time",
-        "1.5 is outside [0, 1]",
-    );
-    refused(
-        |v| v["frames"][2]["time"] = json!(-1e-9),
-        Some(2),
-        "time",
-        "outside",
-    );
-    refused(
-        |v| v["frames"][2]["time"] = json!("0.5"),
-        Some(2),
-        "time",
-        "finite",
-    );
-    refused(
-        |v| v["frames"][2]["file_path"] = json!(" "),
-        Some(2),
-        "file_path",
-        "empty",
-    );
-    refused(
-        |v| v["frames"][2]["fl_x"] = json!(10),
-        Some(2),
-        "fl_x",
-        "per frame",
-    );
-    refused(
-        |v| v["frames"][2] = json!(3),
-        Some(2),
-        "frames",
-        "3 where an object",
-    );
+    refused(|v| drop(v["frames"][2].as_object_mut().unwrap().remove("time")), Some(2), "time", "missing");
+    refused(|v| v["frames"][2]["time"] = json!(1.5), Some(2), "time", "1.5 is outside [0, 1]");
+    refused(|v| v["frames"][2]["time"] = json!(-1e-9), Some(2), "time", "outside");
+    refused(|v| v["frames"][2]["time"] = json!("0.5"), Some(2), "time", "finite");
+    refused(|v| v["frames"][2]["file_path"] = json!(" "), Some(2), "file_path", "empty");
+    refused(|v| v["frames"][2]["fl_x"] = json!(10), Some(2), "fl_x", "per frame");
+    refused(|v| v["frames"][2] = json!(3), Some(2), "frames", "3 where an object");
     refused(|v| v["frames"] = json!([]), None, "frames", "empty");
     refused(|v| v["frames"] = json!({}), None, "frames", "an object");
-    refused(
-        |v| v["camera_angle_x"] = json!(30),
-        None,
-        "camera_angle_x",
-        "radians",
-    );
+    refused(|v| v["camera_angle_x"] = json!(30), None, "camera_angle_x", "radians");
     refused(|v| v["k1"] = json!(0.1), None, "k1", "distortion");
     refused(|v| v["fl_x"] = json!(100), None, "w", "`w` and `h`");
-    refused(
-        |v| drop(v.as_object_mut().unwrap().remove("camera_angle_x")),
-        None,
-        "camera_angle_x",
-        "missing",
-    );
+    refused(|v| drop(v.as_object_mut().unwrap().remove("camera_angle_x")), None, "camera_angle_x", "missing");
     refused(|v| *v = json!([1]), None, "frames", "no JSON object");
 }
 
 #[test]
 fn non_finite_words_are_traced_to_their_frame() {
     for (word, field) in [("NaN", "time"), ("-Infinity", "time"), ("1e999", "time")] {
-        let text = valid()
-            .to_string()
-            .replace("\"time\":0.5", &format!("\"time\":{word}"));
+        let text = valid().to_string().replace("\"time\":0.5", &format!("\"time\":{word}"));
         let error = Transforms::parse(Path::new("t.json"), &text).unwrap_err();
-        assert_eq!(
-            (error.frame(), error.field()),
-            (Some(2), Some(field)),
-            "{error}"
-        );
+        assert_eq!((error.frame(), error.field()), (Some(2), Some(field)), "{error}");
     }
     // Words inside strings stay as they are.
-    let text = valid()
-        .to_string()
-        .replace("train/r_1", "NaN \\\" NaN")
-        .replace("\"time\":0.5", "\"time\":NaN");
-    assert_eq!(
-        Transforms::parse(Path::new("t.json"), &text)
-            .unwrap_err()
-            .frame(),
-        Some(2)
-    );
+    let text = valid().to_string().replace("train/r_1", "NaN \\\" NaN").replace("\"time\":0.5", "\"time\":NaN");
+    assert_eq!(Transforms::parse(Path::new("t.json"), &text).unwrap_err().frame(), Some(2));
 }
 
 #[test]
@@ -240,16 +106,11 @@ fn truncated_text_names_the_frame_it_breaks_in() {
     let error = Transforms::parse(Path::new("t.json"), &text[..third]).unwrap_err();
     assert_eq!(error.frame(), Some(2));
     let message = error.to_string();
-    assert!(
-        message.contains("ends in the middle") && message.contains("truncated"),
-        "{message}"
-    );
+    assert!(message.contains("ends in the middle") && message.contains("truncated"), "{message}");
     for cut in 0..text.len() {
         assert!(Transforms::parse(Path::new("t.json"), &text[..cut]).is_err());
     }
-    let message = Transforms::parse(Path::new("t.json"), "")
-        .unwrap_err()
-        .to_string();
+    let message = Transforms::parse(Path::new("t.json"), "").unwrap_err().to_string();
     assert!(message.contains("t.json"), "{message}");
 }
 
@@ -257,46 +118,21 @@ fn truncated_text_names_the_frame_it_breaks_in() {
 fn unreadable_files_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("transforms_train.json");
-    assert!(
-        Transforms::read(&path)
-            .unwrap_err()
-            .to_string()
-            .contains("transforms_train.json: cannot read")
-    );
+    assert!(Transforms::read(&path).unwrap_err().to_string().contains("transforms_train.json: cannot read"));
     std::fs::write(&path, b"{\n\xff").unwrap();
     let error = Transforms::read(&path).unwrap_err();
-    assert!(
-        matches!(error, DataError::Syntax { line: 2, .. }),
-        "{error}"
-    );
+    assert!(matches!(error, DataError::Syntax { line: 2, .. }), "{error}");
 }
 
 #[test]
 fn pixel_intrinsics_scale_with_the_image() {
     let mut value = valid();
-    for (k, v) in [
-        ("fl_x", 800.0),
-        ("fl_y", 820.0),
-        ("cx", 310.0),
-        ("cy", 250.0),
-        ("w", 640.0),
-        ("h", 480.0),
-    ] {
+    for (k, v) in [("fl_x", 800.0), ("fl_y", 820.0), ("cx", 310.0), ("cy", 250.0), ("w", 640.0), ("h", 480.0)] {
         value[k] = json!(v);
     }
-    let camera = parse(&value)
-        .unwrap()
-        .intrinsics
-        .camera(320, 240, DMat4::IDENTITY);
-    assert_eq!(
-        [camera.fx, camera.fy, camera.cx, camera.cy],
-        [400.0, 410.0, 155.0, 125.0]
-    );
-    let lens = Intrinsics {
-        camera_angle_x: Some(0.5),
-        camera_angle_y: Some(0.4),
-        ..Intrinsics::default()
-    };
+    let camera = parse(&value).unwrap().intrinsics.camera(320, 240, DMat4::IDENTITY);
+    assert_eq!([camera.fx, camera.fy, camera.cx, camera.cy], [400.0, 410.0, 155.0, 125.0]);
+    let lens = Intrinsics { camera_angle_x: Some(0.5), camera_angle_y: Some(0.4), ..Intrinsics::default() };
     assert!((lens.camera(100, 50, DMat4::IDENTITY).fov_y() - 0.4).abs() < 1e-12);
 }
 
@@ -307,17 +143,9 @@ fn writing_refuses_what_reading_would() {
     let mut good = parse(&valid()).unwrap();
     good.write(&path).unwrap();
     let back = Transforms::read(&path).unwrap();
-    assert_eq!(
-        (back.frames, back.intrinsics),
-        (good.frames.clone(), good.intrinsics)
-    );
+    assert_eq!((back.frames, back.intrinsics), (good.frames.clone(), good.intrinsics));
     good.frames[1].time = f64::NAN;
-    assert_eq!(
-        good.write(&folder.path().join("u.json"))
-            .unwrap_err()
-            .frame(),
-        Some(1)
-    );
+    assert_eq!(good.write(&folder.path().join("u.json")).unwrap_err().frame(), Some(1));
     assert!(!folder.path().join("u.json").exists());
 }
 

@@ -6,9 +6,7 @@ const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 400.0;
 /// Left, right, top and bottom edges of the area of the curves.
 const AREA: [f64; 4] = [70.0, 620.0, 40.0, 345.0];
-const COLORS: [&str; 6] = [
-    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9",
-];
+const COLORS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 
 /// One curve. Points that are not finite break it.
 #[derive(Debug, Clone, Default)]
@@ -69,10 +67,7 @@ impl Axis {
             step = step.max(1.0).round();
         }
         let first = (self.low / step).ceil();
-        (0..12)
-            .map(|i| (first + f64::from(i)) * step)
-            .take_while(|tick| *tick <= self.high + step * 1e-9)
-            .collect()
+        (0..12).map(|i| (first + f64::from(i)) * step).take_while(|tick| *tick <= self.high + step * 1e-9).collect()
     }
 
     fn label(&self, tick: f64) -> String {
@@ -95,10 +90,8 @@ impl Axis {
 
 fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool) -> String {
     let height = |y: f64| if log { y.log10() } else { y };
-    let curves: Vec<Vec<(f64, f64)>> = series
-        .iter()
-        .map(|s| s.points.iter().map(|(x, y)| (*x, height(*y))).collect())
-        .collect();
+    let curves: Vec<Vec<(f64, f64)>> =
+        series.iter().map(|s| s.points.iter().map(|(x, y)| (*x, height(*y))).collect()).collect();
     let drawn = |(x, y): &&(f64, f64)| x.is_finite() && y.is_finite();
     let points = || curves.iter().flatten().filter(drawn);
     let x_axis = Axis::of(points().map(|p| p.0), false);
@@ -183,10 +176,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn series(points: &[(f64, f64)]) -> Series {
-        Series {
-            name: "a<b & c".to_owned(),
-            points: points.to_vec(),
-        }
+        Series { name: "a<b & c".to_owned(), points: points.to_vec() }
     }
 
     #[test]

@@ -113,7 +113,8 @@ pub fn evaluate(
         let started = Instant::now();
         let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
         render_seconds += started.elapsed().as_secs_f64();
-        let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [quantise(p[0]), quantise(p[1]), quantise(p[2])]).collect();
+        let render: Vec<f32> =
+            image.chunks_exact(4).flat_map(|p| [quantise(p[0]), quantise(p[1]), quantise(p[2])]).collect();
         split.images.composite(i, background, &mut truth);
         truth.iter_mut().for_each(|v| *v = quantise(*v));
         let lpips = |net: LpipsNet| -> Result<Option<f64>, String> {

@@ -66,28 +66,16 @@ pub fn error_color(error: f32) -> [u8; 3] {
 ///
 /// # Errors
 /// [`SheetError`] if an image does not hold `width * height * 3` values, or none.
-pub fn contact_sheet(
-    rows: &[SheetRow<'_>],
-    width: usize,
-    height: usize,
-) -> Result<RgbImage, SheetError> {
+pub fn contact_sheet(rows: &[SheetRow<'_>], width: usize, height: usize) -> Result<RgbImage, SheetError> {
     let expected = width.saturating_mul(height).saturating_mul(3);
     for (row, entry) in rows.iter().enumerate() {
         let fits = |image: &&[f32]| image.len() == expected && expected > 0;
         if let Some(image) = [entry.truth, entry.render].into_iter().find(|i| !fits(i)) {
-            return Err(SheetError {
-                row,
-                label: entry.label.clone(),
-                got: image.len(),
-                expected,
-            });
+            return Err(SheetError { row, label: entry.label.clone(), got: image.len(), expected });
         }
     }
     let factor = width.max(height).div_ceil(MAX_SIDE).max(1);
-    let (cell_w, cell_h) = (
-        width.div_ceil(factor) as u32,
-        height.div_ceil(factor) as u32,
-    );
+    let (cell_w, cell_h) = (width.div_ceil(factor) as u32, height.div_ceil(factor) as u32);
     let sheet_w = 3 * cell_w + 4 * MARGIN;
     let row_h = cell_h + LABEL + MARGIN;
     let sheet_h = LABEL + MARGIN + row_h * rows.len() as u32;
@@ -124,13 +112,7 @@ pub fn contact_sheet(
 }
 
 /// Mean colour of the `factor` x `factor` block at `(x, y)`, cut at the border.
-fn block_mean(
-    image: &[f32],
-    width: usize,
-    height: usize,
-    (x, y): (usize, usize),
-    factor: usize,
-) -> [f32; 3] {
+fn block_mean(image: &[f32], width: usize, height: usize, (x, y): (usize, usize), factor: usize) -> [f32; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for row in y..(y + factor).min(height) {
         for column in x..(x + factor).min(width) {
@@ -151,11 +133,7 @@ mod tests {
         let truth = vec![1.0; 20 * 10 * 3];
         let mut render = vec![0.0; 20 * 10 * 3];
         render[0] = f32::NAN;
-        let row = |label: &str| SheetRow {
-            label: label.to_owned(),
-            truth: &truth,
-            render: &render,
-        };
+        let row = |label: &str| SheetRow { label: label.to_owned(), truth: &truth, render: &render };
         let sheet = contact_sheet(&[row("a"), row("b")], 20, 10).unwrap();
         assert_eq!(sheet.dimensions(), (84, 77));
         let top = LABEL + MARGIN + LABEL;
@@ -168,11 +146,7 @@ mod tests {
     #[test]
     fn big_images_shrink_and_wrong_sizes_are_named() {
         let image = vec![0.5; 1001 * 30 * 3];
-        let row = |render| SheetRow {
-            label: "view 3".to_owned(),
-            truth: &image,
-            render,
-        };
+        let row = |render| SheetRow { label: "view 3".to_owned(), truth: &image, render };
         let sheet = contact_sheet(&[row(&image)], 1001, 30).unwrap();
         assert_eq!(sheet.width(), 3 * 334 + 4 * MARGIN);
         let error = contact_sheet(&[row(&image), row(&image[1..])], 1001, 30).unwrap_err();

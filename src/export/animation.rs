@@ -62,13 +62,7 @@ pub enum AnimationError {
 ///
 /// # Errors
 /// Any variant of [`AnimationError`]; no file is then written.
-pub fn write_apng<I, F>(
-    path: &Path,
-    frames: I,
-    width: u32,
-    height: u32,
-    fps: u16,
-) -> Result<(), AnimationError>
+pub fn write_apng<I, F>(path: &Path, frames: I, width: u32, height: u32, fps: u16) -> Result<(), AnimationError>
 where
     I: IntoIterator<Item = F, IntoIter: ExactSizeIterator>,
     F: AsRef<[u8]>,
@@ -81,34 +75,19 @@ where
 ///
 /// # Errors
 /// As [`write_apng`]; a failed frame gives [`AnimationError::Frame`].
-pub fn try_write_apng<I, F, E>(
-    path: &Path,
-    frames: I,
-    width: u32,
-    height: u32,
-    fps: u16,
-) -> Result<(), AnimationError>
+pub fn try_write_apng<I, F, E>(path: &Path, frames: I, width: u32, height: u32, fps: u16) -> Result<(), AnimationError>
 where
     I: IntoIterator<Item = Result<F, E>, IntoIter: ExactSizeIterator>,
     F: AsRef<[u8]>,
     E: Into<Box<dyn Error + Send + Sync>>,
 {
-    let io_error = |source| AnimationError::Io {
-        path: path.to_path_buf(),
-        source,
-    };
-    let encode_error = |source| AnimationError::Encode {
-        path: path.to_path_buf(),
-        source,
-    };
+    let io_error = |source| AnimationError::Io { path: path.to_path_buf(), source };
+    let encode_error = |source| AnimationError::Encode { path: path.to_path_buf(), source };
     let frames = frames.into_iter();
     let count = match u32::try_from(frames.len()) {
         Ok(count) if count > 0 && fps > 0 => count,
         _ => {
-            return Err(AnimationError::Timing {
-                frames: frames.len(),
-                fps,
-            });
+            return Err(AnimationError::Timing { frames: frames.len(), fps });
         }
     };
     let mut file = AtomicFile::create(path).map_err(io_error)?;
@@ -120,17 +99,10 @@ where
     let mut writer = encoder.write_header().map_err(encode_error)?;
     let expected = u64::from(width) * u64::from(height) * 3;
     for (index, frame) in frames.enumerate() {
-        let frame = frame.map_err(|error| AnimationError::Frame {
-            index,
-            source: error.into(),
-        })?;
+        let frame = frame.map_err(|error| AnimationError::Frame { index, source: error.into() })?;
         let bytes = frame.as_ref();
         if bytes.len() as u64 != expected {
-            return Err(AnimationError::Size {
-                index,
-                got: bytes.len(),
-                expected,
-            });
+            return Err(AnimationError::Size { index, got: bytes.len(), expected });
         }
         writer.write_image_data(bytes).map_err(encode_error)?;
     }

@@ -105,14 +105,9 @@ impl PlyGaussians {
     /// [`PlyError::Shape`] if the fields differ in length, [`PlyError::Io`] from the file system.
     pub fn write(&self, path: &Path) -> Result<(), PlyError> {
         self.check()?;
-        let io_error = |source| PlyError::Io {
-            path: path.to_path_buf(),
-            source,
-        };
+        let io_error = |source| PlyError::Io { path: path.to_path_buf(), source };
         let mut file = AtomicFile::create(path).map_err(io_error)?;
-        self.write_to(&mut file)
-            .and_then(|()| file.commit())
-            .map_err(io_error)
+        self.write_to(&mut file).and_then(|()| file.commit()).map_err(io_error)
     }
 
     fn write_to(&self, out: &mut impl Write) -> io::Result<()> {
@@ -144,27 +139,18 @@ impl PlyGaussians {
     /// [`PlyError::Io`] from the file system; [`PlyError::Format`] for any other kind of file, a
     /// missing property or a file that ends early.
     pub fn read(path: &Path) -> Result<Self, PlyError> {
-        let io_error = |source| PlyError::Io {
-            path: path.to_path_buf(),
-            source,
-        };
+        let io_error = |source| PlyError::Io { path: path.to_path_buf(), source };
         let file = File::open(path).map_err(io_error)?;
         Self::read_from(&mut BufReader::with_capacity(1 << 16, file)).map_err(|error| match error {
             ReadError::Io(source) => io_error(source),
-            ReadError::Format(reason) => PlyError::Format {
-                path: path.to_path_buf(),
-                reason,
-            },
+            ReadError::Format(reason) => PlyError::Format { path: path.to_path_buf(), reason },
         })
     }
 
     fn read_from(input: &mut impl io::BufRead) -> Result<Self, ReadError> {
         let header = Header::read(input)?;
         let k = header.coefficients();
-        let mut out = Self {
-            sh_degree: k.isqrt() - 1,
-            ..Self::default()
-        };
+        let mut out = Self { sh_degree: k.isqrt() - 1, ..Self::default() };
         let mut row = vec![0; header.stride];
         for i in 0..header.count {
             read_row(input, &mut row, i, header.count)?;
@@ -175,8 +161,7 @@ impl PlyGaussians {
             out.opacity_logits.push(at(&header.opacity));
             out.sh.extend(header.dc.iter().map(at));
             for j in 0..k - 1 {
-                out.sh
-                    .extend((0..3).map(|c| at(&header.rest[c * (k - 1) + j])));
+                out.sh.extend((0..3).map(|c| at(&header.rest[c * (k - 1) + j])));
             }
         }
         Ok(out)
@@ -195,16 +180,11 @@ impl From<io::Error> for ReadError {
     }
 }
 
-fn read_row(
-    input: &mut impl Read,
-    row: &mut [u8],
-    i: usize,
-    count: usize,
-) -> Result<(), ReadError> {
+fn read_row(input: &mut impl Read, row: &mut [u8], i: usize, count: usize) -> Result<(), ReadError> {
     input.read_exact(row).map_err(|error| match error.kind() {
-        io::ErrorKind::UnexpectedEof => ReadError::Format(format!(
-            "the file ends in Gaussian {i} of {count}; it was cut short, copy it again"
-        )),
+        io::ErrorKind::UnexpectedEof => {
+            ReadError::Format(format!("the file ends in Gaussian {i} of {count}; it was cut short, copy it again"))
+        }
         _ => ReadError::Io(error),
     })
 }

@@ -1,10 +1,7 @@
 use super::*;
 
 fn names(dir: &Path) -> Vec<String> {
-    let mut names: Vec<_> = fs::read_dir(dir)
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
+    let mut names: Vec<_> = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -68,10 +65,7 @@ fn only_stale_temporaries_are_cleaned() {
     let open = AtomicFile::create(&dir.path().join("a")).unwrap();
     let own = std::process::id();
     // No process has the largest id; one of our own id that no writer holds is an earlier run's.
-    let stale = [
-        format!(".tmp-x-{}-0", u32::MAX),
-        format!(".tmp-y-{own}-999999"),
-    ];
+    let stale = [format!(".tmp-x-{}-0", u32::MAX), format!(".tmp-y-{own}-999999")];
     fs::create_dir(dir.path().join(&stale[0])).unwrap();
     fs::write(dir.path().join(&stale[0]).join("f"), "f").unwrap();
     fs::write(dir.path().join(&stale[1]), "").unwrap();

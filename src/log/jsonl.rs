@@ -44,10 +44,7 @@ pub enum JsonlError {
 }
 
 fn io_at(path: &Path) -> impl Fn(io::Error) -> JsonlError + '_ {
-    |source| JsonlError::Io {
-        path: path.to_path_buf(),
-        source,
-    }
+    |source| JsonlError::Io { path: path.to_path_buf(), source }
 }
 
 /// Appends records to a metrics file.
@@ -70,10 +67,7 @@ impl JsonlWriter {
         let mut file = options.open(path).map_err(&io_error)?;
         let whole = whole_lines(&mut file).map_err(&io_error)?;
         file.set_len(whole).map_err(&io_error)?;
-        Ok(Self {
-            path: path.to_path_buf(),
-            file,
-        })
+        Ok(Self { path: path.to_path_buf(), file })
     }
 
     /// Appends one record as one line, handed to the system in one call. A NaN becomes `null`.
@@ -81,10 +75,8 @@ impl JsonlWriter {
     /// # Errors
     /// [`JsonlError::Record`] or [`JsonlError::Io`].
     pub fn append(&mut self, record: &impl Serialize) -> Result<(), JsonlError> {
-        let mut line = serde_json::to_vec(record).map_err(|source| JsonlError::Record {
-            path: self.path.clone(),
-            source,
-        })?;
+        let mut line =
+            serde_json::to_vec(record).map_err(|source| JsonlError::Record { path: self.path.clone(), source })?;
         line.push(b'\n');
         self.file.write_all(&line).map_err(io_at(&self.path))
     }

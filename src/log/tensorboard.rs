@@ -97,28 +97,16 @@ impl EventWriter {
     /// # Errors
     /// `InvalidInput` if `rgb` does not hold `width * height * 3` bytes or is empty; any error of
     /// the file system.
-    pub fn image(
-        &mut self,
-        step: u64,
-        tag: &str,
-        width: u32,
-        height: u32,
-        rgb: &[u8],
-    ) -> io::Result<()> {
+    pub fn image(&mut self, step: u64, tag: &str, width: u32, height: u32, rgb: &[u8]) -> io::Result<()> {
         let expected = u64::from(width) * u64::from(height) * 3;
         if rgb.is_empty() || rgb.len() as u64 != expected {
             return Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
-                format!(
-                    "image {tag} of {width}x{height} asks for {expected} bytes, got {}",
-                    rgb.len()
-                ),
+                format!("image {tag} of {width}x{height} asks for {expected} bytes, got {}", rgb.len()),
             ));
         }
         let mut png = Vec::new();
-        PngEncoder::new(&mut png)
-            .write_image(rgb, width, height, ExtendedColorType::Rgb8)
-            .map_err(io::Error::other)?;
+        PngEncoder::new(&mut png).write_image(rgb, width, height, ExtendedColorType::Rgb8).map_err(io::Error::other)?;
         let (mut picture, mut entry) = (Message::default(), Message::default());
         picture.varint(field::HEIGHT, u64::from(height));
         picture.varint(field::WIDTH, u64::from(width));

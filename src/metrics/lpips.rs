@@ -116,9 +116,7 @@ pub enum LpipsError {
         tensor: String,
     },
     /// An image does not hold `height * width * 3` values.
-    #[error(
-        "the images hold {a} and {b} values, expected {height} * {width} * 3; give RGB images of one size"
-    )]
+    #[error("the images hold {a} and {b} values, expected {height} * {width} * 3; give RGB images of one size")]
     Size {
         /// Values in the first image.
         a: usize,
@@ -130,9 +128,7 @@ pub enum LpipsError {
         width: usize,
     },
     /// An image is smaller than the net's receptive field allows.
-    #[error(
-        "images of {width}x{height} pixels are too small for LPIPS {net}, which needs {min}x{min}"
-    )]
+    #[error("images of {width}x{height} pixels are too small for LPIPS {net}, which needs {min}x{min}")]
     TooSmall {
         /// The net.
         net: LpipsNet,
@@ -165,15 +161,8 @@ impl Lpips {
     /// Any [`LpipsError`] about the file: unreadable, truncated, a tensor missing, of a wrong shape
     /// or type, or not finite.
     pub fn load(path: impl AsRef<Path>, device: &Device) -> Result<Self, LpipsError> {
-        let device = if device.is_autodiff() {
-            device.clone().inner()
-        } else {
-            device.clone()
-        };
-        Ok(Self {
-            weights: Weights::load(path.as_ref(), &device)?,
-            device,
-        })
+        let device = if device.is_autodiff() { device.clone().inner() } else { device.clone() };
+        Ok(Self { weights: Weights::load(path.as_ref(), &device)?, device })
     }
 
     /// The net the weights belong to.
@@ -187,30 +176,14 @@ impl Lpips {
     /// # Errors
     /// [`LpipsError::Size`] if an image has not `height * width * 3` values, [`LpipsError::TooSmall`]
     /// below [`LpipsNet::min_side`], [`LpipsError::Device`] if the device fails.
-    pub fn distance(
-        &self,
-        a: &[f32],
-        b: &[f32],
-        height: usize,
-        width: usize,
-    ) -> Result<f64, LpipsError> {
+    pub fn distance(&self, a: &[f32], b: &[f32], height: usize, width: usize) -> Result<f64, LpipsError> {
         let expected = height.checked_mul(width).and_then(|n| n.checked_mul(3));
         if expected != Some(a.len()) || expected != Some(b.len()) {
-            return Err(LpipsError::Size {
-                a: a.len(),
-                b: b.len(),
-                height,
-                width,
-            });
+            return Err(LpipsError::Size { a: a.len(), b: b.len(), height, width });
         }
         let min = self.net().min_side();
         if height.min(width) < min {
-            return Err(LpipsError::TooSmall {
-                net: self.net(),
-                height,
-                width,
-                min,
-            });
+            return Err(LpipsError::TooSmall { net: self.net(), height, width, min });
         }
         // A ReLU or a max pool may drop a NaN, and the distance would look sound.
         if !a.iter().chain(b).all(|v| v.is_finite()) {
@@ -237,50 +210,29 @@ impl Lpips {
 /// An image `[H, W, 3]` in [0, 1] as the backbone's input `[3, H, W]`.
 fn planes(image: &[f32]) -> Vec<f32> {
     let (pixels, _) = image.as_chunks::<3>();
-    let channel = |c: usize| {
-        pixels
-            .iter()
-            .map(move |p| (2.0 * p[c] - 1.0 - SHIFT[c]) / SCALE[c])
-    };
+    let channel = |c: usize| pixels.iter().map(move |p| (2.0 * p[c] - 1.0 - SHIFT[c]) / SCALE[c]);
     (0..3).flat_map(channel).collect()
 }
 
 fn pool(x: Tensor<4>, kernel: usize) -> Tensor<4> {
-    max_pool2d(
-        x,
-        MaxPoolOptions::new([kernel; 2]).with_stride([net::POOL_STRIDE; 2]),
-    )
+    max_pool2d(x, MaxPoolOptions::new([kernel; 2]).with_stride([net::POOL_STRIDE; 2]))
 }
 
 fn convolve(x: Tensor<4>, conv: &Conv) -> Tensor<4> {
     let spec = conv.spec;
     let options = ConvOptions::new([spec.stride; 2], [spec.padding; 2], [1, 1], 1);
-    relu(conv2d(
-        x,
-        conv.weight.clone(),
-        Some(conv.bias.clone()),
-        options,
-    ))
+    relu(conv2d(x, conv.weight.clone(), Some(conv.bias.clone()), options))
 }
 
 /// The mean over positions of the head-weighted squared difference of the two unit-length feature
 /// vectors. `features` is `[2, C, H, W]`, `head` `[1, C, 1, 1]`.
 fn layer_distance(features: Tensor<4>, head: Tensor<4>) -> Result<f64, LpipsError> {
-    let norms = features
-        .clone()
-        .square()
-        .sum_dim(1)
-        .sqrt()
-        .add_scalar(EPSILON);
+    let norms = features.clone().square().sum_dim(1).sqrt().add_scalar(EPSILON);
     let unit = features.div(norms);
     let difference = unit.clone().narrow(0, 0, 1) - unit.narrow(0, 1, 1);
     let map = difference.square().mul(head).sum_dim(1);
     // The sum over positions runs in f64 in a fixed order, whatever the device.
-    let data = map
-        .try_into_data()
-        .map_err(|e| LpipsError::Device(e.to_string()))?;
-    let values = data
-        .try_to_vec::<f32>()
-        .map_err(|e| LpipsError::Device(e.to_string()))?;
+    let data = map.try_into_data().map_err(|e| LpipsError::Device(e.to_string()))?;
+    let values = data.try_to_vec::<f32>().map_err(|e| LpipsError::Device(e.to_string()))?;
     Ok(values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64)
 }

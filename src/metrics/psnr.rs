@@ -5,9 +5,7 @@
 #[non_exhaustive]
 pub enum MetricError {
     /// The two images differ in size, or not as many values as the size asks for.
-    #[error(
-        "the images hold {a} and {b} values but {expected} are expected; render both at the same size"
-    )]
+    #[error("the images hold {a} and {b} values but {expected} are expected; render both at the same size")]
     Size {
         /// Values in the first image.
         a: usize,
@@ -35,11 +33,7 @@ pub enum MetricError {
 /// [`MetricError::Size`] if the lengths differ or are zero.
 pub fn psnr(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
     if a.len() != b.len() || a.is_empty() {
-        return Err(MetricError::Size {
-            a: a.len(),
-            b: b.len(),
-            expected: a.len().max(3),
-        });
+        return Err(MetricError::Size { a: a.len(), b: b.len(), expected: a.len().max(3) });
     }
     let squared = |(x, y): (&f32, &f32)| (f64::from(*x) - f64::from(*y)).powi(2);
     let sum: f64 = a.iter().zip(b).map(squared).sum();

@@ -38,11 +38,7 @@ pub fn ssim_rgb(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f64
 pub fn ssim_gray(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f64, MetricError> {
     check(a, b, width, height)?;
     if width < UNIFORM_TAPS || height < UNIFORM_TAPS {
-        return Err(MetricError::TooSmall {
-            width,
-            height,
-            window: UNIFORM_TAPS,
-        });
+        return Err(MetricError::TooSmall { width, height, window: UNIFORM_TAPS });
     }
     let gray = |image: &[f32]| -> Vec<f64> {
         let weigh = |p: &[f32]| (0..3).map(|c| f64::from(p[c]) * GRAY[c]).sum();
@@ -54,34 +50,20 @@ pub fn ssim_gray(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f6
     let (rows, columns) = (height - UNIFORM_TAPS + 1, width - UNIFORM_TAPS + 1);
     let edge = UNIFORM_TAPS / 2;
     let inner = |row: &[f64]| row[edge..edge + columns].iter().sum::<f64>();
-    let sum: f64 = map
-        .chunks_exact(width)
-        .skip(edge)
-        .take(rows)
-        .map(inner)
-        .sum();
+    let sum: f64 = map.chunks_exact(width).skip(edge).take(rows).map(inner).sum();
     Ok(sum / (rows * columns) as f64)
 }
 
 fn check(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<(), MetricError> {
     let expected = width.saturating_mul(height).saturating_mul(3);
     if expected == 0 || a.len() != expected || b.len() != expected {
-        return Err(MetricError::Size {
-            a: a.len(),
-            b: b.len(),
-            expected,
-        });
+        return Err(MetricError::Size { a: a.len(), b: b.len(), expected });
     }
     Ok(())
 }
 
 /// The SSIM map `[H, W]` of each channel.
-fn rgb_maps(
-    a: &[f32],
-    b: &[f32],
-    width: usize,
-    height: usize,
-) -> Result<[Vec<f64>; 3], MetricError> {
+fn rgb_maps(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<[Vec<f64>; 3], MetricError> {
     check(a, b, width, height)?;
     let mut taps = [0.0; GAUSSIAN_TAPS];
     for (i, tap) in taps.iter_mut().enumerate() {
@@ -90,28 +72,19 @@ fn rgb_maps(
     }
     let total: f64 = taps.iter().sum();
     taps.iter_mut().for_each(|tap| *tap /= total);
-    let plane = |image: &[f32], c: usize| -> Vec<f64> {
-        image
-            .iter()
-            .skip(c)
-            .step_by(3)
-            .map(|v| f64::from(*v))
-            .collect()
-    };
+    let plane =
+        |image: &[f32], c: usize| -> Vec<f64> { image.iter().skip(c).step_by(3).map(|v| f64::from(*v)).collect() };
     Ok([0, 1, 2].map(|c| ssim_map(&plane(a, c), &plane(b, c), width, &taps, 1.0)))
 }
 
 fn sum_rows(map: &[f64], width: usize) -> f64 {
-    map.chunks_exact(width)
-        .map(|row| row.iter().sum::<f64>())
-        .sum()
+    map.chunks_exact(width).map(|row| row.iter().sum::<f64>()).sum()
 }
 
 /// SSIM at each pixel of two planes `[H, W]` under the separable window `taps`, with zeros beyond
 /// the border; `norm` scales the covariances.
 fn ssim_map(a: &[f64], b: &[f64], width: usize, taps: &[f64], norm: f64) -> Vec<f64> {
-    let product =
-        |x: &[f64], y: &[f64]| -> Vec<f64> { x.iter().zip(y).map(|(x, y)| x * y).collect() };
+    let product = |x: &[f64], y: &[f64]| -> Vec<f64> { x.iter().zip(y).map(|(x, y)| x * y).collect() };
     let [ma, mb] = [a, b].map(|plane| filter(plane, width, taps));
     let [aa, bb, ab] = [(a, a), (b, b), (a, b)].map(|(x, y)| filter(&product(x, y), width, taps));
     (0..a.len())
@@ -129,25 +102,20 @@ fn filter(plane: &[f64], width: usize, taps: &[f64]) -> Vec<f64> {
     let half = taps.len() / 2;
     let height = plane.len() / width;
     let mut across = vec![0.0; plane.len()];
-    across
-        .par_chunks_mut(width)
-        .zip(plane.par_chunks(width))
-        .for_each(|(out, row)| {
-            for (x, value) in out.iter_mut().enumerate() {
-                let (from, to) = (x.saturating_sub(half), (x + half + 1).min(width));
-                let weights = &taps[from + half - x..];
-                *value = row[from..to].iter().zip(weights).map(|(v, w)| v * w).sum();
-            }
-        });
+    across.par_chunks_mut(width).zip(plane.par_chunks(width)).for_each(|(out, row)| {
+        for (x, value) in out.iter_mut().enumerate() {
+            let (from, to) = (x.saturating_sub(half), (x + half + 1).min(width));
+            let weights = &taps[from + half - x..];
+            *value = row[from..to].iter().zip(weights).map(|(v, w)| v * w).sum();
+        }
+    });
     let mut out = vec![0.0; plane.len()];
     out.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
         let (from, to) = (y.saturating_sub(half), (y + half + 1).min(height));
         for row in from..to {
             let weight = taps[row + half - y];
             let source = &across[row * width..][..width];
-            out.iter_mut()
-                .zip(source)
-                .for_each(|(o, v)| *o += weight * v);
+            out.iter_mut().zip(source).for_each(|(o, v)| *o += weight * v);
         }
     });
     out
@@ -219,10 +187,7 @@ pub(crate) mod tests {
         assert!(ssim_rgb(&[], &[], 0, 0).is_err());
         assert!(ssim_rgb(&[0.5; 3], &[0.5; 3], 1, 1).is_ok());
         let small = [0.5; 6 * 9 * 3];
-        assert!(matches!(
-            ssim_gray(&small, &small, 6, 9),
-            Err(MetricError::TooSmall { .. })
-        ));
+        assert!(matches!(ssim_gray(&small, &small, 6, 9), Err(MetricError::TooSmall { .. })));
     }
 
     #[test]
@@ -230,8 +195,7 @@ pub(crate) mod tests {
         let (a, b) = images();
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            pool.unwrap()
-                .install(|| ssim_rgb(&a, &b, W, H).unwrap().to_bits())
+            pool.unwrap().install(|| ssim_rgb(&a, &b, W, H).unwrap().to_bits())
         };
         assert_eq!(on(1), on(3));
     }

@@ -41,7 +41,8 @@ impl Gaussians {
     pub fn from_host(host: HostGaussians, device: &Device) -> Self {
         let n = host.opacity_logits.len();
         let k = if n == 0 { 1 } else { host.sh.len() / (3 * n) };
-        let param2 = |v: Vec<f32>, d: usize| Param::from_tensor(Tensor::<2>::from_data(TensorData::new(v, [n, d]), device));
+        let param2 =
+            |v: Vec<f32>, d: usize| Param::from_tensor(Tensor::<2>::from_data(TensorData::new(v, [n, d]), device));
         Self {
             means: param2(host.means, 3),
             rotations: param2(host.rotations, 4),

@@ -9,6 +9,6 @@ pub mod gaussians;
 pub mod params;
 pub mod scene;
 
-pub use deformation::{Deformed, DeformationField};
+pub use deformation::{DeformationField, Deformed};
 pub use gaussians::Gaussians;
 pub use scene::{Scene, SceneError, SceneSpec};

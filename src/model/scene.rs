@@ -2,7 +2,7 @@
 
 use super::gaussians::HostGaussians;
 use super::params::{self, FitError, HostTensor};
-use super::{Deformed, DeformationField, Gaussians};
+use super::{DeformationField, Deformed, Gaussians};
 use crate::config::types::ModelConfig;
 use crate::files::write_atomic;
 use burn::module::Module;
@@ -129,10 +129,17 @@ impl Scene {
     pub fn load(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let (tensors, metadata) = read_tensors(path)?;
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
-        let spec = metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
+        let spec =
+            metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
         let spec: SceneSpec = serde_json::from_str(spec).map_err(|e| format(format!("header: {e}")))?;
         let k = (spec.model.sh_degree + 1).pow(2);
-        let empty = HostGaussians { sh: vec![0.0; 3 * k], means: vec![0.0; 3], rotations: vec![0.0; 4], log_scales: vec![0.0; 3], opacity_logits: vec![0.0] };
+        let empty = HostGaussians {
+            sh: vec![0.0; 3 * k],
+            means: vec![0.0; 3],
+            rotations: vec![0.0; 4],
+            log_scales: vec![0.0; 3],
+            opacity_logits: vec![0.0],
+        };
         let scene = Self::new(empty, spec, 0, device);
         let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let g = &scene.gaussians;
@@ -148,7 +155,11 @@ impl Scene {
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn write_tensors(path: &Path, tensors: &BTreeMap<String, HostTensor>, metadata: &[(&str, String)]) -> Result<(), SceneError> {
+pub fn write_tensors(
+    path: &Path,
+    tensors: &BTreeMap<String, HostTensor>,
+    metadata: &[(&str, String)],
+) -> Result<(), SceneError> {
     let bytes: Vec<(&String, Vec<u8>, &Vec<usize>)> = tensors
         .iter()
         .map(|(name, t)| (name, t.values.iter().flat_map(|v| v.to_le_bytes()).collect(), &t.shape))

@@ -6,9 +6,9 @@
 use super::Trainer;
 use super::densify::Statistics;
 use crate::files::{AtomicDir, write_atomic};
+use crate::model::Scene;
 use crate::model::params::HostTensor;
 use crate::model::scene::{SceneError, read_tensors, write_tensors};
-use crate::model::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 

@@ -1,9 +1,9 @@
 //! The first Gaussians, and the box of the deformation field.
 
 use crate::config::types::{Bounds, Config, Placement};
+use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
-use crate::data::Split;
 use crate::model::SceneSpec;
 use crate::model::gaussians::HostGaussians;
 use crate::rng::{Purpose, Rng};
@@ -16,7 +16,11 @@ const SH_C0: f32 = 0.282_094_79;
 ///
 /// # Errors
 /// If the visual hull is empty: no point lies inside the alpha masks of all views of any time.
-pub fn initialise(split: &Split, config: &Config, background: [f32; 3]) -> Result<(HostGaussians, SceneSpec), DataError> {
+pub fn initialise(
+    split: &Split,
+    config: &Config,
+    background: [f32; 3],
+) -> Result<(HostGaussians, SceneSpec), DataError> {
     let n = config.init.points;
     let needs_hull = config.init.placement == Placement::Hull || config.model.bounds == Bounds::Hull;
     let hull = if needs_hull { Some(VisualHull::carve(split, &HullOptions::default())?) } else { None };

@@ -138,8 +138,11 @@ impl<F: Fn(&str) -> Option<f64>> ModuleMapper for Stepper<'_, F> {
         let steps = moments.steps + 1;
         let AdamConstants { betas: [beta1, beta2], epsilon, sh_rest } = self.optimizer.constants;
         let correction = |beta: f64| (1.0 - beta.powf(steps as f64)) as f32;
-        let pattern = (name == "gaussians.sh" && sh_rest != 1.0)
-            .then(|| LrPattern { row_len: dims[1..].iter().product(), head_len: 3, tail_factor: sh_rest as f32 });
+        let pattern = (name == "gaussians.sh" && sh_rest != 1.0).then(|| LrPattern {
+            row_len: dims[1..].iter().product(),
+            head_len: 3,
+            tail_factor: sh_rest as f32,
+        });
         let step = AdamStep {
             lr: rate as f32,
             beta1: beta1 as f32,

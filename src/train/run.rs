@@ -106,7 +106,8 @@ pub fn run(
 ) -> Result<RunOutcome, TrainError> {
     let mut trainer = Trainer::new(config.clone(), dataset, device)?;
     let out = &options.out;
-    let log_error = |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
+    let log_error =
+        |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
     std::fs::create_dir_all(out).map_err(|e| log_error(out, &e))?;
     let fingerprint = dataset.fingerprint();
     let newest = checkpoint::list(out).pop().filter(|_| options.resume);
@@ -131,7 +132,11 @@ pub fn run(
     }
     let mut metrics = JsonlWriter::open(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
     let events_path = out.join("tensorboard");
-    let events = if first == 0 { EventWriter::create(&events_path) } else { EventWriter::resume(&events_path, first as u64 + 1) };
+    let events = if first == 0 {
+        EventWriter::create(&events_path)
+    } else {
+        EventWriter::resume(&events_path, first as u64 + 1)
+    };
     let mut events = events.map_err(|e| log_error(&events_path, &e))?;
 
     let started = Instant::now();

@@ -145,7 +145,13 @@ fn check(config: &Config) -> Result<(), TrainError> {
         return bad(format!("init.opacity = {}: between 0 and 1", config.init.opacity));
     }
     let m = &config.model;
-    for (name, value) in [("levels", m.levels), ("channels", m.channels), ("time_knots", m.time_knots), ("width", m.width), ("resolution", m.resolution)] {
+    for (name, value) in [
+        ("levels", m.levels),
+        ("channels", m.channels),
+        ("time_knots", m.time_knots),
+        ("width", m.width),
+        ("resolution", m.resolution),
+    ] {
         if value == 0 {
             return bad(format!("model.{name} = 0: at least 1"));
         }
@@ -340,9 +346,7 @@ impl Trainer {
 fn warmup_views(split: &Split, times: WarmupTimes) -> Vec<usize> {
     let all = split.times();
     let middle = all.get(all.len() / 2).copied();
-    (0..split.frames.len())
-        .filter(|&i| times == WarmupTimes::All || Some(split.frames[i].time) == middle)
-        .collect()
+    (0..split.frames.len()).filter(|&i| times == WarmupTimes::All || Some(split.frames[i].time) == middle).collect()
 }
 
 /// The view over the background, with its alpha: `[H, W, 4]`.

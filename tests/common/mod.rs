@@ -62,11 +62,8 @@ fn picture(camera: &Camera, time: f64) -> RgbaImage {
     let (rotation, _) = camera.world_to_camera_opencv();
     let eye = camera.position();
     RgbaImage::from_fn(camera.width, camera.height, |x, y| {
-        let local = DVec3::new(
-            (f64::from(x) + 0.5 - camera.cx) / camera.fx,
-            (f64::from(y) + 0.5 - camera.cy) / camera.fy,
-            1.0,
-        );
+        let local =
+            DVec3::new((f64::from(x) + 0.5 - camera.cx) / camera.fx, (f64::from(y) + 0.5 - camera.cy) / camera.fy, 1.0);
         let ray = rotation.transpose() * local.normalize();
         let mut hits: Vec<(f64, f64, [f64; 3])> = Vec::new();
         for (centre, radius, colour) in balls(time) {

@@ -87,11 +87,7 @@ pub fn camera(size: usize) -> Camera {
     let (a, b) = (0.4f64, 0.7f64);
     let f = [-a.cos() * b.cos(), -a.cos() * b.sin(), -a.sin()];
     let r = [f[1], -f[0], 0.0].map(|v| v / f[0].hypot(f[1]));
-    let d = [
-        f[1] * r[2] - f[2] * r[1],
-        f[2] * r[0] - f[0] * r[2],
-        f[0] * r[1] - f[1] * r[0],
-    ];
+    let d = [f[1] * r[2] - f[2] * r[1], f[2] * r[0] - f[0] * r[2], f[0] * r[1] - f[1] * r[0]];
     let focal = 0.5 * size as f64 / 15f64.to_radians().tan();
     Camera {
         width: size,
@@ -121,27 +117,15 @@ impl Splatter {
     /// Puts `scene` on `device`; black background, degree 3.
     pub fn new(scene: &Scene, camera: Camera, device: &Device) -> Self {
         let n = scene.opacity_logits.len();
-        let rows = |v: &[f32], d: usize| {
-            Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, d]), device)
-        };
+        let rows = |v: &[f32], d: usize| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, d]), device);
         Self {
             means: rows(&scene.means, 3),
             rotations: rows(&scene.rotations, 4),
             log_scales: rows(&scene.log_scales, 3),
-            opacity_logits: Tensor::from_data(
-                TensorData::new(scene.opacity_logits.clone(), [n]),
-                device,
-            ),
-            sh: Tensor::from_data(
-                TensorData::new(scene.sh.clone(), [n, SH_COEFFICIENTS, 3]),
-                device,
-            ),
+            opacity_logits: Tensor::from_data(TensorData::new(scene.opacity_logits.clone(), [n]), device),
+            sh: Tensor::from_data(TensorData::new(scene.sh.clone(), [n, SH_COEFFICIENTS, 3]), device),
             offsets: Tensor::zeros([n, 2], device),
-            settings: SplatSettings {
-                camera,
-                background: [0.0; 3],
-                sh_degree: 3,
-            },
+            settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3 },
         }
     }
 
@@ -159,11 +143,7 @@ impl Splatter {
     }
 
     /// The backward pass alone, for a gradient of the image `[H, W, 4]`.
-    pub fn backward(
-        &self,
-        forward: &SplatForward<Dispatch>,
-        grad: &Tensor<3>,
-    ) -> SplatGradients<Dispatch> {
+    pub fn backward(&self, forward: &SplatForward<Dispatch>, grad: &Tensor<3>) -> SplatGradients<Dispatch> {
         Dispatch::splat_backward(
             self.means.clone().into_dispatch(),
             self.rotations.clone().into_dispatch(),
@@ -256,17 +236,10 @@ pub fn process_cpu_ms() -> f64 {
         fn clock_gettime(clock: i32, time: *mut Timespec) -> i32;
     }
     const CLOCK_PROCESS_CPUTIME_ID: i32 = 2;
-    let mut time = Timespec {
-        seconds: 0,
-        nanoseconds: 0,
-    };
+    let mut time = Timespec { seconds: 0, nanoseconds: 0 };
     // SAFETY: the C library's function, with the layout that it has on 64-bit Linux; it writes `time` alone.
     let status = unsafe { clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &raw mut time) };
-    if status == 0 {
-        time.seconds as f64 * 1e3 + time.nanoseconds as f64 * 1e-6
-    } else {
-        f64::NAN
-    }
+    if status == 0 { time.seconds as f64 * 1e3 + time.nanoseconds as f64 * 1e-6 } else { f64::NAN }
 }
 
 /// CPU time that all threads of this process have used, milliseconds; NaN where the system is not known.
@@ -282,13 +255,7 @@ pub fn arguments(default_repeats: usize) -> (Vec<String>, usize) {
     while let Some(word) = rest.next() {
         match word.as_str() {
             "--bench" => {}
-            "--repeats" => {
-                repeats = rest
-                    .next()
-                    .and_then(|n| n.parse().ok())
-                    .unwrap_or(default_repeats)
-                    .max(1)
-            }
+            "--repeats" => repeats = rest.next().and_then(|n| n.parse().ok()).unwrap_or(default_repeats).max(1),
             _ => words.push(word),
         }
     }

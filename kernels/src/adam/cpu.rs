@@ -79,14 +79,7 @@ pub fn adam_step(
         .zip(m.par_chunks_mut(task))
         .zip(v.par_chunks_mut(task))
         .for_each(|(((param, grad), m), v)| {
-            Arch::new().dispatch(Update {
-                param,
-                grad,
-                m,
-                v,
-                rates: &rates,
-                step,
-            });
+            Arch::new().dispatch(Update { param, grad, m, v, rates: &rates, step });
         });
     Ok(())
 }
@@ -171,14 +164,7 @@ impl WithSimd for Update<'_> {
 }
 
 #[inline(always)]
-fn update(
-    param: &mut [f32],
-    grad: &[f32],
-    m: &mut [f32],
-    v: &mut [f32],
-    rates: &[f32],
-    step: AdamStep,
-) {
+fn update(param: &mut [f32], grad: &[f32], m: &mut [f32], v: &mut [f32], rates: &[f32], step: AdamStep) {
     let (keep1, keep2) = (step.beta1, step.beta2);
     let (take1, take2) = (1.0 - keep1, 1.0 - keep2);
     let root = 1.0 / step.bias_correction2.sqrt();

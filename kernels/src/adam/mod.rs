@@ -8,5 +8,5 @@ pub mod reference;
 #[cfg(test)]
 mod tests;
 
-pub use ops::{AdamOps, AdamOutput, AdamTensors, adam};
 pub use cpu::{AdamStep, LrPattern, NonFiniteGradient, adam_step};
+pub use ops::{AdamOps, AdamOutput, AdamTensors, adam};

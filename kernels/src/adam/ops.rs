@@ -51,7 +51,11 @@ pub struct AdamTensors<const D: usize> {
 ///
 /// # Panics
 /// If the shapes differ.
-pub fn adam<const D: usize>(tensors: AdamTensors<D>, grad: Tensor<D>, step: AdamStep) -> (AdamTensors<D>, Option<usize>) {
+pub fn adam<const D: usize>(
+    tensors: AdamTensors<D>,
+    grad: Tensor<D>,
+    step: AdamStep,
+) -> (AdamTensors<D>, Option<usize>) {
     assert_eq!(tensors.param.dims(), grad.dims(), "adam: the gradient has the parameter's shape");
     let out = Dispatch::adam(
         tensors.param.into_dispatch(),

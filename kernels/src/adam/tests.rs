@@ -62,23 +62,9 @@ proptest! {
 fn the_first_step_moves_by_the_rate_whatever_the_gradient() {
     let (mut param, mut m, mut v) = (vec![0.0; 6], vec![0.0; 6], vec![0.0; 6]);
     let grad = [1e-3, -5.0, 100.0, 1e-3, -5.0, 100.0];
-    let pattern = LrPattern {
-        row_len: 6,
-        head_len: 3,
-        tail_factor: 0.1,
-    };
-    adam_step(
-        &mut param,
-        &grad,
-        &mut m,
-        &mut v,
-        settings(1, Some(pattern)),
-    )
-    .unwrap();
-    for (p, e) in param
-        .iter()
-        .zip([-0.01, 0.01, -0.01, -0.001, 0.001, -0.001])
-    {
+    let pattern = LrPattern { row_len: 6, head_len: 3, tail_factor: 0.1 };
+    adam_step(&mut param, &grad, &mut m, &mut v, settings(1, Some(pattern))).unwrap();
+    for (p, e) in param.iter().zip([-0.01, 0.01, -0.01, -0.001, 0.001, -0.001]) {
         assert!((p - e).abs() < 1e-6, "{p} against {e}");
     }
 }
@@ -108,16 +94,9 @@ fn a_poisoned_gradient_is_named_and_nothing_moves() {
 
 #[test]
 fn bits_do_not_depend_on_the_number_of_threads() {
-    let pattern = Some(LrPattern {
-        row_len: 48,
-        head_len: 3,
-        tail_factor: 0.05,
-    });
+    let pattern = Some(LrPattern { row_len: 48, head_len: 3, tail_factor: 0.05 });
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| train(48 * 1500, 5, 2, pattern))
     };
     let one = run(1);

@@ -36,11 +36,7 @@ pub(super) fn run(
         let cut = |r: usize| (r * blocks / count * BLOCK).min(used.len());
         let (first, last) = (cut(r), cut(r + 1));
         // Each range owns the input rows up to the first row of the next.
-        let end = if r + 1 < count {
-            used[last]
-        } else {
-            x.len() / shape.inputs
-        };
+        let end = if r + 1 < count { used[last] } else { x.len() / shape.inputs };
         let (window, after) = rest.split_at_mut((end - row) * shape.inputs);
         ranges.push(Range {
             packed: &packed,
@@ -53,10 +49,7 @@ pub(super) fn run(
         });
         (rest, row) = (after, end);
     }
-    let sums: Vec<Sums> = ranges
-        .into_par_iter()
-        .map(|range| Arch::new().dispatch(range))
-        .collect();
+    let sums: Vec<Sums> = ranges.into_par_iter().map(|range| Arch::new().dispatch(range)).collect();
     let mut sums = sums.into_iter();
     if let Some(mut total) = sums.next() {
         sums.for_each(|sum| total.add(&sum));
@@ -101,14 +94,7 @@ impl Sums {
         add(&mut self.output_bias, &other.output_bias);
     }
 
-    fn write(
-        &self,
-        packed: &Packed<'_>,
-        w0: &mut [f32],
-        b0: &mut [f32],
-        w1: &mut [f32],
-        b1: &mut [f32],
-    ) {
+    fn write(&self, packed: &Packed<'_>, w0: &mut [f32], b0: &mut [f32], w1: &mut [f32], b1: &mut [f32]) {
         let (w, width, heads) = (packed.shape.width, packed.width, packed.shape.heads());
         for (out, row) in w0.chunks_exact_mut(w).zip(self.trunk.chunks_exact(width)) {
             out.copy_from_slice(&row[..w]);
@@ -198,13 +184,7 @@ impl WithSimd for Range<'_> {
 
 impl Block {
     #[inline(always)]
-    fn run<S: Simd>(
-        &mut self,
-        simd: S,
-        packed: &Packed<'_>,
-        transposed: &Transposed,
-        sums: &mut Sums,
-    ) {
+    fn run<S: Simd>(&mut self, simd: S, packed: &Packed<'_>, transposed: &Transposed, sums: &mut Sums) {
         let (rows, width, shape) = (self.rows, packed.width, packed.shape);
         let (f, w, c) = (shape.inputs, shape.width, shape.outputs());
         trunk(simd, packed, rows, &self.x, &mut self.hidden);
@@ -213,11 +193,7 @@ impl Block {
             head(simd, packed, k, rows, &self.hidden, &mut self.units);
             let columns = first * width..(first + size) * width;
             let head_at = k * packed.head_len()..(k + 1) * packed.head_len();
-            let grad = Rows {
-                data: &self.grad,
-                stride: c,
-                first,
-            };
+            let grad = Rows { data: &self.grad, stride: c, first };
             let output_sums = &mut sums.outputs[columns.clone()];
             outer(simd, rows, (grad, size), (&self.units, width), output_sums);
 
@@ -236,21 +212,8 @@ impl Block {
         gate_all(simd, &self.hidden, &mut self.grad_hidden);
         add_rows(simd, rows, &self.grad_hidden, &mut sums.biases[..width]);
         let x = Rows::new(&self.x, f);
-        outer(
-            simd,
-            rows,
-            (x, f),
-            (&self.grad_hidden, width),
-            &mut sums.trunk,
-        );
+        outer(simd, rows, (x, f), (&self.grad_hidden, width), &mut sums.trunk);
         let grad_hidden = Rows::new(&self.grad_hidden, width);
-        product(
-            simd,
-            rows,
-            grad_hidden,
-            (w, &transposed.trunk),
-            &mut self.grad_x,
-            Store,
-        );
+        product(simd, rows, grad_hidden, (w, &transposed.trunk), &mut self.grad_x, Store);
     }
 }

@@ -65,15 +65,11 @@ pub fn forward(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], out: 
         return;
     }
     let packed = Packed::new(shape, params);
-    out.par_chunks_mut(FORWARD_ROWS * shape.outputs())
-        .zip(x.par_chunks(FORWARD_ROWS * shape.inputs))
-        .for_each(|(out, x)| {
-            Arch::new().dispatch(ForwardRows {
-                packed: &packed,
-                x,
-                out,
-            });
-        });
+    out.par_chunks_mut(FORWARD_ROWS * shape.outputs()).zip(x.par_chunks(FORWARD_ROWS * shape.inputs)).for_each(
+        |(out, x)| {
+            Arch::new().dispatch(ForwardRows { packed: &packed, x, out });
+        },
+    );
 }
 
 /// Gradients of [`forward`] for `grad_out` `[N, C]`. Hidden units are computed again, nothing is kept from
@@ -100,11 +96,7 @@ pub fn backward(
     assert_eq!(grads.b2.len(), params.b2.len(), "grads.b2");
     assert_eq!(grads.x.len(), x.len(), "grads.x");
     if let Some(active) = active {
-        assert_eq!(
-            active.len(),
-            x.len() / shape.inputs,
-            "active: one entry a row"
-        );
+        assert_eq!(active.len(), x.len() / shape.inputs, "active: one entry a row");
     }
     super::backward::run(shape, params, x, grad_out, active, grads);
 }
@@ -120,22 +112,12 @@ fn check(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], outputs: us
     assert_eq!(params.w2.len(), shape.w2_len(), "w2: [W, C]");
     assert_eq!(params.b2.len(), shape.b2_len(), "b2: [C]");
     assert!(x.len().is_multiple_of(shape.inputs), "x: [N, F]");
-    assert_eq!(
-        outputs,
-        x.len() / shape.inputs * shape.outputs(),
-        "outputs: [N, C]"
-    );
+    assert_eq!(outputs, x.len() / shape.inputs * shape.outputs(), "outputs: [N, C]");
 }
 
 /// Hidden units of the trunk, `[rows, width]`.
 #[inline(always)]
-pub(super) fn trunk<S: Simd>(
-    simd: S,
-    packed: &Packed<'_>,
-    rows: usize,
-    x: &[f32],
-    out: &mut [f32],
-) {
+pub(super) fn trunk<S: Simd>(simd: S, packed: &Packed<'_>, rows: usize, x: &[f32], out: &mut [f32]) {
     let f = packed.shape.inputs;
     let bias = BiasRelu::<S>(S::as_simd_f32s(packed.trunk_bias()).0);
     product(simd, rows, Rows::new(x, f), (f, &packed.trunk), out, bias);
@@ -143,14 +125,7 @@ pub(super) fn trunk<S: Simd>(
 
 /// Hidden units of head `k` from those of the trunk, `[rows, width]`.
 #[inline(always)]
-pub(super) fn head<S: Simd>(
-    simd: S,
-    packed: &Packed<'_>,
-    k: usize,
-    rows: usize,
-    trunk: &[f32],
-    out: &mut [f32],
-) {
+pub(super) fn head<S: Simd>(simd: S, packed: &Packed<'_>, k: usize, rows: usize, trunk: &[f32], out: &mut [f32]) {
     let (panels, bias) = packed.head(k);
     let bias = BiasRelu::<S>(S::as_simd_f32s(bias).0);
     let trunk = Rows::new(trunk, packed.width);
@@ -185,14 +160,7 @@ impl WithSimd for ForwardRows<'_> {
             for (k, (first, size)) in shape.head_columns().enumerate() {
                 head(simd, packed, k, rows, &hidden, &mut units);
                 let weights = &packed.outputs[first * width..][..size * width];
-                dots(
-                    simd,
-                    (&units, width),
-                    weights,
-                    packed.output_bias,
-                    first,
-                    out,
-                );
+                dots(simd, (&units, width), weights, packed.output_bias, first, out);
             }
         }
     }

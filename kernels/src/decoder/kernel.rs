@@ -77,11 +77,7 @@ pub(super) struct Rows<'a> {
 impl<'a> Rows<'a> {
     pub(super) fn new(data: &'a [f32], stride: usize) -> Self {
         let first = 0;
-        Self {
-            data,
-            stride,
-            first,
-        }
+        Self { data, stride, first }
     }
 }
 

@@ -12,6 +12,6 @@ pub mod shape;
 #[cfg(test)]
 mod tests;
 
-pub use ops::{DecoderGradients, DecoderOps, DecoderWeights, decoder};
 pub use cpu::{DecoderGrads, DecoderParams, backward, forward};
+pub use ops::{DecoderGradients, DecoderOps, DecoderWeights, decoder};
 pub use shape::{DecoderShape, DecoderShapeError};

@@ -65,8 +65,7 @@ fn layers(params: Params<'_>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
 #[must_use]
 pub fn kink_distance(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> f64 {
     let rows = x.chunks_exact(shape.inputs).map(|x| layers(params, x));
-    rows.flat_map(|(trunk, heads)| [trunk, heads].concat())
-        .fold(f64::INFINITY, |least, v| least.min(v.abs()))
+    rows.flat_map(|(trunk, heads)| [trunk, heads].concat()).fold(f64::INFINITY, |least, v| least.min(v.abs()))
 }
 
 /// Outputs `[N, C]` of `x` `[N, F]`.

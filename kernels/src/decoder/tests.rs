@@ -18,11 +18,7 @@ fn wide(values: &[f32]) -> Vec<f64> {
 }
 
 fn shape(inputs: usize, width: usize, head_sizes: &[usize]) -> DecoderShape {
-    DecoderShape {
-        inputs,
-        width,
-        head_sizes: head_sizes.to_vec(),
-    }
+    DecoderShape { inputs, width, head_sizes: head_sizes.to_vec() }
 }
 
 /// Parameters w0, b0, w1, b1, w2, b2 and the inputs, or their gradients, in this order.
@@ -36,14 +32,7 @@ struct Case {
 }
 
 fn reference_params(parts: &Parts<f64>) -> reference::Params<'_> {
-    reference::Params {
-        w0: &parts[0],
-        b0: &parts[1],
-        w1: &parts[2],
-        b1: &parts[3],
-        w2: &parts[4],
-        b2: &parts[5],
-    }
+    reference::Params { w0: &parts[0], b0: &parts[1], w1: &parts[2], b1: &parts[3], w2: &parts[4], b2: &parts[5] }
 }
 
 impl Case {
@@ -91,15 +80,7 @@ impl Case {
     fn backward(&self, active: Option<&[bool]>) -> Parts<f32> {
         let mut out = self.parts.each_ref().map(|p| vec![f32::NAN; p.len()]);
         let [w0, b0, w1, b1, w2, b2, x] = &mut out;
-        let grads = DecoderGrads {
-            w0,
-            b0,
-            w1,
-            b1,
-            w2,
-            b2,
-            x,
-        };
+        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, x };
         let (params, x) = (self.params(), &self.parts[6]);
         cpu::backward(&self.shape, params, x, &self.grad, active, grads);
         out
@@ -114,9 +95,7 @@ impl Case {
         let exact = self.parts.each_ref().map(|part| wide(part));
         let params = reference_params(&exact);
         let grads = reference::backward(&self.shape, params, &exact[6], &wide(&self.grad));
-        [
-            grads.w0, grads.b0, grads.w1, grads.b1, grads.w2, grads.b2, grads.x,
-        ]
+        [grads.w0, grads.b0, grads.w1, grads.b1, grads.w2, grads.b2, grads.x]
     }
 }
 
@@ -192,10 +171,7 @@ fn reference_gradient_matches_finite_differences() {
             let slope = (up - loss(&moved)) / (2.0 * step);
             let exact = analytic[part][i];
             let error = (slope - exact).abs();
-            assert!(
-                error < 1e-7,
-                "part {part} element {i}: {slope} against {exact}"
-            );
+            assert!(error < 1e-7, "part {part} element {i}: {slope} against {exact}");
         }
     }
 }
@@ -205,10 +181,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
     let case = Case::new(shape(20, 48, &[3, 4, 3, 1]), 3001, 6);
     let active: Vec<bool> = (0..3001).map(|i| i % 7 < 5).collect();
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let out = bits(&[case.forward()]);
             (out, bits(&case.backward(Some(&active))))
@@ -311,14 +284,8 @@ fn a_short_parameter_buffer_is_named() {
 
 #[test]
 fn empty_extents_are_named() {
-    assert_eq!(
-        shape(0, 1, &[1]).validate(),
-        Err(DecoderShapeError::NoInputs)
-    );
-    assert_eq!(
-        shape(1, 0, &[1]).validate(),
-        Err(DecoderShapeError::NoWidth)
-    );
+    assert_eq!(shape(0, 1, &[1]).validate(), Err(DecoderShapeError::NoInputs));
+    assert_eq!(shape(1, 0, &[1]).validate(), Err(DecoderShapeError::NoWidth));
     assert_eq!(shape(1, 1, &[]).validate(), Err(DecoderShapeError::NoHeads));
     let empty = Err(DecoderShapeError::EmptyHead { head: 1 });
     assert_eq!(shape(1, 1, &[2, 0]).validate(), empty);

@@ -26,22 +26,9 @@ pub(super) fn run(
     active: Option<&[bool]>,
     grads: FieldGrads<'_>,
 ) {
-    let input = Backward {
-        field: Field::new(shape, params, time),
-        points,
-        grad: grad_features,
-        active,
-    };
-    let FieldGrads {
-        planes,
-        lines,
-        times,
-        points: grad_points,
-    } = grads;
-    rayon::join(
-        || input.scatter_planes(shape, planes),
-        || input.walk_points(shape, time, lines, times, grad_points),
-    );
+    let input = Backward { field: Field::new(shape, params, time), points, grad: grad_features, active };
+    let FieldGrads { planes, lines, times, points: grad_points } = grads;
+    rayon::join(|| input.scatter_planes(shape, planes), || input.walk_points(shape, time, lines, times, grad_points));
 }
 
 /// What every backward task reads.
@@ -75,9 +62,7 @@ impl Backward<'_> {
         grad_times: &mut [f32],
         grad_points: &mut [f32],
     ) {
-        let chunk = (self.points.len() / 3)
-            .div_ceil(BACKWARD_CHUNKS)
-            .max(BACKWARD_CHUNK_MIN);
+        let chunk = (self.points.len() / 3).div_ceil(BACKWARD_CHUNKS).max(BACKWARD_CHUNK_MIN);
         let partials: Vec<Vec<f32>> = grad_points
             .par_chunks_mut(3 * chunk)
             .enumerate()
@@ -85,13 +70,7 @@ impl Backward<'_> {
             .map(|(index, grad_points)| {
                 let mut sums = vec![0.0; grad_lines.len() + self.field.time.len()];
                 let (lines, times) = sums.split_at_mut(grad_lines.len());
-                Arch::new().dispatch(PointChunk {
-                    input: self,
-                    first: index * chunk,
-                    grad_points,
-                    lines,
-                    times,
-                });
+                Arch::new().dispatch(PointChunk { input: self, first: index * chunk, grad_points, lines, times });
                 sums
             })
             .collect();
@@ -124,10 +103,8 @@ impl Backward<'_> {
     fn scatter_planes(&self, shape: &FieldShape, grad_planes: &mut [f32]) {
         let levels = self.field.levels.len();
         // Planes xz and yz share the slow axis z, so the bands of y and z serve all three.
-        let bands: Vec<Vec<Vec<u32>>> = (0..2 * levels)
-            .into_par_iter()
-            .map(|i| self.points_by_band(i / 2, 1 + i % 2))
-            .collect();
+        let bands: Vec<Vec<Vec<u32>>> =
+            (0..2 * levels).into_par_iter().map(|i| self.points_by_band(i / 2, 1 + i % 2)).collect();
         let mut tasks = Vec::new();
         let mut rest = grad_planes;
         for (index, span) in shape.plane_spans().iter().enumerate() {
@@ -147,10 +124,7 @@ impl Backward<'_> {
                 });
             }
         }
-        tasks
-            .into_par_iter()
-            .with_max_len(1)
-            .for_each(|task| Arch::new().dispatch(task));
+        tasks.into_par_iter().with_max_len(1).for_each(|task| Arch::new().dispatch(task));
     }
 
     /// For each band of [`BAND_ROWS`] nodes along `axis`: the active points that touch it, ascending.

@@ -44,25 +44,14 @@ pub struct FieldGrads<'a> {
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
-pub fn forward(
-    shape: &FieldShape,
-    params: FieldParams<'_>,
-    points: &[f32],
-    time: f32,
-    features: &mut [f32],
-) {
+pub fn forward(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], time: f32, features: &mut [f32]) {
     check(shape, params, points, features.len());
     let field = Field::new(shape, params, time);
-    features
-        .par_chunks_mut(FORWARD_CHUNK * shape.features_len())
-        .zip(points.par_chunks(FORWARD_CHUNK * 3))
-        .for_each(|(features, points)| {
-            Arch::new().dispatch(ForwardChunk {
-                field: &field,
-                points,
-                features,
-            });
-        });
+    features.par_chunks_mut(FORWARD_CHUNK * shape.features_len()).zip(points.par_chunks(FORWARD_CHUNK * 3)).for_each(
+        |(features, points)| {
+            Arch::new().dispatch(ForwardChunk { field: &field, points, features });
+        },
+    );
 }
 
 /// Gradients of [`forward`] for `grad_features` `[N, levels * R]`. A point whose `active` entry is false
@@ -98,11 +87,7 @@ fn check(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], features: 
     assert_eq!(params.lines.len(), shape.lines_len(), "lines");
     assert_eq!(params.times.len(), shape.times_len(), "times");
     assert!(points.len().is_multiple_of(3), "points: [N, 3]");
-    assert_eq!(
-        features,
-        points.len() / 3 * shape.features_len(),
-        "features: [N, levels * R]"
-    );
+    assert_eq!(features, points.len() / 3 * shape.features_len(), "features: [N, levels * R]");
 }
 
 struct ForwardChunk<'a> {

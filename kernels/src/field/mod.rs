@@ -11,6 +11,6 @@ pub mod shape;
 #[cfg(test)]
 mod tests;
 
-pub use ops::{FieldGradients, FieldOps, field};
 pub use cpu::{FieldGrads, FieldParams, backward, forward};
+pub use ops::{FieldGradients, FieldOps, field};
 pub use shape::{FieldShape, FieldShapeError, LevelShape, TensorSpan};

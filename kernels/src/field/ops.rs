@@ -76,8 +76,7 @@ fn cpu_forward<B: CpuBackend>(inputs: [&FloatTensor<B>; 4], shape: &FieldShape, 
     let [planes, lines, times, points] = inputs;
     let n = points.shape()[0];
     let mut features = vec![0.0; n * shape.features_len()];
-    let params =
-        (B::values(planes), B::values(lines), B::values(times));
+    let params = (B::values(planes), B::values(lines), B::values(times));
     let params = FieldParams { planes: &params.0, lines: &params.1, times: &params.2 };
     forward(shape, params, &B::values(points), time, &mut features);
     B::tensor(features, [n, shape.features_len()], &points.device())
@@ -94,8 +93,12 @@ fn cpu_backward<B: CpuBackend>(
     let n = points.shape()[0];
     let values = (B::values(planes), B::values(lines), B::values(times));
     let params = FieldParams { planes: &values.0, lines: &values.1, times: &values.2 };
-    let mut grads =
-        (vec![0.0; params.planes.len()], vec![0.0; params.lines.len()], vec![0.0; params.times.len()], vec![0.0; 3 * n]);
+    let mut grads = (
+        vec![0.0; params.planes.len()],
+        vec![0.0; params.lines.len()],
+        vec![0.0; params.times.len()],
+        vec![0.0; 3 * n],
+    );
     let out = FieldGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2, points: &mut grads.3 };
     let grad = B::values(grad);
     // Gaussians that no pixel saw have a gradient of zero: about half of them in a translucent scene
@@ -184,8 +187,7 @@ impl<B: FieldOps, C: CheckpointStrategy> FieldOps for Autodiff<B, C> {
         let (lines, n_lines) = lines.into_parts();
         let (times, n_times) = times.into_parts();
         let (points, n_points) = points.into_parts();
-        let out =
-            B::field_forward(planes.clone(), lines.clone(), times.clone(), points.clone(), shape.clone(), time);
+        let out = B::field_forward(planes.clone(), lines.clone(), times.clone(), points.clone(), shape.clone(), time);
         match FieldBackward.prepare::<C>([n_planes, n_lines, n_times, n_points]).compute_bound().stateful() {
             OpsKind::Tracked(prep) => prep.finish(State { planes, lines, times, points, shape, time }, out),
             OpsKind::UnTracked(prep) => prep.finish(out),

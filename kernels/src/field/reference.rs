@@ -34,11 +34,7 @@ fn taps(unit: f64, slope: f64, n: usize) -> Taps {
     let last = (n - 1) as f64;
     let raw = unit * last;
     let inside = raw > 0.0 && raw < last;
-    let grid = if raw.is_nan() {
-        0.0
-    } else {
-        raw.clamp(0.0, last)
-    };
+    let grid = if raw.is_nan() { 0.0 } else { raw.clamp(0.0, last) };
     let lo = (grid.floor() as usize).min(n.saturating_sub(2));
     let frac = grid - lo as f64;
     let slope = if inside { slope * last } else { 0.0 };
@@ -102,8 +98,7 @@ pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64
             for r in 0..shape.channels {
                 let mut sum = 0.0;
                 for k in 0..3 {
-                    sum += value(&nodes.planes[k], params.planes, r)
-                        * value(&nodes.lines[k], params.lines, r);
+                    sum += value(&nodes.planes[k], params.planes, r) * value(&nodes.lines[k], params.lines, r);
                 }
                 let mut at_time = 0.0;
                 for (knot, w, _) in knots {
@@ -118,13 +113,7 @@ pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64
 
 /// Gradients of [`forward`] for `grad_features` `[N, levels * R]`.
 #[must_use]
-pub fn backward(
-    shape: &FieldShape,
-    params: Params<'_>,
-    points: &[f64],
-    time: f64,
-    grad_features: &[f64],
-) -> Grads {
+pub fn backward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64, grad_features: &[f64]) -> Grads {
     let mut grads = Grads {
         planes: vec![0.0; params.planes.len()],
         lines: vec![0.0; params.lines.len()],
@@ -139,10 +128,7 @@ pub fn backward(
             for r in 0..shape.channels {
                 let g = grad_features[(i * shape.levels.len() + level) * shape.channels + r];
                 let knot_at = |knot: usize| spans[level].offset + knot * shape.channels + r;
-                let at_time: f64 = knots
-                    .iter()
-                    .map(|&(knot, w, _)| w * params.times[knot_at(knot)])
-                    .sum();
+                let at_time: f64 = knots.iter().map(|&(knot, w, _)| w * params.times[knot_at(knot)]).sum();
                 let mut sum = 0.0;
                 for k in 0..3 {
                     let plane = value(&nodes.planes[k], params.planes, r);
@@ -152,16 +138,14 @@ pub fn backward(
                         let factor = g * at_time * line;
                         grads.planes[at + r] += factor * w;
                         for axis in 0..3 {
-                            grads.points[3 * i + axis] +=
-                                factor * params.planes[at + r] * slope[axis];
+                            grads.points[3 * i + axis] += factor * params.planes[at + r] * slope[axis];
                         }
                     }
                     for &(at, w, slope) in &nodes.lines[k] {
                         let factor = g * at_time * plane;
                         grads.lines[at + r] += factor * w;
                         for axis in 0..3 {
-                            grads.points[3 * i + axis] +=
-                                factor * params.lines[at + r] * slope[axis];
+                            grads.points[3 * i + axis] += factor * params.lines[at + r] * slope[axis];
                         }
                     }
                 }

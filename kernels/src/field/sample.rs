@@ -83,11 +83,7 @@ impl Tap {
             lo,
             hi: (lo + 1).min(n - 1),
             frac: grid - lo as f32,
-            slope: if raw > 0.0 && raw < last {
-                0.5 * last
-            } else {
-                0.0
-            },
+            slope: if raw > 0.0 && raw < last { 0.5 * last } else { 0.0 },
         }
     }
 
@@ -149,12 +145,7 @@ impl<'a> Field<'a> {
 
     /// Plane `PLANE` (xy, xz, yz) around a point.
     #[inline(always)]
-    pub(super) fn quad<const PLANE: usize, S: Simd>(
-        &self,
-        simd: S,
-        level: &Level,
-        taps: &[Tap; 3],
-    ) -> Quad<'a, S> {
+    pub(super) fn quad<const PLANE: usize, S: Simd>(&self, simd: S, level: &Level, taps: &[Tap; 3]) -> Quad<'a, S> {
         let (fast, slow) = PLANE_AXES[PLANE];
         let (f, s) = (taps[fast], taps[slow]);
         let lower = level.planes[PLANE] + s.lo * level.n[fast] * self.channels;
@@ -175,13 +166,7 @@ impl<'a> Field<'a> {
 
     /// The line along `axis` around a point.
     #[inline(always)]
-    pub(super) fn pair<S: Simd>(
-        &self,
-        simd: S,
-        level: &Level,
-        taps: &[Tap; 3],
-        axis: usize,
-    ) -> Pair<'a, S> {
+    pub(super) fn pair<S: Simd>(&self, simd: S, level: &Level, taps: &[Tap; 3], axis: usize) -> Pair<'a, S> {
         let (base, tap) = (level.lines[axis], taps[axis]);
         Pair {
             simd,

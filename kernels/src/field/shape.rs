@@ -48,9 +48,7 @@ pub enum FieldShapeError {
     #[error("FieldShape.levels is empty; give at least one level")]
     NoLevels,
     /// A level has an axis without nodes.
-    #[error(
-        "FieldShape.levels[{level}].resolution[{axis}] is 0; every axis needs at least one node"
-    )]
+    #[error("FieldShape.levels[{level}].resolution[{axis}] is 0; every axis needs at least one node")]
     EmptyAxis {
         /// Index of the level.
         level: usize,
@@ -115,9 +113,7 @@ impl FieldShape {
     /// The plane tensors in buffer order: for each level xy, xz, yz.
     #[must_use]
     pub fn plane_spans(&self) -> Vec<TensorSpan> {
-        self.spans(|level| {
-            PLANE_AXES.map(|(fast, slow)| (level.resolution[slow], level.resolution[fast]))
-        })
+        self.spans(|level| PLANE_AXES.map(|(fast, slow)| (level.resolution[slow], level.resolution[fast])))
     }
 
     /// The line tensors in buffer order: for each level x, y, z.
@@ -132,19 +128,12 @@ impl FieldShape {
         self.spans(|_| [(self.time_knots, 1)])
     }
 
-    fn spans<const N: usize>(
-        &self,
-        extents: impl Fn(&LevelShape) -> [(usize, usize); N],
-    ) -> Vec<TensorSpan> {
+    fn spans<const N: usize>(&self, extents: impl Fn(&LevelShape) -> [(usize, usize); N]) -> Vec<TensorSpan> {
         let mut offset = 0;
         let mut spans = Vec::with_capacity(N * self.levels.len());
         for level in &self.levels {
             for (height, width) in extents(level) {
-                spans.push(TensorSpan {
-                    offset,
-                    height,
-                    width,
-                });
+                spans.push(TensorSpan { offset, height, width });
                 offset += height * width * self.channels;
             }
         }

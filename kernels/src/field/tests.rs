@@ -19,11 +19,7 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 fn shape(levels: &[[usize; 3]], time_knots: usize, channels: usize) -> FieldShape {
     let levels = levels.iter().map(|&resolution| LevelShape { resolution });
-    FieldShape {
-        levels: levels.collect(),
-        time_knots,
-        channels,
-    }
+    FieldShape { levels: levels.collect(), time_knots, channels }
 }
 
 /// Moves coordinates off the nodes, where f32 and f64 may fall into different cells.
@@ -76,22 +72,12 @@ impl Case {
     }
 
     fn params(&self) -> FieldParams<'_> {
-        FieldParams {
-            planes: &self.planes,
-            lines: &self.lines,
-            times: &self.times,
-        }
+        FieldParams { planes: &self.planes, lines: &self.lines, times: &self.times }
     }
 
     fn forward(&self) -> Vec<f32> {
         let mut out = vec![f32::NAN; self.grad.len()];
-        cpu::forward(
-            &self.shape,
-            self.params(),
-            &self.points,
-            self.time,
-            &mut out,
-        );
+        cpu::forward(&self.shape, self.params(), &self.points, self.time, &mut out);
         out
     }
 
@@ -109,40 +95,19 @@ impl Case {
             points: &mut out.points,
         };
         let params = self.params();
-        cpu::backward(
-            &self.shape,
-            params,
-            &self.points,
-            self.time,
-            &self.grad,
-            active,
-            grads,
-        );
+        cpu::backward(&self.shape, params, &self.points, self.time, &self.grad, active, grads);
         out
     }
 
     fn reference_forward(&self) -> Vec<f64> {
         let (planes, lines, times) = (wide(&self.planes), wide(&self.lines), wide(&self.times));
-        let params = reference::Params {
-            planes: &planes,
-            lines: &lines,
-            times: &times,
-        };
-        reference::forward(
-            &self.shape,
-            params,
-            &wide(&self.points),
-            f64::from(self.time),
-        )
+        let params = reference::Params { planes: &planes, lines: &lines, times: &times };
+        reference::forward(&self.shape, params, &wide(&self.points), f64::from(self.time))
     }
 
     fn reference_backward(&self) -> reference::Grads {
         let (planes, lines, times) = (wide(&self.planes), wide(&self.lines), wide(&self.times));
-        let params = reference::Params {
-            planes: &planes,
-            lines: &lines,
-            times: &times,
-        };
+        let params = reference::Params { planes: &planes, lines: &lines, times: &times };
         let (points, grad) = (wide(&self.points), wide(&self.grad));
         reference::backward(&self.shape, params, &points, f64::from(self.time), &grad)
     }
@@ -195,19 +160,10 @@ proptest! {
 fn reference_gradient_matches_finite_differences() {
     let shape = shape(&[[4, 3, 5], [6, 5, 3]], 4, 2);
     let case = Case::new(shape, 4, 9);
-    let base = [
-        wide(&case.planes),
-        wide(&case.lines),
-        wide(&case.times),
-        wide(&case.points),
-    ];
+    let base = [wide(&case.planes), wide(&case.lines), wide(&case.times), wide(&case.points)];
     let grad = wide(&case.grad);
     let loss = |v: &[Vec<f64>; 4]| -> f64 {
-        let params = reference::Params {
-            planes: &v[0],
-            lines: &v[1],
-            times: &v[2],
-        };
+        let params = reference::Params { planes: &v[0], lines: &v[1], times: &v[2] };
         let features = reference::forward(&case.shape, params, &v[3], f64::from(case.time));
         features.iter().zip(&grad).map(|(f, g)| f * g).sum()
     };
@@ -222,11 +178,7 @@ fn reference_gradient_matches_finite_differences() {
             moved[kind][i] = base[kind][i] - step;
             let slope = (up - loss(&moved)) / (2.0 * step);
             let error = (slope - analytic[kind][i]).abs();
-            assert!(
-                error < 1e-6,
-                "kind {kind} element {i}: {slope} against {}",
-                analytic[kind][i]
-            );
+            assert!(error < 1e-6, "kind {kind} element {i}: {slope} against {}", analytic[kind][i]);
         }
     }
 }
@@ -235,10 +187,7 @@ fn reference_gradient_matches_finite_differences() {
 fn bits_do_not_depend_on_the_number_of_threads() {
     let case = Case::new(shape(&[[20, 30, 40], [40, 33, 50]], 5, 32), 3000, 4);
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let (features, out) = pool.install(|| (case.forward(), case.backward(None)));
         let all = [features, out.planes, out.lines, out.times, out.points];
         all.map(|values| values.iter().map(|v| v.to_bits()).collect::<Vec<_>>())
@@ -250,14 +199,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
 #[test]
 fn poisoned_points_stay_finite_and_get_no_gradient() {
     let mut case = Case::new(shape(&[[5, 6, 7]], 3, 8), 6, 5);
-    let poison = [
-        f32::NAN,
-        f32::INFINITY,
-        f32::NEG_INFINITY,
-        1.0,
-        -1.0,
-        3.0e38,
-    ];
+    let poison = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1.0, -1.0, 3.0e38];
     for (i, &value) in poison.iter().enumerate() {
         case.points[3 * i..3 * i + 3].fill(value);
     }
@@ -265,13 +207,7 @@ fn poisoned_points_stay_finite_and_get_no_gradient() {
     assert!(features.iter().all(|v| v.is_finite()));
     let out = case.backward(None);
     assert!(out.points.iter().all(|&v| v == 0.0));
-    assert!(
-        out.planes
-            .iter()
-            .chain(&out.lines)
-            .chain(&out.times)
-            .all(|v| v.is_finite())
-    );
+    assert!(out.planes.iter().chain(&out.lines).chain(&out.times).all(|v| v.is_finite()));
     // NaN reads the lower corner, infinity the border of its side.
     assert_eq!(features[..8], features[16..24]);
     assert_eq!(features[..8], features[32..40]);
@@ -305,12 +241,6 @@ fn empty_extents_are_named() {
     assert_eq!(shape(&[], 1, 1).validate(), Err(FieldShapeError::NoLevels));
     let empty = Err(FieldShapeError::EmptyAxis { level: 1, axis: 2 });
     assert_eq!(shape(&[[1, 1, 1], [1, 2, 0]], 1, 1).validate(), empty);
-    assert_eq!(
-        shape(&[[1, 1, 1]], 0, 1).validate(),
-        Err(FieldShapeError::NoTimeKnots)
-    );
-    assert_eq!(
-        shape(&[[1, 1, 1]], 1, 0).validate(),
-        Err(FieldShapeError::NoChannels)
-    );
+    assert_eq!(shape(&[[1, 1, 1]], 0, 1).validate(), Err(FieldShapeError::NoTimeKnots));
+    assert_eq!(shape(&[[1, 1, 1]], 1, 0).validate(), Err(FieldShapeError::NoChannels));
 }

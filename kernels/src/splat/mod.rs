@@ -153,7 +153,11 @@ pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     let [n_sh, k, channels] = inputs.sh.dims();
     assert_eq!((n_sh, channels), (n, 3), "splat: sh are [N, K, 3] with N = {n}");
     let degree = settings.sh_degree;
-    assert!(degree <= 3 && (degree + 1).pow(2) <= k, "splat: degree {degree} needs {} coefficients, sh has {k}", (degree + 1).pow(2));
+    assert!(
+        degree <= 3 && (degree + 1).pow(2) <= k,
+        "splat: degree {degree} needs {} coefficients, sh has {k}",
+        (degree + 1).pow(2)
+    );
     let camera = settings.camera;
     assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
 

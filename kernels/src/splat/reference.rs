@@ -66,9 +66,8 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
     let camera = &settings.camera;
     let w = camera.rotation.map(|row| row.map(f64::from));
     let mean: [f64; 3] = std::array::from_fn(|k| scene.means[3 * i + k]);
-    let t: [f64; 3] = std::array::from_fn(|r| {
-        (0..3).map(|k| w[r][k] * mean[k]).sum::<f64>() + f64::from(camera.translation[r])
-    });
+    let t: [f64; 3] =
+        std::array::from_fn(|r| (0..3).map(|k| w[r][k] * mean[k]).sum::<f64>() + f64::from(camera.translation[r]));
     let q: [f64; 4] = std::array::from_fn(|k| scene.rotations[4 * i + k]);
     let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
     let [qw, qx, qy, qz] = if norm <= 1e-12 { [1.0, 0.0, 0.0, 0.0] } else { q.map(|v| v / norm) };
@@ -78,15 +77,13 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
         [2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)],
     ];
     let scale: [f64; 3] = std::array::from_fn(|k| scene.log_scales[3 * i + k].exp());
-    let sigma: [[f64; 3]; 3] = std::array::from_fn(|a| {
-        std::array::from_fn(|b| (0..3).map(|k| r[a][k] * scale[k] * scale[k] * r[b][k]).sum())
-    });
+    let sigma: [[f64; 3]; 3] =
+        std::array::from_fn(|a| std::array::from_fn(|b| (0..3).map(|k| r[a][k] * scale[k] * scale[k] * r[b][k]).sum()));
     let (fx, fy) = (f64::from(camera.fx), f64::from(camera.fy));
     let limit = [1.3 * camera.width as f64 / (2.0 * fx), 1.3 * camera.height as f64 / (2.0 * fy)];
     let (sx, sy) = ((t[0] / t[2]).clamp(-limit[0], limit[0]), (t[1] / t[2]).clamp(-limit[1], limit[1]));
     let j = [[fx / t[2], 0.0, -fx * sx / t[2]], [0.0, fy / t[2], -fy * sy / t[2]]];
-    let jw: [[f64; 3]; 2] =
-        std::array::from_fn(|a| std::array::from_fn(|b| (0..3).map(|k| j[a][k] * w[k][b]).sum()));
+    let jw: [[f64; 3]; 2] = std::array::from_fn(|a| std::array::from_fn(|b| (0..3).map(|k| j[a][k] * w[k][b]).sum()));
     let cov: [[f64; 2]; 2] = std::array::from_fn(|a| {
         std::array::from_fn(|b| {
             let v: f64 = (0..3).map(|k| (0..3).map(|l| jw[a][k] * sigma[k][l] * jw[b][l]).sum::<f64>()).sum();
@@ -125,13 +122,7 @@ fn sh_basis([x, y, z]: [f64; 3], degree: usize) -> Vec<f64> {
     if degree >= 2 {
         let c = 0.5 * (15.0 / PI).sqrt();
         let c20 = 0.25 * (5.0 / PI).sqrt();
-        b.extend([
-            c * x * y,
-            -c * y * z,
-            c20 * (2.0 * z * z - x * x - y * y),
-            -c * x * z,
-            0.5 * c * (x * x - y * y),
-        ]);
+        b.extend([c * x * y, -c * y * z, c20 * (2.0 * z * z - x * x - y * y), -c * x * z, 0.5 * c * (x * x - y * y)]);
     }
     if degree >= 3 {
         let c3 = 0.25 * (35.0 / (2.0 * PI)).sqrt();

@@ -77,21 +77,18 @@ pub fn ssim_grad(a: &[f32], b: &[f32], h: usize, w: usize, scale: f32, grad_a: &
         .collect();
     let [mean, square, product] = &slopes;
     let factor = scale / a.len() as f32;
-    grad_a
-        .par_chunks_mut(BAND * row)
-        .enumerate()
-        .for_each(|(band, grad)| {
-            Arch::new().dispatch(Adjoint {
-                a,
-                b,
-                row,
-                first: band * BAND,
-                taps,
-                slopes: [mean, square, product],
-                factor,
-                grad,
-            });
+    grad_a.par_chunks_mut(BAND * row).enumerate().for_each(|(band, grad)| {
+        Arch::new().dispatch(Adjoint {
+            a,
+            b,
+            row,
+            first: band * BAND,
+            taps,
+            slopes: [mean, square, product],
+            factor,
+            grad,
         });
+    });
     sums.iter().sum::<f64>() / a.len() as f64
 }
 
@@ -216,9 +213,8 @@ impl<const SLOPES: bool> Stats<'_, SLOPES> {
             total[lane] = value;
             let by_square = -value * powers * inverse;
             let by_product = 2.0 * means * inverse;
-            slopes[0][lane] = 2.0 * (mb * covariance - ma * value * variances) * inverse
-                - 2.0 * ma * by_square
-                - mb * by_product;
+            slopes[0][lane] =
+                2.0 * (mb * covariance - ma * value * variances) * inverse - 2.0 * ma * by_square - mb * by_product;
             slopes[1][lane] = by_square;
             slopes[2][lane] = by_product;
         }

@@ -8,8 +8,8 @@ pub mod reference;
 #[cfg(test)]
 mod tests;
 
-pub use ops::{SsimForward, SsimOps, mean_ssim};
 pub use cpu::{ssim, ssim_grad};
+pub use ops::{SsimForward, SsimOps, mean_ssim};
 
 /// Taps of the Gaussian window.
 const TAPS: usize = 11;

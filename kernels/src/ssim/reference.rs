@@ -26,9 +26,8 @@ pub fn ssim_grad(a: &[f64], b: &[f64], h: usize, w: usize) -> (f64, Vec<f64>) {
         for x in 0..w {
             for channel in 0..3 {
                 let pixels = under(y, x, channel);
-                let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
-                    pixels.iter().map(|&(i, weight)| weight * value(i)).sum()
-                };
+                let mean =
+                    |value: &dyn Fn(usize) -> f64| -> f64 { pixels.iter().map(|&(i, weight)| weight * value(i)).sum() };
                 let (ma, mb) = (mean(&|i| a[i]), mean(&|i| b[i]));
                 let va = mean(&|i| a[i] * a[i]) - ma * ma;
                 let vb = mean(&|i| b[i] * b[i]) - mb * mb;
@@ -37,8 +36,7 @@ pub fn ssim_grad(a: &[f64], b: &[f64], h: usize, w: usize) -> (f64, Vec<f64>) {
                 let (d1, d2) = (ma * ma + mb * mb + C1, va + vb + C2);
                 total += n1 * n2 / (d1 * d2);
                 for &(i, weight) in &pixels {
-                    let (d_ma, d_va, d_cov) =
-                        (weight, weight * 2.0 * (a[i] - ma), weight * (b[i] - mb));
+                    let (d_ma, d_va, d_cov) = (weight, weight * 2.0 * (a[i] - ma), weight * (b[i] - mb));
                     let numerator = 2.0 * mb * d_ma * n2 + n1 * 2.0 * d_cov;
                     let denominator = 2.0 * ma * d_ma * d2 + d1 * d_va;
                     grad[i] += (numerator - n1 * n2 / (d1 * d2) * denominator) / (d1 * d2) / count;

@@ -43,9 +43,7 @@ proptest! {
 #[test]
 fn smooth_and_flat_images_match_the_reference() {
     let (h, w) = (37, 29);
-    let ramp: Vec<f32> = (0..h * w * 3)
-        .map(|i| (i / 3 % w) as f32 / w as f32)
-        .collect();
+    let ramp: Vec<f32> = (0..h * w * 3).map(|i| (i / 3 % w) as f32 / w as f32).collect();
     let flat = vec![1.0; h * w * 3];
     against_reference(&ramp, &flat, h, w);
     against_reference(&flat, &ramp, h, w);
@@ -64,11 +62,7 @@ fn reference_gradient_matches_finite_differences() {
         a[i] = at - 1e-5;
         let slope = (up - reference::ssim_grad(&a, &b, h, w).0) / 2e-5;
         a[i] = at;
-        assert!(
-            (slope - grad[i]).abs() < 1e-8,
-            "{slope} against {}",
-            grad[i]
-        );
+        assert!((slope - grad[i]).abs() < 1e-8, "{slope} against {}", grad[i]);
     }
 }
 
@@ -86,10 +80,7 @@ fn equal_images_score_one_with_no_slope() {
 fn bits_do_not_depend_on_the_number_of_threads() {
     let (a, b) = (noise(4, 61 * 47 * 3), noise(5, 61 * 47 * 3));
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut grad = vec![0.0; a.len()];
         let value = pool.install(|| ssim_grad(&a, &b, 61, 47, 1.0, &mut grad));
         (value.to_bits(), grad)

@@ -52,13 +52,7 @@ pub struct TvGrads<'a> {
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
-pub fn tv(
-    params: FieldParams<'_>,
-    shape: &FieldShape,
-    kind: TvKind,
-    weights: TvWeights,
-    grads: TvGrads<'_>,
-) -> f64 {
+pub fn tv(params: FieldParams<'_>, shape: &FieldShape, kind: TvKind, weights: TvWeights, grads: TvGrads<'_>) -> f64 {
     if let Err(error) = shape.validate() {
         panic!("{error}");
     }
@@ -74,29 +68,14 @@ pub fn tv(
         (weights.time, weights.one_prior_time),
     ];
     let mut tasks = Vec::new();
-    for (((spans, data, grad), len), (weight, prior)) in
-        kinds.into_iter().zip(expected).zip(factors)
-    {
+    for (((spans, data, grad), len), (weight, prior)) in kinds.into_iter().zip(expected).zip(factors) {
         assert_eq!(data.len(), len, "parameters do not fit the field shape");
         assert_eq!(grad.len(), len, "gradients do not fit the field shape");
         if weight != 0.0 || prior != 0.0 {
-            push_tasks(
-                &mut tasks,
-                &spans,
-                shape.channels,
-                kind,
-                weight,
-                prior,
-                data,
-                grad,
-            );
+            push_tasks(&mut tasks, &spans, shape.channels, kind, weight, prior, data, grad);
         }
     }
-    let losses: Vec<f64> = tasks
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|task| Arch::new().dispatch(task))
-        .collect();
+    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|task| Arch::new().dispatch(task)).collect();
     losses.iter().sum()
 }
 
@@ -126,23 +105,13 @@ fn push_tasks<'a>(
                 fast: mean(weight, span.height * (span.width - 1) * channels),
                 prior: mean(prior, len),
             },
-            TvKind::Second => Factors {
-                slow: mean(weight, span.height.saturating_sub(2) * row),
-                fast: 0.0,
-                prior: mean(prior, len),
-            },
+            TvKind::Second => {
+                Factors { slow: mean(weight, span.height.saturating_sub(2) * row), fast: 0.0, prior: mean(prior, len) }
+            }
         };
         let rows = (TASK / row).max(1);
         for (index, grad) in own.chunks_mut(rows * row).enumerate() {
-            tasks.push(Rows {
-                data,
-                first: index * rows,
-                row,
-                channels,
-                kind,
-                factors,
-                grad,
-            });
+            tasks.push(Rows { data, first: index * rows, row, channels, kind, factors, grad });
         }
     }
 }
@@ -194,11 +163,7 @@ impl WithSimd for Rows<'_> {
                 }
                 TvKind::Second => {
                     let valid = |ok: bool| if ok { 1.0 } else { 0.0 };
-                    let masks = [
-                        valid(y >= 2),
-                        valid(y >= 1 && y + 1 < height),
-                        valid(y + 2 < height),
-                    ];
+                    let masks = [valid(y >= 2), valid(y >= 1 && y + 1 < height), valid(y + 2 < height)];
                     let near = [up, down, line(y.saturating_sub(2)), line(y + 2)];
                     loss += second(cur, near, masks, self.factors, grad);
                 }
@@ -227,56 +192,35 @@ fn first(
     grad: &mut [f32],
 ) -> f64 {
     let Factors { slow, fast, prior } = factors;
-    let near = [
-        &up[part.clone()],
-        &down[part.clone()],
-        &cur[beside[0]..][..part.len()],
-        &cur[beside[1]..][..part.len()],
-    ];
+    let near =
+        [&up[part.clone()], &down[part.clone()], &cur[beside[0]..][..part.len()], &cur[beside[1]..][..part.len()]];
     let (cur, grad) = (&cur[part.clone()], &mut grad[part]);
     accumulate(cur, near, grad, |cur, [up, down, left, right]| {
         let (below, beside) = (down - cur, right - cur);
         let (loss, slope) = one_prior(cur, prior);
         let slow_slope = 2.0 * slow * ((cur - up) - below);
         let fast_slope = 2.0 * fast * ((cur - left) - beside);
-        (
-            slow * (below * below) + fast * (beside * beside) + loss,
-            slow_slope + fast_slope + slope,
-        )
+        (slow * (below * below) + fast * (beside * beside) + loss, slow_slope + fast_slope + slope)
     })
 }
 
 /// Second differences along the slow axis with `near` = up, down, two up, two down. `masks` tell which of
 /// the differences centred above, here and below exist. Counts the loss of the one centred here.
 #[inline(always)]
-fn second(
-    cur: &[f32],
-    near: [&[f32]; 4],
-    masks: [f32; 3],
-    factors: Factors,
-    grad: &mut [f32],
-) -> f64 {
+fn second(cur: &[f32], near: [&[f32]; 4], masks: [f32; 3], factors: Factors, grad: &mut [f32]) -> f64 {
     let Factors { slow, prior, .. } = factors;
     accumulate(cur, near, grad, |cur, [up, down, up2, down2]| {
         let above = masks[0] * ((up2 - up) - (up - cur));
         let here = masks[1] * ((up - cur) - (cur - down));
         let below = masks[2] * ((cur - down) - (down - down2));
         let (loss, slope) = one_prior(cur, prior);
-        (
-            slow * (here * here) + loss,
-            2.0 * slow * (above - 2.0 * here + below) + slope,
-        )
+        (slow * (here * here) + loss, 2.0 * slow * (above - 2.0 * here + below) + slope)
     })
 }
 
 /// Applies `term` (loss, gradient) to every element; returns the summed loss, adds the gradient.
 #[inline(always)]
-fn accumulate(
-    cur: &[f32],
-    near: [&[f32]; 4],
-    grad: &mut [f32],
-    term: impl Fn(f32, [f32; 4]) -> (f32, f32),
-) -> f64 {
+fn accumulate(cur: &[f32], near: [&[f32]; 4], grad: &mut [f32], term: impl Fn(f32, [f32; 4]) -> (f32, f32)) -> f64 {
     let len = cur.len();
     let [up, down, third, fourth] = near;
     let (up, down) = (&up[..len], &down[..len]);

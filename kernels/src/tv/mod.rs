@@ -8,5 +8,5 @@ pub mod reference;
 #[cfg(test)]
 mod tests;
 
-pub use ops::{TvForward, TvOps, total_variation};
 pub use cpu::{TvGrads, TvKind, TvWeights, tv};
+pub use ops::{TvForward, TvOps, total_variation};

@@ -24,20 +24,14 @@ pub fn tv(
         };
         for stencil in stencils {
             let (_, dy, dx) = stencil[stencil.len() - 1];
-            let (height, width) = (
-                span.height.saturating_sub(dy),
-                span.width.saturating_sub(dx),
-            );
+            let (height, width) = (span.height.saturating_sub(dy), span.width.saturating_sub(dx));
             let count = (height * width * channels) as f64;
             for y in 0..height {
                 for x in 0..width {
                     for r in 0..channels {
                         let at = span.offset + y * row + x * channels + r;
                         let index = |sy: usize, sx: usize| at + sy * row + sx * channels;
-                        let difference: f64 = stencil
-                            .iter()
-                            .map(|&(c, sy, sx)| c * data[index(sy, sx)])
-                            .sum();
+                        let difference: f64 = stencil.iter().map(|&(c, sy, sx)| c * data[index(sy, sx)]).sum();
                         loss += weight * difference * difference / count;
                         for &(c, sy, sx) in *stencil {
                             grad[index(sy, sx)] += 2.0 * weight * c * difference / count;

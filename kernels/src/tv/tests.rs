@@ -19,48 +19,21 @@ fn wide(values: &[f32]) -> Vec<f64> {
 
 fn shape(levels: &[[usize; 3]], time_knots: usize, channels: usize) -> FieldShape {
     let levels = levels.iter().map(|&resolution| LevelShape { resolution });
-    FieldShape {
-        levels: levels.collect(),
-        time_knots,
-        channels,
-    }
+    FieldShape { levels: levels.collect(), time_knots, channels }
 }
 
-const WEIGHTS: TvWeights = TvWeights {
-    space: 0.7,
-    time: 0.3,
-    one_prior_space: 0.2,
-    one_prior_time: 0.5,
-};
+const WEIGHTS: TvWeights = TvWeights { space: 0.7, time: 0.3, one_prior_space: 0.2, one_prior_time: 0.5 };
 
 /// Parameters of all three kinds.
 fn params(shape: &FieldShape, seed: u64) -> [Vec<f32>; 3] {
-    [
-        noise(seed + 1, shape.planes_len()),
-        noise(seed + 2, shape.lines_len()),
-        noise(seed + 3, shape.times_len()),
-    ]
+    [noise(seed + 1, shape.planes_len()), noise(seed + 2, shape.lines_len()), noise(seed + 3, shape.times_len())]
 }
 
 fn fast(shape: &FieldShape, p: &[Vec<f32>; 3], kind: TvKind, w: TvWeights) -> (f64, [Vec<f32>; 3]) {
     let mut grads = p.clone().map(|v| vec![0.0f32; v.len()]);
     let [planes, lines, times] = &mut grads;
-    let params = FieldParams {
-        planes: &p[0],
-        lines: &p[1],
-        times: &p[2],
-    };
-    let loss = tv(
-        params,
-        shape,
-        kind,
-        w,
-        TvGrads {
-            planes,
-            lines,
-            times,
-        },
-    );
+    let params = FieldParams { planes: &p[0], lines: &p[1], times: &p[2] };
+    let loss = tv(params, shape, kind, w, TvGrads { planes, lines, times });
     (loss, grads)
 }
 
@@ -69,31 +42,9 @@ fn exact(shape: &FieldShape, p: &[Vec<f64>; 3], kind: TvKind) -> (f64, [Vec<f64>
     let (space, space_prior) = (WEIGHTS.space.into(), WEIGHTS.one_prior_space.into());
     let (time, time_prior) = (WEIGHTS.time.into(), WEIGHTS.one_prior_time.into());
     let c = shape.channels;
-    let loss = reference::tv(
-        &p[0],
-        &shape.plane_spans(),
-        c,
-        kind,
-        space,
-        space_prior,
-        &mut grads[0],
-    ) + reference::tv(
-        &p[1],
-        &shape.line_spans(),
-        c,
-        kind,
-        space,
-        space_prior,
-        &mut grads[1],
-    ) + reference::tv(
-        &p[2],
-        &shape.time_spans(),
-        c,
-        kind,
-        time,
-        time_prior,
-        &mut grads[2],
-    );
+    let loss = reference::tv(&p[0], &shape.plane_spans(), c, kind, space, space_prior, &mut grads[0])
+        + reference::tv(&p[1], &shape.line_spans(), c, kind, space, space_prior, &mut grads[1])
+        + reference::tv(&p[2], &shape.time_spans(), c, kind, time, time_prior, &mut grads[2]);
     (loss, grads)
 }
 
@@ -101,10 +52,7 @@ fn against_reference(shape: &FieldShape, kind: TvKind, seed: u64) {
     let p = params(shape, seed);
     let (loss, grads) = fast(shape, &p, kind, WEIGHTS);
     let (loss_exact, grads_exact) = exact(shape, &p.clone().map(|v| wide(&v)), kind);
-    assert!(
-        (loss - loss_exact).abs() <= 1e-6 * loss_exact.max(1.0),
-        "{loss} {loss_exact}"
-    );
+    assert!((loss - loss_exact).abs() <= 1e-6 * loss_exact.max(1.0), "{loss} {loss_exact}");
     for (g, e) in grads.iter().flatten().zip(grads_exact.iter().flatten()) {
         assert!((f64::from(*g) - e).abs() < 1e-5, "{g} against {e}");
     }
@@ -161,12 +109,7 @@ fn a_field_of_ones_costs_nothing_and_a_ramp_only_its_slope() {
     for (i, v) in ramp[2].iter_mut().enumerate() {
         *v = (i / 8) as f32;
     }
-    let w = TvWeights {
-        space: 1.0,
-        time: 3.0,
-        one_prior_space: 0.0,
-        one_prior_time: 0.0,
-    };
+    let w = TvWeights { space: 1.0, time: 3.0, one_prior_space: 0.0, one_prior_time: 0.0 };
     assert_eq!(fast(&shape, &ramp, TvKind::First, w).0, 3.0);
     assert_eq!(fast(&shape, &ramp, TvKind::Second, w).0, 0.0);
 }
@@ -178,22 +121,8 @@ fn gradient_is_added_to_what_is_there() {
     let (_, fresh) = fast(&shape, &p, TvKind::First, WEIGHTS);
     let mut grads = fresh.clone().map(|v| vec![2.0f32; v.len()]);
     let [planes, lines, times] = &mut grads;
-    let given = FieldParams {
-        planes: &p[0],
-        lines: &p[1],
-        times: &p[2],
-    };
-    tv(
-        given,
-        &shape,
-        TvKind::First,
-        WEIGHTS,
-        TvGrads {
-            planes,
-            lines,
-            times,
-        },
-    );
+    let given = FieldParams { planes: &p[0], lines: &p[1], times: &p[2] };
+    tv(given, &shape, TvKind::First, WEIGHTS, TvGrads { planes, lines, times });
     for (sum, g) in grads.iter().flatten().zip(fresh.iter().flatten()) {
         assert_eq!(*sum, 2.0 + g);
     }
@@ -204,10 +133,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
     let shape = shape(&[[64, 50, 40], [30, 80, 60]], 9, 32);
     let p = params(&shape, 5);
     let run = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| [TvKind::First, TvKind::Second].map(|kind| fast(&shape, &p, kind, WEIGHTS)))
     };
     let one = run(1);

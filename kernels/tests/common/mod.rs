@@ -96,7 +96,12 @@ pub fn to_vec<const D: usize>(t: Tensor<D>) -> Vec<f32> {
 
 /// Gradients in the order means, rotations, log_scales, opacity_logits, sh, screen_offsets of
 /// `sum(image * weights)`, and the image.
-pub fn gradients(scene: &Scene, settings: SplatSettings, weights: &[f32], device: &Device) -> (Vec<f32>, [Vec<f32>; 6]) {
+pub fn gradients(
+    scene: &Scene,
+    settings: SplatSettings,
+    weights: &[f32],
+    device: &Device,
+) -> (Vec<f32>, [Vec<f32>; 6]) {
     let device = device.clone().autodiff();
     let i = require_grad(inputs(scene, &device));
     let out = volseggs_kernels::splat::splat(i.clone(), settings);

@@ -92,13 +92,9 @@ pub struct ValueError {
 }
 
 fn hint(suggestion: &Option<String>) -> String {
-    suggestion
-        .as_ref()
-        .map_or_else(String::new, |key| format!("; did you mean `{key}`?"))
+    suggestion.as_ref().map_or_else(String::new, |key| format!("; did you mean `{key}`?"))
 }
 
 fn default_note(default: &Option<String>) -> String {
-    default
-        .as_ref()
-        .map_or_else(String::new, |value| format!("; the default is `{value}`"))
+    default.as_ref().map_or_else(String::new, |value| format!("; the default is `{value}`"))
 }

@@ -42,10 +42,7 @@ impl<'a> View<'a> {
                 found.push(node);
             }
         }
-        (!found.is_empty()).then_some(Self {
-            root: self.root,
-            alternatives: found,
-        })
+        (!found.is_empty()).then_some(Self { root: self.root, alternatives: found })
     }
 
     /// The node of an array's elements.
@@ -96,8 +93,7 @@ impl<'a> View<'a> {
 
 /// The schema of a map's values, where keys are free.
 fn map_values(node: &Json) -> Option<&Json> {
-    node.get("additionalProperties")
-        .filter(|values| values.as_bool() != Some(false))
+    node.get("additionalProperties").filter(|values| values.as_bool() != Some(false))
 }
 
 fn expand<'a>(root: &'a Json, node: &'a Json, depth: usize, out: &mut Vec<&'a Json>) {
@@ -111,12 +107,7 @@ fn expand<'a>(root: &'a Json, node: &'a Json, depth: usize, out: &mut Vec<&'a Js
         expand(root, target, depth + 1, out);
     }
     for group in ["anyOf", "oneOf", "allOf"] {
-        for part in node
-            .get(group)
-            .and_then(Json::as_array)
-            .into_iter()
-            .flatten()
-        {
+        for part in node.get(group).and_then(Json::as_array).into_iter().flatten() {
             expand(root, part, depth + 1, out);
         }
     }

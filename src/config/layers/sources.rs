@@ -19,12 +19,7 @@ pub(super) struct Leaf {
 }
 
 /// Appends the leaves of `value` at `path`; `origin` is asked for each leaf's place.
-pub(super) fn flatten(
-    path: &mut Vec<String>,
-    value: Value,
-    origin: &dyn Fn(&[String]) -> Origin,
-    out: &mut Vec<Leaf>,
-) {
+pub(super) fn flatten(path: &mut Vec<String>, value: Value, origin: &dyn Fn(&[String]) -> Origin, out: &mut Vec<Leaf>) {
     match value {
         Value::Table(table) if !table.is_empty() => {
             for (key, value) in table {
@@ -33,11 +28,7 @@ pub(super) fn flatten(
                 path.pop();
             }
         }
-        value => out.push(Leaf {
-            path: path.clone(),
-            value,
-            origin: origin(path),
-        }),
+        value => out.push(Leaf { path: path.clone(), value, origin: origin(path) }),
     }
 }
 
@@ -58,10 +49,7 @@ fn stem(name: &str) -> &str {
 
 impl<'a> Reader<'a> {
     pub(super) fn new(presets: &'a [(&'a str, &'a str)]) -> Self {
-        Self {
-            presets,
-            open: Vec::new(),
-        }
+        Self { presets, open: Vec::new() }
     }
 
     /// Leaves of the file or preset `name`, sought in `dir` first (`None`: presets only).
@@ -74,27 +62,18 @@ impl<'a> Reader<'a> {
     ) -> Result<(), ConfigError> {
         let (id, text, dir, path) = match self.find(name, dir, wanted_by)? {
             Found::File(path) => {
-                let text = std::fs::read_to_string(&path).map_err(|source| ConfigError::Read {
-                    path: path.clone(),
-                    source,
-                })?;
+                let text = std::fs::read_to_string(&path)
+                    .map_err(|source| ConfigError::Read { path: path.clone(), source })?;
                 let id = path.canonicalize().unwrap_or_else(|_| path.clone());
                 let dir = path.parent().map(Path::to_path_buf);
                 (id.display().to_string(), text, dir, Some(path))
             }
             Found::Preset(index) => {
                 let (name, text) = self.presets[index];
-                (
-                    format!("preset {}", stem(name)),
-                    text.to_owned(),
-                    None,
-                    None,
-                )
+                (format!("preset {}", stem(name)), text.to_owned(), None, None)
             }
         };
-        let place = path
-            .as_ref()
-            .map_or_else(|| id.clone(), |p| p.display().to_string());
+        let place = path.as_ref().map_or_else(|| id.clone(), |p| p.display().to_string());
         if self.open.contains(&id) {
             self.open.push(id);
             return Err(ConfigError::Cycle(self.open.join(" -> ")));
@@ -110,14 +89,8 @@ impl<'a> Reader<'a> {
         let origin = |key: &[String]| {
             let line = lines.get(key).copied().unwrap_or(1);
             match &path {
-                Some(path) => Origin::File {
-                    path: path.clone(),
-                    line,
-                },
-                None => Origin::Preset {
-                    name: stem(name).to_owned(),
-                    line,
-                },
+                Some(path) => Origin::File { path: path.clone(), line },
+                None => Origin::Preset { name: stem(name).to_owned(), line },
             }
         };
         match table.remove("extends") {
@@ -150,31 +123,19 @@ impl<'a> Reader<'a> {
         Err(ConfigError::NotFound {
             name: name.to_owned(),
             wanted_by: by.to_owned(),
-            known: if known.is_empty() {
-                "none".to_owned()
-            } else {
-                known.join(", ")
-            },
+            known: if known.is_empty() { "none".to_owned() } else { known.join(", ") },
         })
     }
 }
 
 /// The line, from 1, of each key of a document.
 fn lines_of(text: &str, table: &DeTable<'_>) -> BTreeMap<Vec<String>, usize> {
-    fn walk(
-        text: &str,
-        at: &[String],
-        table: &DeTable<'_>,
-        out: &mut BTreeMap<Vec<String>, usize>,
-    ) {
+    fn walk(text: &str, at: &[String], table: &DeTable<'_>, out: &mut BTreeMap<Vec<String>, usize>) {
         for (key, value) in table {
             let mut path = at.to_vec();
             path.push(key.get_ref().to_string());
             let start = key.span().start.min(text.len());
-            let line = 1 + text.as_bytes()[..start]
-                .iter()
-                .filter(|b| **b == b'\n')
-                .count();
+            let line = 1 + text.as_bytes()[..start].iter().filter(|b| **b == b'\n').count();
             if let DeValue::Table(inner) = value.get_ref() {
                 walk(text, &path, inner, out);
             }
@@ -199,16 +160,11 @@ fn parse_value(text: &str, node: Option<&View<'_>>) -> Value {
 }
 
 fn node_at<'a>(root: &View<'a>, path: &[String]) -> Option<View<'a>> {
-    path.iter()
-        .try_fold(root.clone(), |node, key| node.child(key))
+    path.iter().try_fold(root.clone(), |node, key| node.child(key))
 }
 
 /// Leaves of one `a.b=value`.
-pub(super) fn parse_set(
-    text: &str,
-    root: &View<'_>,
-    out: &mut Vec<Leaf>,
-) -> Result<(), ConfigError> {
+pub(super) fn parse_set(text: &str, root: &View<'_>, out: &mut Vec<Leaf>) -> Result<(), ConfigError> {
     let wrong = || ConfigError::Override(text.to_owned());
     let (key, value) = text.split_once('=').ok_or_else(wrong)?;
     let mut path: Vec<String> = key.split('.').map(|part| part.trim().to_owned()).collect();
@@ -232,8 +188,7 @@ pub(super) fn parse_env(
     if path.iter().any(String::is_empty) {
         return Err(ConfigError::Env {
             name: name.to_owned(),
-            reason: "expected a key with `__` for each dot, such as VOLSEGGS_TRAIN__SEED"
-                .to_owned(),
+            reason: "expected a key with `__` for each dot, such as VOLSEGGS_TRAIN__SEED".to_owned(),
         });
     }
     let value = parse_value(value, node_at(root, &path).as_ref());
@@ -249,9 +204,5 @@ pub(super) fn check_known(leaf: &Leaf, root: &View<'_>) -> Result<(), ConfigErro
     let mut known = Vec::new();
     root.keys("", 0, &mut known);
     let key = dotted(&leaf.path);
-    Err(ConfigError::UnknownKey {
-        origin: leaf.origin.clone(),
-        suggestion: super::schema::closest(&key, &known),
-        key,
-    })
+    Err(ConfigError::UnknownKey { origin: leaf.origin.clone(), suggestion: super::schema::closest(&key, &known), key })
 }

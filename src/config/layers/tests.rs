@@ -53,13 +53,7 @@ impl Default for Config {
 
 impl Default for Train {
     fn default() -> Self {
-        Self {
-            seed: 42,
-            learning_rate: 0.1,
-            scales: vec![0.3, 1.0],
-            steps: 30_000,
-            stop_after: None,
-        }
+        Self { seed: 42, learning_rate: 0.1, scales: vec![0.3, 1.0], steps: 30_000, stop_after: None }
     }
 }
 
@@ -76,20 +70,10 @@ fn set_error(set: &str) -> String {
 fn later_layers_win_and_each_leaf_knows_its_origin() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("mine.toml");
-    fs::write(
-        &file,
-        "extends = \"best\"\n\n[train]\nsteps = 7\nlearning_rate = 1\n",
-    )
-    .unwrap();
+    fs::write(&file, "extends = \"best\"\n\n[train]\nsteps = 7\nlearning_rate = 1\n").unwrap();
     let presets = [
-        (
-            "best.toml",
-            "extends = \"base.toml\"\n[train]\nsteps = 5\nseed = 1\n",
-        ),
-        (
-            "base",
-            "mode = \"short\"\ntrain.seed = 9\ntrain.stop_after = 3\n",
-        ),
+        ("best.toml", "extends = \"base.toml\"\n[train]\nsteps = 5\nseed = 1\n"),
+        ("base", "mode = \"short\"\ntrain.seed = 9\ntrain.stop_after = 3\n"),
     ];
     let resolved = Layers::new(&presets)
         .source(file.to_str().unwrap())
@@ -115,10 +99,7 @@ fn later_layers_win_and_each_leaf_knows_its_origin() {
     let origin = |key: &str| resolved.origins[key].to_string();
     assert_eq!(origin("train.steps"), "--set");
     assert_eq!(origin("train.seed"), "env VOLSEGGS_TRAIN__SEED");
-    assert_eq!(
-        origin("train.learning_rate"),
-        format!("file {}:5", file.display())
-    );
+    assert_eq!(origin("train.learning_rate"), format!("file {}:5", file.display()));
     assert_eq!(origin("train.stop_after"), "preset base:3");
     assert_eq!(origin("mode"), "preset base:1");
     let plain = Layers::new(&[]).resolve::<Config>().unwrap();
@@ -128,15 +109,10 @@ fn later_layers_win_and_each_leaf_knows_its_origin() {
 
 #[test]
 fn the_shown_text_and_the_toml_read_back_as_the_same() {
-    let resolved = Layers::new(&[])
-        .sets(["extra.left=1", "extra.right=2", "free={\"a b\" = 1.0}"])
-        .resolve::<Config>()
-        .unwrap();
+    let resolved =
+        Layers::new(&[]).sets(["extra.left=1", "extra.right=2", "free={\"a b\" = 1.0}"]).resolve::<Config>().unwrap();
     let shown = resolved.show();
-    assert!(
-        shown.contains("train.learning_rate = 0.1  # default\n"),
-        "{shown}"
-    );
+    assert!(shown.contains("train.learning_rate = 0.1  # default\n"), "{shown}");
     assert!(shown.contains("train.scales = [0.3, 1.0]  # default\n"));
     assert!(shown.contains("free.\"a b\" = 1.0  # --set\n"));
     assert_eq!(shown.lines().count(), resolved.origins.len());
@@ -151,10 +127,7 @@ fn the_shown_text_and_the_toml_read_back_as_the_same() {
 #[test]
 fn an_unknown_key_names_its_origin_and_the_closest_key() {
     let error = set_error("train.sede=1");
-    assert_eq!(
-        error,
-        "--set: unknown key `train.sede`; did you mean `train.seed`?"
-    );
+    assert_eq!(error, "--set: unknown key `train.sede`; did you mean `train.seed`?");
     assert!(set_error("seed=1").contains("did you mean `train.seed`?"));
     assert!(set_error("extends=best").contains("unknown key"));
     assert!(set_error("train.seed.x=1").contains("unknown key `train.seed.x`"));
@@ -162,10 +135,7 @@ fn an_unknown_key_names_its_origin_and_the_closest_key() {
     assert!(!far.contains("did you mean"), "{far}");
     let presets = [("p", "\n[train]\nstep = 1\n")];
     let error = Layers::new(&presets).source("p").resolve::<Config>();
-    assert_eq!(
-        error.unwrap_err().to_string(),
-        "preset p:3: unknown key `train.step`; did you mean `train.steps`?"
-    );
+    assert_eq!(error.unwrap_err().to_string(), "preset p:3: unknown key `train.step`; did you mean `train.steps`?");
     let env = [var("VOLSEGGS_TRAIN__SEEED", "1")];
     let layers = Layers::new(&[]).env(env, &[]).unwrap();
     let error = layers.resolve::<Config>().unwrap_err().to_string();
@@ -175,13 +145,7 @@ fn an_unknown_key_names_its_origin_and_the_closest_key() {
 #[test]
 fn a_wrong_type_names_key_origin_expected_and_got() {
     let error = set_error("train.steps=many");
-    for part in [
-        "--set",
-        "`train.steps`",
-        "expected u32",
-        "\"many\"",
-        "`30000`",
-    ] {
+    for part in ["--set", "`train.steps`", "expected u32", "\"many\"", "`30000`"] {
         assert!(error.contains(part), "{part} not in {error}");
     }
     assert!(set_error("train.steps=-1").contains("`train.steps`"));

@@ -5,21 +5,12 @@ use toml::Value;
 /// `prefix.key`, the key quoted where TOML asks for it.
 pub(super) fn join(prefix: &str, key: &str) -> String {
     let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-    let key = if !key.is_empty() && key.chars().all(bare) {
-        key.to_owned()
-    } else {
-        quoted(key)
-    };
-    if prefix.is_empty() {
-        key
-    } else {
-        format!("{prefix}.{key}")
-    }
+    let key = if !key.is_empty() && key.chars().all(bare) { key.to_owned() } else { quoted(key) };
+    if prefix.is_empty() { key } else { format!("{prefix}.{key}") }
 }
 
 pub(super) fn dotted(path: &[String]) -> String {
-    path.iter()
-        .fold(String::new(), |prefix, key| join(&prefix, key))
+    path.iter().fold(String::new(), |prefix, key| join(&prefix, key))
 }
 
 /// A basic TOML string on one line.
@@ -45,9 +36,7 @@ pub(super) fn one_line(value: &Value) -> String {
             format!("[{}]", items.join(", "))
         }
         Value::Table(table) => {
-            let pair = |(key, value): (&String, &Value)| {
-                format!("{} = {}", join("", key), one_line(value))
-            };
+            let pair = |(key, value): (&String, &Value)| format!("{} = {}", join("", key), one_line(value));
             let pairs: Vec<String> = table.iter().map(pair).collect();
             format!("{{{}}}", pairs.join(", "))
         }

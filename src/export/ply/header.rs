@@ -99,9 +99,7 @@ impl Header {
                 [] | ["comment" | "obj_info", ..] => {}
                 ["format", "binary_little_endian", "1.0"] => formatted = true,
                 ["format", other, ..] => {
-                    return wrong(format!(
-                        "format {other} is not supported; save the file as binary_little_endian"
-                    ));
+                    return wrong(format!("format {other} is not supported; save the file as binary_little_endian"));
                 }
                 ["element", "vertex", number] if count.is_none() => match number.parse() {
                     Ok(number) => count = Some(number),
@@ -120,10 +118,7 @@ impl Header {
                         return wrong(format!("property {name} has the unknown type {kind}"));
                     };
                     if matches!(*kind, "float" | "float32" | "double" | "float64") {
-                        let slot = Slot {
-                            offset: stride,
-                            double: size == 8,
-                        };
+                        let slot = Slot { offset: stride, double: size == 8 };
                         slots.push(((*name).to_owned(), slot));
                     }
                     stride += size;
@@ -140,25 +135,14 @@ impl Header {
         Self::from_slots(count, stride, &slots)
     }
 
-    fn from_slots(
-        count: usize,
-        stride: usize,
-        slots: &[(String, Slot)],
-    ) -> Result<Self, ReadError> {
+    fn from_slots(count: usize, stride: usize, slots: &[(String, Slot)]) -> Result<Self, ReadError> {
         let find = |name: &str| match slots.iter().find(|(known, _)| known == name) {
             Some((_, slot)) => Ok(*slot),
-            None => wrong(format!(
-                "float property `{name}` is missing; is this a file of Gaussians?"
-            )),
+            None => wrong(format!("float property `{name}` is missing; is this a file of Gaussians?")),
         };
-        let rest = slots
-            .iter()
-            .filter(|(n, _)| n.starts_with("f_rest_"))
-            .count();
+        let rest = slots.iter().filter(|(n, _)| n.starts_with("f_rest_")).count();
         if !(0..=MAX_SH_DEGREE).any(|d| rest == 3 * ((d + 1) * (d + 1) - 1)) {
-            return wrong(format!(
-                "{rest} f_rest properties match no degree; expected 0, 9, 24 or 45"
-            ));
+            return wrong(format!("{rest} f_rest properties match no degree; expected 0, 9, 24 or 45"));
         }
         let names = numbered("f_rest_", rest);
         Ok(Self {
@@ -166,18 +150,10 @@ impl Header {
             stride,
             mean: [find("x")?, find("y")?, find("z")?],
             dc: [find("f_dc_0")?, find("f_dc_1")?, find("f_dc_2")?],
-            rest: names
-                .iter()
-                .map(|name| find(name))
-                .collect::<Result<_, _>>()?,
+            rest: names.iter().map(|name| find(name)).collect::<Result<_, _>>()?,
             opacity: find("opacity")?,
             scale: [find("scale_0")?, find("scale_1")?, find("scale_2")?],
-            rotation: [
-                find("rot_0")?,
-                find("rot_1")?,
-                find("rot_2")?,
-                find("rot_3")?,
-            ],
+            rotation: [find("rot_0")?, find("rot_1")?, find("rot_2")?, find("rot_3")?],
         })
     }
 }

@@ -33,19 +33,17 @@ fn the_header_is_byte_exact_and_colours_lie_channel_by_channel() {
     let gaussians = sample(1, 1);
     let mut expected = String::from("ply\nformat binary_little_endian 1.0\nelement vertex 1\n");
     for name in [
-        "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0", "f_rest_1",
-        "f_rest_2", "f_rest_3", "f_rest_4", "f_rest_5", "f_rest_6", "f_rest_7", "f_rest_8",
-        "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+        "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0", "f_rest_1", "f_rest_2", "f_rest_3",
+        "f_rest_4", "f_rest_5", "f_rest_6", "f_rest_7", "f_rest_8", "opacity", "scale_0", "scale_1", "scale_2",
+        "rot_0", "rot_1", "rot_2", "rot_3",
     ] {
         expected += &format!("property float {name}\n");
     }
     expected += "end_header\n";
     let written = bytes(&gaussians);
     assert_eq!(&written[..expected.len()], expected.as_bytes());
-    let row: Vec<f32> = written[expected.len()..]
-        .chunks_exact(4)
-        .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
-        .collect();
+    let row: Vec<f32> =
+        written[expected.len()..].chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
     assert_eq!(row.len(), 26);
     assert_eq!(row[3..6], [0.0; 3]);
     let sh = |k: usize, c: usize| gaussians.sh[k * 3 + c];
@@ -75,8 +73,8 @@ fn other_orders_types_and_properties_are_accepted() {
          property uchar red\nproperty double opacity\n",
     );
     let names = [
-        "rot_3", "rot_2", "rot_1", "rot_0", "z", "y", "x", "f_dc_2", "f_dc_1", "f_dc_0", "scale_2",
-        "scale_1", "scale_0",
+        "rot_3", "rot_2", "rot_1", "rot_0", "z", "y", "x", "f_dc_2", "f_dc_1", "f_dc_0", "scale_2", "scale_1",
+        "scale_0",
     ];
     for name in names {
         data += &format!("property float32 {name}\n");

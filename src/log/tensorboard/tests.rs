@@ -140,8 +140,5 @@ fn tensorboard_itself_reads_the_files() {
     let output = run(CHECK, dir.path()).unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(
-        text.contains("[(0, 0.0), (1, 0.5), (2, 1.0), (3, 8.0)]\n5 3 2 PNG"),
-        "{text}\n{errors}"
-    );
+    assert!(text.contains("[(0, 0.0), (1, 0.5), (2, 1.0), (3, 8.0)]\n5 3 2 PNG"), "{text}\n{errors}");
 }

@@ -23,20 +23,8 @@ pub(super) struct Stage {
 /// Stride of every max pool of both nets.
 pub(super) const POOL_STRIDE: usize = 2;
 
-const fn conv(
-    input: usize,
-    output: usize,
-    kernel: usize,
-    stride: usize,
-    padding: usize,
-) -> ConvSpec {
-    ConvSpec {
-        input,
-        output,
-        kernel,
-        stride,
-        padding,
-    }
+const fn conv(input: usize, output: usize, kernel: usize, stride: usize, padding: usize) -> ConvSpec {
+    ConvSpec { input, output, kernel, stride, padding }
 }
 
 const fn same3(input: usize, output: usize) -> ConvSpec {
@@ -44,49 +32,19 @@ const fn same3(input: usize, output: usize) -> ConvSpec {
 }
 
 const ALEX: [Stage; 5] = [
-    Stage {
-        pool: None,
-        convs: &[conv(3, 64, 11, 4, 2)],
-    },
-    Stage {
-        pool: Some(3),
-        convs: &[conv(64, 192, 5, 1, 2)],
-    },
-    Stage {
-        pool: Some(3),
-        convs: &[same3(192, 384)],
-    },
-    Stage {
-        pool: None,
-        convs: &[same3(384, 256)],
-    },
-    Stage {
-        pool: None,
-        convs: &[same3(256, 256)],
-    },
+    Stage { pool: None, convs: &[conv(3, 64, 11, 4, 2)] },
+    Stage { pool: Some(3), convs: &[conv(64, 192, 5, 1, 2)] },
+    Stage { pool: Some(3), convs: &[same3(192, 384)] },
+    Stage { pool: None, convs: &[same3(384, 256)] },
+    Stage { pool: None, convs: &[same3(256, 256)] },
 ];
 
 const VGG: [Stage; 5] = [
-    Stage {
-        pool: None,
-        convs: &[same3(3, 64), same3(64, 64)],
-    },
-    Stage {
-        pool: Some(2),
-        convs: &[same3(64, 128), same3(128, 128)],
-    },
-    Stage {
-        pool: Some(2),
-        convs: &[same3(128, 256), same3(256, 256), same3(256, 256)],
-    },
-    Stage {
-        pool: Some(2),
-        convs: &[same3(256, 512), same3(512, 512), same3(512, 512)],
-    },
-    Stage {
-        pool: Some(2),
-        convs: &[same3(512, 512), same3(512, 512), same3(512, 512)],
-    },
+    Stage { pool: None, convs: &[same3(3, 64), same3(64, 64)] },
+    Stage { pool: Some(2), convs: &[same3(64, 128), same3(128, 128)] },
+    Stage { pool: Some(2), convs: &[same3(128, 256), same3(256, 256), same3(256, 256)] },
+    Stage { pool: Some(2), convs: &[same3(256, 512), same3(512, 512), same3(512, 512)] },
+    Stage { pool: Some(2), convs: &[same3(512, 512), same3(512, 512), same3(512, 512)] },
 ];
 
 impl LpipsNet {

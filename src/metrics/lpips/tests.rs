@@ -31,15 +31,9 @@ fn synthetic(net: LpipsNet) -> Tensors {
             let scale = (24.0 / fan_in as f32).sqrt();
             let shape = [conv.output, conv.input, conv.kernel, conv.kernel];
             let weight = noise(number + 1).map(|v| (v - 0.5) * scale);
-            tensors.insert(
-                format!("net.conv{number}.weight"),
-                f32_tensor(&shape, weight),
-            );
+            tensors.insert(format!("net.conv{number}.weight"), f32_tensor(&shape, weight));
             let bias = noise(number + 100).map(|v| v * 0.1);
-            tensors.insert(
-                format!("net.conv{number}.bias"),
-                f32_tensor(&[conv.output], bias),
-            );
+            tensors.insert(format!("net.conv{number}.bias"), f32_tensor(&[conv.output], bias));
             number += 1;
         }
         let channels = stage.convs[stage.convs.len() - 1].output;
@@ -51,21 +45,15 @@ fn synthetic(net: LpipsNet) -> Tensors {
 
 /// Only the first convolution's kernel: enough to tell the net.
 fn stub(shape: [usize; 4]) -> Tensors {
-    Tensors::from([(
-        "net.conv0.weight".to_owned(),
-        f32_tensor(&shape, std::iter::repeat(0.1)),
-    )])
+    Tensors::from([("net.conv0.weight".to_owned(), f32_tensor(&shape, std::iter::repeat(0.1)))])
 }
 
 fn write(tensors: &Tensors) -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("weights.safetensors");
-    let views = tensors.iter().map(|(name, (dtype, shape, bytes))| {
-        (
-            name.as_str(),
-            TensorView::new(*dtype, shape.clone(), bytes).unwrap(),
-        )
-    });
+    let views = tensors
+        .iter()
+        .map(|(name, (dtype, shape, bytes))| (name.as_str(), TensorView::new(*dtype, shape.clone(), bytes).unwrap()));
     serialize_to_file(views, None, &path).unwrap();
     (dir, path)
 }
@@ -98,10 +86,7 @@ fn a_distance_of_images() {
         let (a, b) = (image(1, height, width), image(2, height, width));
         let near: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.95 * a + 0.05 * b).collect();
         assert_eq!(lpips.distance(&a, &a, height, width).unwrap(), 0.0);
-        let (ab, ba) = (
-            lpips.distance(&a, &b, height, width).unwrap(),
-            lpips.distance(&b, &a, height, width).unwrap(),
-        );
+        let (ab, ba) = (lpips.distance(&a, &b, height, width).unwrap(), lpips.distance(&b, &a, height, width).unwrap());
         assert!((ab - ba).abs() < 1e-6 * ab, "{ab} {ba}");
         let an = lpips.distance(&a, &near, height, width).unwrap();
         assert!(0.0 < an && an < 0.5 * ab, "{an} {ab}");
@@ -113,10 +98,7 @@ fn same_bits_on_any_thread_count() {
     let lpips = alex();
     let (a, b) = (image(3, 70, 90), image(4, 70, 90));
     let on = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| lpips.distance(&a, &b, 70, 90).unwrap().to_bits())
     };
     assert_eq!(on(1), on(2));
@@ -160,15 +142,9 @@ fn images_of_a_wrong_size() {
 
 #[test]
 fn the_first_kernel_tells_the_net() {
-    for (shape, next) in [
-        ([64, 3, 11, 11], "net.conv0.bias"),
-        ([64, 3, 3, 3], "net.conv0.bias"),
-    ] {
+    for (shape, next) in [([64, 3, 11, 11], "net.conv0.bias"), ([64, 3, 3, 3], "net.conv0.bias")] {
         let error = load(&stub(shape)).unwrap_err();
-        assert!(
-            matches!(&error, LpipsError::Missing { tensor, .. } if tensor == next),
-            "{error}"
-        );
+        assert!(matches!(&error, LpipsError::Missing { tensor, .. } if tensor == next), "{error}");
     }
     let error = load(&stub([64, 3, 7, 7])).unwrap_err();
     assert!(matches!(&error, LpipsError::UnknownNet { found, .. } if *found == [64, 3, 7, 7]));
@@ -187,39 +163,19 @@ fn a_bad_tensor_is_named() {
     assert!(error.to_string().contains("weights.safetensors"), "{error}");
 
     let mut tensors = good.clone();
-    tensors.insert(
-        "net.conv2.bias".to_owned(),
-        f32_tensor(&[383], std::iter::repeat(0.0)),
-    );
+    tensors.insert("net.conv2.bias".to_owned(), f32_tensor(&[383], std::iter::repeat(0.0)));
     let error = load(&tensors).unwrap_err();
-    assert!(
-        error
-            .to_string()
-            .contains("`net.conv2.bias` has shape [383], expected [384]"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("`net.conv2.bias` has shape [383], expected [384]"), "{error}");
 
     let mut tensors = good.clone();
-    tensors.insert(
-        "net.conv4.bias".to_owned(),
-        (Dtype::F64, vec![256], vec![0; 256 * 8]),
-    );
+    tensors.insert("net.conv4.bias".to_owned(), (Dtype::F64, vec![256], vec![0; 256 * 8]));
     let error = load(&tensors).unwrap_err();
-    assert!(
-        error.to_string().contains("`net.conv4.bias` holds F64"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("`net.conv4.bias` holds F64"), "{error}");
 
     let mut tensors = good;
     let poisoned = noise(1).map(|v| if v > 0.99 { f32::NAN } else { v });
-    tensors.insert(
-        "lin4.weight".to_owned(),
-        f32_tensor(&[1, 256, 1, 1], poisoned.chain([f32::NAN])),
-    );
-    tensors.insert(
-        "net.conv1.bias".to_owned(),
-        f32_tensor(&[192], std::iter::repeat(f32::INFINITY)),
-    );
+    tensors.insert("lin4.weight".to_owned(), f32_tensor(&[1, 256, 1, 1], poisoned.chain([f32::NAN])));
+    tensors.insert("net.conv1.bias".to_owned(), f32_tensor(&[192], std::iter::repeat(f32::INFINITY)));
     let error = load(&tensors).unwrap_err();
     assert!(matches!(&error, LpipsError::NotFinite { tensor, .. } if tensor == "net.conv1.bias"));
 }
@@ -230,16 +186,10 @@ fn half_precision_equals_its_values_in_single() {
     let mut half = single.clone();
     for (name, (_, shape, bytes)) in &mut single {
         let (chunks, _) = bytes.as_chunks::<4>();
-        let rounded: Vec<_> = chunks
-            .iter()
-            .map(|b| burn::tensor::f16::from_f32(f32::from_le_bytes(*b)))
-            .collect();
+        let rounded: Vec<_> = chunks.iter().map(|b| burn::tensor::f16::from_f32(f32::from_le_bytes(*b))).collect();
         let halves = rounded.iter().flat_map(|v| v.to_le_bytes()).collect();
         half.insert(name.clone(), (Dtype::F16, shape.clone(), halves));
-        *bytes = rounded
-            .iter()
-            .flat_map(|v| v.to_f32().to_le_bytes())
-            .collect();
+        *bytes = rounded.iter().flat_map(|v| v.to_f32().to_le_bytes()).collect();
     }
     let (a, b) = (image(1, 31, 31), image(2, 31, 31));
     let distance = |tensors| load(tensors).unwrap().distance(&a, &b, 31, 31).unwrap();
@@ -253,17 +203,11 @@ fn a_file_cut_short() {
     for length in [0, 7, 8, 40, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
         let error = Lpips::load(&path, &Device::flex()).unwrap_err();
-        assert!(
-            matches!(error, LpipsError::Format { .. }),
-            "{length}: {error}"
-        );
+        assert!(matches!(error, LpipsError::Format { .. }), "{length}: {error}");
         assert!(error.to_string().contains("weights.safetensors"), "{error}");
     }
     std::fs::remove_file(&path).unwrap();
-    assert!(matches!(
-        Lpips::load(&path, &Device::flex()),
-        Err(LpipsError::Read { .. })
-    ));
+    assert!(matches!(Lpips::load(&path, &Device::flex()), Err(LpipsError::Read { .. })));
 }
 
 /// The published example images and their published distances; needs the real weights.
@@ -275,18 +219,9 @@ fn published_distances() {
     };
     let weights = Path::new(&data).join("weights");
     let png = |name: &str| {
-        let image = image::open(weights.join("lpips-check").join(name))
-            .unwrap()
-            .to_rgb8();
+        let image = image::open(weights.join("lpips-check").join(name)).unwrap().to_rgb8();
         let size = (image.height() as usize, image.width() as usize);
-        (
-            image
-                .into_raw()
-                .iter()
-                .map(|v| f32::from(*v) / 255.0)
-                .collect::<Vec<_>>(),
-            size,
-        )
+        (image.into_raw().iter().map(|v| f32::from(*v) / 255.0).collect::<Vec<_>>(), size)
     };
     let check = |file: &str, net: LpipsNet, pairs: &[(&str, &str, f64, f64)]| {
         let lpips = Lpips::load(weights.join(file), &Device::flex()).unwrap();
@@ -294,21 +229,11 @@ fn published_distances() {
         for &(a, b, expected, tolerance) in pairs {
             let ((a, (height, width)), (b, _)) = (png(a), png(b));
             let distance = lpips.distance(&a, &b, height, width).unwrap();
-            assert!(
-                (distance - expected).abs() < tolerance,
-                "{net}: {distance}, expected {expected}"
-            );
+            assert!((distance - expected).abs() < tolerance, "{net}: {distance}, expected {expected}");
         }
     };
     // The weights are stored in half precision, with which the published 0.657102 becomes 0.657140.
-    check(
-        "lpips_vgg16_v0.1_f16.safetensors",
-        LpipsNet::Vgg,
-        &[("apple.png", "pear.png", 0.657_140, 2e-6)],
-    );
-    let pairs = [
-        ("ex_ref.png", "ex_p0.png", 0.7219, 1e-4),
-        ("ex_ref.png", "ex_p1.png", 0.1376, 1e-4),
-    ];
+    check("lpips_vgg16_v0.1_f16.safetensors", LpipsNet::Vgg, &[("apple.png", "pear.png", 0.657_140, 2e-6)]);
+    let pairs = [("ex_ref.png", "ex_p0.png", 0.7219, 1e-4), ("ex_ref.png", "ex_p1.png", 0.1376, 1e-4)];
     check("lpips_alexnet_v0.1_f16.safetensors", LpipsNet::Alex, &pairs);
 }

@@ -33,14 +33,9 @@ struct Source<'a> {
 
 impl Weights {
     pub(super) fn load(path: &Path, device: &Device) -> Result<Self, LpipsError> {
-        let bytes = std::fs::read(path).map_err(|source| LpipsError::Read {
-            path: path.to_path_buf(),
-            source,
-        })?;
-        let file = SafeTensors::deserialize(&bytes).map_err(|source| LpipsError::Format {
-            path: path.to_path_buf(),
-            source,
-        })?;
+        let bytes = std::fs::read(path).map_err(|source| LpipsError::Read { path: path.to_path_buf(), source })?;
+        let file = SafeTensors::deserialize(&bytes)
+            .map_err(|source| LpipsError::Format { path: path.to_path_buf(), source })?;
         let source = Source { path, file };
         let net = source.net()?;
         let mut convs = Vec::new();
@@ -54,21 +49,13 @@ impl Weights {
                 stage_convs.push(Conv {
                     spec,
                     weight: source.tensor(&format!("net.conv{number}.weight"), shape, device)?,
-                    bias: source.tensor(
-                        &format!("net.conv{number}.bias"),
-                        [spec.output],
-                        device,
-                    )?,
+                    bias: source.tensor(&format!("net.conv{number}.bias"), [spec.output], device)?,
                 });
                 channels = spec.output;
                 number += 1;
             }
             convs.push(stage_convs);
-            heads.push(source.tensor(
-                &format!("lin{index}.weight"),
-                [1, channels, 1, 1],
-                device,
-            )?);
+            heads.push(source.tensor(&format!("lin{index}.weight"), [1, channels, 1, 1], device)?);
         }
         Ok(Self { net, convs, heads })
     }
@@ -80,10 +67,7 @@ impl Source<'_> {
     }
 
     fn view(&self, name: &str) -> Result<safetensors::tensor::TensorView<'_>, LpipsError> {
-        self.file.tensor(name).map_err(|_| LpipsError::Missing {
-            path: self.path(),
-            tensor: name.to_owned(),
-        })
+        self.file.tensor(name).map_err(|_| LpipsError::Missing { path: self.path(), tensor: name.to_owned() })
     }
 
     /// The kernel of the first convolution tells the nets apart.
@@ -94,32 +78,19 @@ impl Source<'_> {
             let first = net.stages()[0].convs[0];
             found == [first.output, first.input, first.kernel, first.kernel]
         };
-        [LpipsNet::Alex, LpipsNet::Vgg]
-            .into_iter()
-            .find(is)
-            .ok_or_else(|| LpipsError::UnknownNet {
-                path: self.path(),
-                tensor: name.to_owned(),
-                found: found.clone(),
-            })
+        [LpipsNet::Alex, LpipsNet::Vgg].into_iter().find(is).ok_or_else(|| LpipsError::UnknownNet {
+            path: self.path(),
+            tensor: name.to_owned(),
+            found: found.clone(),
+        })
     }
 
-    fn tensor<const D: usize>(
-        &self,
-        name: &str,
-        shape: [usize; D],
-        device: &Device,
-    ) -> Result<Tensor<D>, LpipsError> {
+    fn tensor<const D: usize>(&self, name: &str, shape: [usize; D], device: &Device) -> Result<Tensor<D>, LpipsError> {
         let view = self.view(name)?;
         let tensor = name.to_owned();
         if view.shape() != shape {
             let (expected, found) = (shape.to_vec(), view.shape().to_vec());
-            return Err(LpipsError::Shape {
-                path: self.path(),
-                tensor,
-                expected,
-                found,
-            });
+            return Err(LpipsError::Shape { path: self.path(), tensor, expected, found });
         }
         let values: Vec<f32> = match view.dtype() {
             Dtype::F32 => {
@@ -128,28 +99,15 @@ impl Source<'_> {
             }
             Dtype::F16 => {
                 let (chunks, _) = view.data().as_chunks::<2>();
-                chunks
-                    .iter()
-                    .map(|b| f16::from_le_bytes(*b).to_f32())
-                    .collect()
+                chunks.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect()
             }
             other => {
-                return Err(LpipsError::Type {
-                    path: self.path(),
-                    tensor,
-                    found: format!("{other:?}"),
-                });
+                return Err(LpipsError::Type { path: self.path(), tensor, found: format!("{other:?}") });
             }
         };
         if !values.iter().all(|v| v.is_finite()) {
-            return Err(LpipsError::NotFinite {
-                path: self.path(),
-                tensor,
-            });
+            return Err(LpipsError::NotFinite { path: self.path(), tensor });
         }
-        Ok(Tensor::from_data(
-            TensorData::new(values, shape),
-            (device, DType::F32),
-        ))
+        Ok(Tensor::from_data(TensorData::new(values, shape), (device, DType::F32)))
     }
 }

@@ -62,9 +62,8 @@ impl Projection {
         };
         let rotation = rotation_matrix(quaternion);
         let scales = log_scales.map(f32::exp);
-        let camera_mean: [f32; 3] = std::array::from_fn(|i| {
-            w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]
-        });
+        let camera_mean: [f32; 3] =
+            std::array::from_fn(|i| w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]);
         let iz = 1.0 / camera_mean[2];
         let limits = camera.jacobian_limits();
         let raw = [camera_mean[0] * iz, camera_mean[1] * iz];
@@ -72,8 +71,10 @@ impl Projection {
         let slope = [raw[0].clamp(-limits[0], limits[0]), raw[1].clamp(-limits[1], limits[1])];
         let (j00, j02) = (camera.fx * iz, -camera.fx * slope[0] * iz);
         let (j11, j12) = (camera.fy * iz, -camera.fy * slope[1] * iz);
-        let jw =
-            [std::array::from_fn(|k| j00 * w[0][k] + j02 * w[2][k]), std::array::from_fn(|k| j11 * w[1][k] + j12 * w[2][k])];
+        let jw = [
+            std::array::from_fn(|k| j00 * w[0][k] + j02 * w[2][k]),
+            std::array::from_fn(|k| j11 * w[1][k] + j12 * w[2][k]),
+        ];
         let root = jw.map(|row: [f32; 3]| {
             std::array::from_fn(|k| {
                 scales[k] * (row[0] * rotation[0][k] + row[1] * rotation[1][k] + row[2] * rotation[2][k])
@@ -141,7 +142,13 @@ pub(super) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &Sp
 
 /// `None` if the Gaussian is behind the near plane, too transparent, off screen or not finite.
 #[inline(always)]
-fn project_one(a: Attributes<'_>, i: usize, offset: [f32; 2], eye: [f32; 3], settings: &SplatSettings) -> Option<Splat2d> {
+fn project_one(
+    a: Attributes<'_>,
+    i: usize,
+    offset: [f32; 2],
+    eye: [f32; 3],
+    settings: &SplatSettings,
+) -> Option<Splat2d> {
     let camera = &settings.camera;
     let mean = row::<3>(a.means, i);
     let opacity = 1.0 / (1.0 + (-a.opacity_logits[i]).exp());
@@ -188,16 +195,5 @@ fn project_one(a: Attributes<'_>, i: usize, offset: [f32; 2], eye: [f32; 3], set
         return None;
     }
     let colour = colour.map(|c| c.max(0.0));
-    Some(Splat2d {
-        x,
-        y,
-        qa,
-        qb,
-        qc,
-        log2_opacity: opacity.log2(),
-        colour,
-        extent,
-        depth: p.camera_mean[2],
-        radius,
-    })
+    Some(Splat2d { x, y, qa, qb, qc, log2_opacity: opacity.log2(), colour, extent, depth: p.camera_mean[2], radius })
 }

@@ -109,8 +109,7 @@ fn one(
     let v_jw: [[f32; 3]; 2] = std::array::from_fn(|r| {
         std::array::from_fn(|k| (0..3).map(|m| vx[r][m] * p.rotation[k][m] * p.scales[m]).sum())
     });
-    let log_scale =
-        std::array::from_fn(|k| p.scales[k] * (0..3).map(|r| v_rs[r][k] * p.rotation[r][k]).sum::<f32>());
+    let log_scale = std::array::from_fn(|k| p.scales[k] * (0..3).map(|r| v_rs[r][k] * p.rotation[r][k]).sum::<f32>());
     let rotation = rotation_gradient(&p, &v_rs);
 
     let v_camera = camera_mean_gradient(&p, camera, screen, &v_jw);

@@ -1,0 +1,56 @@
+//! The whole training step, as `Trainer::step` reports it, on a dataset of two views.
+
+use crate::common::{self, Samples, Splatter};
+use crate::{DISTANCE, SIZE, Stage};
+use burn::tensor::Device;
+use glam::DVec3;
+use std::path::Path;
+use std::time::Instant;
+use volseggs::config::types::{Bounds, Config, DensifyMode, Placement};
+use volseggs::data::{Camera, Dataset, OpenOptions};
+use volseggs::train::Trainer;
+
+/// Two views of a ball of Gaussians, as a dataset folder.
+fn write_dataset(folder: &Path) {
+    let scene = common::scene(20_000, 13);
+    let mut frames = Vec::new();
+    for (i, eye) in [DVec3::new(2.8, 2.4, 1.5), DVec3::new(-2.4, 2.8, 1.5)].into_iter().enumerate() {
+        let (size, eye) = (SIZE as u32, DISTANCE * eye.normalize());
+        let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 30f64.to_radians(), size, size);
+        let image = common::image(&Splatter::new(&scene, camera.to_kernel(), &Device::flex()).forward());
+        let byte = |v: f32| (255.0 * v.clamp(0.0, 1.0)).round() as u8;
+        let straight = |p: &[f32]| [0, 1, 2, 3].map(|c| byte(if c < 3 { p[c] / p[3].max(1e-6) } else { p[3] }));
+        let bytes: Vec<u8> = image.chunks_exact(4).flat_map(straight).collect();
+        image::save_buffer(folder.join(format!("r_{i}.png")), &bytes, size, size, image::ColorType::Rgba8).unwrap();
+        let rows: Vec<_> = (0..4).map(|row| camera.camera_to_world.row(row).to_array()).collect();
+        frames.push(serde_json::json!({ "file_path": format!("./r_{i}"), "time": i as f64, "transform_matrix": rows }));
+    }
+    let json = serde_json::json!({ "camera_angle_x": 30f64.to_radians(), "frames": frames });
+    std::fs::write(folder.join("transforms_train.json"), json.to_string()).unwrap();
+}
+
+/// Joint steps with DSSIM, without densification; the first Gaussians are the trainer's own.
+pub fn whole_step(n: usize, repeats: usize) -> Vec<Stage> {
+    let folder = tempfile::tempdir().unwrap();
+    write_dataset(folder.path());
+    let dataset = Dataset::open(folder.path(), &OpenOptions::default()).unwrap();
+    let mut config = Config::default();
+    // a cube with the volume of the unit ball
+    (config.init.points, config.init.placement, config.init.box_half_size) = (n, Placement::Box, 0.806);
+    (config.init.scale, config.init.opacity, config.model.bounds) = (0.7, 0.3, Bounds::Points);
+    (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
+    config.loss.dssim_last = config.stages.joint_steps;
+    (config.densify.mode, config.densify.prune_opacity) = (DensifyMode::Off, 0.0);
+    let mut trainer = Trainer::new(config, &dataset, &Device::flex()).unwrap();
+    let names = ["data", "deform", "splat", "loss", "backward", "adam", "statistics", "**whole step**"];
+    let mut samples = names.map(|_| Vec::new());
+    for run in 0..=repeats {
+        let start = Instant::now();
+        let t = trainer.step(&dataset.train).unwrap().times;
+        let parts = [t.data, t.deform, t.splat, t.loss, t.backward, t.adam, t.densify, start.elapsed()];
+        if run > 0 {
+            samples.iter_mut().zip(parts).for_each(|(s, part)| s.push(part.as_secs_f64() * 1e3));
+        }
+    }
+    names.into_iter().zip(samples.map(Samples::new)).collect()
+}
