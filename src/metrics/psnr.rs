@@ -43,7 +43,7 @@ pub fn psnr(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::eval::ssim::tests::images;
+    use crate::metrics::ssim::tests::images;
 
     #[test]
     fn agrees_with_scikit_image() {

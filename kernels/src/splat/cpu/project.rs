@@ -152,12 +152,11 @@ fn project_one(
     let camera = &settings.camera;
     let mean = row::<3>(a.means, i);
     let opacity = 1.0 / (1.0 + (-a.opacity_logits[i]).exp());
-    // reversed comparisons, so that NaN is culled too
-    if !(opacity >= ALPHA_MIN) {
+    if opacity.is_nan() || opacity < ALPHA_MIN {
         return None;
     }
     let p = Projection::new(mean, row(a.rotations, i), row(a.log_scales, i), camera);
-    if !(p.camera_mean[2] > NEAR) {
+    if p.camera_mean[2].is_nan() || p.camera_mean[2] <= NEAR {
         return None;
     }
     let [ca, cb, cc] = p.covariance;
