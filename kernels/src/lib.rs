@@ -21,5 +21,11 @@ pub use camera::Camera;
 
 /// The vector instructions that the CPU kernels use on this machine.
 pub fn simd_level() -> String {
-    format!("{:?}", pulp::Arch::new())
+    let arch = format!("{:?}", pulp::Arch::new());
+    let name = arch.split('(').next().unwrap_or_default();
+    match name {
+        "V3" => "AVX2 and FMA".into(),
+        "V4" => "AVX-512".into(),
+        other => other.into(),
+    }
 }

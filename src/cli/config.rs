@@ -1,7 +1,7 @@
 //! `volseggs config`, and the options by which commands take a configuration.
 
 use super::CliError;
-use crate::config::layers::{Layers, Resolved, schema};
+use crate::config::layers::{Layers, Resolved, file_schema};
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use clap::{Args, Subcommand};
@@ -60,7 +60,7 @@ impl ConfigArgs {
         match self.action {
             Action::Show { source, json: false } => print!("{}", source.resolve()?.show()),
             Action::Show { source, json: true } => super::print_json(&source.resolve()?.value)?,
-            Action::Schema => super::print_json(&schema::<Config>())?,
+            Action::Schema => super::print_json(&file_schema::<Config>())?,
             Action::Presets => PRESETS.iter().for_each(|(name, text)| {
                 let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();
                 println!("{name}: {}", comment.join(" "));

@@ -22,7 +22,7 @@ use toml::{Table, Value};
 
 pub use error::{ConfigError, ValueError};
 use schema::View;
-pub use schema::schema;
+pub use schema::{file_schema, schema};
 use sources::{Leaf, Reader};
 use text::{dotted, one_line};
 

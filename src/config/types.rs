@@ -354,7 +354,7 @@ impl Default for Config {
                 log_scales: 5e-3,
                 opacity: 0.05,
                 sh: 2.5e-3,
-                sh_rest: 0.05,
+                sh_rest: 1.0,
                 encoder: 7e-3,
                 decoder: 7e-4,
                 final_fraction: 0.01,

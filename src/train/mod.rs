@@ -10,6 +10,8 @@ pub mod losses;
 pub mod optimizer;
 pub mod run;
 pub mod schedule;
+#[cfg(test)]
+mod tests;
 mod trainer;
 
 pub use trainer::{StepReport, TrainError, Trainer};

@@ -294,7 +294,6 @@ impl Trainer {
 
         let (config, extent) = (&self.config, self.extent);
         // taken out, so that the optimiser is the only owner of the memory and may write in place
-        // taken out, so that the optimiser is the only owner of the memory and may write in place
         if let Some(scene) = self.scene.take() {
             let rate = |name: &str| schedule::learning_rate(name, stage, config, extent);
             let (scene, bad) = self.optimizer.step(scene, &mut gradients, rate);

@@ -12,6 +12,30 @@ pub fn schema<T: JsonSchema>() -> Json {
     schemars::schema_for!(T).to_value()
 }
 
+/// The JSON schema of a configuration file for `T`: every key may be left out, since the layers below give
+/// it a value, and `extends` names the file or preset to start from.
+#[must_use]
+pub fn file_schema<T: JsonSchema>() -> Json {
+    let mut schema = schema::<T>();
+    relax(&mut schema);
+    if let Some(properties) = schema.get_mut("properties").and_then(Json::as_object_mut) {
+        let description = "File or preset whose values this file starts from.";
+        properties.insert("extends".into(), serde_json::json!({ "type": "string", "description": description }));
+    }
+    schema
+}
+
+fn relax(node: &mut Json) {
+    match node {
+        Json::Object(fields) => {
+            fields.remove("required");
+            fields.values_mut().for_each(relax);
+        }
+        Json::Array(items) => items.iter_mut().for_each(relax),
+        _ => {}
+    }
+}
+
 /// A node of the schema: all alternatives a value at this place may match.
 #[derive(Debug, Clone)]
 pub(super) struct View<'a> {

@@ -1,0 +1,212 @@
+//! The commands after training, as whole programs, on one small run.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use assert_cmd::Command;
+use common::{json, names, refused, text, train, volseggs, write_dataset};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use volseggs::export::ply::PlyGaussians;
+
+/// A folder with the dataset in `data` and a run in `run`, made once.
+fn root() -> &'static Path {
+    static ROOT: OnceLock<PathBuf> = OnceLock::new();
+    ROOT.get_or_init(|| {
+        let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("commands");
+        if root.exists() {
+            std::fs::remove_dir_all(&root).unwrap();
+        }
+        write_dataset(&root.join("data"));
+        train(&root, "run", &[]).assert().success();
+        root
+    })
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut program = volseggs();
+    let mut arguments = arguments.iter();
+    program.args(arguments.next());
+    program.arg(root().join("run")).args(arguments);
+    program
+}
+
+/// Standard output of a command that succeeds.
+fn output(program: &mut Command) -> String {
+    String::from_utf8(program.assert().success().get_output().stdout.clone()).unwrap()
+}
+
+fn is_png(path: &Path, width: u32, height: u32) {
+    let image = image::open(path).unwrap();
+    assert_eq!((image.width(), image.height()), (width, height), "{}", path.display());
+}
+
+#[test]
+fn eval_writes_tables_and_pictures() {
+    let summary: Value = serde_json::from_str(&output(&mut command(&["eval", "--json"]))).unwrap();
+    let folder = root().join("run/eval/test");
+    assert_eq!(names(&folder), ["contact-sheet.png", "mean.json", "psnr-over-time.svg", "views.csv"]);
+    assert_eq!(json(&folder.join("mean.json")), summary);
+    for field in ["psnr", "ssim", "ssim_gray", "fps", "training_seconds", "model_bytes", "gaussians", "views"] {
+        assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");
+    }
+    for field in ["lpips_alex", "lpips_vgg"] {
+        assert_eq!(summary.get(field), Some(&Value::Null), "{field}");
+    }
+    assert_eq!((&summary["views"], &summary["gaussians"], &summary["split"]), (&6.into(), &400.into(), &"test".into()));
+    let scene = root().join("run/checkpoints/step-000080/scene.safetensors");
+    assert_eq!(summary["model_bytes"], scene.metadata().unwrap().len());
+    assert_eq!(summary["training_seconds"], json(&root().join("run/run.json"))["training_seconds"]);
+
+    let csv = std::fs::read_to_string(folder.join("views.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|l| l.split(',').collect()).collect();
+    assert_eq!(rows[0], ["view", "time", "psnr", "ssim", "ssim_gray", "lpips_alex", "lpips_vgg"]);
+    assert_eq!(rows.len(), 7);
+    assert!(rows.iter().all(|r| r.len() == 7));
+    assert_eq!((rows[1][0], rows[1][1], rows[6][1]), ("r_000", "0.000000", "1.000000"));
+    let mean = rows[1..].iter().map(|r| r[2].parse::<f64>().unwrap()).sum::<f64>() / 6.0;
+    assert!((mean - summary["psnr"].as_f64().unwrap()).abs() < 1e-3);
+    let sheet = image::open(folder.join("contact-sheet.png")).unwrap();
+    assert!(sheet.width() >= 3 * 32 && sheet.height() >= 6 * 32);
+    assert!(std::fs::read_to_string(folder.join("psnr-over-time.svg")).unwrap().starts_with("<svg"));
+
+    let text = output(&mut command(&["eval", "--split", "train", "--views", "5"]));
+    assert!(text.contains("5 (32x32, train split)") && text.contains("LPIPS is null"), "{text}");
+    let csv = std::fs::read_to_string(root().join("run/eval/train/views.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 6);
+}
+
+#[test]
+fn eval_refuses_what_is_not_there() {
+    refused(&mut command(&["eval", "--split", "val"]), &["transforms_val.json"]);
+    refused(&mut command(&["eval", "--data", "/nowhere"]), &["/nowhere", "--data"]);
+    refused(&mut command(&["eval", "--views", "0"]), &["max_views"]);
+    refused(&mut command(&["eval", "--lpips-weights", "/nowhere.safetensors"]), &["/nowhere.safetensors"]);
+}
+
+#[test]
+fn render_along_paths() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| text(folder.path(), name);
+    let orbit = output(&mut command(&["render", "--path", "orbit", "--frames", "4", "--out", &out("orbit"), "--json"]));
+    let report: Value = serde_json::from_str(&orbit).unwrap();
+    assert_eq!((&report["frames"], &report["width"]), (&4.into(), &32.into()));
+    let path = folder.path().join("orbit");
+    assert_eq!(names(&path), ["0000.png", "0001.png", "0002.png", "0003.png", "animation.png"]);
+    is_png(&path.join("0003.png"), 32, 32);
+    let animation = std::fs::read(path.join("animation.png")).unwrap();
+    assert!(animation.windows(4).any(|w| w == b"acTL"));
+    assert_ne!(std::fs::read(path.join("0000.png")).unwrap(), std::fs::read(path.join("0002.png")).unwrap());
+
+    command(&["render", "--path", "test", "--size", "16", "--out", &out("test")]).assert().success();
+    let files = names(&folder.path().join("test"));
+    assert_eq!((files.len(), files[180].as_str()), (182, "0180.png"));
+    is_png(&folder.path().join("test/0180.png"), 16, 16);
+
+    let transforms = text(root(), "data/transforms_test.json");
+    command(&["render", "--path", &transforms, "--out", &out("file")]).assert().success();
+    assert_eq!(names(&folder.path().join("file")).len(), 7);
+
+    let still = ["render", "--camera", "3,-2,-1.5", "--time", "0.25", "--size", "24", "--out", &out("still")];
+    command(&still).assert().success();
+    assert_eq!(names(&folder.path().join("still")), ["0000.png"]);
+    is_png(&folder.path().join("still/0000.png"), 24, 24);
+    let image = image::open(folder.path().join("still/0000.png")).unwrap().to_rgb8();
+    assert!(image.pixels().any(|p| p.0 != [255; 3]), "nothing but background");
+}
+
+#[test]
+fn render_refuses_what_cannot_be_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path(), "out");
+    let cases: [(&[&str], &[&str]); 4] = [
+        (&["--time", "1.5"], &["--time", "1.5"]),
+        (&["--camera", "1,2"], &["--camera", "three numbers"]),
+        (&["--size", "0"], &["--size 0"]),
+        (&["--path", "spiral"], &["spiral"]),
+    ];
+    for (arguments, words) in cases {
+        let mut program = command(&["render", "--out", &out]);
+        refused(program.args(arguments), words);
+        assert!(!folder.path().join("out").exists());
+    }
+}
+
+#[test]
+fn export_writes_ply_files_of_the_convention() {
+    let folder = tempfile::tempdir().unwrap();
+    let one = folder.path().join("scene.ply");
+    command(&["export", "--time", "0.5", "--out", &text(folder.path(), "scene.ply")]).assert().success();
+    let bytes = std::fs::read(&one).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
+    let header = std::str::from_utf8(&bytes[..end]).unwrap();
+    let mut lines = header.lines();
+    assert_eq!(lines.next(), Some("ply"));
+    assert_eq!(lines.next(), Some("format binary_little_endian 1.0"));
+    assert_eq!(lines.next(), Some("element vertex 400"));
+    let properties: Vec<&str> = lines.map(|l| l.strip_prefix("property float ").unwrap()).collect();
+    let rest: Vec<String> = (0..9).map(|i| format!("f_rest_{i}")).collect();
+    let mut expected = vec!["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
+    expected.extend(rest.iter().map(String::as_str));
+    expected.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]);
+    assert_eq!(properties, expected);
+    assert_eq!(bytes.len() - end - 11, 400 * 4 * properties.len());
+
+    let gaussians = PlyGaussians::read(&one).unwrap();
+    assert_eq!((gaussians.len(), gaussians.sh_degree), (400, 1));
+    for q in &gaussians.rotations {
+        assert!((q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-4);
+    }
+    assert!(gaussians.means.iter().flatten().all(|v| v.abs() < 2.0));
+
+    let frames = text(folder.path(), "frames");
+    let report = output(&mut command(&["export", "--frames", "3", "--out", &frames, "--json"]));
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((report["gaussians"].as_u64(), report["files"].as_array().map(Vec::len)), (Some(400), Some(3)));
+    assert_eq!(names(&folder.path().join("frames")), ["0000.ply", "0001.ply", "0002.ply"]);
+    let read = |name: &str| PlyGaussians::read(&folder.path().join("frames").join(name)).unwrap();
+    assert_eq!(read("0001.ply"), gaussians, "the middle frame is time 0.5");
+    assert!(read("0000.ply").means != gaussians.means && read("0000.ply").sh == gaussians.sh);
+
+    refused(&mut command(&["export", "--time", "2", "--out", "x.ply"]), &["--time 2"]);
+    refused(&mut command(&["export", "--frames", "0", "--out", &text(folder.path(), "none")]), &["--frames 0"]);
+    assert!(!folder.path().join("none").exists());
+}
+
+#[test]
+fn config_shows_values_with_their_origins() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = text(folder.path(), "mine.toml");
+    std::fs::write(&file, "extends = \"quick\"\n[loss]\ntv = 0.5\n").unwrap();
+    let mut show = volseggs();
+    show.args(["config", "show", "--config", &file, "--set", "seed=7"]).env("VOLSEGGS_OPTIM__SH", "0.125");
+    let shown = output(&mut show);
+    let line = |key: &str| shown.lines().find(|l| l.trim_start().starts_with(key)).unwrap_or_else(|| panic!("{key}: {shown}"));
+    for (key, words) in [
+        ("seed", ["7", "--set"]),
+        ("tv =", ["0.5", "mine.toml:3"]),
+        ("points", ["20000", "preset quick"]),
+        ("sh =", ["0.125", "env VOLSEGGS_OPTIM__SH"]),
+        ("sh_rest", ["0.05", "default"]),
+    ] {
+        assert!(words.iter().all(|w| line(key).contains(w)), "{}", line(key));
+    }
+    assert!(shown.parse::<toml::Table>().is_ok(), "what is shown is TOML");
+    let value: Value = serde_json::from_str(&output(volseggs().args(["config", "show", "--config", "best", "--json"]))).unwrap();
+    assert!(value["densify"]["budget"].is_u64());
+    let words = ["--set", "unknown key `densify.budgett`", "did you mean `densify.budget`"];
+    refused(volseggs().args(["config", "show", "--set", "densify.budgett=3"]), &words);
+    let presets = output(volseggs().args(["config", "presets"]));
+    assert!(["best:", "quick:", "paper:", "official:"].iter().all(|p| presets.contains(p)), "{presets}");
+}
+
+#[test]
+fn the_schema_is_the_committed_one() {
+    let schema: Value = serde_json::from_str(&output(volseggs().args(["config", "schema"]))).unwrap();
+    assert!(schema["properties"]["densify"].is_object(), "{schema}");
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/schema.json");
+    if committed.exists() {
+        assert!(json(&committed) == schema, "run: volseggs config schema > configs/schema.json");
+    }
+}
