@@ -59,9 +59,18 @@ fn numbers_that_are_none() {
 
 #[test]
 fn matrices_of_another_shape_or_not_rigid() {
-    json_refused(|v| v["frames"][1]["transform_matrix"] = json!([[1.0, 0.0], [0.0, 1.0]]), &["frame 1", "`transform_matrix`", "2 rows"]);
-    json_refused(|v| v["frames"][1]["transform_matrix"][2] = json!([0.0, 1.0, 0.0]), &["frame 1", "`transform_matrix`", "row 2"]);
-    json_refused(|v| v["frames"][4]["transform_matrix"][0][0] = json!(7.0), &["frame 4", "`transform_matrix`", "orthonormal"]);
+    json_refused(
+        |v| v["frames"][1]["transform_matrix"] = json!([[1.0, 0.0], [0.0, 1.0]]),
+        &["frame 1", "`transform_matrix`", "2 rows"],
+    );
+    json_refused(
+        |v| v["frames"][1]["transform_matrix"][2] = json!([0.0, 1.0, 0.0]),
+        &["frame 1", "`transform_matrix`", "row 2"],
+    );
+    json_refused(
+        |v| v["frames"][4]["transform_matrix"][0][0] = json!(7.0),
+        &["frame 4", "`transform_matrix`", "orthonormal"],
+    );
     json_refused(|v| v["frames"][4]["transform_matrix"] = Value::Null, &["frame 4", "`transform_matrix`"]);
 }
 

@@ -182,18 +182,22 @@ fn config_shows_values_with_their_origins() {
     let mut show = volseggs();
     show.args(["config", "show", "--config", &file, "--set", "seed=7"]).env("VOLSEGGS_OPTIM__SH", "0.125");
     let shown = output(&mut show);
-    let line = |key: &str| shown.lines().find(|l| l.trim_start().starts_with(key)).unwrap_or_else(|| panic!("{key}: {shown}"));
+    let line = |key: &str| {
+        let found = shown.lines().find(|l| l.starts_with(&format!("{key} = ")));
+        found.unwrap_or_else(|| panic!("no {key} in {shown}"))
+    };
     for (key, words) in [
         ("seed", ["7", "--set"]),
-        ("tv =", ["0.5", "mine.toml:3"]),
-        ("points", ["20000", "preset quick"]),
-        ("sh =", ["0.125", "env VOLSEGGS_OPTIM__SH"]),
-        ("sh_rest", ["0.05", "default"]),
+        ("loss.tv", ["0.5", "mine.toml:3"]),
+        ("densify.budget", ["000", "preset quick:"]),
+        ("optim.sh", ["0.125", "env VOLSEGGS_OPTIM__SH"]),
+        ("init.box_half_size", ["1.3", "default"]),
     ] {
         assert!(words.iter().all(|w| line(key).contains(w)), "{}", line(key));
     }
     assert!(shown.parse::<toml::Table>().is_ok(), "what is shown is TOML");
-    let value: Value = serde_json::from_str(&output(volseggs().args(["config", "show", "--config", "best", "--json"]))).unwrap();
+    let value: Value =
+        serde_json::from_str(&output(volseggs().args(["config", "show", "--config", "best", "--json"]))).unwrap();
     assert!(value["densify"]["budget"].is_u64());
     let words = ["--set", "unknown key `densify.budgett`", "did you mean `densify.budget`"];
     refused(volseggs().args(["config", "show", "--set", "densify.budgett=3"]), &words);

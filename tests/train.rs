@@ -146,7 +146,8 @@ fn check_checkpoints(run: &Path) -> usize {
     let newest = listed.last().map(|(step, _)| checkpoint::folder_name(*step));
     assert_eq!(newest.as_ref(), named.last(), "{named:?} {other:?}");
     let device = DeviceName::Flex.open().unwrap();
-    if let Some((step, path)) = listed.last() {
+    assert_eq!(listed.len(), named.len(), "{named:?}");
+    for (step, path) in &listed {
         let state: State = serde_json::from_value(json(&path.join("state.json"))).unwrap();
         assert_eq!(state.step, *step);
         let scene = Scene::load(&path.join("scene.safetensors"), &device).unwrap();
@@ -181,6 +182,9 @@ fn a_killed_run_keeps_whole_checkpoints_and_ends_the_same() {
 
     train(root.path(), "killed", &more).arg("--resume").assert().success();
     check_checkpoints(&run);
+    for folder in [run.clone(), run.join("checkpoints")] {
+        assert!(names(&folder).iter().all(|n| !n.starts_with(".tmp-")), "temporaries are left in {}", folder.display());
+    }
     assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "a killed run ends elsewhere");
     assert_eq!(metrics(&run), metrics(&root.path().join("whole")));
     assert_eq!(json(&run.join("run.json"))["status"], "complete");

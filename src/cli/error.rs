@@ -45,8 +45,8 @@ impl From<DataError> for CliError {
 impl From<TrainError> for CliError {
     fn from(error: TrainError) -> Self {
         match error {
-            TrainError::Data(_) | TrainError::Config(_) | TrainError::Checkpoint(_) => Self::input(error),
-            TrainError::NotFinite { .. } | TrainError::Log { .. } => Self::failure(error),
+            TrainError::Data(_) | TrainError::Config(_) | TrainError::Resume(_) => Self::input(error),
+            TrainError::NotFinite { .. } | TrainError::Log { .. } | TrainError::Save(_) => Self::failure(error),
         }
     }
 }

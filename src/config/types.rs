@@ -185,6 +185,8 @@ pub struct LossConfig {
     pub dssim: f64,
     /// DSSIM counts in the last so many joint steps.
     pub dssim_last: usize,
+    /// Its weight rises from zero over the first so many of them; 1 switches it on at once.
+    pub dssim_ramp: usize,
     /// Weight of the squared error of alpha.
     pub alpha: f64,
     /// Weight of total variation on planes and lines.
@@ -342,6 +344,7 @@ impl Default for Config {
                 kind: LossKind::L2,
                 dssim: 0.2,
                 dssim_last: 5000,
+                dssim_ramp: 500,
                 alpha: 0.1,
                 tv: 1e-4,
                 tv_time: 1e-4,

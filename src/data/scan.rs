@@ -171,11 +171,10 @@ impl Scanner<'_> {
         }
         let matrix = DMat4::from_cols_array_2d(&[rows[0], rows[1], rows[2], expected]).transpose();
         let rotation = DMat3::from_mat4(matrix);
-        let error =
-            (rotation.transpose() * rotation - DMat3::IDENTITY)
-                .to_cols_array()
-                .iter()
-                .fold(0.0, |a: f64, x| if x.is_finite() { a.max(x.abs()) } else { f64::MAX });
+        let error = (rotation.transpose() * rotation - DMat3::IDENTITY)
+            .to_cols_array()
+            .iter()
+            .fold(0.0, |a: f64, x| if x.is_finite() { a.max(x.abs()) } else { f64::MAX });
         self.out.orthonormality_error = self.out.orthonormality_error.max(error);
         if error > ROTATION_TOLERANCE {
             let problem = format!("the rotation is not orthonormal (|R^T R - I| reaches {error:.3e})");

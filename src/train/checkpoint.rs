@@ -97,9 +97,15 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
     dir.commit_replacing().map_err(|e| file_error(&e))?;
     let all = list(run);
     for (_, old) in all.iter().take(all.len().saturating_sub(keep.max(1))) {
-        std::fs::remove_dir_all(old).map_err(|e| file_error(&e))?;
+        // renamed first: a kill in the middle leaves a temporary, never half a checkpoint
+        let doomed = old.with_file_name(format!(".tmp-{}-{}-0", folder_of(old), std::process::id()));
+        std::fs::rename(old, &doomed).and_then(|()| std::fs::remove_dir_all(&doomed)).map_err(|e| file_error(&e))?;
     }
     Ok(path)
+}
+
+fn folder_of(path: &Path) -> String {
+    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
 /// Takes a trainer, new from the same configuration and data, to where the checkpoint was.

@@ -4,7 +4,7 @@ use crate::model::params::{HostTensor, Path, to_vec};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use std::collections::BTreeMap;
-use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, adam};
+use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, NonFinite, adam};
 
 /// First and second moment of one parameter, flat, and the number of steps taken.
 #[derive(Clone, Debug)]
@@ -25,13 +25,22 @@ pub struct AdamConstants {
     pub sh_rest: f64,
 }
 
-/// A gradient that is not finite.
+/// A gradient or a parameter that is not finite.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct BadGradient {
+pub struct NotFinite {
     /// The parameter's name.
     pub name: String,
-    /// First element that is NaN or infinite.
-    pub element: usize,
+    /// Which of the two, and the element.
+    pub what: NonFinite,
+}
+
+impl std::fmt::Display for NotFinite {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.what {
+            NonFinite::Gradient(i) => write!(f, "the gradient of {} (element {i})", self.name),
+            NonFinite::Parameter(i) => write!(f, "{} (element {i})", self.name),
+        }
+    }
 }
 
 /// The optimiser's state.
@@ -48,14 +57,14 @@ impl Optimizer {
     }
 
     /// One step on every parameter that has a gradient and a rate. Gives the module back with the first
-    /// gradient that is not finite, if any: parameters visited before it have then been updated, and the
+    /// parameter or gradient that is not finite, if any: parameters visited before it have then been updated, and the
     /// caller stops and goes back to the last checkpoint.
     pub fn step<M: Module>(
         &mut self,
         module: M,
         gradients: &mut Gradients,
         rate: impl Fn(&str) -> Option<f64>,
-    ) -> (M, Option<BadGradient>) {
+    ) -> (M, Option<NotFinite>) {
         let mut stepper = Stepper { path: Path::default(), optimizer: self, gradients, rate, bad: None };
         let module = module.map(&mut stepper);
         (module, stepper.bad)
@@ -109,7 +118,7 @@ struct Stepper<'a, F> {
     optimizer: &'a mut Optimizer,
     gradients: &'a mut Gradients,
     rate: F,
-    bad: Option<BadGradient>,
+    bad: Option<NotFinite>,
 }
 
 impl<F: Fn(&str) -> Option<f64>> ModuleMapper for Stepper<'_, F> {
@@ -154,8 +163,8 @@ impl<F: Fn(&str) -> Option<f64>> ModuleMapper for Stepper<'_, F> {
         };
         let tensors = AdamTensors { param: value, moment_1: moments.first, moment_2: moments.second };
         let (out, bad) = adam(tensors, gradient.reshape([len]), step);
-        if let Some(element) = bad {
-            self.bad = Some(BadGradient { name: name.clone(), element });
+        if let Some(what) = bad {
+            self.bad = Some(NotFinite { name: name.clone(), what });
         }
         self.optimizer.moments.insert(name, Moments { first: out.moment_1, second: out.moment_2, steps });
         Param::from_tensor(Tensor::from_inner(out.param.reshape(dims)))

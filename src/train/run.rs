@@ -4,7 +4,7 @@ use super::checkpoint::{self, CheckpointError, State};
 use super::{StepReport, TrainError, Trainer};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
-use crate::files::write_atomic;
+use crate::files::{clean_stale, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
 use crate::metrics::psnr::psnr;
@@ -110,14 +110,20 @@ pub fn run(
         |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
     std::fs::create_dir_all(out).map_err(|e| log_error(out, &e))?;
     let fingerprint = dataset.fingerprint();
+    for folder in [out.clone(), out.join("checkpoints")] {
+        if folder.is_dir() {
+            clean_stale(&folder).map_err(|e| log_error(&folder, &e))?;
+        }
+    }
     let newest = checkpoint::list(out).pop().filter(|_| options.resume);
     let mut seconds_before = 0.0;
     if let Some((_, path)) = &newest {
-        let state = checkpoint::restore(path, &mut trainer, &options.config_toml, &fingerprint)?;
+        let state =
+            checkpoint::restore(path, &mut trainer, &options.config_toml, &fingerprint).map_err(TrainError::Resume)?;
         seconds_before = state.seconds;
     } else if !options.resume && !checkpoint::list(out).is_empty() {
         let reason = "holds checkpoints of another run; pass --resume to go on, or choose another --out".to_owned();
-        return Err(CheckpointError::File { path: out.clone(), reason }.into());
+        return Err(TrainError::Resume(CheckpointError::File { path: out.clone(), reason }));
     }
     let config_path = out.join("config.toml");
     write_atomic(&config_path, options.config_toml.as_bytes()).map_err(|e| log_error(&config_path, &e))?;
@@ -149,7 +155,10 @@ pub fn run(
         dataset: std::fs::canonicalize(&dataset.root).unwrap_or_else(|_| dataset.root.clone()),
         fingerprint: fingerprint.clone(),
         status: "running".into(),
-        ..RunRecord::default()
+        steps: first,
+        training_seconds: seconds_before,
+        gaussians: trainer.scene().gaussians.count(),
+        peak_memory_bytes: 0,
     };
     let record_path = out.join("run.json");
     let write_record = |record: &RunRecord| {
@@ -165,7 +174,7 @@ pub fn run(
             config: options.config_toml.clone(),
             seconds: seconds(),
         };
-        checkpoint::save(out, trainer, &state, config.output.keep)?;
+        checkpoint::save(out, trainer, &state, config.output.keep).map_err(TrainError::Save)?;
         Ok(())
     };
 
@@ -200,6 +209,10 @@ pub fn run(
         bar.set_message(text);
         if every(config.output.checkpoint_every) {
             save(&trainer)?;
+            record.steps = done;
+            record.training_seconds = seconds();
+            record.gaussians = report.gaussians;
+            write_record(&record)?;
             metrics.sync().map_err(|e| log_error(&metrics_path, &e))?;
             saved = true;
         }

@@ -43,12 +43,17 @@ impl Stage {
         matches!(self, Self::Joint(_))
     }
 
-    /// Whether DSSIM counts: in the last `loss.dssim_last` steps of the joint stage.
-    pub fn with_dssim(self, config: &Config) -> bool {
-        match self {
-            Self::Warmup(_) => false,
-            Self::Joint(s) => config.loss.dssim > 0.0 && s + config.loss.dssim_last >= config.stages.joint_steps,
+    /// Weight of DSSIM: on in the last `loss.dssim_last` steps of the joint stage, rising over the first
+    /// `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and Adam's second moment
+    /// takes some hundred steps to learn their size; switched on at once it throws the scene back.
+    pub fn dssim_weight(self, config: &Config) -> f64 {
+        let Self::Joint(s) = self else { return 0.0 };
+        let start = config.stages.joint_steps.saturating_sub(config.loss.dssim_last);
+        if s < start || config.loss.dssim_last == 0 {
+            return 0.0;
         }
+        let ramp = (s - start + 1) as f64 / config.loss.dssim_ramp.max(1) as f64;
+        config.loss.dssim * ramp.min(1.0)
     }
 }
 
@@ -103,9 +108,12 @@ mod tests {
     }
 
     #[test]
-    fn dssim_comes_late() {
-        let config = Config::default();
-        assert!(!Stage::Joint(14_999).with_dssim(&config));
-        assert!(Stage::Joint(15_000).with_dssim(&config));
+    fn dssim_comes_late_and_rises() {
+        let mut config = Config::default();
+        config.loss.dssim_ramp = 10;
+        let weight = |s| Stage::Joint(s).dssim_weight(&config);
+        assert_eq!(weight(14_999), 0.0);
+        assert!((weight(15_000) - 0.02).abs() < 1e-12);
+        assert_eq!((weight(15_009), weight(19_999)), (0.2, 0.2));
     }
 }

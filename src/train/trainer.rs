@@ -33,9 +33,12 @@ pub enum TrainError {
     /// The configuration contradicts itself.
     #[error("configuration: {0}")]
     Config(String),
-    /// A checkpoint or log cannot be written or read.
+    /// There is nothing to resume from, or it does not fit.
     #[error(transparent)]
-    Checkpoint(#[from] super::checkpoint::CheckpointError),
+    Resume(super::checkpoint::CheckpointError),
+    /// A checkpoint cannot be written.
+    #[error(transparent)]
+    Save(super::checkpoint::CheckpointError),
     /// A log cannot be written.
     #[error("{path}: {reason}")]
     Log {
@@ -156,10 +159,28 @@ fn check(config: &Config) -> Result<(), TrainError> {
             return bad(format!("model.{name} = 0: at least 1"));
         }
     }
+    let whole = serde_json::to_value(config).map_err(|e| TrainError::Config(e.to_string()))?;
+    if let Some(key) = not_a_rate(&whole, String::new()) {
+        return bad(format!("{key}: a finite number, 0 or above"));
+    }
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
     }
     Ok(())
+}
+
+/// The first number below 0 or not finite (which JSON writes as null): no key takes either.
+fn not_a_rate(value: &serde_json::Value, key: String) -> Option<String> {
+    match value {
+        serde_json::Value::Null => Some(key),
+        serde_json::Value::Number(n) => n.as_f64().is_none_or(|v| v < 0.0).then_some(key),
+        serde_json::Value::Array(items) => items.iter().find_map(|v| not_a_rate(v, key.clone())),
+        serde_json::Value::Object(fields) => fields.iter().find_map(|(name, v)| {
+            let dot = if key.is_empty() { "" } else { "." };
+            not_a_rate(v, format!("{key}{dot}{name}"))
+        }),
+        _ => None,
+    }
 }
 
 impl Trainer {
@@ -268,8 +289,9 @@ impl Trainer {
 
         let config = &self.config.loss;
         let mut loss = losses::photometric(drawn.image.clone(), target.clone(), config);
-        if stage.with_dssim(&self.config) {
-            loss = loss + losses::dssim(drawn.image.clone(), target.clone()).mul_scalar(config.dssim as f32);
+        let dssim = stage.dssim_weight(&self.config);
+        if dssim > 0.0 {
+            loss = loss + losses::dssim(drawn.image.clone(), target.clone()).mul_scalar(dssim as f32);
         }
         if stage.is_joint()
             && let Some(tv) = losses::smoothness(&self.scene().field.encoder, config)
@@ -299,8 +321,7 @@ impl Trainer {
             let (scene, bad) = self.optimizer.step(scene, &mut gradients, rate);
             self.scene = Some(scene);
             if let Some(bad) = bad {
-                let what = format!("the gradient of {} (element {})", bad.name, bad.element);
-                return Err(TrainError::NotFinite { step, what });
+                return Err(TrainError::NotFinite { step, what: bad.to_string() });
             }
         }
         lap(&mut times.adam);

@@ -99,7 +99,7 @@ fn rates(step: AdamStep) -> Vec<f32> {
         .collect()
 }
 
-fn first_non_finite(grad: &[f32]) -> Option<usize> {
+pub(super) fn first_non_finite(grad: &[f32]) -> Option<usize> {
     grad.par_chunks(TASK)
         .enumerate()
         .filter_map(|(chunk, grad)| {

@@ -9,4 +9,4 @@ pub mod reference;
 mod tests;
 
 pub use cpu::{AdamStep, LrPattern, NonFiniteGradient, adam_step};
-pub use ops::{AdamOps, AdamOutput, AdamTensors, adam};
+pub use ops::{AdamOps, AdamOutput, AdamTensors, NonFinite, adam};

@@ -1,6 +1,7 @@
 //! Adam as an op on tensors: parameter and moments in, updated ones out, in the same memory where the
 //! backend allows it. Not differentiable; call it on tensors without gradients.
 
+use super::cpu::first_non_finite;
 use super::{AdamStep, adam_step};
 use crate::backend::CpuBackend;
 use burn::backend::tensor::FloatTensor;
@@ -16,8 +17,17 @@ pub struct AdamOutput<B: Backend> {
     pub moment_1: FloatTensor<B>,
     /// Updated second moment.
     pub moment_2: FloatTensor<B>,
-    /// First element of the gradient that is not finite; then nothing was updated.
-    pub non_finite: Option<usize>,
+    /// First element that is not finite; then nothing was updated.
+    pub non_finite: Option<NonFinite>,
+}
+
+/// An element that is NaN or infinite, before the step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NonFinite {
+    /// In the gradient.
+    Gradient(usize),
+    /// In the parameter itself.
+    Parameter(usize),
 }
 
 /// The backend side of [`adam`].
@@ -46,8 +56,8 @@ pub struct AdamTensors<const D: usize> {
 
 /// One Adam step (PyTorch's semantics: epsilon outside the root, after bias correction).
 ///
-/// The second result is the index of the first gradient element that is NaN or infinite; then nothing
-/// was updated and the caller should stop.
+/// The second result is the first element of the parameter or of its gradient that is NaN or infinite; then
+/// nothing was updated and the caller should stop.
 ///
 /// # Panics
 /// If the shapes differ.
@@ -55,7 +65,7 @@ pub fn adam<const D: usize>(
     tensors: AdamTensors<D>,
     grad: Tensor<D>,
     step: AdamStep,
-) -> (AdamTensors<D>, Option<usize>) {
+) -> (AdamTensors<D>, Option<NonFinite>) {
     assert_eq!(tensors.param.dims(), grad.dims(), "adam: the gradient has the parameter's shape");
     let out = Dispatch::adam(
         tensors.param.into_dispatch(),
@@ -81,7 +91,10 @@ fn cpu<B: CpuBackend>(
     let (shape, device) = (param.shape(), param.device());
     let [m, v] = moments;
     let (mut param, mut m, mut v) = (B::into_values(param), B::into_values(m), B::into_values(v));
-    let non_finite = adam_step(&mut param, &B::values(grad), &mut m, &mut v, step).err().map(|e| e.index);
+    let non_finite = first_non_finite(&param).map(NonFinite::Parameter).or_else(|| {
+        let result = adam_step(&mut param, &B::values(grad), &mut m, &mut v, step);
+        result.err().map(|e| NonFinite::Gradient(e.index))
+    });
     AdamOutput {
         param: B::tensor(param, shape.clone(), &device),
         moment_1: B::tensor(m, shape.clone(), &device),
