@@ -311,7 +311,7 @@ impl Default for Config {
             seed: 0,
             data: DataConfig { downscale: 1, background: "white".into() },
             init: InitConfig {
-                points: 50_000,
+                points: 60_000,
                 placement: Placement::Hull,
                 box_half_size: 1.3,
                 scale: 0.6,
@@ -335,10 +335,10 @@ impl Default for Config {
                 deform_opacity: true,
             },
             stages: StagesConfig {
-                warmup_steps: 1500,
+                warmup_steps: 500,
                 warmup_times: WarmupTimes::Middle,
                 joint_steps: 20_000,
-                sh_every: 500,
+                sh_every: 0,
             },
             loss: LossConfig {
                 kind: LossKind::L2,
@@ -358,8 +358,8 @@ impl Default for Config {
                 opacity: 0.05,
                 sh: 2.5e-3,
                 sh_rest: 1.0,
-                encoder: 7e-3,
-                decoder: 7e-4,
+                encoder: 0.01,
+                decoder: 1.4e-3,
                 final_fraction: 0.01,
                 attributes_final_fraction: 0.1,
                 betas: [0.9, 0.999],

@@ -1,7 +1,7 @@
 //! Gaussians as a PLY file in the convention of the 3D Gaussian Splatting viewers.
 //!
 //! Values are stored as optimised: log scales, opacity logits, quaternions (w, x, y, z).
-//! Header parsing lives in [`header`]; nothing here knows the training code.
+//! Header parsing lives in `header`; nothing here knows the training code.
 
 mod header;
 #[cfg(test)]
