@@ -1,6 +1,8 @@
 //! A run folder as the commands after training see it.
 
 use super::CliError;
+use crate::config::PRESETS;
+use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
 use crate::data::{Split, SplitName};
@@ -34,8 +36,9 @@ impl RunFolder {
         };
         let record = serde_json::from_str(&read("run.json")?)
             .map_err(|e| CliError::input(format!("{}: {e}", path.join("run.json").display())))?;
-        let config = toml::from_str(&read("config.toml")?)
-            .map_err(|e| CliError::input(format!("{}: {e}", path.join("config.toml").display())))?;
+        // through the layers, so that a run from before a key existed still opens
+        let config_path = path.join("config.toml").to_string_lossy().into_owned();
+        let config = Layers::new(PRESETS).source(config_path).resolve::<Config>().map_err(CliError::input)?.value;
         Ok(Self { path: path.to_owned(), scene, scene_path, record, config })
     }
 
