@@ -1,4 +1,4 @@
-//! A 5x7 bitmap font for labels on pictures: digits, letters and `. : - / %`.
+//! A 5x7 bitmap font for labels on pictures: digits, letters and `. : - / % _`.
 
 use image::{Rgb, RgbImage};
 
@@ -53,6 +53,7 @@ fn glyph(c: char) -> [u8; 7] {
         '.' => [0, 0, 0, 0, 0, 12, 12],
         ':' => [0, 12, 12, 0, 12, 12, 0],
         '-' => [0, 0, 0, 31, 0, 0, 0],
+        '_' => [0, 0, 0, 0, 0, 0, 31],
         '/' => [1, 1, 2, 4, 8, 16, 16],
         '%' => [24, 25, 2, 4, 8, 19, 3],
         _ => [31, 17, 17, 17, 17, 17, 31],
