@@ -1,0 +1,145 @@
+//! Field, decoder, SSIM, total variation and Adam as tensor ops: the gradients that autodiff hands out are those of
+//! the f64 references, and every device gives the same bits.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+mod common;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use common::{Numbers, devices, relative_error, to_vec};
+use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
+use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
+use volseggs_kernels::ssim::{mean_ssim, reference as ssim_reference};
+use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
+
+fn values(n: usize, seed: u64) -> Vec<f32> {
+    let mut r = Numbers(seed);
+    (0..n).map(|_| r.next() as f32).collect()
+}
+
+fn wide(v: &[f32]) -> Vec<f64> {
+    v.iter().map(|&x| f64::from(x)).collect()
+}
+
+fn tensor<const D: usize>(v: &[f32], shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(v.to_vec(), shape), device)
+}
+
+fn shape() -> FieldShape {
+    let levels = vec![LevelShape { resolution: [5, 6, 7] }, LevelShape { resolution: [9, 4, 8] }];
+    FieldShape { levels, time_knots: 4, channels: 8 }
+}
+
+/// Runs `f` on every device with gradients and checks that all give the same bits; returns the first.
+fn on_all(f: impl Fn(&Device) -> Vec<Vec<f32>>) -> Vec<Vec<f32>> {
+    let results: Vec<_> = devices().into_iter().map(|(name, d)| (name, f(&d.autodiff()))).collect();
+    for (name, other) in &results[1..] {
+        assert!(*other == results[0].1, "{name} differs from {}", results[0].0);
+    }
+    results.into_iter().next().unwrap().1
+}
+
+#[test]
+fn field_gradients_are_those_of_the_reference_on_every_device() {
+    let shape = shape();
+    let n = 40;
+    let (planes, lines) = (values(shape.planes_len(), 1), values(shape.lines_len(), 2));
+    let (times, weights) = (values(shape.times_len(), 3), values(n * shape.features_len(), 4));
+    let points: Vec<f32> = values(3 * n, 5).iter().map(|v| 1.9 * v - 0.95).collect();
+    let ours = on_all(|device| {
+        let p = tensor(&planes, [planes.len()], device).require_grad();
+        let l = tensor(&lines, [lines.len()], device).require_grad();
+        let t = tensor(&times, [times.len()], device).require_grad();
+        let x = tensor(&points, [n, 3], device).require_grad();
+        let out = field(p.clone(), l.clone(), t.clone(), x.clone(), &shape, 0.37);
+        let g = (out.clone() * tensor(&weights, out.dims(), device)).sum().backward();
+        vec![
+            to_vec(out.inner()),
+            to_vec(p.grad(&g).unwrap()),
+            to_vec(l.grad(&g).unwrap()),
+            to_vec(t.grad(&g).unwrap()),
+            to_vec(x.grad(&g).unwrap()),
+        ]
+    });
+    let (planes, lines, times) = (wide(&planes), wide(&lines), wide(&times));
+    let params = field_reference::Params { planes: &planes, lines: &lines, times: &times };
+    let time = f64::from(0.37f32);
+    assert!(relative_error(&ours[0], &field_reference::forward(&shape, params, &wide(&points), time)) < 1e-5);
+    let g = field_reference::backward(&shape, params, &wide(&points), time, &wide(&weights));
+    for (ours, expected) in ours[1..].iter().zip([&g.planes, &g.lines, &g.times, &g.points]) {
+        assert!(relative_error(ours, expected) < 1e-5);
+    }
+}
+
+#[test]
+fn ssim_and_its_gradient_are_those_of_the_reference_on_every_device() {
+    let (h, w) = (19, 23);
+    let (a, b) = (values(3 * h * w, 6), values(3 * h * w, 7));
+    let ours = on_all(|device| {
+        let x = tensor(&a, [h, w, 3], device).require_grad();
+        let s = mean_ssim(x.clone(), tensor(&b, [h, w, 3], device));
+        let g = s.clone().mul_scalar(2.0).backward();
+        vec![to_vec(s.inner()), to_vec(x.grad(&g).unwrap())]
+    });
+    let (value, gradient) = ssim_reference::ssim_grad(&wide(&a), &wide(&b), h, w);
+    assert!((f64::from(ours[0][0]) - value).abs() < 1e-5);
+    let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
+    assert!(relative_error(&ours[1], &doubled) < 1e-3);
+}
+
+#[test]
+fn total_variation_has_the_gradient_of_its_value_on_every_device() {
+    let shape = shape();
+    let (planes, lines, times) =
+        (values(shape.planes_len(), 8), values(shape.lines_len(), 9), values(shape.times_len(), 10));
+    let weights = TvWeights { space: 1.0, time: 0.5, one_prior_space: 0.0, one_prior_time: 0.0 };
+    for kind in [TvKind::First, TvKind::Second] {
+        let run = |planes: &[f32], device: &Device| {
+            let p = tensor(planes, [planes.len()], device).require_grad();
+            let l = tensor(&lines, [lines.len()], device);
+            let t = tensor(&times, [times.len()], device);
+            let v = total_variation(p.clone(), l, t, &shape, kind, weights);
+            let g = v.backward();
+            vec![to_vec(v.inner()), to_vec(p.grad(&g).unwrap())]
+        };
+        let ours = on_all(|device| run(&planes, device));
+        // the penalty is quadratic: its central difference along any direction is exact but for rounding
+        let direction: Vec<f32> = values(planes.len(), 11).iter().map(|v| v - 0.5).collect();
+        let at = |h: f32| {
+            let moved: Vec<f32> = planes.iter().zip(&direction).map(|(p, d)| p + h * d).collect();
+            f64::from(run(&moved, &devices()[0].1.clone().autodiff())[0][0])
+        };
+        let numeric = (at(0.5) - at(-0.5)) / 1.0;
+        let analytic: f64 = ours[1].iter().zip(&direction).map(|(g, d)| f64::from(g * d)).sum();
+        assert!((numeric - analytic).abs() < 1e-4 * analytic.abs().max(0.1), "{numeric} against {analytic}");
+    }
+}
+
+#[test]
+fn adam_steps_alike_on_every_device_and_reports_what_is_not_finite() {
+    let step = AdamStep {
+        lr: 0.1,
+        beta1: 0.9,
+        beta2: 0.999,
+        eps: 1e-15,
+        bias_correction1: 0.1,
+        bias_correction2: 0.001,
+        lr_pattern: None,
+    };
+    let state = |device: &Device, param: &[f32]| AdamTensors {
+        param: tensor(param, [param.len()], device),
+        moment_1: Tensor::<1>::zeros([param.len()], device),
+        moment_2: Tensor::<1>::zeros([param.len()], device),
+    };
+    for (name, device) in devices() {
+        let (out, bad) = adam(state(&device, &[1.0, 2.0]), tensor(&[3.0, -4.0], [2], &device), step);
+        assert_eq!(bad, None);
+        // the first step moves every element by the learning rate, against its gradient
+        for (v, expected) in to_vec(out.param).iter().zip([0.9f32, 2.1]) {
+            assert!((v - expected).abs() < 1e-5, "{name}: {v}");
+        }
+        let (out, bad) = adam(state(&device, &[1.0, 2.0]), tensor(&[3.0, f32::NAN], [2], &device), step);
+        assert_eq!((bad, to_vec(out.param)), (Some(NonFinite::Gradient(1)), vec![1.0, 2.0]), "{name}");
+        let (_, bad) = adam(state(&device, &[f32::INFINITY, 2.0]), tensor(&[3.0, 1.0], [2], &device), step);
+        assert_eq!(bad, Some(NonFinite::Parameter(0)), "{name}");
+    }
+}
