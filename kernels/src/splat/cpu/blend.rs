@@ -9,7 +9,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Pixels of a tile.
-pub(super) const AREA: usize = TILE * TILE;
+const AREA: usize = TILE * TILE;
 
 /// A per-pixel quantity of a tile, row-major, aligned for the widest vectors.
 #[derive(Clone, Copy)]

@@ -5,7 +5,7 @@
 //! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per
 //! tile and Gaussian; per-Gaussian sums are then merged in the order of the tiles.
 
-use super::blend::{AREA, COLUMN_CENTRES, Plane, Tile, TileArea, row_range};
+use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range};
 use super::lanes::{any, exp2};
 use super::{Saved, TILE};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
@@ -31,7 +31,7 @@ pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &Splat
             };
             let mut sums = vec![[0.0; 9]; used];
             if used > 0 {
-                let mut pixels = PixelGradients::load(&tile.area, width, grad_image, &saved.image, settings);
+                let mut pixels = PixelGradients::load(&tile.area, width, grad_image, &saved.image);
                 arch.dispatch(BlendBackwardTile { tile: &tile, pixels: &mut pixels, sums: &mut sums });
             }
             sums
@@ -69,10 +69,8 @@ struct PixelGradients {
 }
 
 impl PixelGradients {
-    fn load(area: &TileArea, width: usize, grad: &[f32], image: &[f32], settings: &SplatSettings) -> Box<Self> {
+    fn load(area: &TileArea, width: usize, grad: &[f32], image: &[f32]) -> Box<Self> {
         let mut out = Box::new(Self { v: [Plane::ZERO; 4], behind: Plane::ZERO });
-        debug_assert_eq!(AREA, out.behind.0.len());
-        let _ = settings;
         for r in 0..area.rows {
             for c in 0..area.columns {
                 let at = ((area.y0 + r) * width + area.x0 + c) * 4;
