@@ -87,14 +87,12 @@ impl InspectArgs {
             .ok()
             .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
         let steps: Vec<usize> = checkpoints.iter().map(|(s, _)| *s).collect();
-        let mut whole = Vec::new();
         for (_, path) in &checkpoints {
             for name in ["scene.safetensors", "optimizer.safetensors"] {
                 read_tensors(&path.join(name)).map_err(CliError::input)?;
             }
-            whole.push(path);
         }
-        self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": whole.len() }))
+        self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": steps.len() }))
     }
 
     fn tensors(&self, path: &Path) -> Result<(), CliError> {

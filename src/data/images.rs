@@ -111,11 +111,21 @@ impl ImageSet {
         let image = self.frame(frame);
         assert_eq!(out.len() * 4, image.len() * 3, "composite: `out` must hold height * width * 3 values");
         for (pixel, out) in image.chunks_exact(4).zip(out.chunks_exact_mut(3)) {
-            let a = f32::from(pixel[3]) / 255.0;
-            for c in 0..3 {
-                out[c] = f32::from(pixel[c]) / 255.0 * a + background[c] * (1.0 - a);
-            }
+            let [r, g, b, _] = over(pixel, background);
+            out.copy_from_slice(&[r, g, b]);
         }
+    }
+
+    /// Image `frame` over `background` with its alpha, `[height, width, 4]`, all in [0, 1].
+    ///
+    /// # Panics
+    /// If `frame` is not below `len()`.
+    #[must_use]
+    pub fn composite_with_alpha(&self, frame: usize, background: [f32; 3]) -> Vec<f32> {
+        let image = self.frame(frame);
+        let mut out = Vec::with_capacity(image.len());
+        image.chunks_exact(4).for_each(|pixel| out.extend_from_slice(&over(pixel, background)));
+        out
     }
 
     /// The alpha of image `frame` into `out` `[height * width]`, in [0, 1].
@@ -129,6 +139,13 @@ impl ImageSet {
             *out = f32::from(pixel[3]) / 255.0;
         }
     }
+}
+
+/// A straight-alpha pixel over a background, and its alpha.
+fn over(pixel: &[u8], background: [f32; 3]) -> [f32; 4] {
+    let a = f32::from(pixel[3]) / 255.0;
+    let channel = |c: usize| f32::from(pixel[c]) / 255.0 * a + background[c] * (1.0 - a);
+    [channel(0), channel(1), channel(2), a]
 }
 
 /// Decodes one PNG to 8-bit RGBA; the error says what is wrong with it.

@@ -372,14 +372,7 @@ fn warmup_views(split: &Split, times: WarmupTimes) -> Vec<usize> {
 /// The view over the background, with its alpha: `[H, W, 4]`.
 fn target(split: &Split, view: usize, background: [f32; 3], device: &Device) -> Tensor<3> {
     let (h, w) = (split.images.height as usize, split.images.width as usize);
-    let mut values = Vec::with_capacity(4 * h * w);
-    for p in split.images.frame(view).chunks_exact(4) {
-        let a = f32::from(p[3]) / 255.0;
-        for c in 0..3 {
-            values.push(f32::from(p[c]) / 255.0 * a + background[c] * (1.0 - a));
-        }
-        values.push(a);
-    }
+    let values = split.images.composite_with_alpha(view, background);
     Tensor::from_data(TensorData::new(values, [h, w, 4]), device)
 }
 

@@ -18,6 +18,7 @@ use bin::Bins;
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
 use project::Splat2d;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Tile side in pixels.
@@ -40,7 +41,12 @@ pub(super) struct Attributes<'a> {
     pub sh_stride: usize,
 }
 
-impl Attributes<'_> {
+impl<'a> Attributes<'a> {
+    /// Views of the five arrays, in the order of the op's inputs.
+    fn new([means, rotations, log_scales, opacity_logits, sh]: &'a [Cow<'_, [f32]>; 5], sh_stride: usize) -> Self {
+        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride }
+    }
+
     fn len(&self) -> usize {
         self.opacity_logits.len()
     }
@@ -76,22 +82,8 @@ trait CpuSplat: CpuBackend {
         let device = tensors[0].device();
         let n = tensors[0].shape()[0];
         let sh_stride = tensors[4].shape()[1];
-        let [means, rotations, log_scales, opacity_logits, sh] = &tensors;
-        let values = (
-            Self::values(means),
-            Self::values(rotations),
-            Self::values(log_scales),
-            Self::values(opacity_logits),
-            Self::values(sh),
-        );
-        let attributes = Attributes {
-            means: &values.0,
-            rotations: &values.1,
-            log_scales: &values.2,
-            opacity_logits: &values.3,
-            sh: &values.4,
-            sh_stride,
-        };
+        let values = tensors.each_ref().map(Self::values);
+        let attributes = Attributes::new(&values, sh_stride);
         let (image, radii, saved) = forward(attributes, &Self::values(&offsets), &settings);
         SplatForward {
             image: Self::tensor(image, [settings.camera.height, settings.camera.width, 4], &device),
@@ -109,23 +101,9 @@ trait CpuSplat: CpuBackend {
         let device = tensors[0].device();
         let n = tensors[0].shape()[0];
         let sh_stride = tensors[4].shape()[1];
+        let values = tensors.each_ref().map(Self::values);
+        let attributes = Attributes::new(&values, sh_stride);
         let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
-        let [means, rotations, log_scales, opacity_logits, sh] = &tensors;
-        let values = (
-            Self::values(means),
-            Self::values(rotations),
-            Self::values(log_scales),
-            Self::values(opacity_logits),
-            Self::values(sh),
-        );
-        let attributes = Attributes {
-            means: &values.0,
-            rotations: &values.1,
-            log_scales: &values.2,
-            opacity_logits: &values.3,
-            sh: &values.4,
-            sh_stride,
-        };
         let screen = blend_backward::blend_backward(saved, &Self::values(&grad_image), &settings);
         let g = project_backward::project_backward(attributes, &saved.splats, &screen, &settings);
         SplatGradients {
