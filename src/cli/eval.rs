@@ -3,14 +3,12 @@
 use super::run_folder::RunFolder;
 use super::{CliError, Common, print_json};
 use crate::data::SplitName;
-use crate::eval::plot::{Series, line_plot};
-use crate::eval::run::{Costs, evaluate, to_csv};
-use crate::export::images::encode_png;
-use crate::files::write_atomic;
+use crate::eval::results::write_results;
+use crate::eval::run::{Costs, evaluate};
 use crate::metrics::lpips::Lpips;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
@@ -62,20 +60,7 @@ impl EvalArgs {
         bar.finish_and_clear();
 
         let folder = run.path.join("eval").join(self.split.as_str());
-        std::fs::create_dir_all(&folder).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
-        let write = |name: &str, bytes: &[u8]| -> Result<(), CliError> {
-            let path: &Path = &folder.join(name);
-            write_atomic(path, bytes).map_err(|e| CliError::failure(format!("{}: {e}", path.display())))
-        };
-        write("views.csv", to_csv(&evaluation.views).as_bytes())?;
-        write("mean.json", &serde_json::to_vec_pretty(&evaluation.summary).map_err(CliError::failure)?)?;
-        let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.psnr)).collect();
-        points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let series = [Series { name: self.split.to_string(), points }];
-        write("psnr-over-time.svg", line_plot("PSNR over time", "time", "dB", &series).as_bytes())?;
-        if let Some(sheet) = &evaluation.sheet {
-            write("contact-sheet.png", &encode_png(sheet).map_err(CliError::failure)?)?;
-        }
+        write_results(&folder, &evaluation).map_err(CliError::failure)?;
         let s = &evaluation.summary;
         if self.common.json {
             return print_json(s);

@@ -1,5 +1,6 @@
 //! `volseggs inspect`
 
+use super::inspect_volume::{inspect_volume, is_volume};
 use super::{CliError, print_json};
 use crate::data::inspect::inspect;
 use crate::data::layout::layout_picture;
@@ -8,19 +9,23 @@ use crate::export::ply::PlyGaussians;
 use crate::files::write_atomic;
 use crate::model::scene::read_tensors;
 use crate::train::checkpoint;
+use crate::volume::formats::READ;
 use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Show what a dataset, a run, a PLY or a checkpoint holds, and check it.
+/// Show what a volume, a dataset, a run, a PLY or a checkpoint holds, and check it.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs inspect DATASET --picture cameras.png\n  volseggs inspect checkpoints/first\n  volseggs inspect scene.ply --json\n\nExit code 2 if a check fails."
+    after_help = "Examples:\n  volseggs inspect volume.nrrd --transfer-function fire --picture histogram.png\n  volseggs inspect 'run/*.nrrd'\n  volseggs inspect DATASET --picture cameras.png\n  volseggs inspect checkpoints/first\n  volseggs inspect scene.ply --json\n\nExit code 2 if a check fails."
 )]
 pub struct InspectArgs {
-    /// Dataset folder, run folder, .ply or .safetensors file.
+    /// Volume file, folder or glob of volumes, dataset folder, run folder, .ply or .safetensors file.
     path: PathBuf,
-    /// Draw the camera layout of a dataset into this PNG file.
+    /// Transfer function to draw over a volume's histogram: a .toml or .json file, or a preset.
+    #[arg(long, value_name = "TF")]
+    transfer_function: Option<String>,
+    /// Draw the camera layout of a dataset, or the histogram of a volume, into this PNG file.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
     /// Print one JSON object.
@@ -40,9 +45,11 @@ impl InspectArgs {
             self.show(&json!({ "kind": "ply", "gaussians": ply.len(), "sh_degree": ply.sh_degree }))
         } else if extension == Some("safetensors") {
             self.tensors(&self.path)
+        } else if is_volume(&self.path) {
+            inspect_volume(&self.path, self.transfer_function.as_deref(), self.picture.as_deref(), self.json)
         } else {
             Err(CliError::input(format!(
-                "{}: not a dataset (transforms_*.json), a run (checkpoints/), a .ply or a .safetensors file",
+                "{}: not a volume ({READ}), a dataset (transforms_*.json), a run (checkpoints/), a .ply or a .safetensors file",
                 self.path.display()
             )))
         }
@@ -73,7 +80,7 @@ impl InspectArgs {
             let options = OpenOptions { splits: &[SplitName::Train], ..OpenOptions::default() };
             let dataset = Dataset::open(&self.path, &options)?;
             let bounds: Aabb = VisualHull::carve(&dataset.train, &crate::data::hull::HullOptions::default())?.bounds;
-            let image = image::DynamicImage::ImageRgba8(layout_picture(&dataset.train.frames, &bounds)).to_rgb8();
+            let image = layout_picture(&dataset.train.frames, &bounds);
             let bytes = crate::export::images::encode_png(&image).map_err(CliError::failure)?;
             write_atomic(picture, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", picture.display())))?;
             eprintln!("camera layout: {}", picture.display());

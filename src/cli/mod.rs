@@ -1,11 +1,14 @@
 //! The command line: one file a command, each turning arguments into a library call.
 
 mod config;
+mod demo;
 mod doctor;
 mod error;
 mod eval;
 mod export;
 mod inspect;
+mod inspect_volume;
+mod prepare;
 mod render;
 mod run_folder;
 mod train;
@@ -20,7 +23,7 @@ use clap::{Args, Parser, Subcommand};
 #[derive(Debug, Parser)]
 #[command(name = "volseggs", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Start here:\n  volseggs inspect DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs render RUN --path orbit --out FRAMES"
+    after_help = "Start here:\n  volseggs demo\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs render RUN --path orbit --out FRAMES"
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -29,6 +32,8 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::DemoArgs),
+    Prepare(Box<prepare::PrepareArgs>),
     Train(train::TrainArgs),
     Eval(eval::EvalArgs),
     Render(render::RenderArgs),
@@ -70,6 +75,8 @@ impl Cli {
     /// A message for the terminal, with the exit code.
     pub fn run(self) -> Result<(), CliError> {
         match self.command {
+            Command::Demo(args) => args.run(),
+            Command::Prepare(args) => args.run(),
             Command::Train(args) => args.run(),
             Command::Eval(args) => args.run(),
             Command::Render(args) => args.run(),

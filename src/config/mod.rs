@@ -7,6 +7,7 @@ pub mod types;
 pub const PRESETS: &[(&str, &str)] = &[
     ("best", include_str!("../../configs/best.toml")),
     ("quick", include_str!("../../configs/quick.toml")),
+    ("demo", include_str!("../../configs/demo.toml")),
     ("paper", include_str!("../../configs/paper.toml")),
     ("official", include_str!("../../configs/official.toml")),
 ];

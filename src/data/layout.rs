@@ -1,12 +1,11 @@
-//! A picture of where the cameras stand: seen from above and from the front, coloured by time. Pixels are drawn
-//! here directly; no fonts, no plotting library.
+//! A picture of where the cameras stand: seen from above and from the front, coloured by time.
 
 use glam::{DVec2, DVec3};
-use image::{Rgba, RgbaImage};
+use image::{Rgb, RgbImage};
 
 use super::dataset::Frame;
 use super::hull::Aabb;
-use super::layout_text::{draw_text, text_width};
+use crate::draw::font::{draw_text, text_width};
 
 const PANEL: u32 = 640;
 const MARGIN: u32 = 32;
@@ -29,9 +28,9 @@ struct Panel {
 /// Draws the cameras of `frames` and the box of the data, from above (x right, y up) and from the front (x right,
 /// z up), both to one scale; 1376 x 760 pixels. Dots and small frusta are coloured by time.
 #[must_use]
-pub fn layout_picture(frames: &[Frame], bounds: &Aabb) -> RgbaImage {
+pub fn layout_picture(frames: &[Frame], bounds: &Aabb) -> RgbImage {
     let (width, height) = (2 * PANEL + 3 * MARGIN, HEADER + PANEL + FOOTER);
-    let mut canvas = Canvas(RgbaImage::from_pixel(width, height, rgba(PAPER)));
+    let mut canvas = Canvas(RgbImage::from_pixel(width, height, Rgb(PAPER)));
     let reach = frames.iter().map(|f| f.camera.position()).filter(|p| p.is_finite());
     let ends = reach.chain([bounds.min, bounds.max]).map(|p| p.abs().max_element()).fold(1e-9, f64::max);
     let scale = 0.5 * f64::from(PANEL) / (1.12 * ends);
@@ -47,14 +46,14 @@ pub fn layout_picture(frames: &[Frame], bounds: &Aabb) -> RgbaImage {
     canvas.0
 }
 
-struct Canvas(RgbaImage);
+struct Canvas(RgbImage);
 
 impl Canvas {
     fn panel(&mut self, panel: &Panel, frames: &[Frame], bounds: &Aabb, scale: f64, ends: f64) {
         let half = 0.5 * f64::from(PANEL);
         let middle = DVec2::new(panel.left + half, f64::from(HEADER) + half);
         let at = |p: DVec3| middle + scale * DVec2::new(p[panel.right], -p[panel.up]);
-        draw_text(&mut self.0, panel.left as i64, 16, 2, panel.title, INK);
+        draw_text(&mut self.0, panel.left as u32, 16, 2, INK, panel.title);
         // Lines at whole units of 1, 2 or 5 times a power of ten.
         let step = nice_step(ends / 4.0);
         let lines = (half / scale / step).floor() as i64;
@@ -95,27 +94,27 @@ impl Canvas {
             }
         }
         let text = format!("GRID {step}");
-        let x = panel.left + f64::from(PANEL) - f64::from(text_width(&text, 2));
-        draw_text(&mut self.0, x as i64, 16, 2, &text, [130, 136, 142]);
+        let x = (panel.left + f64::from(PANEL) - f64::from(text_width(&text, 2))).max(0.0);
+        draw_text(&mut self.0, x as u32, 16, 2, [130, 136, 142], &text);
     }
 
     fn legend(&mut self, frames: &[Frame], width: u32, height: u32) {
         let (y, bar) = (f64::from(height - FOOTER + 26), 360.0);
         let left = f64::from(MARGIN);
-        draw_text(&mut self.0, left as i64, y as i64 + 3, 2, "TIME 0", INK);
+        draw_text(&mut self.0, left as u32, y as u32 + 3, 2, INK, "TIME 0");
         let start = left + f64::from(text_width("TIME 0", 2)) + 12.0;
         for x in 0..bar as u32 {
             let colour = time_colour(f64::from(x) / bar);
             let at = DVec2::new(start + f64::from(x) + 0.5, y);
             self.line(at, at + DVec2::new(0.0, 20.0), 1.0, colour, 1.0);
         }
-        draw_text(&mut self.0, (start + bar) as i64 + 12, y as i64 + 3, 2, "1", INK);
+        draw_text(&mut self.0, (start + bar) as u32 + 12, y as u32 + 3, 2, INK, "1");
         let x = f64::from(width / 2 + MARGIN / 2);
         self.rectangle(DVec2::new(x, y), DVec2::new(x + 20.0, y + 20.0), 2.0, BOX);
-        draw_text(&mut self.0, x as i64 + 32, y as i64 + 3, 2, "BOX OF THE DATA", INK);
+        draw_text(&mut self.0, x as u32 + 32, y as u32 + 3, 2, INK, "BOX OF THE DATA");
         let text = format!("{} VIEWS", frames.len());
-        let x = i64::from(width) - i64::from(MARGIN) - i64::from(text_width(&text, 2));
-        draw_text(&mut self.0, x, y as i64 + 3, 2, &text, INK);
+        let x = width.saturating_sub(MARGIN + text_width(&text, 2));
+        draw_text(&mut self.0, x, y as u32 + 3, 2, INK, &text);
     }
 
     fn rectangle(&mut self, a: DVec2, b: DVec2, thickness: f64, colour: [u8; 3]) {
@@ -186,10 +185,6 @@ fn nice_step(x: f64) -> f64 {
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|k| k * power).find(|s| *s >= 0.999 * x).unwrap_or(power)
 }
 
-fn rgba([r, g, b]: [u8; 3]) -> Rgba<u8> {
-    Rgba([r, g, b, 255])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -211,10 +206,10 @@ mod tests {
         assert_eq!(picture.dimensions(), (1376, 760));
         let scale = 320.0 / (1.12 * 4.0);
         let pixel = |x: f64, y: f64| picture.get_pixel(x as u32, y as u32).0;
-        let purple = rgba(time_colour(0.0)).0;
+        let purple = time_colour(0.0);
         assert_eq!(pixel(352.0 + 2.0 * scale, 368.0 + 4.0 * scale), purple);
         assert_eq!(pixel(1024.0 + 2.0 * scale, 368.0), purple);
-        assert_eq!(pixel(352.0 + scale, 368.0 + 0.3 * scale), rgba(BOX).0);
+        assert_eq!(pixel(352.0 + scale, 368.0 + 0.3 * scale), BOX);
     }
 
     #[test]
@@ -241,7 +236,7 @@ mod tests {
         let options = OpenOptions { downscale: 1, splits: &[], max_views: None };
         let dataset = Dataset::open(&root, &options).unwrap();
         let picture = layout_picture(&dataset.train.frames, &Aabb::cube(DVec3::ZERO, 0.54));
-        let marked = picture.pixels().filter(|p| p.0 != rgba(PAPER).0).count();
+        let marked = picture.pixels().filter(|p| p.0 != PAPER).count();
         assert!(marked > 20_000, "{marked}");
         if let Some(folder) = std::env::var_os("VOLSEGGS_TEST_OUT") {
             picture.save(std::path::Path::new(&folder).join("layout.png")).unwrap();

@@ -11,7 +11,6 @@ pub mod images;
 pub mod inspect;
 mod inspect_views;
 pub mod layout;
-mod layout_text;
 mod lenient;
 pub mod paths;
 pub mod scan;

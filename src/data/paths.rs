@@ -59,6 +59,53 @@ pub fn training_cameras(n: usize, radius: f64, lens: Lens) -> Vec<Camera> {
     fibonacci(n, radius).into_iter().map(|eye| lens.at(eye)).collect()
 }
 
+/// A world axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// x.
+    X,
+    /// y.
+    Y,
+    /// z.
+    Z,
+}
+
+impl std::str::FromStr for Axis {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "x" => Ok(Self::X),
+            "y" => Ok(Self::Y),
+            "z" => Ok(Self::Z),
+            _ => Err(format!("`{text}` is not an axis; use x, y or z")),
+        }
+    }
+}
+
+/// `n` cameras that look along `axis` or against it, within `angle` (radians) of it: two caps of the sphere, each
+/// covered evenly. These are the view sets biased along one axis of the paper's last table, which gives no angle.
+#[must_use]
+pub fn biased(n: usize, radius: f64, axis: Axis, angle: f64, lens: Lens) -> Vec<Camera> {
+    let golden = (3.0 - 5f64.sqrt()) * PI;
+    let cap = 1.0 - angle.clamp(0.0, FRAC_PI_2).cos();
+    (0..n)
+        .map(|i| {
+            let side = if i % 2 == 0 { 1.0 } else { -1.0 };
+            let along = 1.0 - cap * ((i / 2) as f64 + 0.5) / n.div_ceil(2) as f64;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            let across = (1.0 - along * along).sqrt();
+            let (a, b, c) = (across * cos, across * sin, side * along);
+            let point = match axis {
+                Axis::X => DVec3::new(c, a, b),
+                Axis::Y => DVec3::new(b, c, a),
+                Axis::Z => DVec3::new(a, b, c),
+            };
+            lens.at(radius * point)
+        })
+        .collect()
+}
+
 /// `count` time indices evenly spread over `0..total`, rounded down: 30 of 100 give 0, 3, 6, 10, 13, ... 99.
 #[must_use]
 pub fn time_indices(count: usize, total: usize) -> Vec<usize> {

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-use super::font::{GLYPH_HEIGHT, draw_text};
+use crate::draw::font::{GLYPH_HEIGHT, draw_text};
 
 /// Longest side of a picture on the sheet, in pixels.
 const MAX_SIDE: usize = 400;

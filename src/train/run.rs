@@ -7,6 +7,7 @@ use crate::data::{Dataset, Split};
 use crate::files::{clean_stale, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
+use crate::memory::peak_memory;
 use crate::metrics::psnr::psnr;
 use burn::tensor::Device;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -299,11 +300,4 @@ fn quick_psnr(trainer: &Trainer, split: &Split, views: usize) -> f64 {
         sum += psnr(&rgb, &truth).unwrap_or(f64::NAN);
     }
     sum / views as f64
-}
-
-/// Peak resident memory of this process, bytes; 0 where the system does not tell.
-pub fn peak_memory() -> u64 {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok()).map_or(0, |kib| kib * 1024)
 }

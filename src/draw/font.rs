@@ -1,4 +1,4 @@
-//! A 5x7 bitmap font for labels on pictures: digits, letters and `. : - / % _`.
+//! A 5x7 bitmap font for labels on pictures: digits, letters and `. , : - + / % _ = ( )`.
 
 use image::{Rgb, RgbImage};
 
@@ -51,6 +51,11 @@ fn glyph(c: char) -> [u8; 7] {
         'Y' => [17, 17, 10, 4, 4, 4, 4],
         'Z' => [31, 1, 2, 4, 8, 16, 31],
         '.' => [0, 0, 0, 0, 0, 12, 12],
+        ',' => [0, 0, 0, 0, 12, 4, 8],
+        '+' => [0, 4, 4, 31, 4, 4, 0],
+        '=' => [0, 0, 31, 0, 31, 0, 0],
+        '(' => [2, 4, 8, 8, 8, 4, 2],
+        ')' => [8, 4, 2, 2, 2, 4, 8],
         ':' => [0, 12, 12, 0, 12, 12, 0],
         '-' => [0, 0, 0, 31, 0, 0, 0],
         '_' => [0, 0, 0, 0, 0, 0, 31],
@@ -58,6 +63,12 @@ fn glyph(c: char) -> [u8; 7] {
         '%' => [24, 25, 2, 4, 8, 19, 3],
         _ => [31, 17, 17, 17, 17, 17, 31],
     }
+}
+
+/// Width of `text` in pixels, each font pixel `scale` pixels wide.
+#[must_use]
+pub fn text_width(text: &str, scale: u32) -> u32 {
+    (text.chars().count() as u32 * ADVANCE * scale).saturating_sub(scale)
 }
 
 /// Draws `text` with its top left corner at (`x`, `y`), each font pixel `scale` pixels wide;
@@ -88,7 +99,7 @@ mod tests {
 
     #[test]
     fn every_promised_character_has_a_glyph_of_its_own() {
-        let text = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ.:-/% ";
+        let text = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ.,:-+/%_=() ";
         let mut glyphs: Vec<_> = text.chars().map(glyph).collect();
         glyphs.push(glyph('?'));
         assert!(glyphs.iter().flatten().all(|row| *row < 32));
@@ -96,6 +107,7 @@ mod tests {
         glyphs.dedup();
         assert_eq!(glyphs.len(), text.len() + 1);
         assert_eq!(glyph('q'), glyph('Q'));
+        assert_eq!((text_width("AB", 2), text_width("", 2)), (22, 0));
     }
 
     #[test]

@@ -1,0 +1,66 @@
+//! `volseggs inspect` on volumes and transfer functions: what they hold, and a picture of both.
+
+use super::{CliError, print_json};
+use crate::export::images::encode_png;
+use crate::files::write_atomic;
+use crate::volume::formats::format_of;
+use crate::volume::picture::transfer_picture;
+use crate::volume::series::{Series, SeriesOptions};
+use crate::volume::transfer::TransferFunction;
+use serde_json::json;
+use std::path::Path;
+
+/// Bars of the histogram.
+const BINS: usize = 256;
+
+/// Whether a path is a volume, a folder of volumes or a glob.
+pub(super) fn is_volume(path: &Path) -> bool {
+    let in_folder = || {
+        let entries = std::fs::read_dir(path).ok()?;
+        entries.flatten().find(|e| format_of(&e.path()).is_some())
+    };
+    format_of(path).is_some() || path.to_string_lossy().contains(['*', '?']) || in_folder().is_some()
+}
+
+/// Shows a volume or series, and draws its histogram under a transfer function.
+pub(super) fn inspect_volume(
+    path: &Path,
+    transfer: Option<&str>,
+    picture: Option<&Path>,
+    as_json: bool,
+) -> Result<(), CliError> {
+    // gaps are told of, not refused: this is where one finds out
+    let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
+    let series = Series::open(&[path.to_string_lossy().into_owned()], &options).map_err(CliError::input)?;
+    let range = series.range().map_err(CliError::input)?;
+    let grid = series.grid();
+    let strict = Series::open(&[path.to_string_lossy().into_owned()], &SeriesOptions::default());
+    let mut notes = series.notes().to_vec();
+    if let Err(e) = strict {
+        notes.push(e.to_string());
+    }
+    if as_json {
+        print_json(&json!({
+            "kind": "volume", "steps": series.len(), "dims": grid.dims, "spacing": grid.spacing,
+            "origin": grid.origin, "type": series.scalar().name(), "range": range, "notes": notes,
+        }))?;
+    } else {
+        println!("steps    {} ({} .. {})", series.len(), series.name(0), series.name(series.len() - 1));
+        println!("dims     {} x {} x {}", grid.dims[0], grid.dims[1], grid.dims[2]);
+        println!("spacing  {} x {} x {}", grid.spacing[0], grid.spacing[1], grid.spacing[2]);
+        println!("type     {}", series.scalar().name());
+        println!("range    {} .. {}", range[0], range[1]);
+        notes.iter().for_each(|n| println!("note: {n}"));
+    }
+    if let Some(file) = picture {
+        let tf = TransferFunction::load(transfer.unwrap_or("ramp")).map_err(CliError::input)?;
+        let span = tf.span(range.map(f64::from));
+        let middle = series.len() / 2;
+        let histogram = series.histogram(middle, BINS, span.map(|v| v as f32)).map_err(CliError::input)?;
+        let title = format!("{} - {}", tf.name, series.name(middle));
+        let bytes = encode_png(&transfer_picture(&histogram, span, &tf, &title)).map_err(CliError::failure)?;
+        write_atomic(file, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", file.display())))?;
+        eprintln!("histogram and transfer function: {}", file.display());
+    }
+    Ok(())
+}

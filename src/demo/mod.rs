@@ -1,0 +1,197 @@
+//! The whole story on a synthetic scene: prepare, train, evaluate, and a report of it all. Every stage is the
+//! library call behind the command of the same name; a demo that was stopped goes on where it was.
+
+pub mod report;
+mod story;
+
+use crate::config::PRESETS;
+use crate::config::layers::Layers;
+use crate::config::types::Config;
+use crate::data::{Dataset, OpenOptions, SplitName};
+use crate::eval::results::write_results;
+use crate::eval::run::{Costs, Evaluation, evaluate};
+use crate::model::Scene;
+use crate::prepare::views::{Times, ViewOptions};
+use crate::prepare::{PrepareOptions, PrepareRecord, SegmentOptions, Source, image_count, prepare};
+use crate::train::checkpoint::newest_scene;
+use crate::train::run::{RunOptions, RunOutcome, run};
+use crate::volume::placement::published_side;
+use crate::volume::raycast::DEFAULT_STEP;
+use crate::volume::synthetic::Synthetic;
+use burn::tensor::Device;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+use thiserror::Error;
+
+/// What the demo runs on.
+#[derive(Debug)]
+pub struct DemoOptions {
+    /// Folder of everything it makes: `data/`, `run/`, `report.html`.
+    pub out: PathBuf,
+    /// The scene.
+    pub scene: Synthetic,
+    /// Width and height of the images in pixels; the volume's resolution goes with it.
+    pub size: u32,
+    /// Overrides of the `demo` preset, `key=value`.
+    pub set: Vec<String>,
+    /// The device and its name.
+    pub device: (String, Device),
+}
+
+/// How it ended.
+#[derive(Debug)]
+pub struct DemoOutcome {
+    /// The page.
+    pub report: PathBuf,
+    /// Metrics on the test views.
+    pub evaluation: Evaluation,
+    /// Seconds of each stage.
+    pub stages: Vec<(String, f64)>,
+}
+
+/// Why the demo ended early.
+#[derive(Debug, Error)]
+pub enum DemoError {
+    /// A stage failed; the text is the stage's own.
+    #[error("{stage}: {reason}")]
+    Stage {
+        /// `prepare`, `train`, ...
+        stage: &'static str,
+        /// What it said.
+        reason: String,
+    },
+    /// Stopped from outside.
+    #[error("interrupted; the same command goes on from here")]
+    Interrupted,
+}
+
+fn failed<E: std::fmt::Display>(stage: &'static str) -> impl FnOnce(E) -> DemoError {
+    move |e| DemoError::Stage { stage, reason: e.to_string() }
+}
+
+/// Everything that the report tells of.
+pub(crate) struct Results<'a> {
+    options: &'a DemoOptions,
+    prepared: PrepareRecord,
+    data: PathBuf,
+    run: PathBuf,
+    outcome: RunOutcome,
+    scene: Scene,
+    dataset: Dataset,
+    evaluation: Evaluation,
+    stages: Vec<(String, f64)>,
+}
+
+/// Runs the demo.
+///
+/// # Errors
+/// The stage that failed, or that it was interrupted by `stop`.
+pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, DemoError> {
+    let resolved = Layers::new(PRESETS)
+        .source("demo")
+        .sets(options.set.iter().cloned())
+        .resolve::<Config>()
+        .map_err(failed("config"))?;
+    std::fs::create_dir_all(&options.out).map_err(failed("prepare"))?;
+    let mut stages = Vec::new();
+    let (data, run_folder) = (options.out.join("data"), options.out.join("run"));
+
+    eprintln!("1/4 prepare: the scene `{}` as images of a volume", options.scene);
+    let started = Instant::now();
+    let prepared = prepare_stage(options, &data, stop)?;
+    stages.push(("prepare".to_owned(), started.elapsed().as_secs_f64()));
+
+    eprintln!("2/4 train: {} images", prepared.train_views);
+    let started = Instant::now();
+    let splits = [SplitName::Train, SplitName::Test];
+    let open = OpenOptions { downscale: resolved.value.data.downscale, splits: &splits, max_views: None };
+    let dataset = Dataset::open(&data, &open).map_err(failed("train"))?;
+    let run_options = RunOptions {
+        out: run_folder.clone(),
+        resume: true,
+        config_toml: resolved.to_toml().map_err(failed("train"))?,
+        device_name: options.device.0.clone(),
+        stop_after: None,
+    };
+    let outcome = run(&resolved.value, &dataset, &options.device.1, &run_options, stop).map_err(failed("train"))?;
+    if !outcome.complete {
+        return Err(DemoError::Interrupted);
+    }
+    stages.push(("train".to_owned(), started.elapsed().as_secs_f64()));
+
+    eprintln!("\n3/4 evaluate: {} test views", prepared.test_views);
+    let started = Instant::now();
+    let scene_path = newest_scene(&run_folder).ok_or("no checkpoint").map_err(failed("evaluate"))?;
+    let scene = Scene::load(&scene_path, &options.device.1).map_err(failed("evaluate"))?;
+    let costs = Costs {
+        training_seconds: outcome.record.training_seconds,
+        model_bytes: std::fs::metadata(&scene_path).map_err(failed("evaluate"))?.len(),
+    };
+    let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
+    let bar = stage_bar(test.frames.len(), "views");
+    let evaluation = evaluate(&scene, test, &[], &costs, |done, psnr| {
+        bar.set_position(done as u64);
+        bar.set_message(format!("{psnr:.2} dB"));
+    })
+    .map_err(failed("evaluate"))?;
+    bar.finish_and_clear();
+    write_results(&run_folder.join("eval/test"), &evaluation).map_err(failed("evaluate"))?;
+    stages.push(("evaluate".to_owned(), started.elapsed().as_secs_f64()));
+
+    eprintln!("4/4 report");
+    let started = Instant::now();
+    let mut results = Results { options, prepared, data, run: run_folder, outcome, scene, dataset, evaluation, stages };
+    let page = options.out.join("report.html");
+    let pictures = story::pictures(&results).map_err(failed("report"))?;
+    results.stages.push(("report".to_owned(), started.elapsed().as_secs_f64()));
+    story::tell(&results, pictures).write(&page).map_err(failed("report"))?;
+    Ok(DemoOutcome { report: page, evaluation: results.evaluation, stages: results.stages })
+}
+
+/// Renders the dataset, or takes the one that an earlier run of the demo left.
+fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Result<PrepareRecord, DemoError> {
+    // a voxel is about as large as a pixel
+    let voxels = (options.size as usize * 12 / 25).clamp(24, 256);
+    let source = Source::Synthetic { scene: options.scene, dims: [voxels; 3], steps: 60 };
+    let plan = PrepareOptions {
+        views: ViewOptions {
+            size: [options.size; 2],
+            times: Times::Count(20),
+            views_per_time: 10,
+            test_views: 61,
+            ..ViewOptions::default()
+        },
+        side: published_side(),
+        step: DEFAULT_STEP,
+        segments: SegmentOptions { views: 7, steps: Vec::new(), label_images: true },
+        replace: false,
+    };
+    if let Ok(text) = std::fs::read_to_string(data.join("prepare.json")) {
+        let record: PrepareRecord = serde_json::from_str(&text).map_err(failed("prepare"))?;
+        if record.source == source.describe() && record.size == plan.views.size {
+            return Ok(record);
+        }
+        let reason = format!("{}: holds {}; choose another --out", data.display(), record.source);
+        return Err(DemoError::Stage { stage: "prepare", reason });
+    }
+    let transfer = options.scene.transfer_function().map_err(failed("prepare"))?;
+    let bar = stage_bar(image_count(&source, &plan), "images");
+    let record =
+        prepare(&source, &transfer, &plan, data, &|n| bar.set_position(n as u64), stop).map_err(|e| match e {
+            crate::prepare::PrepareError::Interrupted => DemoError::Interrupted,
+            e => failed("prepare")(e),
+        })?;
+    bar.finish_and_clear();
+    Ok(record)
+}
+
+fn stage_bar(length: usize, unit: &str) -> ProgressBar {
+    let bar = ProgressBar::new(length as u64);
+    let template = format!("{{bar:28}} {{pos}}/{{len}} {unit} {{elapsed}}<{{eta}} {{msg}}");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style);
+    }
+    bar
+}

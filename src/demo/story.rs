@@ -1,0 +1,248 @@
+//! What the demo's report says: which pictures, which figures, in which order.
+
+use super::Results;
+use super::report::{Block, Number, Report, Section};
+use crate::data::paths::{FOV_X, Lens, RADIUS, orbit};
+use crate::draw::plot::{Series, line_plot};
+use crate::eval::results::psnr_over_time;
+use crate::export::images::{encode_png, to_rgb8};
+use crate::prepare::SegmentFile;
+use image::RgbImage;
+use std::path::Path;
+
+/// Frames of the turntable, and their width.
+const TURNTABLE: (usize, u32) = (48, 320);
+
+/// The pictures of the report, as PNG files.
+pub(super) struct Pictures {
+    turntable: Vec<Vec<u8>>,
+    compare: [Vec<u8>; 2],
+    compare_name: String,
+    sheet: Option<Vec<u8>>,
+    segments: Vec<(Vec<u8>, String)>,
+}
+
+/// Renders and reads what the report shows.
+pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
+    let png = |image: &RgbImage| encode_png(image).map_err(|e| e.to_string());
+    let (frames, size) = TURNTABLE;
+    let lens = Lens { fov_x: FOV_X, width: size, height: size };
+    let last = (frames - 1) as f32;
+    let turntable = orbit(frames, RADIUS, 0.35, lens)
+        .iter()
+        .enumerate()
+        .map(|(i, camera)| {
+            let image = results.scene.render(camera.to_kernel(), i as f32 / last);
+            png(&to_rgb8(&image, size as usize, size as usize))
+        })
+        .collect::<Result<_, _>>()?;
+    let test = results.dataset.test.as_ref().ok_or("no test views")?;
+    // the view of median quality: neither the best nor the worst
+    let mut order: Vec<usize> = (0..results.evaluation.views.len()).collect();
+    order.sort_by(|a, b| results.evaluation.views[*a].psnr.total_cmp(&results.evaluation.views[*b].psnr));
+    let median = order[order.len() / 2];
+    let frame = &test.frames[median];
+    let (w, h) = (test.images.width as usize, test.images.height as usize);
+    let mut truth = vec![0.0; 3 * w * h];
+    test.images.composite(median, results.scene.spec.background, &mut truth);
+    let truth: Vec<f32> = truth.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 1.0]).collect();
+    let render = results.scene.render(frame.camera.to_kernel(), frame.time as f32);
+    let sheet = results.evaluation.sheet.as_ref().map(&png).transpose()?;
+    Ok(Pictures {
+        turntable,
+        compare: [png(&to_rgb8(&truth, w, h))?, png(&to_rgb8(&render, w, h))?],
+        compare_name: format!(
+            "Test view {} at time {:.2}, {:.2} dB: half of the views are better, half are worse.",
+            frame.name, frame.time, results.evaluation.views[median].psnr
+        ),
+        sheet,
+        segments: segments(&results.data)?,
+    })
+}
+
+/// Each known segment alone, in the view that shows most of it.
+fn segments(data: &Path) -> Result<Vec<(Vec<u8>, String)>, String> {
+    let path = data.join("segments.json");
+    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
+    let file: SegmentFile = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
+    let mut out = Vec::new();
+    for segment in file.segments {
+        let Some(best) = segment.frames.iter().max_by_key(|f| f.pixels) else { continue };
+        let path = data.join(&best.file_path);
+        let rgba = image::open(&path).map_err(|e| format!("{}: {e}", path.display()))?.to_rgba8();
+        let over = RgbImage::from_fn(rgba.width(), rgba.height(), |x, y| {
+            let [r, g, b, a] = rgba.get_pixel(x, y).0.map(f32::from);
+            image::Rgb([r, g, b].map(|c| (c * a / 255.0 + 255.0 - a).round() as u8))
+        });
+        out.push((encode_png(&over).map_err(|e| e.to_string())?, format!("{}, time {:.2}", segment.name, best.time)));
+    }
+    Ok(out)
+}
+
+/// Learning curve: PSNR over steps, from the run's `metrics.jsonl`.
+fn learning_curve(run: &Path) -> String {
+    let text = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default();
+    let lines: Vec<serde_json::Value> = text.lines().filter_map(|l| serde_json::from_str(l).ok()).collect();
+    let points = |key: &str| -> Vec<(f64, f64)> {
+        lines.iter().filter_map(|l| Some((l["step"].as_f64()?, l[key].as_f64()?))).collect()
+    };
+    let mean = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
+        let n = (points.len() / 60).max(1);
+        let mid = |c: &[(f64, f64)]| {
+            let k = c.len() as f64;
+            (c.iter().map(|p| p.0).sum::<f64>() / k, c.iter().map(|p| p.1).sum::<f64>() / k)
+        };
+        points.chunks(n).map(mid).collect()
+    };
+    let series = [
+        Series { name: "training views".into(), points: mean(&points("train_psnr")) },
+        Series { name: "test views".into(), points: points("test_psnr") },
+    ];
+    line_plot("Learning curve", "step", "PSNR, dB", &series)
+}
+
+/// Puts the report together.
+pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Report {
+    let s = &results.evaluation.summary;
+    let record = &results.outcome.record;
+    let number = |value: String, unit: &str, name: &str, note: &str| Number {
+        value,
+        unit: unit.into(),
+        name: name.into(),
+        note: note.into(),
+    };
+    let labels = (0..pictures.turntable.len())
+        .map(|i| format!("time {:.2}", i as f64 / (pictures.turntable.len() - 1).max(1) as f64))
+        .collect();
+    let [truth, render] = pictures.compare;
+    let section = |id: &str, title: &str, intro: &str, blocks: Vec<Block>| Section {
+        id: id.into(),
+        title: title.into(),
+        intro: intro.into(),
+        blocks,
+    };
+    let total: f64 = results.stages.iter().map(|(_, seconds)| seconds).sum();
+    let mut sections = vec![
+        section(
+            "scene",
+            "The trained scene",
+            "Rendered from the Gaussians alone, without the volume, while the camera goes round and time passes.",
+            vec![
+                Block::Turntable {
+                    frames: pictures.turntable,
+                    labels,
+                    caption: "One turn, time from 0 to 1.".into(),
+                    fps: 12.0,
+                },
+                Block::Numbers(vec![
+                    number(format!("{:.2}", s.psnr), "dB", "PSNR", &format!("{} test views", s.views)),
+                    number(format!("{:.4}", s.ssim), "", "SSIM", "RGB, Gaussian window"),
+                    number(format!("{:.0}", s.fps), "/s", "frames", "deformation recomputed for each"),
+                    number(format!("{:.0}", record.training_seconds), "s", "training", &record.device),
+                    number(
+                        format!("{:.1}", s.model_bytes as f64 / 1e6),
+                        "MB",
+                        "model",
+                        &format!("{} Gaussians", s.gaussians),
+                    ),
+                ]),
+            ],
+        ),
+        section(
+            "quality",
+            "Quality",
+            "How near the renders are to the ray-cast truth, in views and mostly at times that training did not see.",
+            {
+                let mut blocks = vec![
+                    Block::Compare {
+                        left: truth,
+                        left_name: "ray caster".into(),
+                        right: render,
+                        right_name: "Gaussians".into(),
+                        caption: pictures.compare_name,
+                    },
+                    Block::Table {
+                        head: ["metric", "mean over test views"].map(String::from).to_vec(),
+                        rows: vec![
+                            vec!["PSNR, dB".into(), format!("{:.3}", s.psnr)],
+                            vec!["SSIM, RGB, Gaussian window".into(), format!("{:.4}", s.ssim)],
+                            vec!["SSIM, grey, 7x7".into(), format!("{:.4}", s.ssim_gray)],
+                            vec!["frames per second".into(), format!("{:.1}", s.fps)],
+                        ],
+                        caption: format!("{} views of {}x{} over white, as 8-bit images", s.views, s.width, s.height),
+                        highlight: Some(1),
+                    },
+                    Block::Svg { svg: psnr_over_time(&results.evaluation), caption: "PSNR of each test view.".into() },
+                    Block::Svg { svg: learning_curve(&results.run), caption: "PSNR while training.".into() },
+                ];
+                if let Some(png) = pictures.sheet {
+                    blocks.push(Block::Figure {
+                        png,
+                        alt: "Rows of truth, render and error map".into(),
+                        caption: "Truth, render and error of a few test views.".into(),
+                    });
+                }
+                blocks
+            },
+        ),
+    ];
+    if !pictures.segments.is_empty() {
+        sections.push(section(
+            "segments",
+            "Segments",
+            "The scene's parts are known, so segmentation and tracking can be measured against them.",
+            vec![
+                Block::Figures { items: pictures.segments, columns: 5 },
+                Block::Missing {
+                    what: "Segmentation and tracking of the trained scene".into(),
+                    how: "Not in this version; the truth above is in data/segments.json and data/labels.".into(),
+                },
+            ],
+        ));
+    }
+    let out = results.options.out.display();
+    sections.push(section(
+        "time",
+        "Where the time went",
+        "",
+        vec![
+            Block::Timings(results.stages.clone()),
+            Block::Text(format!(
+                "{total:.0} seconds in all on {} threads; peak memory {:.2} GB; {} steps of training on {} images.",
+                record.threads,
+                crate::memory::peak_memory() as f64 / 1e9,
+                record.steps,
+                results.prepared.train_views
+            )),
+        ],
+    ));
+    sections.push(section(
+        "yours",
+        "The same with your own data",
+        "Volumes as .raw (with a small .toml), .nrrd, .vti, .nii or .npy; or posed images in the D-NeRF layout.",
+        vec![Block::Commands(
+            [
+                ("what a volume holds", "volseggs inspect my-volume.nrrd --picture histogram.png".to_owned()),
+                (
+                    "volumes to images and cameras",
+                    "volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --size 400 --out data/mine"
+                        .to_owned(),
+                ),
+                ("train", "volseggs train --data data/mine --config quick --out checkpoints/mine".to_owned()),
+                ("measure", "volseggs eval checkpoints/mine".to_owned()),
+                ("look", "volseggs render checkpoints/mine --path orbit --out frames".to_owned()),
+                ("this scene for any splat viewer", format!("volseggs export {out}/run --time 0.5 --out scene.ply")),
+            ]
+            .map(|(comment, command)| (comment.to_owned(), command))
+            .to_vec(),
+        )],
+    ));
+    Report {
+        title: "volseggs demo".into(),
+        subtitle: format!(
+            "{}, {} training views, version {}, seed {}",
+            results.prepared.source, results.prepared.train_views, record.version, record.seed
+        ),
+        sections,
+    }
+}

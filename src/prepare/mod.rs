@@ -1,0 +1,313 @@
+//! From a time series of volumes to a dataset: images, cameras, and the truth about segments where labels are
+//! known. The volumes are held one step at a time; the folder appears when all of it is there.
+
+pub mod segments;
+mod source;
+pub mod views;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+pub use segments::{SegmentFile, SegmentOptions};
+pub use source::Source;
+
+use crate::data::DataError;
+use crate::data::dataset::{SplitName, read_split};
+use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
+use crate::files::{AtomicDir, clean_stale, write_atomic};
+use crate::volume::error::VolumeError;
+use crate::volume::placement::Placement;
+use crate::volume::raycast::RayCaster;
+use crate::volume::transfer::TransferFunction;
+use rayon::prelude::*;
+use segments::SegmentWriter;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+use thiserror::Error;
+use views::{View, ViewOptions, test_views, training_views};
+use write::{write_gray, write_picture};
+
+/// Least alpha of a pixel that belongs to a segment, in masks and label images: what shows at all on white.
+pub const MASK_ALPHA: f32 = 0.05;
+
+/// What to make.
+#[derive(Clone, Debug)]
+pub struct PrepareOptions {
+    /// Cameras and sampled steps.
+    pub views: ViewOptions,
+    /// Length of the volume's longest side, scene units.
+    pub side: f64,
+    /// Distance of samples along a ray, in units of the smallest voxel spacing.
+    pub step: f64,
+    /// Segments shown alone, and label images.
+    pub segments: SegmentOptions,
+    /// Replace a dataset that stands at the same place.
+    pub replace: bool,
+}
+
+/// The record of a dataset, `prepare.json`: enough to make it again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PrepareRecord {
+    /// Version of the program.
+    pub version: String,
+    /// What was rendered.
+    pub source: String,
+    /// Name of the transfer function, which stands beside as `transfer-function.toml`.
+    pub transfer_function: String,
+    /// Data values at its two ends.
+    pub span: [f64; 2],
+    /// Voxels along x, y, z.
+    pub dims: [usize; 3],
+    /// Half the size of the volume's box around the origin, scene units.
+    pub half_size: [f64; 3],
+    /// Number of steps of the series.
+    pub steps: usize,
+    /// Distance of samples, in voxels.
+    pub step: f64,
+    /// Images of each split.
+    pub train_views: usize,
+    /// Images of the test split.
+    pub test_views: usize,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Names of the segments, if any are known.
+    pub segments: Vec<String>,
+    /// Seconds it took.
+    pub seconds: f64,
+    /// Of these, seconds of reading volumes and laying them out.
+    pub load_seconds: f64,
+    /// Peak memory of the process, bytes; 0 where unknown.
+    pub peak_memory_bytes: u64,
+}
+
+/// Why a dataset could not be made.
+#[derive(Debug, Error)]
+pub enum PrepareError {
+    /// A volume, label volume or transfer function cannot be used.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
+    /// The dataset cannot be written.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The options do not fit the data.
+    #[error("{0}")]
+    Options(String),
+    /// The file system said no.
+    #[error("{}: {reason}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What went wrong.
+        reason: String,
+    },
+    /// Stopped from outside; nothing was left behind.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+/// One image to be made, with its place.
+struct Job {
+    split: SplitName,
+    index: usize,
+    view: View,
+}
+
+/// Number of images that [`prepare`] will make, without segments.
+#[must_use]
+pub fn image_count(source: &Source, options: &PrepareOptions) -> usize {
+    training_views(&options.views, source.len()).len() + options.views.test_views
+}
+
+/// Renders a dataset into `out`. `progress` is told after each image how many are done; `stop` ends it early.
+///
+/// # Errors
+/// As [`PrepareError`]; nothing is then left at `out`.
+pub fn prepare(
+    source: &Source,
+    transfer: &TransferFunction,
+    options: &PrepareOptions,
+    out: &Path,
+    progress: &(dyn Fn(usize) + Sync),
+    stop: &AtomicBool,
+) -> Result<PrepareRecord, PrepareError> {
+    let started = Instant::now();
+    check(source, options, out)?;
+    let write_error =
+        |path: &Path, e: &dyn std::fmt::Display| PrepareError::Write { path: path.to_owned(), reason: e.to_string() };
+    if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
+        std::fs::create_dir_all(parent).map_err(|e| write_error(parent, &e))?;
+        clean_stale(parent).map_err(|e| write_error(parent, &e))?;
+    }
+    let span = transfer.span(source.range()?);
+    let grid = source.grid();
+    let placement = Placement::new(&grid, options.side);
+    let folder = AtomicDir::create(out).map_err(|e| write_error(out, &e))?;
+    let root = folder.dir();
+    let mut jobs: Vec<Job> = Vec::new();
+    for (split, views) in [
+        (SplitName::Train, training_views(&options.views, source.len())),
+        (SplitName::Test, test_views(&options.views, source.len())),
+    ] {
+        write_transforms(root, split, &views, source, options)?;
+        let path = root.join(split.as_str());
+        std::fs::create_dir(&path).map_err(|e| write_error(&path, &e))?;
+        jobs.extend(views.into_iter().enumerate().map(|(index, view)| Job { split, index, view }));
+    }
+    let (train_views, test_views) =
+        [SplitName::Train, SplitName::Test].map(|s| jobs.iter().filter(|j| j.split == s).count()).into();
+    let known = source.has_labels() || !transfer.segments.is_empty();
+    let mut segments = SegmentWriter::new(root, source, transfer, &options.segments, known, &jobs_of_test(&jobs));
+    segments.make_folders(&[SplitName::Train, SplitName::Test]).map_err(|e| write_error(root, &e))?;
+
+    let done = AtomicUsize::new(0);
+    let mut load_seconds = 0.0;
+    for step in 0..source.len() {
+        let of_step: Vec<&Job> = jobs.iter().filter(|j| j.view.step == step).collect();
+        if of_step.is_empty() && !segments.wants(step) {
+            continue;
+        }
+        let loading = Instant::now();
+        let (volume, labels) = source.load(step)?;
+        if let Some(labels) = &labels {
+            segments.meet(labels);
+        }
+        let caster = RayCaster::new(&volume, labels, transfer, span, placement, options.step);
+        drop(volume);
+        load_seconds += loading.elapsed().as_secs_f64();
+        of_step.par_iter().try_for_each(|job| -> Result<(), PrepareError> {
+            if stop.load(Ordering::Relaxed) {
+                return Err(PrepareError::Interrupted);
+            }
+            let name = format!("r_{}.png", job.index);
+            let path = root.join(job.split.as_str()).join(&name);
+            if known && options.segments.label_images {
+                let (picture, ids) = caster.render_with_labels(&job.view.camera, MASK_ALPHA);
+                write_picture(&path, &picture)?;
+                let size = [job.view.camera.width, job.view.camera.height];
+                write_gray(&root.join("labels").join(job.split.as_str()).join(&name), size, &ids)?;
+            } else {
+                write_picture(&path, &caster.render(&job.view.camera, None))?;
+            }
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+            Ok(())
+        })?;
+        segments.render(step, &caster, stop)?;
+    }
+    let names = segments.finish()?;
+    let record = PrepareRecord {
+        version: env!("CARGO_PKG_VERSION").into(),
+        source: source.describe(),
+        transfer_function: transfer.name.clone(),
+        span,
+        dims: grid.dims,
+        half_size: placement.half.to_array(),
+        steps: source.len(),
+        step: options.step,
+        train_views,
+        test_views,
+        size: options.views.size,
+        segments: names,
+        seconds: started.elapsed().as_secs_f64(),
+        load_seconds,
+        peak_memory_bytes: crate::memory::peak_memory(),
+    };
+    let json = serde_json::to_vec_pretty(&record).map_err(|e| write_error(root, &e))?;
+    for (name, bytes) in [("prepare.json", json), ("transfer-function.toml", transfer.to_toml().into_bytes())] {
+        let path = root.join(name);
+        write_atomic(&path, &bytes).map_err(|e| write_error(&path, &e))?;
+    }
+    let committed = if options.replace { folder.commit_replacing() } else { folder.commit() };
+    committed.map_err(|e| write_error(out, &e))?;
+    Ok(record)
+}
+
+fn jobs_of_test(jobs: &[Job]) -> Vec<View> {
+    jobs.iter().filter(|j| j.split == SplitName::Test).map(|j| j.view.clone()).collect()
+}
+
+/// What can be known to be wrong before anything is rendered.
+fn check(source: &Source, options: &PrepareOptions, out: &Path) -> Result<(), PrepareError> {
+    let wrong = |text: String| Err(PrepareError::Options(text));
+    let views = &options.views;
+    let steps = source.len();
+    if let Some(axis) = source.grid().dims.iter().position(|n| *n < 2) {
+        return wrong(format!(
+            "{}: one voxel along {}; a volume needs at least 2 along each axis",
+            source.describe(),
+            ["x", "y", "z"][axis]
+        ));
+    }
+    if views.size.iter().any(|n| *n == 0 || *n > 16_384) {
+        return wrong(format!("size {}x{}: between 1 and 16384 pixels", views.size[0], views.size[1]));
+    }
+    match &views.times {
+        views::Times::Count(0) => return wrong("times 0: at least one step to train on".into()),
+        views::Times::Steps(list) if list.is_empty() => return wrong("no step to train on".into()),
+        views::Times::Steps(list) => {
+            if let Some(step) = list.iter().find(|s| **s >= steps) {
+                return wrong(format!("step {step}: the series has {steps} steps, 0 to {}", steps - 1));
+            }
+        }
+        views::Times::Count(_) => {}
+    }
+    if views.views_per_time == 0 || views.test_views == 0 {
+        return wrong("at least one training view a time and one test view".into());
+    }
+    if !(views.fov_x > 0.0 && views.fov_x < 3.1) {
+        return wrong(format!("field of view {:.1} degrees: between 0 and 177", views.fov_x.to_degrees()));
+    }
+    let reach = Placement::new(&source.grid(), options.side).half.length();
+    if !(views.radius.is_finite() && views.radius > reach) {
+        return wrong(format!("radius {}: cameras must stand outside the volume, beyond {reach:.3}", views.radius));
+    }
+    if !(options.step > 0.0 && options.step <= 16.0) {
+        return wrong(format!("step {}: above 0, at most 16 voxels", options.step));
+    }
+    if !options.replace && out.symlink_metadata().is_ok() {
+        return wrong(format!("{}: already there; choose another name, or pass --replace", out.display()));
+    }
+    Ok(())
+}
+
+/// Writes `transforms_SPLIT.json`.
+fn write_transforms(
+    root: &Path,
+    split: SplitName,
+    views: &[View],
+    source: &Source,
+    options: &PrepareOptions,
+) -> Result<(), PrepareError> {
+    let frames = views.iter().enumerate().map(|(i, view)| FrameRecord {
+        file_path: format!("./{split}/r_{i}"),
+        camera_to_world: view.camera.camera_to_world,
+        time: source.time(view.step),
+    });
+    let [w, h] = options.views.size.map(f64::from);
+    let intrinsics =
+        Intrinsics { camera_angle_x: Some(options.views.fov_x), w: Some(w), h: Some(h), ..Intrinsics::default() };
+    let path = split.json_path(root);
+    Transforms { path: path.clone(), intrinsics, frames: frames.collect() }.write(&path)?;
+    Ok(())
+}
+
+/// A few test views of a dataset over white, with labels, for a sheet.
+///
+/// # Errors
+/// If the dataset cannot be read.
+pub fn preview(dataset: &Path, views: usize) -> Result<Vec<(String, image::RgbImage)>, DataError> {
+    let split = read_split(dataset, SplitName::Test, 1, Some(views))?;
+    let (w, h) = (split.images.width, split.images.height);
+    let mut rgb = vec![0.0; 3 * w as usize * h as usize];
+    let picture = |(i, frame): (usize, &crate::data::Frame)| {
+        split.images.composite(i, [1.0; 3], &mut rgb);
+        let image = image::RgbImage::from_fn(w, h, |x, y| {
+            let at = 3 * (y as usize * w as usize + x as usize);
+            image::Rgb(std::array::from_fn(|c| (rgb[at + c] * 255.0).round() as u8))
+        });
+        (format!("{} t {:.2}", frame.name, frame.time), image)
+    };
+    Ok(split.frames.iter().enumerate().map(picture).collect())
+}

@@ -1,0 +1,247 @@
+//! The truth about segments: each rendered alone with its mask (`segments/NAME/`), label images (`labels/SPLIT/`),
+//! and `segments.json`, which says what there is.
+
+use super::views::View;
+use super::write::{write_mask, write_picture};
+use super::{MASK_ALPHA, PrepareError, Source};
+use crate::data::SplitName;
+use crate::files::write_atomic;
+use crate::volume::grid::Labels;
+use crate::volume::raycast::RayCaster;
+use crate::volume::transfer::TransferFunction;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Which truth to render.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SegmentOptions {
+    /// Test views, evenly spaced, in which each segment is rendered alone; 0 for none.
+    pub views: usize,
+    /// Steps at which they are rendered; if none, each view at its own time.
+    pub steps: Vec<usize>,
+    /// Write a label image beside every training and test image.
+    pub label_images: bool,
+}
+
+impl Default for SegmentOptions {
+    fn default() -> Self {
+        Self { views: 19, steps: Vec::new(), label_images: true }
+    }
+}
+
+/// `segments.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentFile {
+    /// `labels` (a label volume or a synthetic scene) or `transfer-function` (its named ranges).
+    pub source: String,
+    /// Least alpha of a pixel of a mask or label image.
+    pub mask_alpha: f32,
+    /// Whole horizontal field of view of all frames, radians.
+    pub camera_angle_x: f64,
+    /// Width and height of all images, pixels.
+    pub size: [u32; 2],
+    /// Folder of label images by split, grey level = id; empty if there are none.
+    pub label_images: Vec<String>,
+    /// The segments, by ascending id.
+    pub segments: Vec<SegmentEntry>,
+}
+
+/// One segment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentEntry {
+    /// Its id in label images, from 1.
+    pub id: u16,
+    /// Its name, also of its folder.
+    pub name: String,
+    /// Renders of it alone.
+    pub frames: Vec<SegmentFrame>,
+}
+
+/// One render of a segment alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentFrame {
+    /// The image, RGBA with straight alpha.
+    pub file_path: String,
+    /// The binary mask.
+    pub mask_path: String,
+    /// Camera-to-world, rows, NeRF/OpenGL axes.
+    pub transform_matrix: [[f64; 4]; 4],
+    /// Time in [0, 1].
+    pub time: f64,
+    /// Pixels of the mask.
+    pub pixels: usize,
+}
+
+/// Renders segments step by step.
+pub(super) struct SegmentWriter<'a> {
+    root: &'a Path,
+    source: &'a Source,
+    transfer: &'a TransferFunction,
+    options: &'a SegmentOptions,
+    known: bool,
+    from_labels: bool,
+    shots: Vec<Shot>,
+    camera_angle_x: f64,
+    size: [u32; 2],
+    ids: BTreeSet<u16>,
+    entries: Vec<SegmentEntry>,
+}
+
+/// A view of a step in which every segment is shown.
+struct Shot {
+    name: String,
+    view: View,
+}
+
+impl<'a> SegmentWriter<'a> {
+    pub fn new(
+        root: &'a Path,
+        source: &'a Source,
+        transfer: &'a TransferFunction,
+        options: &'a SegmentOptions,
+        known: bool,
+        test: &[View],
+    ) -> Self {
+        let n = if known { options.views.min(test.len()) } else { 0 };
+        let chosen = (0..n).map(|k| if n == 1 { 0 } else { k * (test.len() - 1) / (n - 1) });
+        let shots = chosen
+            .flat_map(|i| {
+                let view = &test[i];
+                if options.steps.is_empty() {
+                    return vec![Shot { name: format!("r_{i}"), view: view.clone() }];
+                }
+                let at = |step: &usize| Shot {
+                    name: format!("r_{i}_step_{step}"),
+                    view: View { camera: view.camera.clone(), step: *step },
+                };
+                options.steps.iter().map(at).collect()
+            })
+            .collect();
+        let from_labels = source.has_labels();
+        let ids = if known && !from_labels { (1..=transfer.segments.len() as u16).collect() } else { BTreeSet::new() };
+        let first = test.first().map(|v| &v.camera);
+        Self {
+            root,
+            source,
+            transfer,
+            options,
+            known,
+            from_labels,
+            shots,
+            camera_angle_x: first.map_or(0.0, crate::data::Camera::fov_x),
+            size: first.map_or([0; 2], |c| [c.width, c.height]),
+            ids,
+            entries: Vec::new(),
+        }
+    }
+
+    /// Makes the folders of label images.
+    pub fn make_folders(&self, splits: &[SplitName]) -> std::io::Result<()> {
+        if self.known && self.options.label_images {
+            for split in splits {
+                std::fs::create_dir_all(self.root.join("labels").join(split.as_str()))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a step is needed for segments alone.
+    pub fn wants(&self, step: usize) -> bool {
+        self.shots.iter().any(|s| s.view.step == step)
+    }
+
+    /// Notes which ids a step has.
+    pub fn meet(&mut self, labels: &Labels) {
+        let mut seen = vec![false; usize::from(u16::MAX) + 1];
+        labels.ids.iter().for_each(|id| seen[usize::from(*id)] = true);
+        self.ids.extend((1..=u16::MAX).filter(|id| seen[usize::from(*id)]));
+    }
+
+    fn name(&self, id: u16) -> String {
+        if self.from_labels {
+            return self.source.segment_name(id);
+        }
+        self.transfer.segments[usize::from(id) - 1].name.clone()
+    }
+
+    /// Renders every known segment in the views of a step.
+    pub fn render(&mut self, step: usize, caster: &RayCaster, stop: &AtomicBool) -> Result<(), PrepareError> {
+        let shots: Vec<&Shot> = self.shots.iter().filter(|s| s.view.step == step).collect();
+        if shots.is_empty() {
+            return Ok(());
+        }
+        let ids: Vec<u16> = self.ids.iter().copied().collect();
+        for id in ids {
+            let name = self.name(id);
+            let folder = self.root.join("segments").join(&name);
+            std::fs::create_dir_all(&folder)
+                .map_err(|e| PrepareError::Write { path: folder.clone(), reason: e.to_string() })?;
+            let alone = caster.isolate(id);
+            let time = self.source.time(step);
+            let frames = shots
+                .par_iter()
+                .map(|shot| {
+                    if stop.load(Ordering::Relaxed) {
+                        return Err(PrepareError::Interrupted);
+                    }
+                    let camera = &shot.view.camera;
+                    let picture = caster.render(camera, Some(&alone));
+                    let mask = picture.mask(MASK_ALPHA);
+                    let [image_name, mask_name] =
+                        ["", "_mask"].map(|end| PathBuf::from(format!("{}{end}.png", shot.name)));
+                    write_picture(&folder.join(&image_name), &picture)?;
+                    write_mask(&folder.join(&mask_name), [camera.width, camera.height], &mask)?;
+                    let relative = |file: &Path| format!("./segments/{name}/{}", file.display());
+                    Ok(SegmentFrame {
+                        file_path: relative(&image_name),
+                        mask_path: relative(&mask_name),
+                        transform_matrix: camera.camera_to_world.transpose().to_cols_array_2d(),
+                        time,
+                        pixels: mask.iter().filter(|m| **m > 0).count(),
+                    })
+                })
+                .collect::<Result<Vec<_>, _>>()?;
+            match self.entries.iter_mut().find(|e| e.id == id) {
+                Some(entry) => entry.frames.extend(frames),
+                None => self.entries.push(SegmentEntry { id, name, frames }),
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes `segments.json` if anything is known, and gives the names of the segments.
+    pub fn finish(mut self) -> Result<Vec<String>, PrepareError> {
+        if !self.known {
+            return Ok(Vec::new());
+        }
+        for id in &self.ids {
+            if !self.entries.iter().any(|e| e.id == *id) {
+                let (id, name) = (*id, self.name(*id));
+                self.entries.push(SegmentEntry { id, name, frames: Vec::new() });
+            }
+        }
+        self.entries.sort_by_key(|e| e.id);
+        let names = self.entries.iter().map(|e| e.name.clone()).collect();
+        let splits = [SplitName::Train, SplitName::Test];
+        let file = SegmentFile {
+            source: if self.from_labels { "labels" } else { "transfer-function" }.into(),
+            mask_alpha: MASK_ALPHA,
+            camera_angle_x: self.camera_angle_x,
+            size: self.size,
+            label_images: if self.options.label_images {
+                splits.map(|s| format!("./labels/{s}")).to_vec()
+            } else {
+                Vec::new()
+            },
+            segments: self.entries,
+        };
+        let path = self.root.join("segments.json");
+        let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.clone(), reason: e.to_string() };
+        let json = serde_json::to_vec_pretty(&file).map_err(|e| error(&e))?;
+        write_atomic(&path, &json).map_err(|e| error(&e))?;
+        Ok(names)
+    }
+}

@@ -1,0 +1,117 @@
+//! Preparing datasets as a user would, in a temporary folder.
+
+use super::*;
+use crate::data::dataset::{Dataset, OpenOptions};
+use crate::prepare::views::Times;
+use crate::volume::placement::published_side;
+use crate::volume::synthetic::Synthetic;
+
+fn options(size: u32) -> PrepareOptions {
+    PrepareOptions {
+        views: ViewOptions {
+            size: [size; 2],
+            times: Times::Count(3),
+            views_per_time: 4,
+            test_views: 7,
+            ..ViewOptions::default()
+        },
+        side: published_side(),
+        step: 1.0,
+        segments: SegmentOptions { views: 3, steps: vec![0, 4], label_images: true },
+        replace: false,
+    }
+}
+
+fn source(scene: Synthetic) -> (Source, TransferFunction) {
+    (Source::Synthetic { scene, dims: [48; 3], steps: 5 }, scene.transfer_function().unwrap())
+}
+
+fn make(out: &Path, options: &PrepareOptions) -> Result<PrepareRecord, PrepareError> {
+    let (source, transfer) = source(Synthetic::Shells);
+    prepare(&source, &transfer, options, out, &|_| {}, &AtomicBool::new(false))
+}
+
+#[test]
+fn a_dataset_opens_and_its_truth_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a/b/data");
+    let record = make(&out, &options(40)).unwrap();
+    assert_eq!((record.train_views, record.test_views, record.steps), (12, 7, 5));
+    let open = OpenOptions { downscale: 1, splits: &SplitName::ALL[..1], max_views: None };
+    let dataset = Dataset::open(&out, &open).unwrap();
+    assert_eq!(dataset.train.frames.len(), 12);
+    assert_eq!(dataset.train.times(), [0.0, 0.5, 1.0]);
+    assert!(dataset.train.images.frame(0).chunks_exact(4).any(|p| p[3] > 0));
+
+    let text = std::fs::read_to_string(out.join("segments.json")).unwrap();
+    let file: SegmentFile = serde_json::from_str(&text).unwrap();
+    let names: Vec<&str> = file.segments.iter().map(|s| s.name.as_str()).collect();
+    assert_eq!(names, Synthetic::Shells.segment_names());
+    assert_eq!(record.segments, names);
+    for segment in &file.segments {
+        assert_eq!(segment.frames.len(), 6, "three views at two steps");
+        for frame in &segment.frames {
+            let image = image::open(out.join(&frame.file_path)).unwrap().to_rgba8();
+            let mask = image::open(out.join(&frame.mask_path)).unwrap().to_luma8();
+            let marked = mask.pixels().filter(|p| p.0[0] == 255).count();
+            assert!(marked == frame.pixels && marked > 0, "{}", frame.mask_path);
+            let low = image.pixels().zip(mask.pixels()).filter(|(_, m)| m.0[0] > 0).map(|(p, _)| p.0[3]).min();
+            assert!(low >= Some((255.0 * MASK_ALPHA) as u8), "{low:?}");
+        }
+    }
+    let labels = image::open(out.join("labels/test/r_3.png")).unwrap().to_luma8();
+    assert!(labels.pixels().any(|p| p.0[0] > 0) && labels.pixels().all(|p| usize::from(p.0[0]) <= names.len()));
+    assert_eq!(preview(&out, 3).unwrap().len(), 3);
+    let tf = TransferFunction::load(&out.join("transfer-function.toml").to_string_lossy()).unwrap();
+    assert_eq!(tf.name, record.transfer_function);
+}
+
+#[test]
+fn the_same_options_give_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = |name: &str, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let out = folder.path().join(name);
+        pool.install(|| make(&out, &options(24))).unwrap();
+        ["train/r_5.png", "test/r_6.png", "labels/train/r_0.png", "transforms_train.json", "segments.json"]
+            .map(|f| std::fs::read(out.join(f)).unwrap())
+    };
+    assert!(bytes("one", 1) == bytes("two", 3));
+}
+
+#[test]
+fn a_stopped_or_wrong_run_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let (source, transfer) = source(Synthetic::Jets);
+    let stopped = prepare(&source, &transfer, &options(24), &out, &|_| {}, &AtomicBool::new(true));
+    assert!(matches!(stopped, Err(PrepareError::Interrupted)));
+    let mut wrong = Vec::new();
+    for change in [
+        |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![0, 5]),
+        |o: &mut PrepareOptions| o.views.times = Times::Count(0),
+        |o: &mut PrepareOptions| o.views.views_per_time = 0,
+        |o: &mut PrepareOptions| o.views.size = [0, 4],
+        |o: &mut PrepareOptions| o.views.fov_x = f64::NAN,
+        |o: &mut PrepareOptions| o.views.radius = 0.5,
+        |o: &mut PrepareOptions| o.step = 0.0,
+    ] {
+        let mut options = options(24);
+        change(&mut options);
+        let error = prepare(&source, &transfer, &options, &out, &|_| {}, &AtomicBool::new(false)).unwrap_err();
+        assert!(matches!(error, PrepareError::Options(_)), "{error}");
+        wrong.push(error.to_string());
+    }
+    assert!(wrong[0].contains("step 5") && wrong[0].contains("5 steps"), "{}", wrong[0]);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no folder, no temporary");
+}
+
+#[test]
+fn a_dataset_is_replaced_only_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    make(&out, &options(24)).unwrap();
+    assert!(make(&out, &options(24)).unwrap_err().to_string().contains("--replace"));
+    let again = PrepareOptions { replace: true, ..options(30) };
+    assert_eq!(make(&out, &again).unwrap().size, [30, 30]);
+}

@@ -1,0 +1,41 @@
+//! PNG files of a dataset that is being made. Plain writes: the folder as a whole is published at once.
+
+use super::PrepareError;
+use crate::volume::raycast::Picture;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+fn encode(path: &Path, [width, height]: [u32; 2], kind: ExtendedColorType, bytes: &[u8]) -> Result<(), PrepareError> {
+    let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.to_owned(), reason: e.to_string() };
+    let mut file = BufWriter::new(File::create(path).map_err(|e| error(&e))?);
+    PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive)
+        .write_image(bytes, width, height, kind)
+        .map_err(|e| error(&e))?;
+    file.flush().map_err(|e| error(&e))
+}
+
+/// An image with straight alpha.
+pub(super) fn write_picture(path: &Path, picture: &Picture) -> Result<(), PrepareError> {
+    let image = picture.to_rgba8();
+    encode(path, [image.width(), image.height()], ExtendedColorType::Rgba8, image.as_raw())
+}
+
+/// Segment ids as grey levels, `[H, W]`; ids above 255 need 16 bits.
+pub(super) fn write_gray(path: &Path, size: [u32; 2], ids: &[u16]) -> Result<(), PrepareError> {
+    if ids.iter().all(|id| *id < 256) {
+        let bytes: Vec<u8> = ids.iter().map(|id| *id as u8).collect();
+        encode(path, size, ExtendedColorType::L8, &bytes)
+    } else {
+        // `image` takes 16-bit samples in the machine's order
+        let bytes: Vec<u8> = ids.iter().flat_map(|id| id.to_ne_bytes()).collect();
+        encode(path, size, ExtendedColorType::L16, &bytes)
+    }
+}
+
+/// A binary mask, `[H, W]`, 0 or 255.
+pub(super) fn write_mask(path: &Path, size: [u32; 2], mask: &[u8]) -> Result<(), PrepareError> {
+    encode(path, size, ExtendedColorType::L8, mask)
+}

@@ -1,0 +1,45 @@
+//! What can be wrong with a volume, a transfer function or their files: what, where, and how to mend it.
+
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A volume, series or transfer function that cannot be used.
+#[derive(Debug, Error)]
+pub enum VolumeError {
+    /// The file system said no.
+    #[error("{}: cannot {action}: {source}; {hint}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried: "open the file".
+        action: &'static str,
+        /// What the system answered.
+        source: std::io::Error,
+        /// What to do.
+        hint: String,
+    },
+    /// The content is wrong.
+    #[error("{}: {field}: {problem}; {hint}", path.display())]
+    Invalid {
+        /// The file.
+        path: PathBuf,
+        /// The field, line or voxel.
+        field: String,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        hint: String,
+    },
+}
+
+impl VolumeError {
+    /// An error of the file system.
+    pub fn io(path: &Path, action: &'static str, source: std::io::Error, hint: impl Into<String>) -> Self {
+        Self::Io { path: path.to_owned(), action, source, hint: hint.into() }
+    }
+
+    /// An error of the content.
+    pub fn invalid(path: &Path, field: impl Into<String>, problem: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Invalid { path: path.to_owned(), field: field.into(), problem: problem.into(), hint: hint.into() }
+    }
+}

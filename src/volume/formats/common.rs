@@ -1,0 +1,173 @@
+//! What the readers share: checked sizes, names of scalar types, mapped files. No file format here.
+
+use crate::volume::error::VolumeError;
+use crate::volume::grid::ScalarType;
+use memmap2::{Mmap, MmapOptions};
+use std::fs::File;
+use std::path::Path;
+
+/// Sizes of the values of a file, checked: nothing computed from them overflows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Voxels along x, y, z.
+    pub dims: [usize; 3],
+    /// Time steps, at least 1.
+    pub steps: usize,
+    /// Voxels of one step.
+    pub voxels: usize,
+    /// Bytes of one step.
+    pub step_bytes: u64,
+    /// Bytes of all steps.
+    pub total_bytes: u64,
+}
+
+impl Shape {
+    /// Checks `dims` (x, y, z) and `steps`, read from the named field of the file.
+    ///
+    /// # Errors
+    /// A zero, or more voxels than this machine can address.
+    pub fn new(path: &Path, field: &str, dims: [u64; 3], steps: u64, scalar: ScalarType) -> Result<Self, VolumeError> {
+        if steps == 0 || dims.contains(&0) {
+            let problem = format!("{dims:?} voxels in {steps} steps holds nothing");
+            return Err(VolumeError::invalid(path, field, problem, "make every size at least 1"));
+        }
+        Self::checked(dims, steps, scalar).ok_or_else(|| {
+            let problem =
+                format!("{dims:?} voxels of {} in {steps} steps is more than can be addressed", scalar.name());
+            VolumeError::invalid(path, field, problem, "correct the sizes")
+        })
+    }
+
+    fn checked(dims: [u64; 3], steps: u64, scalar: ScalarType) -> Option<Self> {
+        let voxels = dims[0].checked_mul(dims[1])?.checked_mul(dims[2])?;
+        let step_bytes = voxels.checked_mul(scalar.bytes() as u64)?;
+        let total_bytes = step_bytes.checked_mul(steps).filter(|&n| n <= i64::MAX as u64)?;
+        // One step becomes four bytes a voxel in memory.
+        voxels.checked_mul(4).filter(|&n| isize::try_from(n).is_ok())?;
+        Some(Self {
+            dims: [usize::try_from(dims[0]).ok()?, usize::try_from(dims[1]).ok()?, usize::try_from(dims[2]).ok()?],
+            steps: usize::try_from(steps).ok()?,
+            voxels: usize::try_from(voxels).ok()?,
+            step_bytes,
+            total_bytes,
+        })
+    }
+}
+
+/// The scalar type of a name: `u8`, `uint8`, `unsigned char`, `float`, ...; case and extra blanks do not matter.
+#[must_use]
+pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
+    let name = name.split_whitespace().collect::<Vec<_>>().join(" ").to_ascii_lowercase();
+    Some(match name.as_str() {
+        "u8" | "uchar" | "unsigned char" | "uint8" | "uint8_t" | "byte" => ScalarType::U8,
+        "i8" | "char" | "signed char" | "int8" | "int8_t" => ScalarType::I8,
+        "u16" | "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => ScalarType::U16,
+        "i16" | "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => ScalarType::I16,
+        "u32" | "uint" | "unsigned" | "unsigned int" | "uint32" | "uint32_t" => ScalarType::U32,
+        "i32" | "int" | "signed int" | "int32" | "int32_t" => ScalarType::I32,
+        "f32" | "float" | "float32" | "single" => ScalarType::F32,
+        "f64" | "double" | "float64" => ScalarType::F64,
+        _ => return None,
+    })
+}
+
+/// Checks a spacing.
+///
+/// # Errors
+/// A value that is not a finite positive number.
+pub fn check_spacing(path: &Path, field: &str, spacing: [f64; 3]) -> Result<[f64; 3], VolumeError> {
+    if spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
+        return Ok(spacing);
+    }
+    Err(VolumeError::invalid(path, field, format!("{spacing:?} is no spacing"), "give three finite positive numbers"))
+}
+
+/// Checks an origin.
+///
+/// # Errors
+/// A value that is not finite.
+pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 3], VolumeError> {
+    if origin.iter().all(|s| s.is_finite()) {
+        return Ok(origin);
+    }
+    Err(VolumeError::invalid(path, field, format!("{origin:?} is no position"), "give three finite numbers"))
+}
+
+/// Opens a regular file for reading and gives its length in bytes.
+///
+/// # Errors
+/// It is absent, a folder, or may not be read.
+pub fn open_file(path: &Path) -> Result<(File, u64), VolumeError> {
+    let fail = |source| VolumeError::io(path, "open the file", source, "check the name and the permissions");
+    let meta = std::fs::metadata(path).map_err(fail)?;
+    if !meta.is_file() {
+        return Err(VolumeError::invalid(path, "file", "is not a regular file", "name a volume file"));
+    }
+    Ok((File::open(path).map_err(fail)?, meta.len()))
+}
+
+/// Maps `len` bytes from `offset` on. The handle is closed before this returns.
+///
+/// # Errors
+/// The file is absent or ends before `offset + len`.
+pub fn map(path: &Path, offset: u64, len: u64) -> Result<Mmap, VolumeError> {
+    let (file, found) = open_file(path)?;
+    let end = offset.checked_add(len).filter(|&end| end <= found);
+    let (Some(_), Ok(size)) = (end, usize::try_from(len)) else {
+        let problem = format!("needs {len} bytes from byte {offset} on, but the file has {found} bytes");
+        return Err(VolumeError::invalid(path, "size", problem, "write the file again, it is truncated"));
+    };
+    // SAFETY: the map is only read, and dropped by the caller within one call. A file that another process cuts short
+    // meanwhile would stop this one; volumes are not written while they are read.
+    let map = unsafe { MmapOptions::new().offset(offset).len(size).map(&file) };
+    map.map_err(|e| VolumeError::io(path, "map the file", e, "copy it to a local disk"))
+}
+
+/// Empties `out` and gives it room for `n` zeros.
+///
+/// # Errors
+/// Not enough memory.
+pub fn prepare(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeError> {
+    out.clear();
+    if out.try_reserve_exact(n).is_err() {
+        let problem = format!("one step of {n} voxels does not fit in memory");
+        return Err(VolumeError::invalid(path, "size", problem, "use a coarser volume or a larger machine"));
+    }
+    out.resize(n, 0.0);
+    Ok(())
+}
+
+/// Checks that a reader was asked for a step that the file has.
+///
+/// # Errors
+/// `step` is not below `steps`.
+pub fn check_step(path: &Path, step: usize, steps: usize) -> Result<(), VolumeError> {
+    if step < steps {
+        return Ok(());
+    }
+    let problem = format!("there is no step {step}, the file has {steps}");
+    Err(VolumeError::invalid(path, "step", problem, "ask for a step from 0 on"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_that_overflow_or_hold_nothing_are_refused() {
+        let p = Path::new("a.raw");
+        assert!(Shape::new(p, "dims", [1 << 32, 1 << 32, 2], 1, ScalarType::U8).is_err());
+        assert!(Shape::new(p, "dims", [1 << 20, 1 << 20, 1 << 10], 1 << 20, ScalarType::F64).is_err());
+        assert!(Shape::new(p, "dims", [1, 0, 1], 1, ScalarType::U8).is_err());
+        assert!(Shape::new(p, "dims", [1, 1, 1], 0, ScalarType::U8).is_err());
+        let s = Shape::new(p, "dims", [2, 3, 4], 5, ScalarType::U16).unwrap();
+        assert_eq!((s.voxels, s.step_bytes, s.total_bytes), (24, 48, 240));
+    }
+
+    #[test]
+    fn names_of_types() {
+        assert_eq!(scalar_from_name(" Unsigned   char "), Some(ScalarType::U8));
+        assert_eq!(scalar_from_name("float64"), Some(ScalarType::F64));
+        assert_eq!(scalar_from_name("int64"), None);
+    }
+}

@@ -1,0 +1,127 @@
+//! Stored values to `f32`: either byte order, every [`ScalarType`]. No files here.
+
+use crate::volume::grid::ScalarType;
+use rayon::prelude::*;
+
+/// Values converted by one task; fixed, though each value stands alone and no result depends on it.
+const CHUNK: usize = 1 << 16;
+
+/// Order of the bytes of one value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Endian {
+    /// Lowest byte first.
+    Little,
+    /// Highest byte first.
+    Big,
+}
+
+/// Decodes all of `bytes` into `out`, which is cleared first. An incomplete last value is left out.
+/// Integers beyond 2^24 round to the nearest `f32`; an `f64` beyond the range of `f32` becomes infinite.
+pub fn decode(bytes: &[u8], scalar: ScalarType, endian: Endian, out: &mut Vec<f32>) {
+    out.clear();
+    out.resize(bytes.len() / scalar.bytes(), 0.0);
+    decode_into(bytes, scalar, endian, 0, 1, out);
+}
+
+/// Decodes the values numbered `first + i * stride` of `bytes` into `out[i]`. Where `bytes` holds fewer values,
+/// the rest of `out` keeps what it had.
+pub fn decode_into(bytes: &[u8], scalar: ScalarType, endian: Endian, first: usize, stride: usize, out: &mut [f32]) {
+    macro_rules! as_f32 {
+        ($number:ty) => {
+            match endian {
+                Endian::Little => convert(bytes, first, stride, out, |b| <$number>::from_le_bytes(b) as f32),
+                Endian::Big => convert(bytes, first, stride, out, |b| <$number>::from_be_bytes(b) as f32),
+            }
+        };
+    }
+    match scalar {
+        ScalarType::U8 => as_f32!(u8),
+        ScalarType::I8 => as_f32!(i8),
+        ScalarType::U16 => as_f32!(u16),
+        ScalarType::I16 => as_f32!(i16),
+        ScalarType::U32 => as_f32!(u32),
+        ScalarType::I32 => as_f32!(i32),
+        ScalarType::F32 => as_f32!(f32),
+        ScalarType::F64 => as_f32!(f64),
+    }
+}
+
+fn convert<const N: usize>(
+    bytes: &[u8],
+    first: usize,
+    stride: usize,
+    out: &mut [f32],
+    value: impl Fn([u8; N]) -> f32 + Sync,
+) {
+    let (values, _) = bytes.as_chunks::<N>();
+    let values = values.get(first..).unwrap_or_default();
+    let stride = stride.max(1);
+    let fill = |from: usize, part: &mut [f32]| {
+        let values = values.get(from * stride..).unwrap_or_default();
+        if stride == 1 {
+            part.iter_mut().zip(values).for_each(|(o, b)| *o = value(*b));
+        } else {
+            part.iter_mut().zip(values.iter().step_by(stride)).for_each(|(o, b)| *o = value(*b));
+        }
+    };
+    if out.len() <= CHUNK {
+        fill(0, out);
+    } else {
+        out.par_chunks_mut(CHUNK).enumerate().for_each(|(i, part)| fill(i * CHUNK, part));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    macro_rules! round_trip {
+        ($name:ident, $number:ty, $scalar:expr) => {
+            proptest! {
+                #[test]
+                fn $name(values in proptest::collection::vec(any::<$number>(), 0..40)) {
+                    let expected: Vec<u32> = values.iter().map(|&v| (v as f32).to_bits()).collect();
+                    let le: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+                    let be: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
+                    // Poison: what was there before must not show.
+                    let mut out = vec![f32::NAN; 7];
+                    decode(&le, $scalar, Endian::Little, &mut out);
+                    prop_assert_eq!(out.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), expected.clone());
+                    decode(&be, $scalar, Endian::Big, &mut out);
+                    prop_assert_eq!(out.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), expected);
+                }
+            }
+        };
+    }
+    round_trip!(u8_round_trip, u8, ScalarType::U8);
+    round_trip!(i8_round_trip, i8, ScalarType::I8);
+    round_trip!(u16_round_trip, u16, ScalarType::U16);
+    round_trip!(i16_round_trip, i16, ScalarType::I16);
+    round_trip!(u32_round_trip, u32, ScalarType::U32);
+    round_trip!(i32_round_trip, i32, ScalarType::I32);
+    round_trip!(f32_round_trip, f32, ScalarType::F32);
+    round_trip!(f64_round_trip, f64, ScalarType::F64);
+
+    #[test]
+    fn large_input_equals_the_values_one_by_one() {
+        let n = 3 * CHUNK + 17;
+        let bytes: Vec<u8> = (0..n).flat_map(|i| ((i * 7919) as u16).to_be_bytes()).collect();
+        let mut out = Vec::new();
+        decode(&bytes, ScalarType::U16, Endian::Big, &mut out);
+        assert_eq!(out.len(), n);
+        assert!(out.iter().enumerate().all(|(i, &v)| v == f32::from((i * 7919) as u16)));
+        let mut strided = vec![f32::NAN; n / 2];
+        decode_into(&bytes, ScalarType::U16, Endian::Big, 1, 2, &mut strided);
+        assert!(strided.iter().enumerate().all(|(i, &v)| v == out[1 + 2 * i]));
+    }
+
+    #[test]
+    fn short_input_leaves_the_rest_and_does_not_panic() {
+        let mut out = [-5.0; 4];
+        decode_into(&[1, 2, 3], ScalarType::U8, Endian::Little, 1, 1, &mut out);
+        assert_eq!(out, [2.0, 3.0, -5.0, -5.0]);
+        decode_into(&[1, 2, 3], ScalarType::U8, Endian::Little, 9, 3, &mut out);
+        assert_eq!(out, [2.0, 3.0, -5.0, -5.0]);
+    }
+}

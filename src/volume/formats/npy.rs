@@ -1,0 +1,199 @@
+//! NumPy `.npy` arrays `[z, y, x]` or `[t, z, y, x]`, in C or Fortran order. The header is parsed here by hand:
+//! one flat dictionary, no nesting, so that no header can exhaust the stack or the memory.
+
+use super::common::{self, Shape};
+use super::decode::{Endian, decode_into};
+use super::sidecar::{self, PlaceSidecar};
+use crate::volume::error::VolumeError;
+use crate::volume::grid::{Grid, ScalarType};
+use crate::volume::source::{Header, VolumeFile};
+use rayon::prelude::*;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// NumPy writes about a hundred bytes; more is no header of a plain array.
+const MAX_HEADER: usize = 1 << 16;
+
+#[derive(Debug)]
+struct Npy {
+    path: PathBuf,
+    header: Header,
+    shape: Shape,
+    endian: Endian,
+    offset: u64,
+    fortran: bool,
+}
+
+/// Opens an array: reads its header and the sidecar `NAME.npy.toml` or `NAME.npy.json` with `spacing` and `origin`,
+/// where there is one.
+///
+/// # Errors
+/// Not an array of three or four axes of a known type, or a file size that does not match.
+pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
+    let (mut file, found) = common::open_file(path)?;
+    let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
+    let again = "write it again with numpy.save";
+    let short = |e| VolumeError::io(path, "read the header", e, again);
+
+    let mut start = [0u8; 8];
+    file.read_exact(&mut start).map_err(short)?;
+    if !start.starts_with(b"\x93NUMPY") {
+        return Err(bad("magic", "is not that of a NumPy array".into(), again));
+    }
+    let width = match start[6] {
+        1 => 2,
+        2 | 3 => 4,
+        v => return Err(bad("version", format!("{v} is not known"), again)),
+    };
+    let mut length = [0u8; 4];
+    file.read_exact(&mut length[..width]).map_err(short)?;
+    let length = u32::from_le_bytes(length) as usize;
+    if length > MAX_HEADER {
+        return Err(bad("header", format!("claims {length} bytes, at most {MAX_HEADER} are read"), again));
+    }
+    let mut text = vec![0; length];
+    file.read_exact(&mut text).map_err(short)?;
+    let text = std::str::from_utf8(&text).map_err(|_| bad("header", "is not text".into(), again))?;
+
+    let fields = dictionary(text).map_err(|problem| bad("header", problem, again))?;
+    let (Some(descr), Some(fortran), Some(axes)) = (fields.descr, fields.fortran, fields.shape) else {
+        return Err(bad("header", "lacks descr, fortran_order or shape".into(), again));
+    };
+    let (scalar, endian) = scalar_of(&descr).ok_or_else(|| {
+        let hint = "save it with .astype(\"float32\"); bool, 8 to 32-bit integers, float32 and float64 are read";
+        bad("descr", format!("the type '{descr}' is not read"), hint)
+    })?;
+    let (dims, steps) = match axes[..] {
+        [z, y, x] => ([x, y, z], 1),
+        [t, z, y, x] => ([x, y, z], t),
+        _ => {
+            let problem = format!("the array has {} axes", axes.len());
+            return Err(bad("shape", problem, "save it as [z, y, x] or [t, z, y, x]"));
+        }
+    };
+    let shape = Shape::new(path, "shape", dims, steps, scalar)?;
+    let offset = (8 + width + length) as u64;
+    if offset.checked_add(shape.total_bytes) != Some(found) {
+        let problem = format!(
+            "expected {} bytes of values for {axes:?} {}, found {}",
+            shape.total_bytes,
+            scalar.name(),
+            found.saturating_sub(offset)
+        );
+        return Err(bad("size", problem, again));
+    }
+    let beside = [".toml", ".json"].map(|s| sidecar::with_suffix(path, s));
+    let side = sidecar::only(path, &beside)?;
+    let place: PlaceSidecar = side.as_deref().map(sidecar::read).transpose()?.unwrap_or_default();
+    let from = side.as_deref().unwrap_or(path);
+    let grid = Grid {
+        dims: shape.dims,
+        spacing: common::check_spacing(from, "spacing", place.spacing.unwrap_or([1.0; 3]))?,
+        origin: common::check_origin(from, "origin", place.origin.unwrap_or([0.0; 3]))?,
+    };
+    let header = Header { grid, scalar, steps: shape.steps, notes: Vec::new() };
+    Ok(Box::new(Npy { path: path.to_owned(), header, shape, endian, offset, fortran }))
+}
+
+impl VolumeFile for Npy {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
+        common::check_step(&self.path, step, self.shape.steps)?;
+        let (scalar, endian) = (self.header.scalar, self.endian);
+        if !self.fortran {
+            let from = self.offset + step as u64 * self.shape.step_bytes;
+            let map = common::map(&self.path, from, self.shape.step_bytes)?;
+            common::prepare(&self.path, out, self.shape.voxels)?;
+            decode_into(&map, scalar, endian, 0, 1, out);
+            return Ok(());
+        }
+        // The first axis is the fastest: t, then z, then y, then x.
+        let map = common::map(&self.path, self.offset, self.shape.total_bytes)?;
+        common::prepare(&self.path, out, self.shape.voxels)?;
+        let ([nx, ny, nz], nt) = (self.shape.dims, self.shape.steps);
+        out.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
+            let (y, z) = (row % ny, row / ny);
+            decode_into(&map, scalar, endian, step + nt * (z + nz * y), nt * nz * ny, line);
+        });
+        Ok(())
+    }
+}
+
+fn scalar_of(descr: &str) -> Option<(ScalarType, Endian)> {
+    let (order, kind) = descr.split_at_checked(1)?;
+    let scalar = match kind {
+        "u1" | "b1" => ScalarType::U8,
+        "i1" => ScalarType::I8,
+        "u2" => ScalarType::U16,
+        "i2" => ScalarType::I16,
+        "u4" => ScalarType::U32,
+        "i4" => ScalarType::I32,
+        "f4" => ScalarType::F32,
+        "f8" => ScalarType::F64,
+        _ => return None,
+    };
+    match order {
+        "<" => Some((scalar, Endian::Little)),
+        ">" => Some((scalar, Endian::Big)),
+        "|" if scalar.bytes() == 1 => Some((scalar, Endian::Little)),
+        _ => None,
+    }
+}
+
+#[derive(Default)]
+struct Fields {
+    descr: Option<String>,
+    fortran: Option<bool>,
+    shape: Option<Vec<u64>>,
+}
+
+/// Parses `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }`.
+fn dictionary(text: &str) -> Result<Fields, String> {
+    let mut fields = Fields::default();
+    let body = text.trim().strip_prefix('{').and_then(|t| t.strip_suffix('}'));
+    let mut rest = body.ok_or("is not a dictionary")?.trim();
+    while !rest.is_empty() {
+        let (key, after) = quoted(rest).ok_or("has a key without quotes")?;
+        let value = after.trim_start().strip_prefix(':').ok_or_else(|| format!("has no value of {key}"))?.trim_start();
+        let after = match key {
+            "descr" => {
+                let (descr, after) = quoted(value).ok_or("describes a structured type, save one plain array")?;
+                fields.descr = Some(descr.to_owned());
+                after
+            }
+            "fortran_order" => {
+                let yes = value.strip_prefix("True").map(|a| (true, a));
+                let (order, after) = yes
+                    .or_else(|| value.strip_prefix("False").map(|a| (false, a)))
+                    .ok_or("has a fortran_order that is not True or False")?;
+                fields.fortran = Some(order);
+                after
+            }
+            "shape" => {
+                let inner = value.strip_prefix('(').and_then(|v| v.split_once(')'));
+                let (list, after) = inner.ok_or("has a shape that is not a tuple")?;
+                let sizes = list.split(',').map(str::trim).filter(|s| !s.is_empty());
+                let sizes: Result<Vec<u64>, _> = sizes.map(|s| s.trim_end_matches('L').parse()).collect();
+                fields.shape = Some(sizes.map_err(|_| format!("has a shape of no whole numbers, ({list})"))?);
+                after
+            }
+            other => return Err(format!("has an unknown key {other}")),
+        };
+        let after = after.trim_start();
+        rest = match after.strip_prefix(',') {
+            Some(more) => more.trim_start(),
+            None if after.is_empty() => after,
+            None => return Err("lacks a comma between its entries".into()),
+        };
+    }
+    Ok(fields)
+}
+
+/// A quoted string at the start of `text`, and what follows it.
+fn quoted(text: &str) -> Option<(&str, &str)> {
+    let mark = text.chars().next().filter(|c| matches!(c, '\'' | '"'))?;
+    text[1..].split_once(mark)
+}

@@ -1,0 +1,126 @@
+//! NRRD files, attached (`.nrrd`) and detached (`.nhdr`), NRRD0001 to NRRD0005: fields to a header and its data.
+
+mod axes;
+mod data;
+#[cfg(test)]
+mod tests;
+mod text;
+
+use super::common::{self, Shape};
+use super::decode::Endian;
+use crate::volume::error::VolumeError;
+use crate::volume::grid::Grid;
+use crate::volume::source::{Header, VolumeFile};
+use axes::Axes;
+use data::{Data, Encoding, Selection};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use text::Text;
+
+/// No header is longer, even one that lists thousands of data files.
+const MAX_HEADER: u64 = 1 << 22;
+
+#[derive(Debug)]
+struct Nrrd {
+    path: PathBuf,
+    header: Header,
+    shape: Shape,
+    time_first: bool,
+    data: Data,
+}
+
+/// Opens an NRRD file: reads its header and checks the sizes of its data files.
+///
+/// # Errors
+/// A field that is missing, malformed or not read here, absent data files, or data that cannot hold the sizes.
+pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
+    let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
+    let (file, _) = common::open_file(path)?;
+    let mut bytes = Vec::new();
+    let fail = |e| VolumeError::io(path, "read the header", e, "check the disk");
+    let mut reader = file.take(MAX_HEADER);
+    // A header is short: the whole limit is read only where no blank line shows up before.
+    while !bytes.windows(2).any(|w| w == b"\n\n") && !bytes.windows(4).any(|w| w == b"\r\n\r\n") {
+        let more = (bytes.len() as u64).max(1 << 14);
+        if reader.by_ref().take(more).read_to_end(&mut bytes).map_err(fail)? == 0 {
+            break;
+        }
+    }
+    let text = Text::parse(path, &bytes)?;
+    if text.end.is_none() && bytes.len() as u64 == MAX_HEADER {
+        let problem = format!("does not end within {MAX_HEADER} bytes");
+        return Err(bad("header", problem, "end it with a blank line"));
+    }
+    let axes = Axes::read(path, &text)?;
+
+    let name = text.need(path, "type")?;
+    let scalar = common::scalar_from_name(name).ok_or_else(|| {
+        let hint = "save it as uchar, short, ushort, int, uint, float or double";
+        bad("type", format!("\"{name}\" is not read"), hint)
+    })?;
+    let encoding = match text.need(path, "encoding")?.to_ascii_lowercase().as_str() {
+        "raw" => Encoding::Raw,
+        "gz" | "gzip" => Encoding::Gzip,
+        "txt" | "text" | "ascii" => Encoding::Ascii,
+        other => return Err(bad("encoding", format!("\"{other}\" is not read"), "save it as raw, gzip or ascii")),
+    };
+    let endian = match text.get("endian").map(str::to_ascii_lowercase).as_deref() {
+        Some("little") => Endian::Little,
+        Some("big") => Endian::Big,
+        None if scalar.bytes() == 1 || encoding == Encoding::Ascii => Endian::Little,
+        None => return Err(bad("endian", "is not given".into(), "add \"endian: little\" or \"endian: big\"")),
+        Some(other) => return Err(bad("endian", format!("\"{other}\" is no byte order"), "use little or big")),
+    };
+    let line_skip = match text.get("lineskip").map(str::parse).transpose() {
+        Ok(n) => n.unwrap_or(0),
+        Err(_) => return Err(bad("line skip", "is not a whole number".into(), "give the lines to skip")),
+    };
+    let byte_skip = match text.get("byteskip").map(str::parse::<i64>).transpose() {
+        Ok(None) => Some(0),
+        Ok(Some(-1)) if encoding == Encoding::Raw => None,
+        Ok(Some(n)) if n >= 0 => Some(n as u64),
+        _ => {
+            return Err(bad("byte skip", "is not a number of bytes".into(), "give 0 or more, or -1 with raw encoding"));
+        }
+    };
+
+    let shape = Shape::new(path, "sizes", axes.dims, axes.steps, scalar)?;
+    let values = shape.total_bytes / scalar.bytes() as u64;
+    let (files, base) = if text.files.is_empty() {
+        let hint = "end the header with a blank line before the data, or name a \"data file\"";
+        let end = text.end.ok_or_else(|| bad("header", "has neither data nor a data file".into(), hint))?;
+        (vec![path.to_owned()], end)
+    } else {
+        (text.files.iter().map(|f| path.with_file_name("").join(f)).collect(), 0)
+    };
+    let count = files.len() as u64;
+    if !values.is_multiple_of(count) {
+        let problem = format!("{values} values cannot be shared by {count} files evenly");
+        return Err(bad("data file", problem, "name as many files as the last axis is long"));
+    }
+    let data = Data { files, base, encoding, scalar, endian, line_skip, byte_skip, per_file: values / count };
+    data.check(path)?;
+
+    let grid = Grid { dims: shape.dims, spacing: axes.spacing, origin: axes.origin };
+    let notes = text.notes.into_iter().chain(axes.notes).collect();
+    let header = Header { grid, scalar, steps: shape.steps, notes };
+    Ok(Box::new(Nrrd { path: path.to_owned(), header, shape, time_first: axes.time_first, data }))
+}
+
+impl VolumeFile for Nrrd {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
+        common::check_step(&self.path, step, self.shape.steps)?;
+        common::prepare(&self.path, out, self.shape.voxels)?;
+        let (step, count) = (step as u64, self.shape.voxels);
+        let chosen = if self.time_first {
+            Selection { first: step, stride: self.shape.steps as u64, count }
+        } else {
+            Selection { first: step * count as u64, stride: 1, count }
+        };
+        self.data.read(chosen, out)
+    }
+}

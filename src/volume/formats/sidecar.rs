@@ -1,0 +1,93 @@
+//! Small TOML or JSON files that lie beside a volume and say what it cannot say itself.
+
+use super::common::open_file;
+use crate::volume::error::VolumeError;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// No sidecar is longer; a longer one is some other file.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// The sidecar of a raw file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RawSidecar {
+    /// Voxels along x, y, z, or x, y, z and steps.
+    pub dims: Vec<u64>,
+    /// Scalar type by name.
+    #[serde(rename = "type")]
+    pub scalar: String,
+    /// `little` (default) or `big`.
+    pub endian: Option<String>,
+    /// Distance between voxels along x, y, z.
+    pub spacing: Option<[f64; 3]>,
+    /// Centre of the first voxel.
+    pub origin: Option<[f64; 3]>,
+    /// Bytes before the first value.
+    pub offset: Option<u64>,
+    /// Time steps in each file.
+    pub steps: Option<u64>,
+}
+
+/// The sidecar of a file that knows all but its place.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceSidecar {
+    /// Distance between voxels along x, y, z.
+    pub spacing: Option<[f64; 3]>,
+    /// Centre of the first voxel.
+    pub origin: Option<[f64; 3]>,
+}
+
+/// The one file of `candidates` that exists, if any.
+///
+/// # Errors
+/// Two exist.
+pub fn only(path: &Path, candidates: &[PathBuf]) -> Result<Option<PathBuf>, VolumeError> {
+    let mut found = candidates.iter().filter(|c| c.is_file());
+    let first = found.next();
+    if let (Some(a), Some(b)) = (first, found.next()) {
+        let problem = format!("both {} and {} exist", a.display(), b.display());
+        return Err(VolumeError::invalid(path, "sidecar", problem, "keep one of them"));
+    }
+    Ok(first.cloned())
+}
+
+/// Adds `suffix` to the whole file name: `a.raw` and `.toml` give `a.raw.toml`.
+#[must_use]
+pub fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
+/// Reads a sidecar, JSON where the name ends so, else TOML.
+///
+/// # Errors
+/// Unreadable, too long, not TOML or JSON, an unknown field, or a wrong type.
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, VolumeError> {
+    let (file, len) = open_file(path)?;
+    if len > MAX_BYTES {
+        let problem = format!("{len} bytes is too long for a sidecar");
+        return Err(VolumeError::invalid(path, "sidecar", problem, "it should hold a few lines"));
+    }
+    let mut text = String::new();
+    file.take(MAX_BYTES)
+        .read_to_string(&mut text)
+        .map_err(|e| VolumeError::io(path, "read the sidecar", e, "it must be UTF-8 text"))?;
+    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let parsed = if json {
+        serde_json::from_str(&text).map_err(|e| e.to_string())
+    } else {
+        toml::from_str(&text).map_err(|e: toml::de::Error| {
+            let line = e.span().map(|s| 1 + text.bytes().take(s.start).filter(|&b| b == b'\n').count());
+            line.map_or_else(|| e.message().to_owned(), |n| format!("line {n}: {}", e.message()))
+        })
+    };
+    parsed.map_err(|problem| {
+        let hint = "the fields are dims, type, endian, spacing, origin, offset, steps (for .npy only spacing, origin)";
+        VolumeError::invalid(path, "sidecar", problem, hint)
+    })
+}

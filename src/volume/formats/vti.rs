@@ -1,0 +1,203 @@
+//! VTK XML image data (`.vti`): serial files of one piece, in ascii, inline base64 or appended (raw or base64) form,
+//! stored plainly or packed with zlib or lz4. The markup is read in `xml`, the numbers in `data`.
+//!
+//! The crate `vtkio` is not used: version 0.7.0-rc2 refuses raw appended data (the form VTK writes by default), drops
+//! arrays it cannot read without a word, panics on damaged block headers and allocates whatever they ask for.
+
+mod data;
+#[cfg(test)]
+mod tests;
+mod xml;
+
+use super::stream::read_error;
+use crate::volume::error::VolumeError;
+use crate::volume::grid::Grid;
+use crate::volume::source::{Header, VolumeFile};
+use data::{Encoding, Layout, Packing};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+use xml::{Array, Document, Section};
+
+/// Opens a `.vti` file and reads its markup; the values stay on disk.
+///
+/// # Errors
+/// An unreadable file, one that is not serial VTK image data of one piece, one without a one-component array, one
+/// that claims more values than it can hold, or an unknown type or compressor.
+pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
+    let io = |e| VolumeError::io(path, "open the file", e, "check the path and the permissions");
+    let file = File::open(path).map_err(io)?;
+    let file_len = file.metadata().map_err(io)?.len();
+    let doc = xml::parse(path, BufReader::new(file))?;
+    let mut notes = Vec::new();
+    let (array, cells) = choose(path, &doc, &mut notes)?;
+    let grid = grid(path, &doc, cells, &mut notes)?;
+    let layout = layout(path, &doc, array, grid.dims, file_len)?;
+    let header = Header { grid, scalar: layout.kind.scalar(), steps: 1, notes };
+    Ok(Box::new(Vti { path: path.to_owned(), header, layout, field: field_name(array) }))
+}
+
+/// An open `.vti` file: what to read, and where it lies.
+#[derive(Debug)]
+struct Vti {
+    path: PathBuf,
+    header: Header,
+    layout: Layout,
+    field: String,
+}
+
+impl VolumeFile for Vti {
+    fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
+        out.clear();
+        if step != 0 {
+            return Err(VolumeError::invalid(
+                &self.path,
+                "step",
+                format!("no step {step}"),
+                "the file has step 0 only",
+            ));
+        }
+        let file = File::open(&self.path).map_err(|e| read_error(&self.path, &self.field, e))?;
+        data::read(file, &self.layout, out).map_err(|e| read_error(&self.path, &self.field, e))
+    }
+}
+
+fn field_name(array: &Array) -> String {
+    format!("DataArray \"{}\"", array.name)
+}
+
+/// The array to read, and whether its values sit on cells.
+fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result<(&'a Array, bool), VolumeError> {
+    if let Some(array) = choose_in(&doc.point, "PointData", notes) {
+        return Ok((array, false));
+    }
+    if let Some(array) = choose_in(&doc.cell, "CellData", notes) {
+        notes.push("values sit on cells: the grid is one smaller, at the cell centres".to_owned());
+        return Ok((array, true));
+    }
+    let hint = "write an array with one component into PointData";
+    let all: Vec<_> = doc.point.arrays.iter().chain(&doc.cell.arrays).collect();
+    if all.is_empty() {
+        return Err(VolumeError::invalid(path, "PointData", "holds no DataArray", hint));
+    }
+    let names: Vec<_> = all.iter().map(|a| format!("{} ({} components)", a.name, a.components)).collect();
+    Err(VolumeError::invalid(path, "PointData", format!("no one-component array among {}", names.join(", ")), hint))
+}
+
+/// The active one-component array of a section, else the first one, with notes on what was passed over.
+fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> Option<&'a Array> {
+    // Ghost flags mark voxels owned by another piece; they are never the field itself.
+    let scalars: Vec<_> = section.arrays.iter().filter(|a| a.components == 1 && a.name != "vtkGhostType").collect();
+    if let Some(active) = &section.active {
+        if let Some(array) = scalars.iter().find(|a| a.name == *active) {
+            return Some(array);
+        }
+        if !scalars.is_empty() {
+            notes.push(format!(
+                "the active array \"{active}\" of {place} is missing or has several components: passed over"
+            ));
+        }
+    }
+    let (first, rest) = scalars.split_first()?;
+    if !rest.is_empty() {
+        let others: Vec<_> = rest.iter().map(|a| a.name.as_str()).collect();
+        notes.push(format!("read the first array \"{}\" of {place}; not read: {}", first.name, others.join(", ")));
+    }
+    Some(first)
+}
+
+fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Result<Grid, VolumeError> {
+    let extent = doc.piece_extent;
+    if extent != doc.whole_extent {
+        notes.push("the piece covers part of WholeExtent: read that part".to_owned());
+    }
+    if doc.turned {
+        notes.push("orientation ignored: Direction is not the identity".to_owned());
+    }
+    let mut grid = Grid::unit([1; 3]);
+    for a in 0..3 {
+        let (lo, hi) = (i64::from(extent[2 * a]), i64::from(extent[2 * a + 1]));
+        let points = usize::try_from(hi - lo + 1).unwrap_or(0);
+        if points == 0 {
+            return Err(VolumeError::invalid(
+                path,
+                "Extent",
+                format!("axis {a} runs from {lo} to {hi}: no voxel"),
+                "write each axis as first and last index",
+            ));
+        }
+        let spacing = doc.spacing[a];
+        if !(spacing.is_finite() && spacing > 0.0 && doc.origin[a].is_finite()) {
+            return Err(VolumeError::invalid(
+                path,
+                "Spacing",
+                format!("axis {a}: spacing {spacing}, origin {}", doc.origin[a]),
+                "spacings must be finite and positive, origins finite",
+            ));
+        }
+        grid.spacing[a] = spacing;
+        grid.origin[a] = doc.origin[a] + lo as f64 * spacing;
+        grid.dims[a] = points;
+        if cells && points > 1 {
+            grid.dims[a] = points - 1;
+            grid.origin[a] += spacing / 2.0;
+        }
+    }
+    Ok(grid)
+}
+
+/// Where the values lie, once the claimed size is known to fit the file.
+fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len: u64) -> Result<Layout, VolumeError> {
+    let field = field_name(array);
+    let bad = |problem: String, hint: &str| VolumeError::invalid(path, field.clone(), problem, hint);
+    let kind = xml::kind(&array.kind)
+        .ok_or_else(|| bad(format!("unknown type \"{}\"", array.kind), "use Int8 to UInt64, Float32 or Float64"))?;
+    let (encoding, start, len) = match array.format.as_str() {
+        "ascii" | "binary" => {
+            let Some((start, len)) = array.text else {
+                return Err(bad("holds no values".to_owned(), "write the file again"));
+            };
+            (if array.format == "ascii" { Encoding::Ascii } else { Encoding::Base64 }, start, len)
+        }
+        "appended" => {
+            let Some((origin, raw)) = doc.appended else {
+                let problem = "points into AppendedData, which the file lacks".to_owned();
+                return Err(bad(problem, "the file is truncated: copy or write it again"));
+            };
+            let start = origin.checked_add(array.offset).filter(|s| *s < file_len).ok_or_else(|| {
+                bad(format!("offset {} lies past the end of the file", array.offset), "copy or write the file again")
+            })?;
+            (if raw { Encoding::Raw } else { Encoding::Base64 }, start, file_len - start)
+        }
+        other => return Err(bad(format!("unknown format \"{other}\""), "use ascii, binary or appended")),
+    };
+    let packing = match doc.compressor.as_str() {
+        _ if encoding == Encoding::Ascii => Packing::Plain,
+        "" => Packing::Plain,
+        "vtkZLibDataCompressor" => Packing::Zlib,
+        "vtkLZ4DataCompressor" => Packing::Lz4,
+        other => {
+            let hint = "write the file with zlib, lz4 or no compression (SetCompressorTypeToZLib)";
+            return Err(VolumeError::invalid(path, "compressor", format!("cannot unpack \"{other}\""), hint));
+        }
+    };
+    // The most values the bytes at hand can hold: zlib expands at most 1032:1, lz4 255:1.
+    let held = match (encoding, packing) {
+        (Encoding::Ascii, _) => len.div_ceil(2) * kind.bytes() as u64,
+        (Encoding::Base64, Packing::Plain) => len / 4 * 3,
+        (_, Packing::Plain) => len,
+        (_, Packing::Zlib) => len.saturating_mul(1032),
+        (_, Packing::Lz4) => len.saturating_mul(255),
+    };
+    let count = dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d));
+    let needed = count.and_then(|n| n.checked_mul(kind.bytes())).filter(|n| *n as u64 <= held);
+    let (Some(count), Some(_)) = (count, needed) else {
+        let problem = format!("the extent claims {dims:?} values of {} bytes, more than the file holds", kind.bytes());
+        return Err(bad(problem, "the file is truncated or its extent wrong: copy or write it again"));
+    };
+    Ok(Layout { start, len, encoding, packing, wide: doc.wide, big_endian: doc.big_endian, kind, count })
+}

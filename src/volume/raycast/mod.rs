@@ -1,0 +1,284 @@
+//! The ray caster: a volume, a transfer function and a camera -> an image with alpha.
+//!
+//! Front to back along each pixel's central ray, at steps of fixed length; trilinear values, opacity corrected for
+//! the step, Blinn-Phong shading by the gradient with a headlight. Empty space is skipped without moving the
+//! steps, so that skipping changes no bit. Each pixel is computed alone: results do not depend on threads. The
+//! plain f64 version is in `reference`.
+
+mod field;
+mod occupancy;
+mod picture;
+#[cfg(test)]
+mod reference;
+mod table;
+#[cfg(test)]
+mod tests;
+
+pub use picture::{Picture, Shares};
+
+use crate::data::Camera;
+use crate::volume::grid::{Labels, Volume};
+use crate::volume::placement::Placement;
+use crate::volume::transfer::{Shading, TransferFunction};
+use field::Field;
+use glam::{DMat3, DVec3};
+use occupancy::{BRICK, Occupancy};
+use rayon::prelude::*;
+use table::Table;
+
+/// Pixels of a tile's side; a tile is one task.
+const TILE: usize = 16;
+/// A ray ends where less light than this passes: below half a level of eight bits.
+const OPAQUE: f32 = 1e-3;
+/// Gradients below this fraction of the span per two voxels have no direction.
+const FLAT: f32 = 1e-6;
+
+/// Length of a step, in units of the smallest voxel spacing.
+pub const DEFAULT_STEP: f64 = 0.5;
+
+/// A volume ready to be rendered.
+#[derive(Debug)]
+pub struct RayCaster {
+    field: Field,
+    labels: Option<Labels>,
+    table: Table,
+    shading: Shading,
+    placement: Placement,
+    occupancy: Occupancy,
+    flat: f32,
+    step: f64,
+}
+
+/// One segment to be shown alone.
+#[derive(Debug)]
+pub struct Isolated {
+    segment: u16,
+    occupancy: Occupancy,
+}
+
+impl RayCaster {
+    /// Lays out a volume for rendering.
+    ///
+    /// `labels` (same dimensions) say which segment a voxel is of; without them the transfer function's named
+    /// ranges do. `span` is the range of data values that the transfer function's fractions refer to. `step` is
+    /// the distance of samples in units of the smallest voxel spacing. Each axis needs at least two voxels.
+    #[must_use]
+    pub fn new(
+        volume: &Volume,
+        labels: Option<Labels>,
+        transfer: &TransferFunction,
+        span: [f64; 2],
+        placement: Placement,
+        step: f64,
+    ) -> Self {
+        debug_assert!(volume.grid.dims.iter().all(|n| *n > 1));
+        let field = Field::new(volume);
+        let step = step * placement.spacing().min_element();
+        let table = Table::new(transfer, span, step / (transfer.unit_length * placement.side()));
+        let occupancy = Occupancy::new(field.dims, |from| {
+            let (low, high) = field.extremes(from, BRICK);
+            table.any_opaque(low, high)
+        });
+        let flat = FLAT * (span[1] - span[0]) as f32;
+        Self { field, labels, table, shading: transfer.shading, placement, occupancy, flat, step }
+    }
+
+    /// Prepares to show `segment` (an id, from 1) alone.
+    #[must_use]
+    pub fn isolate(&self, segment: u16) -> Isolated {
+        let [nx, ny, _] = self.field.dims;
+        let occupancy = Occupancy::new(self.field.dims, |from| {
+            let (low, high) = self.field.extremes(from, BRICK);
+            let Some(labels) = &self.labels else { return self.table.any_opaque_of(segment, low, high) };
+            let end = |a: usize| (from[a] + BRICK).min(self.field.dims[a] - 1);
+            self.table.any_opaque(low, high)
+                && (from[2]..=end(2)).any(|z| {
+                    (from[1]..=end(1)).any(|y| {
+                        let row = &labels.ids[(z * ny + y) * nx..][from[0]..=end(0)];
+                        row.contains(&segment)
+                    })
+                })
+        });
+        Isolated { segment, occupancy }
+    }
+
+    /// Renders the volume, or one segment of it alone.
+    #[must_use]
+    pub fn render(&self, camera: &Camera, only: Option<&Isolated>) -> Picture {
+        let mut picture = Picture::new(camera.width as usize, camera.height as usize);
+        self.tiles(camera, only, false, |x, y, ray| picture.set(x, y, ray.color));
+        picture
+    }
+
+    /// Renders the volume and, for each pixel, the segment with the largest share of its colour (`[H, W]`, 0
+    /// where no segment shows or less than `min_alpha` of the background is covered).
+    #[must_use]
+    pub fn render_with_labels(&self, camera: &Camera, min_alpha: f32) -> (Picture, Vec<u16>) {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let mut picture = Picture::new(width, height);
+        let mut labels = vec![0; width * height];
+        self.tiles(camera, None, true, |x, y, ray| {
+            picture.set(x, y, ray.color);
+            if ray.color[3] >= min_alpha {
+                labels[y * width + x] = ray.shares.largest();
+            }
+        });
+        (picture, labels)
+    }
+
+    /// Casts all rays, tile by tile in parallel, and hands the results over in order of tiles.
+    fn tiles(&self, camera: &Camera, only: Option<&Isolated>, shares: bool, mut put: impl FnMut(usize, usize, Ray)) {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let rays = Rays::new(camera);
+        let columns = width.div_ceil(TILE);
+        let tiles: Vec<Vec<Ray>> = (0..columns * height.div_ceil(TILE))
+            .into_par_iter()
+            .map(|tile| {
+                let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
+                let mut out = Vec::with_capacity(TILE * TILE);
+                for y in y0..(y0 + TILE).min(height) {
+                    for x in x0..(x0 + TILE).min(width) {
+                        out.push(self.cast(&rays, x, y, only, shares));
+                    }
+                }
+                out
+            })
+            .collect();
+        for (tile, rays) in tiles.into_iter().enumerate() {
+            let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
+            let w = TILE.min(width - x0);
+            for (i, ray) in rays.into_iter().enumerate() {
+                put(x0 + i % w, y0 + i / w, ray);
+            }
+        }
+    }
+
+    fn cast(&self, rays: &Rays, x: usize, y: usize, only: Option<&Isolated>, shares: bool) -> Ray {
+        let mut ray = Ray::default();
+        let direction = rays.direction(x, y);
+        let Some((near, far)) = self.placement.clip(rays.eye, direction) else { return ray };
+        let length = (far - near) / self.step;
+        let count = length.ceil() as u32;
+        let entry = self.placement.to_voxel(rays.eye + near * direction).as_vec3().to_array();
+        let delta = (direction * self.step * self.placement.voxels_per_unit).as_vec3().to_array();
+        let inverse = delta.map(f32::recip);
+        let end = self.field.dims.map(|n| (n - 1) as f32);
+        let light = (-direction).as_vec3().to_array();
+        let to_world = self.placement.voxels_per_unit.as_vec3().to_array();
+        let (occupancy, wanted) = match only {
+            Some(isolated) => (&isolated.occupancy, isolated.segment),
+            None => (&self.occupancy, 0),
+        };
+        let mut through = 1.0f32;
+        let mut k = 0;
+        while k < count {
+            // the last step may be shorter than the others
+            let part = if k + 1 == count { (length - f64::from(k)) as f32 } else { 1.0 };
+            let at = k as f32 + 0.5 * part;
+            let p: [f32; 3] = std::array::from_fn(|a| (entry[a] + at * delta[a]).clamp(0.0, end[a]));
+            let next = occupancy.next(k, p, entry, inverse);
+            if next > k {
+                // never past the last step, which is placed apart
+                k = if k + 1 < count { next.min(count - 1) } else { count };
+                continue;
+            }
+            k += 1;
+            let index = self.table.index(self.field.sample(p));
+            let [r, g, b, mut alpha] = self.table.entry(index);
+            if alpha <= 0.0 {
+                continue;
+            }
+            if wanted != 0 || shares {
+                let segment = self.segment(p, index);
+                if wanted != 0 && segment != wanted {
+                    continue;
+                }
+                ray.segment = segment;
+            }
+            if part < 1.0 {
+                alpha = 1.0 - (1.0 - alpha).powf(part);
+            }
+            let color = if self.shading.enabled { self.shade([r, g, b], p, light, to_world) } else { [r, g, b] };
+            let weight = through * alpha;
+            for c in 0..3 {
+                ray.color[c] += weight * color[c];
+            }
+            if shares {
+                ray.shares.add(ray.segment, weight);
+            }
+            through *= 1.0 - alpha;
+            if through < OPAQUE {
+                through = 0.0;
+                break;
+            }
+        }
+        ray.color[3] = 1.0 - through;
+        ray
+    }
+
+    /// The segment at voxel coordinates `p`: of the nearest voxel, or of the value's entry.
+    fn segment(&self, p: [f32; 3], index: usize) -> u16 {
+        match &self.labels {
+            None => self.table.segment(index),
+            Some(labels) => {
+                let [nx, ny, _] = self.field.dims;
+                let i = p.map(|v| (v + 0.5) as usize);
+                let end = self.field.dims.map(|n| n - 1);
+                labels.ids[(i[2].min(end[2]) * ny + i[1].min(end[1])) * nx + i[0].min(end[0])]
+            }
+        }
+    }
+
+    /// Blinn-Phong with a headlight: light and eye are in one place, so the half vector is the light's direction,
+    /// and both sides of a surface are lit. Where the field is flat only ambient light remains.
+    #[inline(always)]
+    fn shade(&self, color: [f32; 3], p: [f32; 3], light: [f32; 3], to_world: [f32; 3]) -> [f32; 3] {
+        let s = &self.shading;
+        let gradient = self.field.gradient(p);
+        let n: [f32; 3] = std::array::from_fn(|a| gradient[a] * to_world[a]);
+        let square = n.iter().map(|v| v * v).sum::<f32>();
+        let flat = gradient.iter().all(|g| g.abs() <= self.flat);
+        let cos = if flat { 0.0 } else { (n[0] * light[0] + n[1] * light[1] + n[2] * light[2]).abs() / square.sqrt() };
+        let glow = s.ambient + s.diffuse * cos;
+        let shine = if s.specular > 0.0 && cos > 0.0 { s.specular * cos.powf(s.power) } else { 0.0 };
+        color.map(|c| (c * glow + shine).min(1.0))
+    }
+}
+
+/// What a ray has gathered.
+#[derive(Clone, Copy, Default)]
+struct Ray {
+    /// Colour times alpha, alpha.
+    color: [f32; 4],
+    shares: Shares,
+    segment: u16,
+}
+
+/// The rays of a camera: unit directions through pixel centres.
+struct Rays {
+    eye: DVec3,
+    to_world: DMat3,
+    focal: [f64; 2],
+    centre: [f64; 2],
+}
+
+impl Rays {
+    fn new(camera: &Camera) -> Self {
+        let (rotation, _) = camera.world_to_camera_opencv();
+        Self {
+            eye: camera.position(),
+            to_world: rotation.transpose(),
+            focal: [camera.fx, camera.fy],
+            centre: [camera.cx, camera.cy],
+        }
+    }
+
+    fn direction(&self, x: usize, y: usize) -> DVec3 {
+        let local = DVec3::new(
+            (x as f64 + 0.5 - self.centre[0]) / self.focal[0],
+            (y as f64 + 0.5 - self.centre[1]) / self.focal[1],
+            1.0,
+        );
+        (self.to_world * local).normalize()
+    }
+}

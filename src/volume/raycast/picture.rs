@@ -1,0 +1,129 @@
+//! What the ray caster gives: an image with alpha, and which segments a ray met.
+
+use image::RgbaImage;
+
+/// An image `[H, W, 4]`: colour times alpha, and alpha, each in [0, 1].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// Rows from the top, `[H, W, 4]`, premultiplied.
+    pub pixels: Vec<f32>,
+}
+
+impl Picture {
+    pub(super) fn new(width: usize, height: usize) -> Self {
+        Self { width, height, pixels: vec![0.0; 4 * width * height] }
+    }
+
+    pub(super) fn set(&mut self, x: usize, y: usize, color: [f32; 4]) {
+        self.pixels[4 * (y * self.width + x)..][..4].copy_from_slice(&color);
+    }
+
+    /// The image over a background, `[H, W, 3]`.
+    #[must_use]
+    pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
+        self.pixels.chunks_exact(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + (1.0 - p[3]) * background[c])).collect()
+    }
+
+    /// The image in 8 bits with straight alpha, as datasets store it. The colour is the one that, with the rounded
+    /// alpha, comes nearest to the image over black.
+    #[must_use]
+    pub fn to_rgba8(&self) -> RgbaImage {
+        RgbaImage::from_fn(self.width as u32, self.height as u32, |x, y| {
+            let p = &self.pixels[4 * (y as usize * self.width + x as usize)..][..4];
+            let alpha = (p[3] * 255.0).round();
+            let color = |c: usize| if alpha > 0.0 { (p[c] * 255.0 / alpha * 255.0).round().min(255.0) } else { 0.0 };
+            image::Rgba([color(0) as u8, color(1) as u8, color(2) as u8, alpha as u8])
+        })
+    }
+
+    /// Where alpha is at least `min_alpha`: 255, else 0, `[H, W]`.
+    #[must_use]
+    pub fn mask(&self, min_alpha: f32) -> Vec<u8> {
+        self.pixels.chunks_exact(4).map(|p| if p[3] >= min_alpha { 255 } else { 0 }).collect()
+    }
+
+    /// Fraction of pixels with any alpha.
+    #[must_use]
+    pub fn coverage(&self) -> f64 {
+        let some = self.pixels.chunks_exact(4).filter(|p| p[3] > 0.0).count();
+        some as f64 / (self.width * self.height).max(1) as f64
+    }
+}
+
+/// Segments that a ray may keep apart; the least of more is forgotten.
+const KEPT: usize = 6;
+
+/// The share of each segment in the colour of one pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Shares {
+    ids: [u16; KEPT],
+    weights: [f32; KEPT],
+}
+
+impl Shares {
+    /// Adds to a segment's share; 0 (no segment) counts as one too.
+    pub fn add(&mut self, segment: u16, weight: f32) {
+        let mut least = 0;
+        for i in 0..KEPT {
+            if self.weights[i] > 0.0 && self.ids[i] == segment {
+                self.weights[i] += weight;
+                return;
+            }
+            if self.weights[i] < self.weights[least] {
+                least = i;
+            }
+        }
+        if weight > self.weights[least] {
+            self.ids[least] = segment;
+            self.weights[least] = weight;
+        }
+    }
+
+    /// The segment with the largest share; 0 without any.
+    #[must_use]
+    pub fn largest(&self) -> u16 {
+        let mut best = 0;
+        for i in 1..KEPT {
+            if self.weights[i] > self.weights[best] {
+                best = i;
+            }
+        }
+        self.ids[best]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn straight_alpha_composites_back() {
+        let mut picture = Picture::new(2, 1);
+        picture.set(0, 0, [0.2, 0.1, 0.3, 0.4]);
+        let rgba = picture.to_rgba8();
+        assert_eq!(rgba.get_pixel(1, 0).0, [0; 4]);
+        let p = rgba.get_pixel(0, 0).0.map(|v| f32::from(v) / 255.0);
+        for (c, want) in picture.over([1.0; 3])[..3].iter().enumerate() {
+            assert!((p[c] * p[3] + 1.0 - p[3] - want).abs() < 0.004);
+        }
+        assert_eq!(picture.mask(0.4), [255, 0]);
+        assert!((picture.coverage() - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_largest_share_wins() {
+        let mut shares = Shares::default();
+        assert_eq!(shares.largest(), 0);
+        for id in 0..40u16 {
+            shares.add(id, 0.01);
+        }
+        shares.add(7, 0.02);
+        shares.add(3, 0.2);
+        shares.add(7, 0.3);
+        assert_eq!(shares.largest(), 7);
+    }
+}

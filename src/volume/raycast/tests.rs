@@ -1,0 +1,232 @@
+//! The ray caster against exact answers, against the plain reference, and with odd input.
+
+use super::*;
+use crate::data::paths::{FOV_X, Lens, RADIUS, training_cameras};
+use crate::volume::grid::Grid;
+use crate::volume::placement::published_side;
+use crate::volume::transfer::SegmentRange;
+use reference::trace;
+
+const SPAN: [f64; 2] = [0.0, 1.0];
+
+fn lens(size: u32) -> Lens {
+    Lens { fov_x: FOV_X, width: size, height: size }
+}
+
+fn volume(dims: [usize; 3], f: impl Fn([f64; 3]) -> f64) -> Volume {
+    let at = |i: usize, a: usize| 2.0 * i as f64 / (dims[a] - 1) as f64 - 1.0;
+    let mut values = Vec::new();
+    for z in 0..dims[2] {
+        for y in 0..dims[1] {
+            for x in 0..dims[0] {
+                values.push(f([at(x, 0), at(y, 1), at(z, 2)]) as f32);
+            }
+        }
+    }
+    Volume { grid: Grid::unit(dims), values }
+}
+
+/// A transfer function by points `(fraction, opacity)`, red at 0 and blue at 1, without shading.
+fn plain(opacity: &[(f64, f32)]) -> TransferFunction {
+    TransferFunction {
+        name: "test".into(),
+        range: Some(SPAN),
+        colors: vec![(0.0, [1.0, 0.2, 0.0]), (1.0, [0.0, 0.2, 1.0])],
+        opacity: opacity.to_vec(),
+        unit_length: 0.1,
+        shading: Shading { enabled: false, ..Shading::default() },
+        segments: Vec::new(),
+    }
+}
+
+fn caster(volume: &Volume, transfer: &TransferFunction, step: f64) -> RayCaster {
+    RayCaster::new(volume, None, transfer, SPAN, Placement::new(&volume.grid, published_side()), step)
+}
+
+/// A few balls and a slope: values in [0, 1], flat in places.
+fn bumpy(p: [f64; 3]) -> f64 {
+    let ball = |c: [f64; 3], r: f64| {
+        let d2: f64 = (0..3).map(|a| (p[a] - c[a]).powi(2)).sum();
+        (1.0 - d2 / (r * r)).max(0.0)
+    };
+    (0.9 * ball([0.3, 0.2, -0.4], 0.5) + 0.7 * ball([-0.4, -0.1, 0.3], 0.6) + 0.4 * ball([0.0, 0.5, 0.5], 0.4)).min(1.0)
+}
+
+#[test]
+fn a_homogeneous_box_follows_beer_lambert() {
+    // opacity 0.3 in a tenth of the side: alpha = 1 - 0.7^(way / (0.1 side)), whatever the step
+    let v = volume([9, 17, 5], |_| 0.5);
+    let tf = plain(&[(0.0, 0.3)]);
+    let placement = Placement::new(&v.grid, published_side());
+    for camera in training_cameras(5, RADIUS, lens(24)) {
+        for step in [0.37, 1.0, 3.0] {
+            let picture = caster(&v, &tf, step).render(&camera, None);
+            let rays = Rays::new(&camera);
+            let mut hit = 0;
+            for y in 0..24 {
+                for x in 0..24 {
+                    let way = placement.clip(rays.eye, rays.direction(x, y)).map_or(0.0, |(n, f)| f - n);
+                    let alpha = 1.0 - 0.7f64.powf(way / (0.1 * published_side()));
+                    let p = &picture.pixels[4 * (y * 24 + x)..][..4];
+                    // rays that lose the last thousandth end early
+                    assert!((f64::from(p[3]) - alpha).abs() < 1e-3, "step {step}: {} for {alpha}", p[3]);
+                    assert!((p[1] - 0.2 * p[3]).abs() < 1e-3 && (p[0] - 0.5 * p[3]).abs() < 1e-3);
+                    hit += usize::from(way > 0.0);
+                }
+            }
+            assert!(hit > 20, "the camera sees the box");
+        }
+    }
+}
+
+#[test]
+fn a_homogeneous_ball_has_the_length_of_its_chords() {
+    // the value falls linearly from the centre, so that trilinear interpolation keeps the radius to second order
+    let radius = 0.8;
+    let v = volume([97; 3], |p| 1.0 - p.iter().map(|x| x * x).sum::<f64>().sqrt());
+    let edge = 1.0 - radius;
+    let tf = plain(&[(edge, 0.0), (edge, 0.1)]);
+    let side = published_side();
+    let camera = &training_cameras(3, RADIUS, lens(64))[1];
+    let picture = caster(&v, &tf, 0.25).render(camera, None);
+    let rays = Rays::new(camera);
+    let (mut worst, mut sum) = (0.0f64, 0.0);
+    for y in 0..64 {
+        for x in 0..64 {
+            let d = rays.direction(x, y);
+            let off2 = (rays.eye - rays.eye.dot(d) * d).length_squared();
+            let chord = 2.0 * ((0.5 * side * radius).powi(2) - off2).max(0.0).sqrt();
+            let alpha = 1.0 - 0.9f64.powf(chord / (0.1 * side));
+            let error = (f64::from(picture.pixels[4 * (y * 64 + x) + 3]) - alpha).abs();
+            worst = worst.max(error);
+            sum += error;
+        }
+    }
+    // only rays that graze the ball feel the grid
+    assert!(worst < 0.03 && sum / 4096.0 < 5e-4, "worst {worst}, mean {}", sum / 4096.0);
+}
+
+#[test]
+fn agrees_with_the_reference() {
+    let v = Volume {
+        grid: Grid { dims: [31, 24, 18], spacing: [1.0, 1.3, 2.0], origin: [0.0; 3] },
+        ..volume([31, 24, 18], bumpy)
+    };
+    for shaded in [false, true] {
+        let mut tf = plain(&[(0.05, 0.0), (0.3, 0.05), (0.5, 0.0), (0.55, 0.9)]);
+        tf.shading = Shading { enabled: shaded, ..Shading::default() };
+        let fast = caster(&v, &tf, 0.5);
+        let placement = Placement::new(&v.grid, published_side());
+        let (mut square, mut n, mut covered) = (0.0, 0, 0);
+        for camera in training_cameras(7, RADIUS, lens(20)) {
+            let picture = fast.render(&camera, None);
+            for (i, p) in picture.pixels.chunks_exact(4).enumerate() {
+                let want = trace(&v, &tf, SPAN, &placement, 0.5, &camera, [i % 20, i / 20]);
+                square += (0..4).map(|c| (f64::from(p[c]) - want[c]).powi(2)).sum::<f64>();
+                n += 4;
+                covered += usize::from(want[3] > 0.1);
+            }
+        }
+        let psnr = -10.0 * (square / f64::from(n)).log10();
+        assert!(covered > 100 && psnr > 60.0, "shaded {shaded}: {psnr} dB over {covered} pixels");
+    }
+}
+
+#[test]
+fn skipping_and_threads_change_no_bit() {
+    let v = volume([40, 33, 50], bumpy);
+    let tf = plain(&[(0.2, 0.0), (0.3, 0.4), (0.4, 0.0), (0.8, 0.0), (0.9, 0.9)]);
+    let skipping = caster(&v, &tf, 0.5);
+    let mut all = caster(&v, &tf, 0.5);
+    all.occupancy = Occupancy::new(v.grid.dims, |_| true);
+    for camera in training_cameras(5, RADIUS, lens(50)) {
+        let picture = all.render(&camera, None);
+        for threads in [1, 2, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            assert!(pool.install(|| skipping.render(&camera, None)) == picture);
+        }
+    }
+    // and something was there to be skipped
+    assert!(skipping.occupancy.occupied() < all.occupancy.occupied() / 2);
+}
+
+#[test]
+fn segments_alone_make_up_the_whole() {
+    let v = volume([32; 3], bumpy);
+    let [left, right] = [1, 2];
+    let ids = (0..32usize.pow(3)).map(|i| if i % 32 < 14 { left } else { right }).collect();
+    let labels = Labels { grid: v.grid, ids };
+    let tf = plain(&[(0.1, 0.0), (0.4, 0.9)]);
+    let placement = Placement::new(&v.grid, published_side());
+    let caster = RayCaster::new(&v, Some(labels), &tf, SPAN, placement, 0.5);
+    let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 40, 40);
+    let (whole, image) = caster.render_with_labels(&camera, 0.05);
+    assert_eq!(whole, caster.render(&camera, None));
+    let alone: Vec<Picture> = [left, right].map(|id| caster.render(&camera, Some(&caster.isolate(id)))).into();
+    for (i, id) in image.iter().enumerate() {
+        let [a, b] = [&alone[0], &alone[1]].map(|p| p.pixels[4 * i + 3]);
+        // light passes both, one after the other
+        assert!((1.0 - (1.0 - a) * (1.0 - b) - whole.pixels[4 * i + 3]).abs() < 3e-3);
+        match id {
+            0 => assert!(whole.pixels[4 * i + 3] < 0.05),
+            1 => assert!(a > 0.0),
+            _ => assert!(b > 0.0),
+        }
+    }
+    assert!(image.contains(&1) && image.contains(&2));
+    assert!(caster.render(&camera, Some(&caster.isolate(9))).coverage() == 0.0);
+}
+
+#[test]
+fn named_ranges_are_segments_too() {
+    let v = volume([32; 3], |p| 1.0 - p.iter().map(|x| x * x).sum::<f64>().sqrt());
+    let mut tf = plain(&[(0.2, 0.0), (0.25, 0.3)]);
+    let range = |name: &str, range| SegmentRange { name: name.into(), range, color: None };
+    tf.segments = vec![range("shell", [0.2, 0.6]), range("core", [0.6, 1.01])];
+    let caster = caster(&v, &tf, 0.5);
+    let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 64, 64);
+    let [shell, core] = [1, 2].map(|id| caster.render(&camera, Some(&caster.isolate(id))));
+    // the core is hidden in the shell, and shows alone
+    assert!(shell.coverage() > core.coverage() && core.coverage() > 0.01);
+    let ratio = (core.coverage() / shell.coverage()).sqrt();
+    assert!((ratio - 0.4 / 0.8).abs() < 0.05, "{ratio}");
+}
+
+#[test]
+fn shading_follows_the_headlight() {
+    // a ball: brightest in the middle, ambient at the rim; the sign of the gradient does not matter
+    for sign in [1.0, -1.0] {
+        let v = volume([65; 3], |p| 0.5 + sign * (0.5 - p.iter().map(|x| x * x).sum::<f64>().sqrt()));
+        let mut tf = plain(&if sign > 0.0 { [(0.3, 0.0), (0.35, 0.99)] } else { [(0.65, 0.99), (0.7, 0.0)] });
+        tf.unit_length = 0.01;
+        tf.colors = vec![(0.0, [0.5; 3])];
+        tf.shading = Shading { enabled: true, ambient: 0.2, diffuse: 0.6, specular: 0.1, power: 10.0 };
+        let camera = Camera::look_at(DVec3::X * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 65, 65);
+        let rgb = caster(&v, &tf, 0.25).render(&camera, None);
+        let at = |x: usize| rgb.pixels[4 * (32 * 65 + x)] / rgb.pixels[4 * (32 * 65 + x) + 3].max(0.01);
+        if sign > 0.0 {
+            assert!((at(32) - (0.5 * 0.8 + 0.1)).abs() < 0.01, "{}", at(32));
+            assert!(at(32) > at(24) && at(24) > at(20));
+        } else {
+            // the hollow shows its nearest corner, lit by its own slope
+            assert!(at(32) > 0.3);
+        }
+    }
+}
+
+#[test]
+fn odd_input_gives_a_picture() {
+    let v = volume([2, 2, 2], |_| 7.0);
+    let tf = plain(&[(0.0, 1.0)]);
+    let placement = Placement::new(&v.grid, 1.0);
+    // a span of no width, an opacity of one, a camera inside, and one looking away
+    let caster = RayCaster::new(&v, None, &tf, [7.0, 7.0], placement, 0.5);
+    let inside = Camera::look_at(DVec3::splat(0.1), DVec3::X, DVec3::Z, 1.0, 8, 8);
+    let picture = caster.render(&inside, None);
+    assert!(picture.pixels.iter().all(|p| p.is_finite()) && picture.coverage() > 0.5);
+    let away = Camera::look_at(DVec3::X * 4.0, DVec3::X * 8.0, DVec3::Z, 1.0, 8, 8);
+    assert_eq!(caster.render(&away, None).coverage(), 0.0);
+    let nothing = RayCaster::new(&v, None, &plain(&[(0.0, 0.0)]), SPAN, placement, 0.5);
+    assert_eq!(nothing.render(&inside, None).coverage(), 0.0);
+    assert!(v.grid.len() == 8 && caster.render(&Camera { width: 1, height: 3, ..inside }, None).pixels.len() == 12);
+}

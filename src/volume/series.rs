@@ -1,0 +1,318 @@
+//! A time-varying volume: many files of one step, or one file of many. Steps are read one at a time, when asked for;
+//! at most one file is kept open. The formats themselves are read in [`crate::volume::formats`].
+
+mod inputs;
+#[cfg(test)]
+mod tests;
+
+use crate::volume::error::VolumeError;
+use crate::volume::formats;
+use crate::volume::grid::{Grid, Labels, ScalarType, Volume};
+use crate::volume::source::{Header, VolumeFile};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// Voxels scanned by one task.
+const CHUNK: usize = 1 << 16;
+
+/// Largest relative difference between the spacings of two files.
+const SPACING_TOLERANCE: f64 = 1e-6;
+
+/// How a series is put together.
+#[derive(Clone, Debug, Default)]
+pub struct SeriesOptions {
+    /// Put in place of NaN and infinite voxels, in data units; `None` makes them an error.
+    pub nan_as: Option<f32>,
+    /// Accept missing numbers in file names.
+    pub allow_gaps: bool,
+    /// The time of each step in any unit, strictly increasing; `None` is evenly spaced.
+    pub times: Option<Vec<f64>>,
+}
+
+/// A file that was opened, kept for the next step.
+type Kept = (usize, Arc<dyn VolumeFile>);
+
+/// Volumes on one grid, in order of time.
+#[derive(Debug)]
+pub struct Series {
+    files: Vec<PathBuf>,
+    header: Header,
+    times: Vec<f64>,
+    notes: Vec<String>,
+    nan_as: Option<f32>,
+    kept: Mutex<Option<Kept>>,
+    range: OnceLock<[f32; 2]>,
+}
+
+impl Series {
+    /// Opens the files that `inputs` name: paths, folders (all volume files inside), or patterns such as `t*.nrrd`,
+    /// the last two in natural order. All headers are read and compared, no values.
+    ///
+    /// # Errors
+    /// No file, files out of order, a missing or repeated step, files on different grids, a 4D file among others, wrong
+    /// times, or a file that cannot be read.
+    pub fn open(inputs: &[String], options: &SeriesOptions) -> Result<Self, VolumeError> {
+        let files = inputs::expand(inputs)?;
+        let gaps = inputs::check_order(&files, options.allow_gaps || options.times.is_some())?;
+        if let Some(value) = options.nan_as.filter(|v| !v.is_finite()) {
+            let problem = format!("{value} is not finite");
+            return Err(VolumeError::invalid(&files[0], "--nan", problem, "give a finite number"));
+        }
+        let first: Arc<dyn VolumeFile> = Arc::from(formats::open(&files[0])?);
+        let header = first.header().clone();
+        let mut notes = Notes::default();
+        notes.add(&files[0], &header.notes);
+        let mut mixed = false;
+        for file in &files[1..] {
+            let other = formats::open(file)?;
+            compare(&files[0], &header, file, other.header(), &mut notes)?;
+            mixed |= other.header().scalar != header.scalar;
+        }
+        let mut notes = notes.lines();
+        if mixed {
+            notes.push(format!("the files differ in scalar type, the first is {}", header.scalar.name()));
+        }
+        if gaps && options.times.is_none() {
+            notes.push("numbers are missing in the file names, the steps are taken as evenly spaced in time".into());
+        }
+        let steps = if files.len() == 1 { header.steps } else { files.len() };
+        let times = normalised(&files[0], steps, options.times.as_deref())?;
+        let kept = Mutex::new(Some((0, first)));
+        Ok(Self { files, header, times, notes, nan_as: options.nan_as, kept, range: OnceLock::new() })
+    }
+
+    /// Number of steps, at least 1.
+    #[must_use]
+    #[expect(clippy::len_without_is_empty, reason = "a series is never empty")]
+    pub fn len(&self) -> usize {
+        self.times.len()
+    }
+
+    /// The grid of every step.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        &self.header.grid
+    }
+
+    /// How the first file stores values.
+    #[must_use]
+    pub fn scalar(&self) -> ScalarType {
+        self.header.scalar
+    }
+
+    /// The name of a step for people: the file name, with `[k]` for step `k` of a 4D file. Empty beyond the last step.
+    #[must_use]
+    pub fn name(&self, step: usize) -> String {
+        let (file, k) = self.place(step);
+        let name = self.files.get(file).and_then(|f| f.file_name()).unwrap_or_default().to_string_lossy();
+        if self.header.steps > 1 { format!("{name}[{k}]") } else { name.into_owned() }
+    }
+
+    /// The time of a step in `[0, 1]`: 0 the first, 1 the last; 0 for a single step. NaN beyond the last step.
+    #[must_use]
+    pub fn time(&self, step: usize) -> f64 {
+        self.times.get(step).copied().unwrap_or(f64::NAN)
+    }
+
+    /// What the user should know about the files, one sentence each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Reads a step. NaN and infinite voxels are replaced if the options say so.
+    ///
+    /// # Errors
+    /// No such step, a file that cannot be read, or a voxel that is NaN or infinite.
+    pub fn load(&self, step: usize) -> Result<Volume, VolumeError> {
+        let mut values = Vec::new();
+        self.read(step, &mut values)?;
+        Ok(Volume { grid: self.header.grid, values })
+    }
+
+    /// Reads a step as labels.
+    ///
+    /// # Errors
+    /// No such step, a file that cannot be read, or a voxel that is not a whole number from 0 to 65535.
+    pub fn load_labels(&self, step: usize) -> Result<Labels, VolumeError> {
+        let mut values = Vec::new();
+        let path = self.read_as_stored(step, &mut values)?;
+        let label = |v: f32| (0.0..=65535.0).contains(&v) && v.fract() == 0.0;
+        if let Some((count, at)) = offenders(&values, |v| !label(v)) {
+            let problem = format!("{count} voxels are no labels, the first holds {}", values[at]);
+            let hint = "labels are whole numbers from 0 to 65535, 0 for no segment";
+            return Err(VolumeError::invalid(path, self.voxel(at), problem, hint));
+        }
+        Ok(Labels { grid: self.header.grid, ids: values.par_iter().map(|&v| v as u16).collect() })
+    }
+
+    /// The smallest and largest value over all steps, in data units. Reads every step the first time, one in memory at
+    /// a time.
+    ///
+    /// # Errors
+    /// As [`Series::load`].
+    pub fn range(&self) -> Result<[f32; 2], VolumeError> {
+        if let Some(range) = self.range.get() {
+            return Ok(*range);
+        }
+        let widest = [f32::INFINITY, f32::NEG_INFINITY];
+        let merge = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let (mut range, mut values) = (widest, Vec::new());
+        for step in 0..self.len() {
+            self.read(step, &mut values)?;
+            let part = |c: &[f32]| c.iter().fold(widest, |r, &v| merge(r, [v, v]));
+            range = merge(range, values.par_chunks(CHUNK).map(part).reduce(|| widest, merge));
+        }
+        // -0 and 0 are equal, which of them is found must not depend on the order.
+        Ok(*self.range.get_or_init(|| range.map(|v| v + 0.0)))
+    }
+
+    /// Counts the voxels of a step in `bins` equal parts of `range` (data units, `range[1]` is in the last bin). Voxels
+    /// outside `range` are not counted; where both ends are equal, voxels of that value are in the first bin.
+    ///
+    /// # Errors
+    /// As [`Series::load`].
+    pub fn histogram(&self, step: usize, bins: usize, range: [f32; 2]) -> Result<Vec<u64>, VolumeError> {
+        let mut values = Vec::new();
+        self.read(step, &mut values)?;
+        let mut counts = vec![0u64; bins];
+        let (lo, hi) = (f64::from(range[0]), f64::from(range[1]));
+        let scale = if hi > lo { bins as f64 / (hi - lo) } else { 0.0 };
+        if let Some(last) = bins.checked_sub(1) {
+            for &v in values.iter().filter(|v| (range[0]..=range[1]).contains(*v)) {
+                counts[(((f64::from(v) - lo) * scale) as usize).min(last)] += 1;
+            }
+        }
+        Ok(counts)
+    }
+
+    /// The file of a step, and the step within it.
+    fn place(&self, step: usize) -> (usize, usize) {
+        if self.files.len() == 1 { (0, step) } else { (step, 0) }
+    }
+
+    fn voxel(&self, at: usize) -> String {
+        let [nx, ny, _] = self.header.grid.dims;
+        format!("voxel x={} y={} z={}", at % nx, at / nx % ny, at / nx / ny)
+    }
+
+    fn read(&self, step: usize, values: &mut Vec<f32>) -> Result<(), VolumeError> {
+        let path = self.read_as_stored(step, values)?;
+        let Some((count, at)) = offenders(values, |v| !v.is_finite()) else { return Ok(()) };
+        let Some(value) = self.nan_as else {
+            let problem = format!("{count} voxels of {} are NaN or infinite, this is the first", self.name(step));
+            let hint = "replace them with --nan VALUE";
+            return Err(VolumeError::invalid(path, self.voxel(at), problem, hint));
+        };
+        values.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value);
+        Ok(())
+    }
+
+    fn read_as_stored(&self, step: usize, values: &mut Vec<f32>) -> Result<&Path, VolumeError> {
+        if step >= self.len() {
+            let problem = format!("there is no step {step}, the series has {}", self.len());
+            return Err(VolumeError::invalid(&self.files[0], "step", problem, "ask for a step from 0 on"));
+        }
+        let (file, k) = self.place(step);
+        let path = &self.files[file];
+        self.opened(file)?.read(k, values)?;
+        if values.len() == self.header.grid.len() {
+            return Ok(path);
+        }
+        let problem = format!("{} values were read, the grid has {}", values.len(), self.header.grid.len());
+        Err(VolumeError::invalid(path, "size", problem, "write the file again"))
+    }
+
+    fn opened(&self, file: usize) -> Result<Arc<dyn VolumeFile>, VolumeError> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, open)) = kept.as_ref().filter(|k| k.0 == file) {
+            return Ok(Arc::clone(open));
+        }
+        // The one before is closed first.
+        *kept = None;
+        let path = &self.files[file];
+        let open: Arc<dyn VolumeFile> = Arc::from(formats::open(path)?);
+        if open.header().grid.dims != self.header.grid.dims || open.header().steps != self.header.steps {
+            return Err(VolumeError::invalid(path, "sizes", "changed since the series was opened", "start again"));
+        }
+        *kept = Some((file, Arc::clone(&open)));
+        Ok(open)
+    }
+}
+
+/// How many values are `bad`, and the index of the first of them.
+fn offenders(values: &[f32], bad: impl Fn(f32) -> bool + Sync) -> Option<(usize, usize)> {
+    let part = |(i, c): (usize, &[f32])| {
+        let count = c.iter().filter(|&&v| bad(v)).count();
+        let first = c.iter().position(|&v| bad(v)).map_or(usize::MAX, |at| i * CHUNK + at);
+        (count, first)
+    };
+    let found = values.par_chunks(CHUNK).enumerate().map(part);
+    let (count, first) = found.reduce(|| (0, usize::MAX), |a, b| (a.0 + b.0, a.1.min(b.1)));
+    (count > 0).then_some((count, first))
+}
+
+fn compare(first: &Path, header: &Header, path: &Path, other: &Header, notes: &mut Notes) -> Result<(), VolumeError> {
+    let (a, b) = (&header.grid, &other.grid);
+    let differ = |field: &str, ours: String, theirs: String| {
+        let problem = format!("is {ours}, but {theirs} in {}", first.display());
+        Err(VolumeError::invalid(path, field, problem, "a series needs one grid: resample the files or leave one out"))
+    };
+    if let Some(steps) = [header.steps, other.steps].into_iter().find(|&s| s > 1) {
+        let problem = format!("{} and {} are several files, one of {steps} steps", first.display(), path.display());
+        return Err(VolumeError::invalid(path, "steps", problem, "give one 4D file alone, or files of one step each"));
+    }
+    if a.dims != b.dims {
+        return differ("dims", format!("{:?}", b.dims), format!("{:?}", a.dims));
+    }
+    if (0..3).any(|i| (a.spacing[i] - b.spacing[i]).abs() > SPACING_TOLERANCE * a.spacing[i].abs()) {
+        return differ("spacing", format!("{:?}", b.spacing), format!("{:?}", a.spacing));
+    }
+    if a.origin != b.origin {
+        notes.add(path, &["the origin differs from that of the first file, which is taken".to_owned()]);
+    }
+    notes.add(path, &other.notes);
+    Ok(())
+}
+
+fn normalised(path: &Path, steps: usize, times: Option<&[f64]>) -> Result<Vec<f64>, VolumeError> {
+    let last = steps.saturating_sub(1).max(1) as f64;
+    let Some(times) = times else { return Ok((0..steps).map(|i| i as f64 / last).collect()) };
+    let bad = |problem: String, hint: &str| Err(VolumeError::invalid(path, "times", problem, hint));
+    if times.len() != steps {
+        return bad(format!("{} times are given for {steps} steps", times.len()), "give one time for each step");
+    }
+    if let Some(i) = (0..steps).find(|&i| !times[i].is_finite() || (i > 0 && times[i] <= times[i - 1])) {
+        return bad(format!("time {i}, {}, does not follow the one before", times[i]), "give finite, increasing times");
+    }
+    let (t0, t1) = (times[0], times[steps - 1]);
+    // Halves keep the difference of huge times finite.
+    let half = if (t1 - t0).is_finite() { 1.0 } else { 0.5 };
+    let span = t1 * half - t0 * half;
+    let time = |t: &f64| if steps == 1 { 0.0 } else { ((t * half - t0 * half) / span).clamp(0.0, 1.0) };
+    Ok(times.iter().map(time).collect())
+}
+
+/// Notes on files, each text once with the first file it is about.
+#[derive(Default)]
+struct Notes(Vec<(String, PathBuf, usize)>);
+
+impl Notes {
+    fn add(&mut self, path: &Path, texts: &[String]) {
+        for text in texts {
+            match self.0.iter_mut().find(|n| n.0 == *text) {
+                Some(note) => note.2 += 1,
+                None => self.0.push((text.clone(), path.to_owned(), 1)),
+            }
+        }
+    }
+
+    fn lines(self) -> Vec<String> {
+        let line = |(text, path, count): (String, PathBuf, usize)| match count {
+            1 => format!("{}: {text}", path.display()),
+            _ => format!("{} and {} more files: {text}", path.display(), count - 1),
+        };
+        self.0.into_iter().map(line).collect()
+    }
+}

@@ -1,0 +1,234 @@
+//! Series: order, gaps, grids, times, bad voxels, labels, statistics.
+
+use super::*;
+use std::fs::write;
+use tempfile::TempDir;
+
+fn one(folder: &TempDir, name: &str, values: &[f32; 2]) -> String {
+    with(folder, name, "2 1 1", "1 1 1", values)
+}
+
+fn with(folder: &TempDir, name: &str, sizes: &str, spacings: &str, values: &[f32]) -> String {
+    let path = folder.path().join(name);
+    let head = format!(
+        "NRRD0004\ntype: float\ndimension: {}\nsizes: {sizes}\nspacings: {spacings}\nendian: little\nencoding: raw\n\n",
+        sizes.split(' ').count()
+    );
+    let data: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    write(&path, [head.as_bytes(), &data].concat()).unwrap();
+    path.to_string_lossy().into_owned()
+}
+
+fn dir() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+fn open(inputs: &[String]) -> Result<Series, VolumeError> {
+    Series::open(inputs, &SeriesOptions::default())
+}
+
+fn refused(inputs: &[String]) -> String {
+    open(inputs).map(|s| s.len()).unwrap_err().to_string()
+}
+
+fn here(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).to_string_lossy().into_owned()
+}
+
+#[test]
+fn folder_and_pattern_in_natural_order() {
+    let d = dir();
+    for k in [10, 9, 8, 11] {
+        one(&d, &format!("t{k}.nrrd"), &[k as f32, 0.0]);
+    }
+    write(d.path().join("notes.txt"), "not a volume").unwrap();
+    write(d.path().join("._t8.nrrd"), "hidden").unwrap();
+    for input in [here(&d, ""), here(&d, "t*.nrrd")] {
+        let s = open(&[input]).unwrap();
+        assert_eq!((0..4).map(|k| s.name(k)).collect::<Vec<_>>(), ["t8.nrrd", "t9.nrrd", "t10.nrrd", "t11.nrrd"]);
+        assert_eq!((0..4).map(|k| s.load(k).unwrap().values[0]).collect::<Vec<_>>(), [8.0, 9.0, 10.0, 11.0]);
+        assert_eq!((s.len(), s.time(0), s.time(3), s.time(1)), (4, 0.0, 1.0, 1.0 / 3.0));
+        assert_eq!((s.scalar(), s.grid().dims), (ScalarType::F32, [2, 1, 1]));
+        assert!(s.load(4).is_err());
+        assert!(s.name(4).is_empty() && s.time(4).is_nan());
+    }
+}
+
+#[test]
+fn inputs_that_name_nothing() {
+    let d = dir();
+    assert!(refused(&[]).contains("no volume file is named"));
+    assert!(refused(&[here(&d, "")]).contains("holds no volume file"));
+    assert!(refused(&[here(&d, "t*.nrrd")]).contains("matches no file"));
+    assert!(refused(&[here(&d, "[.nrrd")]).contains("pattern"));
+    assert!(refused(&[here(&d, "t1.nrrd")]).contains("cannot open"));
+    let a = one(&d, "a.nrrd", &[1.0, 2.0]);
+    assert!(refused(&[a.clone(), here(&d, "./a.nrrd")]).contains("same file"));
+}
+
+#[test]
+fn a_file_whose_name_is_a_pattern_is_a_file() {
+    let d = dir();
+    let p = one(&d, "a[1].nrrd", &[1.0, 2.0]);
+    assert_eq!(open(&[p]).unwrap().name(0), "a[1].nrrd");
+}
+
+#[test]
+fn unsorted_lists_are_refused() {
+    let d = dir();
+    let t = [1, 2, 10].map(|k| one(&d, &format!("run7_t{k}.nrrd"), &[0.0, 1.0]));
+    let message = refused(&[t[0].clone(), t[2].clone(), t[1].clone()]);
+    assert!(message.contains("unsorted: its number 2 follows 10"), "{message}");
+    let other = one(&d, "b_1.nrrd", &[0.0, 1.0]);
+    assert!(refused(&[t[0].clone(), other]).contains("unsorted"));
+    let plain = ["b.nrrd", "a.nrrd"].map(|n| one(&d, n, &[0.0, 1.0]));
+    assert_eq!(open(&plain).unwrap().name(0), "b.nrrd", "names without numbers keep the order given");
+}
+
+#[test]
+fn missing_steps_are_named() {
+    let d = dir();
+    let files = ["t008", "t009", "t011", "t012"].map(|n| one(&d, &format!("{n}.nrrd"), &[0.0, 1.0]));
+    let message = refused(&files);
+    assert!(message.contains("t010.nrrd"), "{message}");
+    let gaps = SeriesOptions { allow_gaps: true, ..Default::default() };
+    let s = Series::open(&files, &gaps).unwrap();
+    assert!(s.notes().iter().any(|n| n.contains("evenly spaced")), "{:?}", s.notes());
+    let times = SeriesOptions { times: Some(vec![8.0, 9.0, 11.0, 12.0]), ..Default::default() };
+    assert_eq!(Series::open(&files, &times).unwrap().time(2), 0.75);
+    let strided = ["s9", "s12", "s15"].map(|n| one(&d, &format!("{n}.nrrd"), &[0.0, 1.0]));
+    assert_eq!(open(&strided).unwrap().len(), 3);
+    assert!(refused(&[strided[0].clone(), strided[1].clone(), one(&d, "s18.nrrd", &[0.0; 2])]).contains("s15.nrrd"));
+}
+
+#[test]
+fn one_folder_for_each_step() {
+    let d = dir();
+    let files = [2, 3, 5].map(|k| {
+        std::fs::create_dir(d.path().join(format!("t{k}"))).unwrap();
+        one(&d, &format!("t{k}/density_01.nrrd"), &[0.0, 1.0])
+    });
+    assert!(refused(&files).contains("t4/density_01.nrrd"), "{}", refused(&files));
+    assert_eq!(open(&files[..2]).unwrap().len(), 2);
+}
+
+#[test]
+fn grids_must_agree() {
+    let d = dir();
+    let a = one(&d, "a.nrrd", &[0.0, 1.0]);
+    let b = with(&d, "b.nrrd", "1 2 1", "1 1 1", &[0.0, 1.0]);
+    let message = refused(&[a.clone(), b]);
+    assert!(message.contains("a.nrrd") && message.contains("b.nrrd") && message.contains("[1, 2, 1]"), "{message}");
+    let c = with(&d, "c.nrrd", "2 1 1", "1 1 1.00001", &[0.0, 1.0]);
+    assert!(refused(&[a.clone(), c]).contains("spacing"));
+    let near = with(&d, "d.nrrd", "2 1 1", "1 1 1.0000001", &[0.0, 1.0]);
+    assert!(open(&[a.clone(), near]).is_ok());
+    let four = with(&d, "e.nrrd", "2 1 1 2", "1 1 1 1", &[0.0; 4]);
+    assert!(refused(&[a.clone(), four.clone()]).contains("one 4D file alone"));
+    assert!(refused(&[four, a]).contains("one 4D file alone"));
+}
+
+#[test]
+fn one_file_of_many_steps() {
+    let d = dir();
+    let p = with(&d, "v.nrrd", "2 1 1 3", "1 1 1 1", &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+    let s = open(&[p]).unwrap();
+    assert_eq!((s.len(), s.name(2)), (3, "v.nrrd[2]".to_owned()));
+    assert_eq!(s.load(2).unwrap().values, [4.0, 5.0]);
+    assert_eq!(s.range().unwrap(), [0.0, 5.0]);
+    assert_eq!(s.notes().len(), 1, "{:?}", s.notes());
+}
+
+#[test]
+fn files_of_other_types_on_the_same_grid() {
+    let d = dir();
+    let a = one(&d, "t1.nrrd", &[0.5, 1.0]);
+    write(d.path().join("t2.raw"), [7, 8]).unwrap();
+    write(d.path().join("t2.toml"), "dims=[2,1,1]\ntype='u8'\norigin=[1,0,0]").unwrap();
+    let s = open(&[a, here(&d, "t2.raw")]).unwrap();
+    assert_eq!(s.load(1).unwrap().values, [7.0, 8.0]);
+    assert_eq!(s.load(1).unwrap().grid.origin, [0.0; 3]);
+    assert!(s.notes().iter().any(|n| n.contains("scalar type")) && s.notes().iter().any(|n| n.contains("origin")));
+}
+
+#[test]
+fn raw_data_beside_a_detached_header_is_no_volume() {
+    let d = dir();
+    write(d.path().join("t1.raw"), [7, 8]).unwrap();
+    let head = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 1 1\nencoding: raw\ndata file: t1.raw\n";
+    write(d.path().join("t1.nhdr"), head).unwrap();
+    let s = open(&[here(&d, "")]).unwrap();
+    assert_eq!((s.len(), s.load(0).unwrap().values), (1, vec![7.0, 8.0]));
+}
+
+#[test]
+fn bad_voxels() {
+    let d = dir();
+    let values = [0.0, 1.0, 2.0, 3.0, f32::NAN, 5.0, f32::INFINITY, f32::NEG_INFINITY];
+    let p = [with(&d, "a.nrrd", "2 2 2", "1 1 1", &values)];
+    let s = open(&p).unwrap();
+    let message = s.load(0).unwrap_err().to_string();
+    assert!(message.contains("3 voxels") && message.contains("x=0 y=0 z=1") && message.contains("--nan"), "{message}");
+    assert!(s.range().is_err() && s.histogram(0, 4, [0.0, 1.0]).is_err() && s.load_labels(0).is_err());
+    let replaced = Series::open(&p, &SeriesOptions { nan_as: Some(-1.0), ..Default::default() }).unwrap();
+    assert_eq!(replaced.load(0).unwrap().values, [0.0, 1.0, 2.0, 3.0, -1.0, 5.0, -1.0, -1.0]);
+    assert_eq!(replaced.range().unwrap(), [-1.0, 5.0]);
+    assert!(Series::open(&p, &SeriesOptions { nan_as: Some(f32::NAN), ..Default::default() }).is_err());
+}
+
+#[test]
+fn labels_are_whole_numbers() {
+    let d = dir();
+    assert_eq!(open(&[one(&d, "a.nrrd", &[65535.0, 0.0])]).unwrap().load_labels(0).unwrap().ids, [65535, 0]);
+    for bad in [0.5, -1.0, 65536.0, f32::NAN] {
+        let message = open(&[one(&d, "b.nrrd", &[3.0, bad])]).unwrap().load_labels(0).unwrap_err().to_string();
+        assert!(message.contains("x=1 y=0 z=0"), "{message}");
+    }
+}
+
+#[test]
+fn times_must_fit_and_increase() {
+    let d = dir();
+    let files = ["t1", "t2", "t3"].map(|n| one(&d, &format!("{n}.nrrd"), &[0.0, 1.0]));
+    let with = |t: &[f64]| Series::open(&files, &SeriesOptions { times: Some(t.to_vec()), ..Default::default() });
+    for bad in [vec![1.0, 2.0], vec![1.0, 1.0, 2.0], vec![1.0, f64::NAN, 2.0], vec![0.0, 1.0, f64::INFINITY]] {
+        assert!(with(&bad).unwrap_err().to_string().contains("time"), "{bad:?}");
+    }
+    for (good, middle) in [([-2.0, 0.0, 6.0], 0.25), ([-f64::MAX, 0.0, f64::MAX], 0.5)] {
+        let s = with(&good).unwrap();
+        assert_eq!((s.time(0), s.time(1), s.time(2)), (0.0, middle, 1.0));
+    }
+    assert_eq!(open(&files[..1]).unwrap().time(0), 0.0);
+}
+
+#[test]
+fn histogram_counts() {
+    let d = dir();
+    let s = open(&[with(&d, "a.nrrd", "6 1 1", "1 1 1", &[-1.0, 0.0, 0.4, 0.5, 1.0, 1.5])]).unwrap();
+    assert_eq!(s.histogram(0, 2, [0.0, 1.0]).unwrap(), [2, 2]);
+    assert_eq!(s.histogram(0, 3, [0.5, 0.5]).unwrap(), [1, 0, 0]);
+    assert_eq!(s.histogram(0, 1, [1.0, 0.0]).unwrap(), [0]);
+    assert!(s.histogram(0, 0, [0.0, 1.0]).unwrap().is_empty());
+}
+
+#[test]
+fn range_is_read_once_and_a_changed_file_is_noticed() {
+    let d = dir();
+    let files = ["t1", "t2"].map(|n| one(&d, &format!("{n}.nrrd"), &[-0.0, 1.0]));
+    let s = open(&files).unwrap();
+    assert_eq!(s.range().unwrap()[0].to_bits(), 0);
+    with(&d, "t2.nrrd", "1 2 1", "1 1 1", &[5.0, 6.0]);
+    s.load(0).unwrap();
+    assert!(s.load(1).unwrap_err().to_string().contains("changed since"));
+    assert_eq!(s.range().unwrap(), [0.0, 1.0], "cached");
+}
+
+#[test]
+fn a_thousand_files_need_few_handles() {
+    let d = dir();
+    for k in 0..1500 {
+        one(&d, &format!("t{k}.nrrd"), &[k as f32, 0.0]);
+    }
+    let s = open(&[here(&d, "")]).unwrap();
+    assert_eq!(s.range().unwrap(), [0.0, 1499.0]);
+}

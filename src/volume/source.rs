@@ -1,0 +1,30 @@
+//! What a reader of one file format gives: a header, and one step at a time as `f32`.
+
+use super::error::VolumeError;
+use super::grid::{Grid, ScalarType};
+
+/// What a volume file holds, known before its values are read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    /// The grid of each step.
+    pub grid: Grid,
+    /// How values are stored.
+    pub scalar: ScalarType,
+    /// Number of time steps in the file, at least 1 (a 4D file has more).
+    pub steps: usize,
+    /// What a reader should know: "orientation ignored", ...
+    pub notes: Vec<String>,
+}
+
+/// An open volume file.
+pub trait VolumeFile: Send + Sync + std::fmt::Debug {
+    /// What it holds.
+    fn header(&self) -> &Header;
+
+    /// Reads step `step` (0-based, below `header().steps`) into `out`, which is cleared first: `[z, y, x]`, x fastest.
+    /// Values are converted to `f32`; they may be NaN or infinite, which the caller checks.
+    ///
+    /// # Errors
+    /// A truncated or damaged file.
+    fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError>;
+}

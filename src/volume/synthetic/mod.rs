@@ -1,0 +1,179 @@
+//! Analytic, time-varying scalar fields with known segments, for demos and tests: no file, no noise source, the
+//! same values everywhere. Each scene is a file of its own; shared shapes are in `field`. Nothing here reads,
+//! writes or draws.
+
+mod field;
+mod jets;
+mod shells;
+mod vortices;
+
+#[cfg(test)]
+mod tests;
+
+use crate::volume::error::VolumeError;
+use crate::volume::grid::{Grid, Labels, Volume};
+use crate::volume::transfer::TransferFunction;
+use rayon::prelude::*;
+use std::fmt;
+use std::str::FromStr;
+use thiserror::Error;
+
+/// A synthetic scene: a scalar field over the box `[-1, 1]^3` (z up) and the time `[0, 1]`, with the segment of
+/// every point known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Synthetic {
+    /// Five rising, turbulent plumes that merge near the top.
+    Jets,
+    /// Moving tubes, which split, join, vanish and appear, inside two translucent shells.
+    Vortices,
+    /// Nested closed layers around a hidden core and a hidden orbiting seed.
+    Shells,
+}
+
+/// A name that is no synthetic scene.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("synthetic scene {name:?}: no such scene; use one of jets, vortices, shells")]
+pub struct UnknownSynthetic {
+    /// The name that was asked for.
+    pub name: String,
+}
+
+/// A scene at one time: what depends on the time alone is computed once, what depends on the height once per
+/// slice.
+enum Frame {
+    Jets(jets::Frame),
+    Vortices(vortices::Frame),
+    Shells(shells::Frame),
+}
+
+impl Frame {
+    fn new(scene: Synthetic, t: f64) -> Self {
+        // A NaN time would spread into every voxel: it reads as the start.
+        let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) };
+        match scene {
+            Synthetic::Jets => Self::Jets(jets::Frame::new(t)),
+            Synthetic::Vortices => Self::Vortices(vortices::Frame::new(t)),
+            Synthetic::Shells => Self::Shells(shells::Frame::new(t)),
+        }
+    }
+
+    /// Calls `put(x, y index, value, label)` for every point of the plane `z`.
+    fn plane(&self, z: f64, xs: &[f64], ys: &[f64], mut put: impl FnMut(usize, f64, u16)) {
+        let edges: Vec<f64> = xs.iter().map(|&x| field::window(x)).collect();
+        let mut fill = |at: &dyn Fn(f64, f64) -> (f64, u16)| {
+            for (j, &y) in ys.iter().enumerate() {
+                let side = field::window(y) * field::window(z);
+                for (i, (&x, edge)) in xs.iter().zip(&edges).enumerate() {
+                    let edge = edge * side;
+                    // Outside the box, and at coordinates that are NaN, there is nothing.
+                    let (value, label) = if edge > 0.0 { at(x, y) } else { (0.0, 0) };
+                    let value = if edge > 0.0 { (value * edge).clamp(0.0, 1.0) } else { 0.0 };
+                    put(j * xs.len() + i, value, if value >= LABEL_FLOOR { label } else { 0 });
+                }
+            }
+        };
+        match self {
+            Self::Jets(frame) => {
+                let slice = frame.slice(z);
+                fill(&|x, y| slice.at(x, y));
+            }
+            Self::Vortices(frame) => {
+                let slice = frame.slice(z);
+                fill(&|x, y| slice.at(x, y));
+            }
+            Self::Shells(frame) => fill(&|x, y| frame.at([x, y, z])),
+        }
+    }
+}
+
+/// Below this value a point belongs to no segment: every transfer function is transparent there.
+const LABEL_FLOOR: f64 = 0.03;
+
+impl Synthetic {
+    /// Every scene.
+    pub const ALL: [Self; 3] = [Self::Jets, Self::Vortices, Self::Shells];
+
+    /// One line of description.
+    #[must_use]
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::Jets => "five turbulent plumes rise, mushroom and merge near the top",
+            Self::Vortices => "vortex tubes split, join, vanish and appear inside two translucent shells",
+            Self::Shells => "nested deforming layers hide a core and a small orbiting seed",
+        }
+    }
+
+    /// Names of the segments; label `k + 1` has name `k`, label 0 is no segment.
+    #[must_use]
+    pub fn segment_names(self) -> &'static [&'static str] {
+        match self {
+            Self::Jets => &jets::NAMES,
+            Self::Vortices => &vortices::NAMES,
+            Self::Shells => &shells::NAMES,
+        }
+    }
+
+    /// The field at the point `p` in `[-1, 1]^3` (z up) and the time `t` in `[0, 1]` (clamped): the value in
+    /// `[0, 1]`, which is 0 on and outside the faces of the box, and the label of the structure that dominates
+    /// there, 0 for none. To fill a grid use [`Self::sample`], which shares the work between points.
+    #[must_use]
+    pub fn value_and_label(self, p: [f64; 3], t: f64) -> (f32, u16) {
+        let mut answer = (0.0, 0);
+        Frame::new(self, t).plane(p[2], &[p[0]], &[p[1]], |_, value, label| answer = (value as f32, label));
+        answer
+    }
+
+    /// The field at the centres of a grid of `dims` voxels (x, y, z) at the time `t`: the longest side spans
+    /// `[-1, 1]`, the voxels are cubes of side `2 / longest`, and the grid is centred at the origin; a shorter
+    /// side shows the middle of the box. Values and labels are `[z, y, x]`, x fastest, the same bits whatever
+    /// the number of threads.
+    #[must_use]
+    pub fn sample(self, dims: [usize; 3], t: f64) -> (Volume, Labels) {
+        let spacing = 2.0 / dims.into_iter().max().unwrap_or(1).max(1) as f64;
+        let origin: [f64; 3] = std::array::from_fn(|a| 0.5 * spacing * (1.0 - dims[a] as f64));
+        let grid = Grid { dims, spacing: [spacing; 3], origin };
+        let axis = |a: usize| (0..dims[a]).map(|i| origin[a] + spacing * i as f64).collect::<Vec<f64>>();
+        let (xs, ys, zs) = (axis(0), axis(1), axis(2));
+        let mut values = vec![0.0_f32; grid.len()];
+        let mut ids = vec![0_u16; grid.len()];
+        let frame = Frame::new(self, t);
+        // A slice of no voxels has nothing to fill, and chunks may not be empty.
+        let slice = (dims[0] * dims[1]).max(1);
+        values.par_chunks_mut(slice).zip(ids.par_chunks_mut(slice)).zip(&zs).for_each(|((values, ids), &z)| {
+            frame.plane(z, &xs, &ys, |at, value, label| {
+                values[at] = value as f32;
+                ids[at] = label;
+            });
+        });
+        (Volume { grid, values }, Labels { grid, ids })
+    }
+
+    /// A transfer function that shows the scene well: the preset of its name.
+    ///
+    /// # Errors
+    /// Never for the presets as they are built in.
+    pub fn transfer_function(self) -> Result<TransferFunction, VolumeError> {
+        TransferFunction::load(&self.to_string())
+    }
+}
+
+impl fmt::Display for Synthetic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Jets => "jets",
+            Self::Vortices => "vortices",
+            Self::Shells => "shells",
+        })
+    }
+}
+
+impl FromStr for Synthetic {
+    type Err = UnknownSynthetic;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Self::ALL
+            .into_iter()
+            .find(|scene| scene.to_string() == name)
+            .ok_or_else(|| UnknownSynthetic { name: name.to_owned() })
+    }
+}

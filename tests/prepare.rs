@@ -1,0 +1,186 @@
+//! `prepare`, `inspect` on volumes, and `demo`, as whole programs.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{json, names, refused, text, volseggs};
+use std::path::Path;
+use volseggs::data::dataset::{Dataset, OpenOptions};
+use volseggs::data::{SplitName, Transforms};
+
+/// A series of raw volumes with a drifting ball, and labels of its inner part: 20 x 16 x 12 voxels, 3 steps.
+fn write_series(root: &Path) {
+    let dims = [20usize, 16, 12];
+    for step in 0..3 {
+        let (mut values, mut labels) = (Vec::new(), Vec::new());
+        for i in 0..dims.iter().product::<usize>() {
+            let p = [i % 20, i / 20 % 16, i / 320].map(|v| v as f64);
+            let d = ((p[0] - 8.0 - step as f64).powi(2) + (p[1] - 7.5).powi(2) + (p[2] - 5.5).powi(2)).sqrt();
+            let value = (100.0 * (6.0 - d)).clamp(0.0, 600.0) as u16;
+            values.extend(value.to_be_bytes());
+            labels.push(u8::from(d < 3.0) + 4 * u8::from((3.0..5.0).contains(&d)));
+        }
+        std::fs::write(root.join(format!("v_{step}.raw")), values).unwrap();
+        std::fs::write(root.join(format!("l_{step}.raw")), labels).unwrap();
+        let sidecar = "dims = [20, 16, 12]\nspacing = [1.0, 1.0, 1.5]\n";
+        std::fs::write(root.join(format!("v_{step}.raw.toml")), format!("{sidecar}type = \"u16\"\nendian = \"big\"\n"))
+            .unwrap();
+        std::fs::write(root.join(format!("l_{step}.raw.toml")), format!("{sidecar}type = \"u8\"\n")).unwrap();
+    }
+}
+
+/// `prepare` of small images of the series into `root/NAME`.
+fn arguments(root: &Path, name: &str) -> Vec<String> {
+    let few = "--size 40x32 --times 2 --views 3 --test-views 5 --segment-views 2 --transfer-function ramp";
+    let mut all =
+        vec!["prepare".to_owned(), "--volume".into(), text(root, "v_*.raw"), "--out".into(), text(root, name)];
+    all.extend(few.split(' ').map(String::from));
+    all
+}
+
+#[test]
+fn a_series_becomes_a_dataset_with_its_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    write_series(root);
+    let labels = text(root, "l_*.raw");
+    let mut command = volseggs();
+    command.args(arguments(root, "data")).args(["--labels", &labels, "--label-names", "1=core,4=shell", "--json"]);
+    let record: serde_json::Value = serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap();
+    assert_eq!(record["dims"], serde_json::json!([20, 16, 12]));
+    assert_eq!(record["segments"], serde_json::json!(["core", "shell"]));
+    let data = root.join("data");
+    assert_eq!(
+        names(&data),
+        [
+            "contact-sheet.png",
+            "labels",
+            "prepare.json",
+            "segments",
+            "segments.json",
+            "test",
+            "train",
+            "transfer-function.toml",
+            "transforms_test.json",
+            "transforms_train.json"
+        ]
+    );
+    let open = OpenOptions { downscale: 1, splits: &[SplitName::Train, SplitName::Test], max_views: None };
+    let dataset = Dataset::open(&data, &open).unwrap();
+    assert_eq!((dataset.train.images.width, dataset.train.images.height), (40, 32));
+    assert_eq!((dataset.train.frames.len(), dataset.train.times()), (6, vec![0.0, 1.0]));
+    assert_eq!(dataset.test.unwrap().times(), [0.0, 0.5, 1.0]);
+    let segments = json(&data.join("segments.json"));
+    assert_eq!(segments["segments"][1]["id"], 4);
+    assert_eq!(names(&data.join("segments/core")), ["r_0.png", "r_0_mask.png", "r_4.png", "r_4_mask.png"]);
+    // the dataset passes every check
+    volseggs().args(["inspect", &text(root, "data")]).assert().success();
+}
+
+#[test]
+fn the_poses_are_the_published_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path(), "data");
+    let few = "prepare --synthetic shells --dims 8 --size 4 --no-label-images --segment-views 0 --out";
+    volseggs().args(few.split(' ')).arg(&out).assert().success();
+    let train = Transforms::read(&SplitName::Train.json_path(Path::new(&out))).unwrap();
+    let test = Transforms::read(&SplitName::Test.json_path(Path::new(&out))).unwrap();
+    assert_eq!((train.frames.len(), test.frames.len()), (600, 181));
+    assert!((train.intrinsics.camera_angle_x.unwrap() - 0.523_598_775_598_298_8).abs() < 1e-15);
+    let position = |t: &Transforms, i: usize| t.frames[i].camera_to_world.w_axis.truncate().to_array();
+    for (at, want) in [
+        (position(&train, 0), [0.361_645_238, 0.047_029_5, -4.014_569_486]),
+        (position(&train, 450), [3.002_941_686, -1.793_839_5, 2.003_558_906]),
+        (position(&test, 45), [2.850_418_146, 0.0, -2.850_418_146]),
+    ] {
+        assert!((0..3).all(|a| (at[a] - want[a]).abs() < 1e-6), "{at:?}");
+    }
+    assert_eq!((test.frames[45].time, test.frames[180].time), (24.0 / 99.0, 1.0));
+}
+
+#[test]
+fn wrong_input_is_one_error_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    write_series(root);
+    let before = names(root);
+    let with = |more: &[&str], words: &[&str]| {
+        let mut command = volseggs();
+        command.args(arguments(root, "data")).args(more);
+        refused(&mut command, words);
+        assert_eq!(names(root), before);
+    };
+    with(&["--transfer-function", "nothing"], &["nothing", "ramp", "fire"]);
+    with(&["--steps", "0,3"], &["step 3", "3 steps"]);
+    with(&["--radius", "0.2"], &["radius 0.2", "outside"]);
+    with(&["--time-values", "0,2,1"], &["time"]);
+    with(&["--labels", &text(root, "l_0.raw")], &["--labels", "1 steps"]);
+    let volume = |inputs: &[&str], words: &[&str]| {
+        let mut command = volseggs();
+        command.args(["prepare", "--out", &text(root, "data"), "--volume"]).args(inputs.iter().map(|i| text(root, i)));
+        refused(&mut command, words);
+    };
+    volume(&["none_*.raw"], &["none_*.raw"]);
+    volume(&["v_1.raw", "v_0.raw"], &["v_0.raw"]);
+    volume(&["v_0.raw", "v_2.raw", "v_3.raw"], &["v_3.raw"]);
+    // a file cut short
+    let bytes = std::fs::read(root.join("v_1.raw")).unwrap();
+    std::fs::write(root.join("v_1.raw"), &bytes[..bytes.len() - 1]).unwrap();
+    volume(&["v_*.raw"], &["v_1.raw", "7679", "7680"]);
+    std::fs::write(root.join("v_1.raw"), &bytes).unwrap();
+    std::fs::remove_file(root.join("v_1.raw")).unwrap();
+    volume(&["v_*.raw"], &["v_1", "--allow-gaps"]);
+    assert!(!root.join("data").exists());
+}
+
+#[test]
+fn nan_voxels_are_told_of_or_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    let mut values = vec![0.5f32; 4 * 4 * 4];
+    values[21] = f32::NAN;
+    std::fs::write(root.join("v.raw"), values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
+    std::fs::write(root.join("v.raw.toml"), "dims = [4, 4, 4]\ntype = \"f32\"\n").unwrap();
+    let arguments = |name: &str| {
+        let few = "--size 8 --views 1 --test-views 1".split(' ');
+        let all = ["prepare", "--volume", &text(root, "v.raw"), "--out", &text(root, name)].map(String::from);
+        all.into_iter().chain(few.map(String::from)).collect::<Vec<_>>()
+    };
+    refused(volseggs().args(arguments("a")), &["v.raw", "NaN", "--nan"]);
+    volseggs().args(arguments("b")).args(["--nan", "-1"]).assert().success();
+}
+
+#[test]
+fn inspect_shows_volumes() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    write_series(root);
+    let picture = text(root, "h.png");
+    let mut command = volseggs();
+    command.args(["inspect", &text(root, "v_*.raw"), "--transfer-function", "fire", "--picture", &picture, "--json"]);
+    let shown: serde_json::Value = serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap();
+    assert_eq!(shown["dims"], serde_json::json!([20, 16, 12]));
+    assert_eq!((&shown["steps"], &shown["type"]), (&serde_json::json!(3), &serde_json::json!("u16")));
+    assert!(image::open(&picture).unwrap().width() > 400);
+    refused(volseggs().args(["inspect", &text(root, "nothing.xyz")]), &["nothing.xyz", ".nrrd"]);
+}
+
+#[test]
+fn the_demo_tells_its_story_and_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path(), "demo");
+    let small = "demo --size 48 --json --set init.points=150 --set densify.budget=150 --set model.resolution=8 \
+                 --set stages.warmup_steps=5 --set stages.joint_steps=15 --set output.eval_every=10 --out";
+    let run = || volseggs().args(small.split_whitespace()).arg(&out).assert().success().get_output().stdout.clone();
+    let first: serde_json::Value = serde_json::from_slice(&run()).unwrap();
+    assert!(first["metrics"]["psnr"].as_f64().unwrap() > 5.0);
+    let page = std::fs::read_to_string(Path::new(&out).join("report.html")).unwrap();
+    for word in ["<html", "PSNR", "Turntable", "plume-1", "volseggs prepare", "data:image/png;base64,"] {
+        assert!(page.contains(word) || page.to_lowercase().contains(&word.to_lowercase()), "{word}");
+    }
+    assert!(!page.contains("https://"));
+    // again: the dataset is taken as it is, the run is complete, the report is renewed
+    let second: serde_json::Value = serde_json::from_slice(&run()).unwrap();
+    assert_eq!(first["metrics"]["psnr"], second["metrics"]["psnr"]);
+    refused(volseggs().args(["demo", "--set", "nothing=1", "--out", &out]), &["nothing"]);
+}

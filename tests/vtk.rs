@@ -1,0 +1,145 @@
+//! The ray caster against VTK's, on the same volume, camera and transfer function.
+//!
+//! Needs Python with the package `vtk` (`PYTHON` names the interpreter); skipped with a line without it.
+//! What remains is explained at each comparison.
+#![allow(clippy::unwrap_used)]
+
+use glam::DVec3;
+use std::path::Path;
+use std::process::Command;
+use volseggs::data::Camera;
+use volseggs::volume::grid::{Grid, Volume};
+use volseggs::volume::placement::{Placement, published_side};
+use volseggs::volume::raycast::RayCaster;
+use volseggs::volume::transfer::{Shading, TransferFunction};
+
+const SIZE: u32 = 200;
+
+/// A sum of Gaussians on a grid of unequal spacing.
+fn volume() -> Volume {
+    let grid = Grid { dims: [64, 56, 40], spacing: [1.0, 1.0, 1.5], origin: [0.0; 3] };
+    let blobs: [([f64; 3], f64, f64); 5] = [
+        ([-0.3, -0.2, 0.1], 0.28, 1.0),
+        ([0.35, 0.1, -0.2], 0.22, 0.9),
+        ([0.0, 0.4, 0.3], 0.18, 0.7),
+        ([0.1, -0.45, -0.3], 0.2, 0.8),
+        ([-0.1, 0.1, -0.1], 0.5, 0.35),
+    ];
+    let at = |i: usize, a: usize| 2.0 * i as f64 / (grid.dims[a] - 1) as f64 - 1.0;
+    let mut values = Vec::with_capacity(grid.len());
+    for z in 0..grid.dims[2] {
+        for y in 0..grid.dims[1] {
+            for x in 0..grid.dims[0] {
+                let p = [at(x, 0), at(y, 1), at(z, 2)];
+                let value: f64 = blobs
+                    .iter()
+                    .map(|(c, s, w)| w * (-(0..3).map(|a| (p[a] - c[a]).powi(2)).sum::<f64>() / (2.0 * s * s)).exp())
+                    .sum();
+                values.push(value as f32);
+            }
+        }
+    }
+    Volume { grid, values }
+}
+
+fn transfer(shading: Shading) -> TransferFunction {
+    TransferFunction {
+        name: "compare".into(),
+        range: Some([0.0, 1.2]),
+        colors: vec![(0.0, [0.1, 0.2, 0.8]), (0.4, [0.1, 0.7, 0.5]), (0.6, [0.9, 0.6, 0.1]), (1.0, [0.8, 0.1, 0.1])],
+        opacity: vec![(0.15, 0.0), (0.25, 0.04), (0.35, 0.0), (0.5, 0.0), (0.65, 0.6), (1.0, 0.9)],
+        unit_length: 0.02,
+        shading,
+        segments: Vec::new(),
+    }
+}
+
+/// VTK's picture over white, `[H, W, 3]`; none where VTK is not there.
+fn vtk(
+    folder: &Path,
+    volume: &Volume,
+    tf: &TransferFunction,
+    camera: &Camera,
+    mapper: &str,
+    step: f64,
+) -> Option<Vec<f32>> {
+    let placement = Placement::new(&volume.grid, published_side());
+    let raw: Vec<u8> = volume.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    std::fs::write(folder.join("v.raw"), raw).unwrap();
+    let smallest = placement.spacing().min_element();
+    let job = serde_json::json!({
+        "raw": folder.join("v.raw"),
+        "dims": volume.grid.dims,
+        "spacing": placement.spacing().to_array(),
+        "origin": (-placement.half).to_array(),
+        "eye": camera.position().to_array(), "target": [0, 0, 0], "up": [0, 0, 1],
+        "fov_y_degrees": camera.fov_y().to_degrees(),
+        "width": camera.width, "height": camera.height,
+        "span": tf.range.unwrap(),
+        "colors": tf.colors.iter().map(|(p, c)| [*p, f64::from(c[0]), f64::from(c[1]), f64::from(c[2])]).collect::<Vec<_>>(),
+        "opacity": tf.opacity.iter().map(|(p, a)| [*p, f64::from(*a)]).collect::<Vec<_>>(),
+        "unit_distance": tf.unit_length * placement.side(),
+        "step": step * smallest,
+        "shade": tf.shading.enabled,
+        "ambient": tf.shading.ambient, "diffuse": tf.shading.diffuse,
+        "specular": tf.shading.specular, "power": tf.shading.power,
+        "mapper": mapper, "repeats": 1, "threads": 0,
+        "out": folder.join("v.rgba"),
+    });
+    std::fs::write(folder.join("job.json"), job.to_string()).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/vtk_reference.py");
+    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".into());
+    let there = Command::new(&python).args(["-c", "import vtk"]).output().is_ok_and(|o| o.status.success());
+    if !there {
+        eprintln!("skipped: {python} has no package `vtk`");
+        return None;
+    }
+    let output = Command::new(&python).arg(script).arg(folder.join("job.json")).output().unwrap();
+    if !output.status.success() {
+        // a machine without any OpenGL library: VTK is there but cannot make a window
+        eprintln!("skipped: VTK cannot render here: {}", String::from_utf8_lossy(&output.stderr));
+        return None;
+    }
+    let bytes = std::fs::read(folder.join("v.rgba")).unwrap();
+    let rgba: Vec<f32> = bytes.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    Some(rgba.chunks_exact(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + 1.0 - p[3])).collect())
+}
+
+fn psnr(a: &[f32], b: &[f32]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let mean = a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>() / a.len() as f64;
+    -10.0 * mean.log10()
+}
+
+#[test]
+fn pictures_agree_with_vtk() {
+    let folder = tempfile::tempdir().unwrap();
+    let volume = volume();
+    let placement = Placement::new(&volume.grid, published_side());
+    let lit = |specular| Shading { enabled: true, ambient: 0.3, diffuse: 0.7, specular, power: 20.0 };
+    let cases = [
+        // light, opacity and positions alone: samples lie half a step apart
+        ("gpu", Shading { enabled: false, ..Shading::default() }, 45.0),
+        // the same headlight: from the eye along each ray
+        ("gpu", lit(0.0), 45.0),
+        // VTK's CPU ray caster: one light direction for the whole image, normals in 16 bits, 15-bit colours
+        ("fixed", Shading { enabled: false, ..Shading::default() }, 40.0),
+        ("fixed", lit(0.2), 35.0),
+        // VTK's GPU caster has Phong's highlight (of the reflected ray) where ours is Blinn-Phong's
+        ("gpu", lit(0.2), 30.0),
+    ];
+    for eye in [DVec3::new(2.2, -3.0, 1.5), DVec3::new(-1.0, 1.0, -3.7)] {
+        let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 30f64.to_radians(), SIZE, SIZE);
+        for (mapper, shading, least) in cases {
+            let tf = transfer(shading);
+            let Some(theirs) = vtk(folder.path(), &volume, &tf, &camera, mapper, 0.25) else { return };
+            let caster = RayCaster::new(&volume, None, &tf, [0.0, 1.2], placement, 0.25);
+            let ours = caster.render(&camera, None).over([1.0; 3]);
+            let agreement = psnr(&ours, &theirs);
+            println!("{mapper} specular {} shaded {}: {agreement:.1} dB", shading.specular, shading.enabled);
+            let drawn = ours.chunks_exact(3).filter(|p| p[0] < 0.9).count();
+            assert!(drawn > 2000, "something is drawn: {drawn}");
+            assert!(agreement > least, "{mapper} {shading:?}: {agreement:.1} dB, at least {least} expected");
+        }
+    }
+}
