@@ -31,7 +31,7 @@ fn write_series(root: &Path) {
 
 /// `prepare` of small images of the series into `root/NAME`.
 fn arguments(root: &Path, name: &str) -> Vec<String> {
-    let few = "--size 40x32 --times 2 --views 3 --test-views 5 --segment-views 2 --transfer-function ramp";
+    let few = "--size 40x32 --times 2 --views 3 --test-views 5 --segment-views 2";
     let mut all =
         vec!["prepare".to_owned(), "--volume".into(), text(root, "v_*.raw"), "--out".into(), text(root, name)];
     all.extend(few.split(' ').map(String::from));
@@ -47,7 +47,7 @@ fn a_series_becomes_a_dataset_with_its_truth() {
     let mut command = volseggs();
     command.args(arguments(root, "data")).args(["--labels", &labels, "--label-names", "1=core,4=shell", "--json"]);
     let record: serde_json::Value = serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap();
-    assert_eq!(record["dims"], serde_json::json!([20, 16, 12]));
+    assert_eq!((&record["dims"], &record["transfer_function"]), (&serde_json::json!([20, 16, 12]), &"ramp".into()));
     assert_eq!(record["segments"], serde_json::json!(["core", "shell"]));
     let data = root.join("data");
     assert_eq!(
@@ -112,7 +112,7 @@ fn wrong_input_is_one_error_and_leaves_nothing() {
     };
     with(&["--transfer-function", "nothing"], &["nothing", "ramp", "fire"]);
     with(&["--steps", "0,3"], &["step 3", "3 steps"]);
-    with(&["--radius", "0.2"], &["radius 0.2", "outside"]);
+    with(&["--radius", "0.2", "--side", "1"], &["radius 0.2", "outside"]);
     with(&["--time-values", "0,2,1"], &["time"]);
     with(&["--labels", &text(root, "l_0.raw")], &["--labels", "1 steps"]);
     let volume = |inputs: &[&str], words: &[&str]| {
@@ -122,13 +122,16 @@ fn wrong_input_is_one_error_and_leaves_nothing() {
     };
     volume(&["none_*.raw"], &["none_*.raw"]);
     volume(&["v_1.raw", "v_0.raw"], &["v_0.raw"]);
-    volume(&["v_0.raw", "v_2.raw", "v_3.raw"], &["v_3.raw"]);
+    volume(&["absent.raw"], &["absent.raw"]);
     // a file cut short
     let bytes = std::fs::read(root.join("v_1.raw")).unwrap();
     std::fs::write(root.join("v_1.raw"), &bytes[..bytes.len() - 1]).unwrap();
     volume(&["v_*.raw"], &["v_1.raw", "7679", "7680"]);
     std::fs::write(root.join("v_1.raw"), &bytes).unwrap();
     std::fs::remove_file(root.join("v_1.raw")).unwrap();
+    for end in ["raw", "raw.toml"] {
+        std::fs::copy(root.join(format!("v_0.{end}")), root.join(format!("v_3.{end}"))).unwrap();
+    }
     volume(&["v_*.raw"], &["v_1", "--allow-gaps"]);
     assert!(!root.join("data").exists());
 }

@@ -7,7 +7,6 @@ use crate::export::images::encode_png;
 use crate::files::write_atomic;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare, preview};
-use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -189,9 +188,9 @@ impl PrepareArgs {
                     series.grid().dims
                 )));
             }
-            Some(labels)
+            Some(Box::new(labels))
         };
-        Ok(Source::Files { series, labels, names: self.label_names.clone() })
+        Ok(Source::Files { series: Box::new(series), labels, names: self.label_names.clone() })
     }
 
     fn transfer(&self) -> Result<TransferFunction, CliError> {
@@ -209,7 +208,7 @@ impl PrepareArgs {
         if let Some(step) = self.segment_steps.iter().find(|s| **s >= source.len()) {
             return Err(CliError::input(format!("--segment-steps {step}: the series has {} steps", source.len())));
         }
-        let side = self.side.unwrap_or_else(|| published_side() * self.radius / RADIUS);
+        let side = self.side.unwrap_or_else(|| self.radius * (0.5 * self.fov).to_radians().tan());
         if !(side.is_finite() && side > 0.0) {
             return Err(CliError::input(format!("--side {side}: a positive length")));
         }

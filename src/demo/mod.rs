@@ -25,6 +25,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use thiserror::Error;
 
+/// Field of view of all cameras, radians: narrower than the published 30 degrees, so that the scene fills the frame.
+const FOV: f64 = 20.0 * std::f64::consts::PI / 180.0;
+
 /// What the demo runs on.
 #[derive(Debug)]
 pub struct DemoOptions {
@@ -158,6 +161,7 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
     let plan = PrepareOptions {
         views: ViewOptions {
             size: [options.size; 2],
+            fov_x: FOV,
             times: Times::Count(20),
             views_per_time: 10,
             test_views: 61,

@@ -1,8 +1,8 @@
 //! What the demo's report says: which pictures, which figures, in which order.
 
-use super::Results;
 use super::report::{Block, Number, Report, Section};
-use crate::data::paths::{FOV_X, Lens, RADIUS, orbit};
+use super::{FOV, Results};
+use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
@@ -26,7 +26,7 @@ pub(super) struct Pictures {
 pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
     let png = |image: &RgbImage| encode_png(image).map_err(|e| e.to_string());
     let (frames, size) = TURNTABLE;
-    let lens = Lens { fov_x: FOV_X, width: size, height: size };
+    let lens = Lens { fov_x: FOV, width: size, height: size };
     let last = (frames - 1) as f32;
     let turntable = orbit(frames, RADIUS, 0.35, lens)
         .iter()

@@ -5,7 +5,9 @@ use std::fmt::Write as _;
 const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 400.0;
 /// Left, right, top and bottom edges of the area of the curves.
-const AREA: [f64; 4] = [70.0, 620.0, 40.0, 345.0];
+const AREA: [f64; 4] = [70.0, 620.0, 58.0, 345.0];
+/// Height of the row of names, between the title and the curves.
+const LEGEND: f64 = 43.0;
 const COLORS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 
 /// One curve. Points that are not finite break it.
@@ -128,6 +130,7 @@ fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool)
     }
     svg += &format!("<path d=\"{grid}\" stroke=\"#ddd\" fill=\"none\"/>\n");
     svg += &format!("<path d=\"M{left} {top}V{bottom}H{right}\" stroke=\"#333\" fill=\"none\"/>\n");
+    let mut legend = left;
     for (index, (entry, curve)) in series.iter().zip(&curves).enumerate() {
         let color = COLORS[index % COLORS.len()];
         let mut path = String::new();
@@ -147,10 +150,10 @@ fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool)
         }
         let style = format!("stroke=\"{color}\" stroke-width=\"1.8\" fill=\"none\"");
         svg += &format!("<path d=\"{path}\" {style} stroke-linecap=\"round\"/>\n");
-        let y = top + 12.0 + 16.0 * index as f64;
-        let from = right - 22.0;
-        svg += &format!("<path d=\"M{from} {y}H{right}\" {style}/>\n");
-        svg += &text(from - 6.0, y + 4.0, "end", "", &entry.name);
+        svg += &format!("<path d=\"M{legend:.1} {LEGEND}h22\" {style}/>\n");
+        svg += &text(legend + 28.0, LEGEND + 4.0, "start", "", &entry.name);
+        // letters are some 7 units wide
+        legend += 48.0 + 7.0 * entry.name.chars().count() as f64;
     }
     svg + "</svg>\n"
 }

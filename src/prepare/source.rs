@@ -11,9 +11,9 @@ pub enum Source {
     /// Volume files, and label files with the names of their ids if there are any.
     Files {
         /// The values.
-        series: Series,
+        series: Box<Series>,
         /// The labels, of the same grid and number of steps.
-        labels: Option<Series>,
+        labels: Option<Box<Series>>,
         /// Names of ids, where given.
         names: Vec<(u16, String)>,
     },

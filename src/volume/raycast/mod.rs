@@ -1,7 +1,7 @@
 //! The ray caster: a volume, a transfer function and a camera -> an image with alpha.
 //!
-//! Front to back along each pixel's central ray, at steps of fixed length; trilinear values, opacity corrected for
-//! the step, Blinn-Phong shading by the gradient with a headlight. Empty space is skipped without moving the
+//! Front to back along each pixel's central ray, in steps of fixed length; trilinear values, the transfer function
+//! integrated over the values of each step, Blinn-Phong shading by the gradient with a headlight. Empty space is skipped without moving the
 //! steps, so that skipping changes no bit. Each pixel is computed alone: results do not depend on threads. The
 //! plain f64 version is in `reference`.
 
@@ -30,6 +30,8 @@ use table::Table;
 const TILE: usize = 16;
 /// A ray ends where less light than this passes: below half a level of eight bits.
 const OPAQUE: f32 = 1e-3;
+/// Entries of the table of highlights.
+const SHINE: usize = 4096;
 /// Gradients below this fraction of the span per two voxels have no direction.
 const FLAT: f32 = 1e-6;
 
@@ -43,6 +45,8 @@ pub struct RayCaster {
     labels: Option<Labels>,
     table: Table,
     shading: Shading,
+    /// `specular * cos^power` by cosine.
+    shine: Vec<f32>,
     placement: Placement,
     occupancy: Occupancy,
     flat: f32,
@@ -77,10 +81,21 @@ impl RayCaster {
         let table = Table::new(transfer, span, step / (transfer.unit_length * placement.side()));
         let occupancy = Occupancy::new(field.dims, |from| {
             let (low, high) = field.extremes(from, BRICK);
-            table.any_opaque(low, high)
+            table.any_opaque(0, low, high)
         });
+        let last = (SHINE - 1) as f32;
+        let shine =
+            (0..SHINE)
+                .map(|i| {
+                    if i == 0 {
+                        0.0
+                    } else {
+                        transfer.shading.specular * (i as f32 / last).powf(transfer.shading.power)
+                    }
+                })
+                .collect();
         let flat = FLAT * (span[1] - span[0]) as f32;
-        Self { field, labels, table, shading: transfer.shading, placement, occupancy, flat, step }
+        Self { field, labels, table, shading: transfer.shading, shine, placement, occupancy, flat, step }
     }
 
     /// Prepares to show `segment` (an id, from 1) alone.
@@ -89,9 +104,9 @@ impl RayCaster {
         let [nx, ny, _] = self.field.dims;
         let occupancy = Occupancy::new(self.field.dims, |from| {
             let (low, high) = self.field.extremes(from, BRICK);
-            let Some(labels) = &self.labels else { return self.table.any_opaque_of(segment, low, high) };
+            let Some(labels) = &self.labels else { return self.table.any_opaque(segment, low, high) };
             let end = |a: usize| (from[a] + BRICK).min(self.field.dims[a] - 1);
-            self.table.any_opaque(low, high)
+            self.table.any_opaque(0, low, high)
                 && (from[2]..=end(2)).any(|z| {
                     (from[1]..=end(1)).any(|y| {
                         let row = &labels.ids[(z * ny + y) * nx..][from[0]..=end(0)];
@@ -169,35 +184,41 @@ impl RayCaster {
             Some(isolated) => (&isolated.occupancy, isolated.segment),
             None => (&self.occupancy, 0),
         };
+        // with labels a segment is chosen by voxel, without by value
+        let by_value = if self.labels.is_none() { wanted } else { 0 };
+        let position = |k: f32| -> [f32; 3] { std::array::from_fn(|a| (entry[a] + k * delta[a]).clamp(0.0, end[a])) };
         let mut through = 1.0f32;
         let mut k = 0;
+        // the value at the start of step k, if step k - 1 has left it
+        let mut front = None;
         while k < count {
+            let start = position(k as f32);
+            let next = occupancy.next(k, start, entry, inverse);
+            if next > k {
+                k = next;
+                front = None;
+                continue;
+            }
             // the last step may be shorter than the others
             let part = if k + 1 == count { (length - f64::from(k)) as f32 } else { 1.0 };
-            let at = k as f32 + 0.5 * part;
-            let p: [f32; 3] = std::array::from_fn(|a| (entry[a] + at * delta[a]).clamp(0.0, end[a]));
-            let next = occupancy.next(k, p, entry, inverse);
-            if next > k {
-                // never past the last step, which is placed apart
-                k = if k + 1 < count { next.min(count - 1) } else { count };
-                continue;
-            }
+            let from = front.unwrap_or_else(|| self.field.sample(start));
+            let to = self.field.sample(position(k as f32 + part));
+            front = Some(to);
+            let middle = k as f32 + 0.5 * part;
             k += 1;
-            let index = self.table.index(self.field.sample(p));
-            let [r, g, b, mut alpha] = self.table.entry(index);
-            if alpha <= 0.0 {
+            let [r, g, b, extinction] = self.table.mean(self.table.between(from, to), by_value);
+            if extinction <= 0.0 {
                 continue;
             }
-            if wanted != 0 || shares {
-                let segment = self.segment(p, index);
+            let p = position(middle);
+            if shares || (wanted != 0 && by_value == 0) {
+                let segment = self.segment(p, from, to);
                 if wanted != 0 && segment != wanted {
                     continue;
                 }
                 ray.segment = segment;
             }
-            if part < 1.0 {
-                alpha = 1.0 - (1.0 - alpha).powf(part);
-            }
+            let alpha = -(-extinction * part).exp_m1();
             let color = if self.shading.enabled { self.shade([r, g, b], p, light, to_world) } else { [r, g, b] };
             let weight = through * alpha;
             for c in 0..3 {
@@ -216,10 +237,10 @@ impl RayCaster {
         ray
     }
 
-    /// The segment at voxel coordinates `p`: of the nearest voxel, or of the value's entry.
-    fn segment(&self, p: [f32; 3], index: usize) -> u16 {
+    /// The segment at voxel coordinates `p`: of the nearest voxel, or of the mean value.
+    fn segment(&self, p: [f32; 3], from: f32, to: f32) -> u16 {
         match &self.labels {
-            None => self.table.segment(index),
+            None => self.table.segment(self.table.index(0.5 * (from + to))),
             Some(labels) => {
                 let [nx, ny, _] = self.field.dims;
                 let i = p.map(|v| (v + 0.5) as usize);
@@ -240,7 +261,7 @@ impl RayCaster {
         let flat = gradient.iter().all(|g| g.abs() <= self.flat);
         let cos = if flat { 0.0 } else { (n[0] * light[0] + n[1] * light[1] + n[2] * light[2]).abs() / square.sqrt() };
         let glow = s.ambient + s.diffuse * cos;
-        let shine = if s.specular > 0.0 && cos > 0.0 { s.specular * cos.powf(s.power) } else { 0.0 };
+        let shine = self.shine[((cos * (SHINE - 1) as f32 + 0.5) as usize).min(SHINE - 1)];
         color.map(|c| (c * glow + shine).min(1.0))
     }
 }

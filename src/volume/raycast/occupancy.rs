@@ -69,16 +69,18 @@ impl Occupancy {
         }
     }
 
-    /// The first step after `k`, of those at `entry + (step + 0.5) * delta` (voxel coordinates), that may show
-    /// something; `k` itself if it may.
+    /// The first step from `k` on that may show something; step k runs from `entry + k * delta`, where `start` is,
+    /// to `entry + (k + 1) * delta` (voxel coordinates).
+    ///
+    /// A step both of whose ends lie in empty bricks is empty, as neighbouring bricks share the values between them.
     #[inline(always)]
-    pub fn next(&self, k: u32, p: [f32; 3], entry: [f32; 3], inverse: [f32; 3]) -> u32 {
-        let b: [usize; 3] = std::array::from_fn(|a| p[a] as usize / BRICK);
+    pub fn next(&self, k: u32, start: [f32; 3], entry: [f32; 3], inverse: [f32; 3]) -> u32 {
+        let b: [usize; 3] = std::array::from_fn(|a| start[a] as usize / BRICK);
         let d = self.distance[(b[2] * self.dims[1] + b[1]) * self.dims[0] + b[0]];
         if d == 0 {
             return k;
         }
-        // nothing within d - 1 bricks: leave their box
+        // nothing within d - 1 bricks: go to the step that leaves their box
         let d = i32::from(d);
         let mut leave = f32::INFINITY;
         for a in 0..3 {
@@ -86,7 +88,7 @@ impl Occupancy {
             leave = leave.min(((side * BRICK as i32) as f32 - entry[a]) * inverse[a]);
         }
         // a little early, so that rounding never skips a step that counts
-        (k + 1).max((leave - 0.51).max(0.0) as u32 + 1)
+        k.max((leave - 0.01).max(0.0) as u32)
     }
 }
 

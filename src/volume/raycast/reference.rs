@@ -6,6 +6,9 @@ use crate::volume::placement::Placement;
 use crate::volume::transfer::TransferFunction;
 use glam::DVec3;
 
+/// Parts into which the values of a step are cut to integrate the transfer function over them.
+const PARTS: usize = 256;
+
 /// The value at voxel coordinates `p`, clamped to the grid.
 fn sample(volume: &Volume, p: DVec3) -> f64 {
     let dims = volume.grid.dims;
@@ -53,10 +56,25 @@ pub fn trace(
     while t < far {
         let length = step.min(far - t);
         let p = placement.to_voxel(eye + (t + 0.5 * length) * direction);
+        let fraction = |t: f64| {
+            let value = sample(volume, placement.to_voxel(eye + t * direction));
+            (value - span[0]) / (span[1] - span[0])
+        };
+        let (from, to) = (fraction(t), fraction(t + length));
+        let (mut extinction, mut color) = (0.0, [0.0; 3]);
+        for part in 0..PARTS {
+            let f = from + (to - from) * (part as f64 + 0.5) / PARTS as f64;
+            let e = -(1.0 - f64::from(transfer.opacity_at(f)).min(0.999_999)).ln() / PARTS as f64;
+            extinction += e;
+            let c = transfer.color_at(f);
+            (0..3).for_each(|i| color[i] += e * f64::from(c[i]));
+        }
         t += step;
-        let fraction = (sample(volume, p) - span[0]) / (span[1] - span[0]);
-        let alpha = 1.0 - (1.0 - f64::from(transfer.opacity_at(fraction))).powf(length / unit);
-        let mut color = transfer.color_at(fraction).map(f64::from);
+        if extinction <= 0.0 {
+            continue;
+        }
+        color = color.map(|c| c / extinction);
+        let alpha = 1.0 - (-extinction * length / unit).exp();
         if shading.enabled {
             let end = DVec3::from_array(volume.grid.dims.map(|n| (n - 1) as f64));
             let difference = |axis: DVec3| {

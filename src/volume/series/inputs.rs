@@ -183,6 +183,6 @@ pub fn check_order(files: &[PathBuf], allow_gaps: bool) -> Result<bool, VolumeEr
     let (head, tail) = (&path[..before.at], &path[before.at + before.width..]);
     let missing = PathBuf::from(format!("{head}{:0width$}{tail}", before.value + stride, width = before.width));
     let problem = format!("this step is missing between {} and {}", files[i - 1].display(), files[i].display());
-    let hint = "add the file, give the time of each step, or allow gaps";
+    let hint = "add the file, give each step its time (--time-values), or pass --allow-gaps";
     Err(VolumeError::invalid(&missing, "inputs", problem, hint))
 }

@@ -20,6 +20,7 @@ const PRESETS: &[(&str, &str)] = &[
     ("storm", include_str!("../../../configs/transfer-functions/storm.toml")),
     ("fingers", include_str!("../../../configs/transfer-functions/fingers.toml")),
     ("ct-bone", include_str!("../../../configs/transfer-functions/ct-bone.toml")),
+    ("ct-bone-raw", include_str!("../../../configs/transfer-functions/ct-bone-raw.toml")),
     ("jets", include_str!("../../../configs/transfer-functions/jets.toml")),
     ("vortices", include_str!("../../../configs/transfer-functions/vortices.toml")),
     ("shells", include_str!("../../../configs/transfer-functions/shells.toml")),
