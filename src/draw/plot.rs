@@ -185,7 +185,7 @@ mod tests {
     #[test]
     fn curves_legend_and_ticks_are_there() {
         let svg = line_plot("T", "step", "dB", &[series(&[(0.0, 0.0), (10.0, 5.0)])]);
-        assert!(svg.contains("M70.0 345.0h0L620.0 40.0"), "{svg}");
+        assert!(svg.contains("M70.0 345.0h0L620.0 58.0"), "{svg}");
         assert!(svg.contains(">a&lt;b &amp; c</text>"));
         for tick in [">0<", ">2<", ">4<", ">10<", ">step<", ">dB<", ">T<"] {
             assert!(svg.contains(tick), "{tick}");
