@@ -1,13 +1,16 @@
 //! Which Gaussians touch which tile, in depth order.
 //!
 //! Exact: a tile is listed only if the ellipse alpha >= 1/255 reaches into it, found row of tiles by
-//! row of tiles. Depth order comes from one radix sort; ties keep the order of the indices.
+//! row of tiles. Depth order comes from one radix sort; ties keep the order of the indices. A row is listed
+//! in slabs of depth, so that what lies behind finished tiles is never looked at.
 
 use super::TILE;
+use super::lanes::wide;
 use super::project::Splat2d;
+use pulp::Arch;
 use rayon::prelude::*;
 
-/// Gaussians per tile: `entries[rows[r].start..]`, one CSR block a row of tiles.
+/// Ranks of the Gaussians that were drawn, by tile: one CSR block a row of tiles.
 pub(super) struct Bins {
     pub tiles_x: usize,
     pub rows: Vec<TileRow>,
@@ -18,7 +21,7 @@ pub(super) struct Bins {
 pub(super) struct TileRow {
     /// `[tiles_x + 1]` offsets into `entries`.
     pub offsets: Vec<u32>,
-    /// Indices of Gaussians, nearest first within a tile.
+    /// Ranks of Gaussians, nearest first within a tile.
     pub entries: Vec<u32>,
 }
 
@@ -27,7 +30,7 @@ impl Bins {
         self.rows.len() * self.tiles_x
     }
 
-    /// Gaussians of tile `t` (row-major), nearest first.
+    /// Ranks of the Gaussians of tile `t` (row-major), nearest first.
     pub(super) fn tile(&self, t: usize) -> &[u32] {
         let row = &self.rows[t / self.tiles_x];
         let x = t % self.tiles_x;
@@ -35,38 +38,132 @@ impl Bins {
     }
 }
 
-pub(super) fn bin(splats: &[Splat2d], width: usize, height: usize) -> Bins {
-    let (tiles_x, tiles_y) = (width.div_ceil(TILE), height.div_ceil(TILE));
-    let order = depth_order(splats);
+/// The drawn Gaussians by depth, copied into that order: what follows reads them one after the other, and only
+/// a slab at a time, instead of all over memory.
+pub(super) struct Order {
+    /// Nearest first; a place here is a *rank*.
+    pub splats: Vec<Splat2d>,
+    /// The index of the Gaussian at each rank.
+    pub indices: Vec<u32>,
+    /// First row of tiles and one past the last, for each rank.
+    spans: Vec<[u16; 2]>,
+}
 
-    // rows of tiles that each Gaussian touches
-    let span = |s: &Splat2d| tile_span(s.y - s.extent[1], s.y + s.extent[1], tiles_y);
-    let mut starts = vec![0u32; tiles_y + 1];
-    for &i in &order {
-        for row in span(&splats[i as usize]) {
-            starts[row + 1] += 1;
+impl Order {
+    pub(super) fn new(splats: &[Splat2d], height: usize) -> Self {
+        let tiles_y = height.div_ceil(TILE);
+        let indices = depth_order(splats);
+        let mut sorted = vec![Splat2d::default(); indices.len()];
+        let mut spans = vec![[0; 2]; indices.len()];
+        let arch = Arch::new();
+        const CHUNK: usize = 4096;
+        let chunks = (sorted.par_chunks_mut(CHUNK), spans.par_chunks_mut(CHUNK), indices.par_chunks(CHUNK));
+        chunks.into_par_iter().for_each(|(sorted, spans, indices)| {
+            for (to, &i) in sorted.iter_mut().zip(indices) {
+                *to = splats[i as usize];
+            }
+            wide(
+                arch,
+                #[inline(always)]
+                || {
+                    for (span, s) in spans.iter_mut().zip(sorted) {
+                        let rows = tile_span(s.y - s.extent[1], s.y + s.extent[1], tiles_y);
+                        // an image has fewer than 65536 rows of tiles
+                        *span = [rows.start as u16, rows.end as u16];
+                    }
+                },
+            );
+        });
+        Self { splats: sorted, indices, spans }
+    }
+
+    /// The rank of each of `n` Gaussians; `u32::MAX` for those that are not drawn.
+    pub(super) fn ranks(&self, n: usize) -> Vec<u32> {
+        let mut ranks = vec![u32::MAX; n];
+        for (rank, &i) in self.indices.iter().enumerate() {
+            ranks[i as usize] = rank as u32;
+        }
+        ranks
+    }
+
+    /// The slabs of depth: an eighth, an eighth, a quarter and the rest, but not many small ones.
+    pub(super) fn slabs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+        const LEAST: usize = 2048;
+        let n = self.indices.len();
+        let mut cuts = [0, n / 8, n / 4, n / 2, n];
+        for k in 1..4 {
+            if cuts[k] - cuts[k - 1] < LEAST {
+                cuts[k] = cuts[k - 1];
+            }
+        }
+        (0..4).map(move |k| cuts[k]..cuts[k + 1]).filter(|r| !r.is_empty())
+    }
+
+    /// Lists the Gaussians of a slab for the tiles of a row that still take some.
+    #[inline(always)]
+    pub(super) fn list(&self, slab: std::ops::Range<usize>, row: usize, takes: &[bool], lists: &mut RowLists) {
+        let tiles_x = takes.len();
+        let RowLists { spans, row: TileRow { offsets, entries }, next, open } = lists;
+        open.clear();
+        open.push(0);
+        open.extend(takes.iter().scan(0, |sum, takes| {
+            *sum += u32::from(*takes);
+            Some(*sum)
+        }));
+        spans.clear();
+        offsets.clear();
+        offsets.resize(tiles_x + 1, 0);
+        let (top, bottom) = ((row * TILE) as f32 + 0.5, (row * TILE + TILE) as f32 - 0.5);
+        for k in slab {
+            let [first, end] = self.spans[k];
+            if (row as u16) < first || row as u16 >= end {
+                continue;
+            }
+            let s = &self.splats[k];
+            let coarse = tile_span(s.x - s.extent[0] - 0.01, s.x + s.extent[0] + 0.01, tiles_x);
+            if open[coarse.start] == open[coarse.end] {
+                continue;
+            }
+            let (left, right) = chord(s, top - s.y, bottom - s.y);
+            // a hair wider than exact: rounding must never lose a pixel that blending would have tested in
+            let tiles = tile_span(s.x + left - 0.01, s.x + right + 0.01, tiles_x);
+            let mut any = false;
+            for x in tiles.clone() {
+                offsets[x + 1] += u32::from(takes[x]);
+                any |= takes[x];
+            }
+            if any {
+                spans.push((k as u32, tiles.start as u32, tiles.end as u32));
+            }
+        }
+        for x in 0..tiles_x {
+            offsets[x + 1] += offsets[x];
+        }
+        next.clear();
+        next.extend_from_slice(offsets);
+        entries.resize(offsets[tiles_x] as usize, 0);
+        for &(rank, start, end) in spans.iter() {
+            for x in (start as usize..end as usize).filter(|x| takes[*x]) {
+                entries[next[x] as usize] = rank;
+                next[x] += 1;
+            }
         }
     }
-    for row in 0..tiles_y {
-        starts[row + 1] += starts[row];
-    }
-    let mut next = starts.clone();
-    let mut by_row = vec![0u32; starts[tiles_y] as usize];
-    for &i in &order {
-        for row in span(&splats[i as usize]) {
-            by_row[next[row] as usize] = i;
-            next[row] += 1;
-        }
-    }
+}
 
-    let rows = (0..tiles_y)
-        .into_par_iter()
-        .map(|row| bin_row(splats, &by_row[starts[row] as usize..starts[row + 1] as usize], row, tiles_x))
-        .collect();
-    Bins { tiles_x, rows }
+/// The lists of one slab of one row, with room that is used again.
+#[derive(Default)]
+pub(super) struct RowLists {
+    spans: Vec<(u32, u32, u32)>,
+    /// The Gaussians of each tile.
+    pub row: TileRow,
+    next: Vec<u32>,
+    /// Tiles before each that take more.
+    open: Vec<u32>,
 }
 
 /// Tiles that hold pixel centres between `low` and `high`.
+#[inline(always)]
 fn tile_span(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
     // pixel k has its centre at k + 0.5; `as usize` saturates, so that huge extents are harmless
     let first = ((low - 0.5).ceil().max(0.0) as usize) / TILE;
@@ -75,35 +172,8 @@ fn tile_span(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
     first.min(end)..end
 }
 
-fn bin_row(splats: &[Splat2d], members: &[u32], row: usize, tiles_x: usize) -> TileRow {
-    let mut spans = Vec::with_capacity(members.len());
-    let mut offsets = vec![0u32; tiles_x + 1];
-    let (top, bottom) = ((row * TILE) as f32 + 0.5, (row * TILE + TILE) as f32 - 0.5);
-    for &i in members {
-        let s = &splats[i as usize];
-        let (left, right) = chord(s, top - s.y, bottom - s.y);
-        // a hair wider than exact: rounding must never lose a pixel that blending would have tested in
-        let tiles = tile_span(s.x + left - 0.01, s.x + right + 0.01, tiles_x);
-        for x in tiles.clone() {
-            offsets[x + 1] += 1;
-        }
-        spans.push((i, tiles.start as u32, tiles.end as u32));
-    }
-    for x in 0..tiles_x {
-        offsets[x + 1] += offsets[x];
-    }
-    let mut next = offsets.clone();
-    let mut entries = vec![0u32; offsets[tiles_x] as usize];
-    for (i, start, end) in spans {
-        for x in start..end {
-            entries[next[x as usize] as usize] = i;
-            next[x as usize] += 1;
-        }
-    }
-    TileRow { offsets, entries }
-}
-
 /// Leftmost and rightmost dx of the ellipse within the band `dy` in `[y0, y1]`.
+#[inline(always)]
 fn chord(s: &Splat2d, y0: f32, y1: f32) -> (f32, f32) {
     // q(dx, dy) = a dx^2 + 2 b dx dy + c dy^2 <= k, with a = -qa and so on
     let (a, b, c) = (-s.qa, -0.5 * s.qb, -s.qc);

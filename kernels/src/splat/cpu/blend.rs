@@ -1,8 +1,8 @@
 //! Front-to-back blending, a task a tile, a row of pixels in SIMD lanes.
 
 use super::TILE;
-use super::bin::Bins;
-use super::lanes::{any, exp2};
+use super::bin::{Bins, Order, RowLists, TileRow};
+use super::lanes::{any, exp2, wide};
 use super::project::Splat2d;
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
 use pulp::{Arch, Simd, WithSimd};
@@ -70,38 +70,91 @@ pub(super) const COLUMN_CENTRES: [f32; TILE] = {
     c
 };
 
-/// Renders `[H, W, 4]`; also the number of entries each tile used before all its pixels were done.
-pub(super) fn blend(splats: &[Splat2d], bins: &Bins, settings: &SplatSettings) -> (Vec<f32>, Vec<u32>) {
+/// A tile while it is drawn.
+struct TileState {
+    /// Transmittance while a pixel takes more; negated once it is done.
+    left: Plane,
+    colour: [Plane; 3],
+    /// Bit mask of rows that take more.
+    live: u32,
+}
+
+/// Renders `[H, W, 4]`; also the Gaussians that each tile looked at before all its pixels were done.
+///
+/// A task a row of tiles, which lists and draws slab by slab of depth until its tiles are done.
+pub(super) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
     let (width, height) = (settings.camera.width, settings.camera.height);
-    let tiles_x = bins.tiles_x;
+    let tiles_x = width.div_ceil(TILE);
     let mut image = vec![0.0f32; width * height * 4];
-    let mut used = vec![0u32; bins.tile_count()];
+    let rows = image
+        .par_chunks_mut(width * TILE * 4)
+        .enumerate()
+        .map(|(row, strip)| blend_row(order, settings, row, tiles_x, strip))
+        .collect();
+    (image, Bins { tiles_x, rows })
+}
+
+fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize, strip: &mut [f32]) -> TileRow {
+    let (width, height) = (settings.camera.width, settings.camera.height);
     let arch = Arch::new();
-    // a chunk of the image a row of tiles; the tiles of a row write disjoint columns of it
-    image.par_chunks_mut(width * TILE * 4).zip(used.par_chunks_mut(tiles_x)).enumerate().for_each(
-        |(row, (strip, used))| {
-            for x in 0..tiles_x {
-                let t = row * tiles_x + x;
-                let area = TileArea::new(t, tiles_x, width, height);
-                let tile = Tile { splats, entries: bins.tile(t), area };
-                let mut out = [Plane::ZERO; 3];
-                let (n, transmittance) = arch.dispatch(BlendTile { tile: &tile, out: &mut out });
-                used[x] = n;
-                for r in 0..area.rows {
-                    for c in 0..area.columns {
-                        let p = r * TILE + c;
-                        let f = transmittance.0[p];
-                        let pixel = &mut strip[(r * width + area.x0 + c) * 4..][..4];
-                        for channel in 0..3 {
-                            pixel[channel] = out[channel].0[p] + f * settings.background[channel];
-                        }
-                        pixel[3] = 1.0 - f;
-                    }
-                }
+    let mut states: Vec<Option<Box<TileState>>> = (0..tiles_x).map(|_| None).collect();
+    let mut used: Vec<Vec<u32>> = vec![Vec::new(); tiles_x];
+    let mut takes = vec![true; tiles_x];
+    let mut lists = RowLists::default();
+    for slab in order.slabs() {
+        wide(
+            arch,
+            #[inline(always)]
+            || order.list(slab, row, &takes, &mut lists),
+        );
+        for x in 0..tiles_x {
+            let entries = &lists.row.entries[lists.row.offsets[x] as usize..lists.row.offsets[x + 1] as usize];
+            if entries.is_empty() {
+                continue;
             }
-        },
-    );
-    (image, used)
+            let area = TileArea::new(row * tiles_x + x, tiles_x, width, height);
+            let state = states[x].get_or_insert_with(|| {
+                Box::new(TileState { left: area.transmittance(), colour: [Plane::ZERO; 3], live: area.live_rows() })
+            });
+            let n = arch.dispatch(BlendTile { tile: &Tile { splats: &order.splats, entries, area }, state });
+            used[x].extend_from_slice(&entries[..n]);
+            takes[x] = state.live != 0;
+        }
+        if !takes.contains(&true) {
+            break;
+        }
+    }
+    for (x, state) in states.iter().enumerate() {
+        let area = TileArea::new(row * tiles_x + x, tiles_x, width, height);
+        write_tile(state.as_deref(), &area, width, settings.background, strip);
+    }
+    let mut offsets = vec![0u32];
+    let mut entries = Vec::with_capacity(used.iter().map(Vec::len).sum());
+    for list in &used {
+        entries.extend_from_slice(list);
+        offsets.push(entries.len() as u32);
+    }
+    TileRow { offsets, entries }
+}
+
+/// Writes a tile's pixels over the background into the strip of its row of tiles.
+fn write_tile(state: Option<&TileState>, area: &TileArea, width: usize, background: [f32; 3], strip: &mut [f32]) {
+    for r in 0..area.rows {
+        for c in 0..area.columns {
+            let p = r * TILE + c;
+            let pixel = &mut strip[(r * width + area.x0 + c) * 4..][..4];
+            match state {
+                Some(state) => {
+                    let left = state.left.0[p].abs();
+                    for channel in 0..3 {
+                        pixel[channel] = state.colour[channel].0[p] + left * background[channel];
+                    }
+                    pixel[3] = 1.0 - left;
+                }
+                None => pixel[..3].copy_from_slice(&background),
+            }
+        }
+    }
 }
 
 /// A tile and what is to be drawn in it.
@@ -111,40 +164,57 @@ pub(super) struct Tile<'a> {
     pub area: TileArea,
 }
 
+/// Gaussians that are copied together from all over memory before they are drawn, so that their cache misses overlap.
+const GATHER: usize = 32;
+
+impl Tile<'_> {
+    /// Calls `draw` with each Gaussian and its place in the list, until it answers false. True if it never did.
+    #[inline(always)]
+    pub(super) fn each(&self, mut draw: impl FnMut(usize, &Splat2d) -> bool) -> bool {
+        let mut near = [Splat2d::default(); GATHER];
+        for (block, indices) in self.entries.chunks(GATHER).enumerate() {
+            for (to, &index) in near.iter_mut().zip(indices) {
+                *to = self.splats[index as usize];
+            }
+            for (k, splat) in near[..indices.len()].iter().enumerate() {
+                if !draw(block * GATHER + k, splat) {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+}
+
 struct BlendTile<'a> {
     tile: &'a Tile<'a>,
-    out: &'a mut [Plane; 3],
+    state: &'a mut TileState,
 }
 
 impl WithSimd for BlendTile<'_> {
-    type Output = (u32, Plane);
+    /// Entries looked at before all pixels were done.
+    type Output = usize;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> (u32, Plane) {
-        let Tile { splats, entries, area } = self.tile;
-        let lanes = S::F32_LANES;
-        let vectors = TILE / lanes;
-        // `open` is the transmittance while a pixel takes more, 0 once it is done; `rest` is what is left for the background
-        let mut open = area.transmittance();
-        let mut rest = open;
-        let mut live = area.live_rows();
-        let [red, green, blue] = self.out;
+    fn with_simd<S: Simd>(self, simd: S) -> usize {
+        let area = &self.tile.area;
+        let vectors = TILE / S::F32_LANES;
+        let TileState { left, colour: [red, green, blue], live: live_rows } = self.state;
+        let mut live = *live_rows;
         let (red, green, blue) = (
             S::as_mut_simd_f32s(&mut red.0).0,
             S::as_mut_simd_f32s(&mut green.0).0,
             S::as_mut_simd_f32s(&mut blue.0).0,
         );
-        let open = S::as_mut_simd_f32s(&mut open.0).0;
-        let rest_lanes = S::as_mut_simd_f32s(&mut rest.0).0;
+        let open = S::as_mut_simd_f32s(&mut left.0).0;
         let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
         let threshold = simd.splat_f32s(ALPHA_MIN.log2());
-        let floor = simd.splat_f32s(-16.0);
         let alpha_max = simd.splat_f32s(ALPHA_MAX);
         let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
         let zero = simd.splat_f32s(0.0);
 
-        for (n, &index) in entries.iter().enumerate() {
-            let s = &splats[index as usize];
+        let mut used = self.tile.entries.len();
+        self.tile.each(|n, s| {
             let (first, last) = row_range(s, area);
             let offset = simd.splat_f32s(area.x0 as f32 - s.x);
             let (qa, lo) = (simd.splat_f32s(s.qa), simd.splat_f32s(s.log2_opacity));
@@ -154,21 +224,18 @@ impl WithSimd for BlendTile<'_> {
                     continue;
                 }
                 let dy = (area.y0 + row) as f32 + 0.5 - s.y;
-                let (qb, qc) = (simd.splat_f32s(s.qb * dy), simd.splat_f32s(s.qc * dy * dy));
-                let mut row_live = false;
+                let (qb, constant) = (simd.splat_f32s(s.qb * dy), simd.add_f32s(simd.splat_f32s(s.qc * dy * dy), lo));
                 for v in 0..vectors {
                     let at = row * vectors + v;
                     let dx = simd.add_f32s(centres[v], offset);
-                    let inner = simd.mul_add_e_f32s(qa, dx, qb);
-                    let power = simd.mul_add_e_f32s(inner, dx, simd.add_f32s(qc, lo));
+                    let power = simd.mul_add_e_f32s(simd.mul_add_e_f32s(qa, dx, qb), dx, constant);
                     let t = open[at];
-                    let pixel_open = simd.greater_than_f32s(t, zero);
-                    let touched = simd.and_m32s(simd.greater_than_or_equal_f32s(power, threshold), pixel_open);
+                    let touched = simd
+                        .and_m32s(simd.greater_than_or_equal_f32s(power, threshold), simd.greater_than_f32s(t, zero));
                     if !any(simd, touched) {
-                        row_live |= any(simd, pixel_open);
                         continue;
                     }
-                    let alpha = simd.min_f32s(exp2(simd, simd.max_f32s(power, floor)), alpha_max);
+                    let alpha = simd.min_f32s(exp2(simd, power), alpha_max);
                     let weight = simd.mul_f32s(t, alpha);
                     let after = simd.sub_f32s(t, weight);
                     let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));
@@ -176,19 +243,23 @@ impl WithSimd for BlendTile<'_> {
                     red[at] = simd.mul_add_e_f32s(weight, colour[0], red[at]);
                     green[at] = simd.mul_add_e_f32s(weight, colour[1], green[at]);
                     blue[at] = simd.mul_add_e_f32s(weight, colour[2], blue[at]);
-                    rest_lanes[at] = simd.select_f32s(blended, after, rest_lanes[at]);
-                    let t = simd.select_f32s(touched, simd.select_f32s(blended, after, zero), t);
-                    open[at] = t;
-                    row_live |= any(simd, simd.greater_than_f32s(t, zero));
-                }
-                if !row_live {
-                    live &= !(1 << row);
+                    open[at] = simd.select_f32s(blended, after, t);
+                    let done = simd.and_m32s(touched, simd.greater_than_or_equal_f32s(t_min, after));
+                    if any(simd, done) {
+                        open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
+                        let row_open = &open[row * vectors..(row + 1) * vectors];
+                        if !row_open.iter().any(|t| any(simd, simd.greater_than_f32s(*t, zero))) {
+                            live &= !(1 << row);
+                        }
+                    }
                 }
             }
             if live == 0 {
-                return (n as u32 + 1, rest);
+                used = n + 1;
             }
-        }
-        (entries.len() as u32, rest)
+            live != 0
+        });
+        *live_rows = live;
+        used
     }
 }

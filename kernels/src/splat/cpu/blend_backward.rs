@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// Sums over pixels for one Gaussian: u, u dx, u dy, u dx^2, u dx dy, u dy^2 with u = dL/dpower, and dL/dcolour.
 pub(super) type ScreenGradient = [f32; 9];
 
-/// Per-Gaussian gradients on screen, `[N]`.
+/// Gradients on screen by rank.
 pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &SplatSettings) -> Vec<ScreenGradient> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = saved.bins.tiles_x;
@@ -23,14 +23,10 @@ pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &Splat
     let partial: Vec<Vec<ScreenGradient>> = (0..saved.bins.tile_count())
         .into_par_iter()
         .map(|t| {
-            let used = saved.used[t] as usize;
-            let tile = Tile {
-                splats: &saved.splats,
-                entries: &saved.bins.tile(t)[..used],
-                area: TileArea::new(t, tiles_x, width, height),
-            };
-            let mut sums = vec![[0.0; 9]; used];
-            if used > 0 {
+            let entries = saved.bins.tile(t);
+            let tile = Tile { splats: &saved.order.splats, entries, area: TileArea::new(t, tiles_x, width, height) };
+            let mut sums = vec![[0.0; 9]; entries.len()];
+            if !entries.is_empty() {
                 let mut pixels = PixelGradients::load(&tile.area, width, grad_image, &saved.image);
                 arch.dispatch(BlendBackwardTile { tile: &tile, pixels: &mut pixels, sums: &mut sums });
             }
@@ -43,7 +39,7 @@ pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &Splat
 /// Adds the tiles' sums per Gaussian. Each task owns a range of Gaussians and walks all tiles in order,
 /// so the order of additions does not depend on the number of tasks.
 fn merge(saved: &Saved, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> {
-    let n = saved.splats.len();
+    let n = saved.order.splats.len();
     let mut sums = vec![[0.0; 9]; n];
     let range = n.div_ceil(rayon::current_num_threads()).max(1);
     sums.par_chunks_mut(range).enumerate().for_each(|(k, out)| {
@@ -98,24 +94,24 @@ impl WithSimd for BlendBackwardTile<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Tile { splats, entries, area } = self.tile;
+        let area = &self.tile.area;
         let vectors = TILE / S::F32_LANES;
-        let mut open = area.transmittance();
+        // as in blending: negative once a pixel is done
+        let mut left = area.transmittance();
         let mut live = area.live_rows();
-        let open = S::as_mut_simd_f32s(&mut open.0).0;
+        let open = S::as_mut_simd_f32s(&mut left.0).0;
         let behind = S::as_mut_simd_f32s(&mut self.pixels.behind.0).0;
         let [v0, v1, v2, v3] = &self.pixels.v;
         let v = [v0, v1, v2, v3].map(|plane| S::as_simd_f32s(&plane.0).0);
         let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
         let threshold = simd.splat_f32s(ALPHA_MIN.log2());
-        let floor = simd.splat_f32s(-16.0);
         let alpha_max = simd.splat_f32s(ALPHA_MAX);
         let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
         let zero = simd.splat_f32s(0.0);
         let one = simd.splat_f32s(1.0);
+        let sums = self.sums;
 
-        for (&index, out) in entries.iter().zip(self.sums.iter_mut()) {
-            let s = &splats[index as usize];
+        self.tile.each(|n, s| {
             let (first, last) = row_range(s, area);
             let offset = simd.splat_f32s(area.x0 as f32 - s.x);
             let (qa, lo) = (simd.splat_f32s(s.qa), simd.splat_f32s(s.log2_opacity));
@@ -127,23 +123,22 @@ impl WithSimd for BlendBackwardTile<'_> {
                     continue;
                 }
                 let dy = (area.y0 + row) as f32 + 0.5 - s.y;
-                let (qb, qc) = (simd.splat_f32s(s.qb * dy), simd.splat_f32s(s.qc * dy * dy));
-                let dy = simd.splat_f32s(dy);
-                let mut row_live = false;
+                let (qb, constant) = (simd.splat_f32s(s.qb * dy), simd.add_f32s(simd.splat_f32s(s.qc * dy * dy), lo));
+                // sums of u, u dx, u dx^2 over the row, in which dy is one number
+                let mut of_row = [zero; 3];
+                let mut row_hit = false;
                 for column in 0..vectors {
                     let at = row * vectors + column;
                     let dx = simd.add_f32s(centres[column], offset);
-                    let inner = simd.mul_add_e_f32s(qa, dx, qb);
-                    let power = simd.mul_add_e_f32s(inner, dx, simd.add_f32s(qc, lo));
+                    let power = simd.mul_add_e_f32s(simd.mul_add_e_f32s(qa, dx, qb), dx, constant);
                     let t = open[at];
-                    let pixel_open = simd.greater_than_f32s(t, zero);
-                    let touched = simd.and_m32s(simd.greater_than_or_equal_f32s(power, threshold), pixel_open);
+                    let touched = simd
+                        .and_m32s(simd.greater_than_or_equal_f32s(power, threshold), simd.greater_than_f32s(t, zero));
                     if !any(simd, touched) {
-                        row_live |= any(simd, pixel_open);
                         continue;
                     }
-                    hit = true;
-                    let unclamped = exp2(simd, simd.max_f32s(power, floor));
+                    row_hit = true;
+                    let unclamped = exp2(simd, power);
                     let alpha = simd.min_f32s(unclamped, alpha_max);
                     let weight = simd.mul_f32s(t, alpha);
                     let after = simd.sub_f32s(t, weight);
@@ -161,29 +156,41 @@ impl WithSimd for BlendBackwardTile<'_> {
                     let saturated = simd.greater_than_f32s(unclamped, alpha_max);
                     let u = simd.select_f32s(saturated, zero, simd.mul_f32s(alpha, d_alpha));
 
-                    let (ux, uy) = (simd.mul_f32s(u, dx), simd.mul_f32s(u, dy));
-                    sum[0] = simd.add_f32s(sum[0], u);
-                    sum[1] = simd.add_f32s(sum[1], ux);
-                    sum[2] = simd.add_f32s(sum[2], uy);
-                    sum[3] = simd.mul_add_e_f32s(ux, dx, sum[3]);
-                    sum[4] = simd.mul_add_e_f32s(ux, dy, sum[4]);
-                    sum[5] = simd.mul_add_e_f32s(uy, dy, sum[5]);
+                    let ux = simd.mul_f32s(u, dx);
+                    of_row[0] = simd.add_f32s(of_row[0], u);
+                    of_row[1] = simd.add_f32s(of_row[1], ux);
+                    of_row[2] = simd.mul_add_e_f32s(ux, dx, of_row[2]);
                     for channel in 0..3 {
                         sum[6 + channel] = simd.mul_add_e_f32s(weight, v[channel][at], sum[6 + channel]);
                     }
-                    let t = simd.select_f32s(touched, simd.select_f32s(blended, after, zero), t);
-                    open[at] = t;
-                    row_live |= any(simd, simd.greater_than_f32s(t, zero));
+                    open[at] = simd.select_f32s(blended, after, t);
+                    let done = simd.and_m32s(touched, simd.greater_than_or_equal_f32s(t_min, after));
+                    if any(simd, done) {
+                        open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
+                        let row_open = &open[row * vectors..(row + 1) * vectors];
+                        if !row_open.iter().any(|t| any(simd, simd.greater_than_f32s(*t, zero))) {
+                            live &= !(1 << row);
+                        }
+                    }
                 }
-                if !row_live {
-                    live &= !(1 << row);
+                if row_hit {
+                    hit = true;
+                    let dy = simd.splat_f32s(dy);
+                    let uy = simd.mul_f32s(of_row[0], dy);
+                    sum[0] = simd.add_f32s(sum[0], of_row[0]);
+                    sum[1] = simd.add_f32s(sum[1], of_row[1]);
+                    sum[2] = simd.add_f32s(sum[2], uy);
+                    sum[3] = simd.add_f32s(sum[3], of_row[2]);
+                    sum[4] = simd.mul_add_e_f32s(of_row[1], dy, sum[4]);
+                    sum[5] = simd.mul_add_e_f32s(uy, dy, sum[5]);
                 }
             }
             if hit {
-                for (o, lanes) in out.iter_mut().zip(sum) {
+                for (o, lanes) in sums[n].iter_mut().zip(sum) {
                     *o = simd.reduce_sum_f32s(lanes);
                 }
             }
-        }
+            true
+        });
     }
 }

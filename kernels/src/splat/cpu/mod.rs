@@ -1,6 +1,6 @@
 //! The splat op on host memory: the stages in order, and the binding to NdArray and Flex.
 //!
-//! project (per Gaussian) -> bin (tiles, depth order) -> blend (a task a tile); backward: blend again
+//! project (per Gaussian) -> order (depth) -> list and blend (a task a row of tiles, slab by slab of depth); backward: blend again
 //! front to back with gradients, merge per Gaussian in a fixed order, then back through the projection.
 //! No result depends on the number of threads.
 
@@ -14,10 +14,9 @@ mod sh;
 
 use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
 use crate::backend::CpuBackend;
-use bin::Bins;
+use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
-use project::Splat2d;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -54,20 +53,19 @@ impl<'a> Attributes<'a> {
 
 /// What the forward pass leaves for the backward pass.
 struct Saved {
-    splats: Vec<Splat2d>,
+    order: Order,
+    /// The Gaussians that each tile looked at before all its pixels were done.
     bins: Bins,
-    /// Entries of each tile that were reached before all its pixels were done.
-    used: Vec<u32>,
     /// The rendered image `[H, W, 4]`.
     image: Vec<f32>,
 }
 
 fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> (Vec<f32>, Vec<i32>, Saved) {
     let splats = project::project(attributes, offsets, settings);
-    let bins = bin::bin(&splats, settings.camera.width, settings.camera.height);
-    let (image, used) = blend::blend(&splats, &bins, settings);
+    let order = Order::new(&splats, settings.camera.height);
+    let (image, bins) = blend::blend(&order, settings);
     let radii = splats.iter().map(|s| s.radius).collect();
-    (image.clone(), radii, Saved { splats, bins, used, image })
+    (image.clone(), radii, Saved { order, bins, image })
 }
 
 impl<B: CpuBackend> CpuSplat for B {}
@@ -105,7 +103,7 @@ trait CpuSplat: CpuBackend {
         let attributes = Attributes::new(&values, sh_stride);
         let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
         let screen = blend_backward::blend_backward(saved, &Self::values(&grad_image), &settings);
-        let g = project_backward::project_backward(attributes, &saved.splats, &screen, &settings);
+        let g = project_backward::project_backward(attributes, &saved.order, &screen, &settings);
         SplatGradients {
             means: Self::tensor(g.means, [n, 3], &device),
             rotations: Self::tensor(g.rotations, [n, 4], &device),

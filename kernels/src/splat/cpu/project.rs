@@ -1,9 +1,10 @@
 //! Per Gaussian: to the screen. Position, inverse covariance, opacity, colour, extent, depth.
 
-use super::lanes::LOG2_E;
+use super::lanes::{LOG2_E, wide};
 use super::{Attributes, sh};
 use crate::Camera;
 use crate::splat::{ALPHA_MIN, DILATION, NEAR, SplatSettings};
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// A projected Gaussian, as blending reads it.
@@ -130,14 +131,28 @@ pub(super) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
     (d.map(|v| v * inverse), inverse)
 }
 
+/// Gaussians of a task.
+const CHUNK: usize = 1024;
+
 /// Projects all Gaussians; those that are culled have radius 0.
 pub(super) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> Vec<Splat2d> {
     let eye = settings.camera.position();
-    (0..attributes.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .map(|i| project_one(attributes, i, [offsets[2 * i], offsets[2 * i + 1]], eye, settings).unwrap_or_default())
-        .collect()
+    let arch = Arch::new();
+    let mut splats = vec![Splat2d::default(); attributes.len()];
+    splats.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+        wide(
+            arch,
+            #[inline(always)]
+            || {
+                for (j, splat) in out.iter_mut().enumerate() {
+                    let i = chunk * CHUNK + j;
+                    let offset = [offsets[2 * i], offsets[2 * i + 1]];
+                    *splat = project_one(attributes, i, offset, eye, settings).unwrap_or_default();
+                }
+            },
+        );
+    });
+    splats
 }
 
 /// `None` if the Gaussian is behind the near plane, too transparent, off screen or not finite.

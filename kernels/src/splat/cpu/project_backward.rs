@@ -1,10 +1,13 @@
 //! Per Gaussian: gradients on screen back to means, rotations, log_scales, opacity_logits and sh.
 
+use super::bin::Order;
 use super::blend_backward::ScreenGradient;
+use super::lanes::wide;
 use super::project::{Projection, Splat2d, row, view_direction};
 use super::{Attributes, sh};
 use crate::Camera;
 use crate::splat::SplatSettings;
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// Gradients of every input, row-major.
@@ -19,11 +22,12 @@ pub(super) struct Gradients {
 
 pub(super) fn project_backward(
     a: Attributes<'_>,
-    splats: &[Splat2d],
+    order: &Order,
     screen: &[ScreenGradient],
     settings: &SplatSettings,
 ) -> Gradients {
     let n = a.len();
+    let ranks = order.ranks(n);
     let width = 3 * a.sh_stride;
     let mut g = Gradients {
         means: vec![0.0; 3 * n],
@@ -35,6 +39,7 @@ pub(super) fn project_backward(
     };
     let eye = settings.camera.position();
     const CHUNK: usize = 1024;
+    let arch = Arch::new();
     let chunks = (
         g.means.par_chunks_mut(3 * CHUNK),
         g.rotations.par_chunks_mut(4 * CHUNK),
@@ -44,18 +49,23 @@ pub(super) fn project_backward(
         g.screen_offsets.par_chunks_mut(2 * CHUNK),
     );
     chunks.into_par_iter().enumerate().for_each(|(c, (means, rotations, log_scales, logits, sh, offsets))| {
-        for j in 0..logits.len() {
-            let i = c * CHUNK + j;
-            if splats[i].radius == 0 || screen[i].iter().all(|&v| v == 0.0) {
-                continue;
-            }
-            let out = one(a, i, &splats[i], &screen[i], eye, settings, &mut sh[width * j..][..width]);
-            means[3 * j..][..3].copy_from_slice(&out.mean);
-            rotations[4 * j..][..4].copy_from_slice(&out.rotation);
-            log_scales[3 * j..][..3].copy_from_slice(&out.log_scale);
-            logits[j] = out.opacity_logit;
-            offsets[2 * j..][..2].copy_from_slice(&out.screen);
-        }
+        wide(
+            arch,
+            #[inline(always)]
+            || {
+                for j in 0..logits.len() {
+                    let i = c * CHUNK + j;
+                    let rank = ranks[i] as usize;
+                    let Some(g) = screen.get(rank).filter(|g| g.iter().any(|v| *v != 0.0)) else { continue };
+                    let out = one(a, i, &order.splats[rank], g, eye, settings, &mut sh[width * j..][..width]);
+                    means[3 * j..][..3].copy_from_slice(&out.mean);
+                    rotations[4 * j..][..4].copy_from_slice(&out.rotation);
+                    log_scales[3 * j..][..3].copy_from_slice(&out.log_scale);
+                    logits[j] = out.opacity_logit;
+                    offsets[2 * j..][..2].copy_from_slice(&out.screen);
+                }
+            },
+        );
     });
     g
 }
