@@ -11,6 +11,7 @@ mod backend;
 mod camera;
 
 pub mod adam;
+pub mod contributors;
 pub mod decoder;
 pub mod field;
 pub mod splat;
@@ -19,13 +20,22 @@ pub mod tv;
 
 pub use camera::Camera;
 
+/// The vector instructions that the kernels use: the widest of the machine, or none if `VOLSEGGS_SIMD` is `scalar`,
+/// by which tests reach the portable path and benches compare with it.
+fn arch() -> pulp::Arch {
+    static SCALAR: std::sync::LazyLock<bool> =
+        std::sync::LazyLock::new(|| std::env::var("VOLSEGGS_SIMD").is_ok_and(|v| v == "scalar"));
+    if *SCALAR { pulp::Arch::Scalar } else { pulp::Arch::new() }
+}
+
 /// The vector instructions that the CPU kernels use on this machine.
 pub fn simd_level() -> String {
-    let arch = format!("{:?}", pulp::Arch::new());
+    let arch = format!("{:?}", arch());
     let name = arch.split('(').next().unwrap_or_default();
     match name {
         "V3" => "AVX2 and FMA".into(),
         "V4" => "AVX-512".into(),
+        "Scalar" => "no vector instructions".into(),
         other => other.into(),
     }
 }

@@ -13,4 +13,5 @@ pub const PRESETS: &[(&str, &str)] = &[
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys.
-pub const RESERVED_VARIABLES: &[&str] = &["VOLSEGGS_TEST_DATA", "VOLSEGGS_REQUIRE_GPU", "VOLSEGGS_CACHE"];
+pub const RESERVED_VARIABLES: &[&str] =
+    &["VOLSEGGS_TEST_DATA", "VOLSEGGS_REQUIRE_GPU", "VOLSEGGS_CACHE", "VOLSEGGS_SIMD"];

@@ -1,7 +1,7 @@
 //! Fused Adam step: one pass that checks the gradient, one that updates parameter and moments in place.
 //! Elementwise, so the bits do not depend on the number of threads. Keeps no state of its own.
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Elements of one task, rounded to whole patterns.
@@ -79,7 +79,7 @@ pub fn adam_step(
         .zip(m.par_chunks_mut(task))
         .zip(v.par_chunks_mut(task))
         .for_each(|(((param, grad), m), v)| {
-            Arch::new().dispatch(Update { param, grad, m, v, rates: &rates, step });
+            crate::arch().dispatch(Update { param, grad, m, v, rates: &rates, step });
         });
     Ok(())
 }
@@ -103,7 +103,7 @@ pub(super) fn first_non_finite(grad: &[f32]) -> Option<usize> {
     grad.par_chunks(TASK)
         .enumerate()
         .filter_map(|(chunk, grad)| {
-            if !Arch::new().dispatch(Check(grad)) {
+            if !crate::arch().dispatch(Check(grad)) {
                 return None;
             }
             let at = grad.iter().position(|&g| !(g * g).is_finite());

@@ -5,7 +5,7 @@ use super::cpu::{BLOCK, DecoderGrads, DecoderParams, head, trunk};
 use super::kernel::{Add, Gate, Rows, Store, add_rows, gate_all, outer, product};
 use super::pack::{Aligned, Packed, Transposed};
 use super::shape::DecoderShape;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Most ranges that sum parameter gradients on their own.
@@ -49,7 +49,7 @@ pub(super) fn run(
         });
         (rest, row) = (after, end);
     }
-    let sums: Vec<Sums> = ranges.into_par_iter().map(|range| Arch::new().dispatch(range)).collect();
+    let sums: Vec<Sums> = ranges.into_par_iter().map(|range| crate::arch().dispatch(range)).collect();
     let mut sums = sums.into_iter();
     if let Some(mut total) = sums.next() {
         sums.for_each(|sum| total.add(&sum));

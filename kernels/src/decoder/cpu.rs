@@ -10,7 +10,7 @@
 use super::kernel::{BiasRelu, Rows, TILE, dots, product};
 use super::pack::{Aligned, Packed};
 use super::shape::DecoderShape;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Rows whose hidden units are held at once, a whole number of tiles: they fit the first-level cache.
@@ -67,7 +67,7 @@ pub fn forward(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], out: 
     let packed = Packed::new(shape, params);
     out.par_chunks_mut(FORWARD_ROWS * shape.outputs()).zip(x.par_chunks(FORWARD_ROWS * shape.inputs)).for_each(
         |(out, x)| {
-            Arch::new().dispatch(ForwardRows { packed: &packed, x, out });
+            crate::arch().dispatch(ForwardRows { packed: &packed, x, out });
         },
     );
 }

@@ -3,7 +3,7 @@
 
 use super::cpu::DecoderParams;
 use super::shape::DecoderShape;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use std::ops::{Deref, DerefMut};
 
 /// Bytes of a cache line; vectors that straddle two lines load at half speed.
@@ -51,7 +51,7 @@ impl WithSimd for LaneCount {
 
 /// Columns of a panel: two vectors of this processor.
 fn panel_columns() -> usize {
-    2 * Arch::new().dispatch(LaneCount)
+    2 * crate::arch().dispatch(LaneCount)
 }
 
 /// What the forward pass reads. A matrix `[K, N]` is stored as panels `[N / P, K, P]`, `P` columns each;

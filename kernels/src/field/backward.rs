@@ -4,7 +4,7 @@
 use super::cpu::{FieldGrads, FieldParams};
 use super::sample::{Field, Lanes, Tap};
 use super::shape::{FieldShape, PLANE_AXES, PLANE_LINE};
-use pulp::{Arch, Scalar, Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Most tasks that hold private line gradients in the backward pass; bounds their memory.
@@ -70,7 +70,7 @@ impl Backward<'_> {
             .map(|(index, grad_points)| {
                 let mut sums = vec![0.0; grad_lines.len() + self.field.time.len()];
                 let (lines, times) = sums.split_at_mut(grad_lines.len());
-                Arch::new().dispatch(PointChunk { input: self, first: index * chunk, grad_points, lines, times });
+                crate::arch().dispatch(PointChunk { input: self, first: index * chunk, grad_points, lines, times });
                 sums
             })
             .collect();
@@ -124,7 +124,7 @@ impl Backward<'_> {
                 });
             }
         }
-        tasks.into_par_iter().with_max_len(1).for_each(|task| Arch::new().dispatch(task));
+        tasks.into_par_iter().with_max_len(1).for_each(|task| crate::arch().dispatch(task));
     }
 
     /// For each band of [`BAND_ROWS`] nodes along `axis`: the active points that touch it, ascending.

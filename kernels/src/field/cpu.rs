@@ -8,7 +8,7 @@
 
 use super::sample::{Field, Lanes, Tap};
 use super::shape::FieldShape;
-use pulp::{Arch, Scalar, Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Points of one forward task.
@@ -49,7 +49,7 @@ pub fn forward(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], time
     let field = Field::new(shape, params, time);
     features.par_chunks_mut(FORWARD_CHUNK * shape.features_len()).zip(points.par_chunks(FORWARD_CHUNK * 3)).for_each(
         |(features, points)| {
-            Arch::new().dispatch(ForwardChunk { field: &field, points, features });
+            crate::arch().dispatch(ForwardChunk { field: &field, points, features });
         },
     );
 }

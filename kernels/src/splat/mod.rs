@@ -15,7 +15,7 @@
 //! camera: it adds nothing to the image and its gradients are zero. A zero quaternion stands for no rotation.
 
 mod autodiff;
-mod cpu;
+pub(crate) mod cpu;
 pub mod reference;
 
 use crate::Camera;

@@ -20,11 +20,11 @@ pub struct Scene {
 }
 
 /// A Gaussian on screen.
-struct Projected {
-    depth: f64,
-    mean: [f64; 2],
-    conic: [f64; 3],
-    opacity: f64,
+pub(crate) struct Projected {
+    pub(crate) depth: f64,
+    pub(crate) mean: [f64; 2],
+    pub(crate) conic: [f64; 3],
+    pub(crate) opacity: f64,
     colour: [f64; 3],
 }
 
@@ -62,7 +62,7 @@ pub fn render(scene: &Scene, settings: &SplatSettings) -> Vec<f64> {
     image
 }
 
-fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projected> {
+pub(crate) fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projected> {
     let camera = &settings.camera;
     let w = camera.rotation.map(|row| row.map(f64::from));
     let mean: [f64; 3] = std::array::from_fn(|k| scene.means[3 * i + k]);
@@ -98,7 +98,8 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
     let basis = sh_basis(d.map(|v| v / length), settings.sh_degree);
     let colour: [f64; 3] = std::array::from_fn(|c| {
         let sum: f64 = basis.iter().enumerate().map(|(k, b)| b * scene.sh[(scene.sh_stride * i + k) * 3 + c]).sum();
-        (sum + 0.5).max(0.0)
+        // not `f64::max`, which would turn NaN into 0: the kernels cull such a Gaussian
+        if sum + 0.5 < 0.0 { 0.0 } else { sum + 0.5 }
     });
     let opacity = 1.0 / (1.0 + (-scene.opacity_logits[i]).exp());
     let finite = det.is_finite() && det > 0.0 && colour.iter().all(|c| c.is_finite()) && opacity.is_finite();

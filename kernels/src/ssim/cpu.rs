@@ -3,7 +3,7 @@
 //! Tasks are fixed bands of rows and sums join in row order, so the bits do not depend on the thread count.
 
 use super::{C1, C2, RADIUS, TAPS, window};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Image rows of one task.
@@ -30,7 +30,7 @@ pub fn ssim(a: &[f32], b: &[f32], h: usize, w: usize) -> f64 {
     let sums: Vec<f64> = (0..h.div_ceil(BAND))
         .into_par_iter()
         .map(|band| {
-            Arch::new().dispatch(Stats::<false> {
+            crate::arch().dispatch(Stats::<false> {
                 a,
                 b,
                 row: w * RGB,
@@ -64,7 +64,7 @@ pub fn ssim_grad(a: &[f32], b: &[f32], h: usize, w: usize, scale: f32, grad_a: &
         .zip(product.par_chunks_mut(BAND * row))
         .enumerate()
         .map(|(band, ((mean, square), product))| {
-            Arch::new().dispatch(Stats::<true> {
+            crate::arch().dispatch(Stats::<true> {
                 a,
                 b,
                 row,
@@ -78,7 +78,7 @@ pub fn ssim_grad(a: &[f32], b: &[f32], h: usize, w: usize, scale: f32, grad_a: &
     let [mean, square, product] = &slopes;
     let factor = scale / a.len() as f32;
     grad_a.par_chunks_mut(BAND * row).enumerate().for_each(|(band, grad)| {
-        Arch::new().dispatch(Adjoint {
+        crate::arch().dispatch(Adjoint {
             a,
             b,
             row,

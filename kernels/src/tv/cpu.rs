@@ -3,7 +3,7 @@
 //! so the bits do not depend on the number of threads.
 
 use crate::field::{FieldParams, FieldShape, TensorSpan};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -75,7 +75,7 @@ pub fn tv(params: FieldParams<'_>, shape: &FieldShape, kind: TvKind, weights: Tv
             push_tasks(&mut tasks, &spans, shape.channels, kind, weight, prior, data, grad);
         }
     }
-    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|task| Arch::new().dispatch(task)).collect();
+    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|task| crate::arch().dispatch(task)).collect();
     losses.iter().sum()
 }
 

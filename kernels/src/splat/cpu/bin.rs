@@ -7,18 +7,17 @@
 use super::TILE;
 use super::lanes::wide;
 use super::project::Splat2d;
-use pulp::Arch;
 use rayon::prelude::*;
 
 /// Ranks of the Gaussians that were drawn, by tile: one CSR block a row of tiles.
-pub(super) struct Bins {
+pub(crate) struct Bins {
     pub tiles_x: usize,
     pub rows: Vec<TileRow>,
 }
 
 /// The tiles of one row.
 #[derive(Default)]
-pub(super) struct TileRow {
+pub(crate) struct TileRow {
     /// `[tiles_x + 1]` offsets into `entries`.
     pub offsets: Vec<u32>,
     /// Ranks of Gaussians, nearest first within a tile.
@@ -26,12 +25,12 @@ pub(super) struct TileRow {
 }
 
 impl Bins {
-    pub(super) fn tile_count(&self) -> usize {
+    pub(crate) fn tile_count(&self) -> usize {
         self.rows.len() * self.tiles_x
     }
 
     /// Ranks of the Gaussians of tile `t` (row-major), nearest first.
-    pub(super) fn tile(&self, t: usize) -> &[u32] {
+    pub(crate) fn tile(&self, t: usize) -> &[u32] {
         let row = &self.rows[t / self.tiles_x];
         let x = t % self.tiles_x;
         &row.entries[row.offsets[x] as usize..row.offsets[x + 1] as usize]
@@ -40,7 +39,7 @@ impl Bins {
 
 /// The drawn Gaussians by depth, copied into that order: what follows reads them one after the other, and only
 /// a slab at a time, instead of all over memory.
-pub(super) struct Order {
+pub(crate) struct Order {
     /// Nearest first; a place here is a *rank*.
     pub splats: Vec<Splat2d>,
     /// The index of the Gaussian at each rank.
@@ -50,12 +49,12 @@ pub(super) struct Order {
 }
 
 impl Order {
-    pub(super) fn new(splats: &[Splat2d], height: usize) -> Self {
+    pub(crate) fn new(splats: &[Splat2d], height: usize) -> Self {
         let tiles_y = height.div_ceil(TILE);
         let indices = depth_order(splats);
         let mut sorted = vec![Splat2d::default(); indices.len()];
         let mut spans = vec![[0; 2]; indices.len()];
-        let arch = Arch::new();
+        let arch = crate::arch();
         const CHUNK: usize = 4096;
         let chunks = (sorted.par_chunks_mut(CHUNK), spans.par_chunks_mut(CHUNK), indices.par_chunks(CHUNK));
         chunks.into_par_iter().for_each(|(sorted, spans, indices)| {
@@ -78,7 +77,7 @@ impl Order {
     }
 
     /// The rank of each of `n` Gaussians; `u32::MAX` for those that are not drawn.
-    pub(super) fn ranks(&self, n: usize) -> Vec<u32> {
+    pub(crate) fn ranks(&self, n: usize) -> Vec<u32> {
         let mut ranks = vec![u32::MAX; n];
         for (rank, &i) in self.indices.iter().enumerate() {
             ranks[i as usize] = rank as u32;
@@ -87,7 +86,7 @@ impl Order {
     }
 
     /// The slabs of depth: an eighth, an eighth, a quarter and the rest, but not many small ones.
-    pub(super) fn slabs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
+    pub(crate) fn slabs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         const LEAST: usize = 2048;
         let n = self.indices.len();
         let mut cuts = [0, n / 8, n / 4, n / 2, n];
@@ -101,7 +100,7 @@ impl Order {
 
     /// Lists the Gaussians of a slab for the tiles of a row that still take some.
     #[inline(always)]
-    pub(super) fn list(&self, slab: std::ops::Range<usize>, row: usize, takes: &[bool], lists: &mut RowLists) {
+    pub(crate) fn list(&self, slab: std::ops::Range<usize>, row: usize, takes: &[bool], lists: &mut RowLists) {
         let tiles_x = takes.len();
         let RowLists { spans, row: TileRow { offsets, entries }, next, open } = lists;
         open.clear();
@@ -153,7 +152,7 @@ impl Order {
 
 /// The lists of one slab of one row, with room that is used again.
 #[derive(Default)]
-pub(super) struct RowLists {
+pub(crate) struct RowLists {
     spans: Vec<(u32, u32, u32)>,
     /// The Gaussians of each tile.
     pub row: TileRow,

@@ -5,7 +5,7 @@ use super::bin::{Bins, Order, RowLists, TileRow};
 use super::lanes::{any, exp2, wide};
 use super::project::Splat2d;
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Pixels of a tile.
@@ -14,15 +14,15 @@ const AREA: usize = TILE * TILE;
 /// A per-pixel quantity of a tile, row-major, aligned for the widest vectors.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
-pub(super) struct Plane(pub [f32; AREA]);
+pub(crate) struct Plane(pub [f32; AREA]);
 
 impl Plane {
-    pub(super) const ZERO: Plane = Plane([0.0; AREA]);
+    pub(crate) const ZERO: Plane = Plane([0.0; AREA]);
 }
 
 /// Where a tile lies in the image.
 #[derive(Clone, Copy)]
-pub(super) struct TileArea {
+pub(crate) struct TileArea {
     pub x0: usize,
     pub y0: usize,
     pub columns: usize,
@@ -30,14 +30,14 @@ pub(super) struct TileArea {
 }
 
 impl TileArea {
-    pub(super) fn new(t: usize, tiles_x: usize, width: usize, height: usize) -> Self {
+    pub(crate) fn new(t: usize, tiles_x: usize, width: usize, height: usize) -> Self {
         let (x0, y0) = (t % tiles_x * TILE, t / tiles_x * TILE);
         Self { x0, y0, columns: TILE.min(width - x0), rows: TILE.min(height - y0) }
     }
 
     /// Initial transmittance: 1 inside the image, 0 in the part of the tile that hangs over its edge,
     /// where pixels count as finished from the start.
-    pub(super) fn transmittance(&self) -> Plane {
+    pub(crate) fn transmittance(&self) -> Plane {
         let mut t = Plane::ZERO;
         for row in 0..self.rows {
             t.0[row * TILE..][..self.columns].fill(1.0);
@@ -46,21 +46,21 @@ impl TileArea {
     }
 
     /// Bit mask of the rows that hold pixels.
-    pub(super) fn live_rows(&self) -> u32 {
+    pub(crate) fn live_rows(&self) -> u32 {
         (1u32 << self.rows) - 1
     }
 }
 
 /// Rows of the tile that the Gaussian can reach, as `first..=last` (empty if first > last).
 #[inline(always)]
-pub(super) fn row_range(s: &Splat2d, area: &TileArea) -> (usize, usize) {
+pub(crate) fn row_range(s: &Splat2d, area: &TileArea) -> (usize, usize) {
     let low = (s.y - s.extent[1] - 0.5 - area.y0 as f32).ceil().max(0.0);
     let high = (s.y + s.extent[1] - 0.5 - area.y0 as f32).floor().min((area.rows - 1) as f32);
     if high < 0.0 { (1, 0) } else { (low as usize, high as usize) }
 }
 
 /// Horizontal pixel centres of a tile, relative to its left edge.
-pub(super) const COLUMN_CENTRES: [f32; TILE] = {
+pub(crate) const COLUMN_CENTRES: [f32; TILE] = {
     let mut c = [0.0; TILE];
     let mut i = 0;
     while i < TILE {
@@ -82,7 +82,7 @@ struct TileState {
 /// Renders `[H, W, 4]`; also the Gaussians that each tile looked at before all its pixels were done.
 ///
 /// A task a row of tiles, which lists and draws slab by slab of depth until its tiles are done.
-pub(super) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
+pub(crate) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = width.div_ceil(TILE);
     let mut image = vec![0.0f32; width * height * 4];
@@ -96,7 +96,7 @@ pub(super) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins)
 
 fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize, strip: &mut [f32]) -> TileRow {
     let (width, height) = (settings.camera.width, settings.camera.height);
-    let arch = Arch::new();
+    let arch = crate::arch();
     let mut states: Vec<Option<Box<TileState>>> = (0..tiles_x).map(|_| None).collect();
     let mut used: Vec<Vec<u32>> = vec![Vec::new(); tiles_x];
     let mut takes = vec![true; tiles_x];
@@ -158,7 +158,7 @@ fn write_tile(state: Option<&TileState>, area: &TileArea, width: usize, backgrou
 }
 
 /// A tile and what is to be drawn in it.
-pub(super) struct Tile<'a> {
+pub(crate) struct Tile<'a> {
     pub splats: &'a [Splat2d],
     pub entries: &'a [u32],
     pub area: TileArea,
@@ -170,7 +170,7 @@ const GATHER: usize = 32;
 impl Tile<'_> {
     /// Calls `draw` with each Gaussian and its place in the list, until it answers false. True if it never did.
     #[inline(always)]
-    pub(super) fn each(&self, mut draw: impl FnMut(usize, &Splat2d) -> bool) -> bool {
+    pub(crate) fn each(&self, mut draw: impl FnMut(usize, &Splat2d) -> bool) -> bool {
         let mut near = [Splat2d::default(); GATHER];
         for (block, indices) in self.entries.chunks(GATHER).enumerate() {
             for (to, &index) in near.iter_mut().zip(indices) {

@@ -9,7 +9,7 @@ use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range};
 use super::lanes::{any, exp2};
 use super::{Saved, TILE};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Sums over pixels for one Gaussian: u, u dx, u dy, u dx^2, u dx dy, u dy^2 with u = dL/dpower, and dL/dcolour.
@@ -19,7 +19,7 @@ pub(super) type ScreenGradient = [f32; 9];
 pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &SplatSettings) -> Vec<ScreenGradient> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = saved.bins.tiles_x;
-    let arch = Arch::new();
+    let arch = crate::arch();
     let partial: Vec<Vec<ScreenGradient>> = (0..saved.bins.tile_count())
         .into_par_iter()
         .map(|t| {

@@ -4,11 +4,11 @@ use pulp::bytemuck;
 use pulp::{Arch, Simd, WithSimd};
 
 /// `log2(e)`.
-pub(super) const LOG2_E: f32 = std::f32::consts::LOG2_E;
+pub(crate) const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
 /// True if any lane of the mask is set.
 #[inline(always)]
-pub(super) fn any<S: Simd>(_: S, mask: S::m32s) -> bool {
+pub(crate) fn any<S: Simd>(_: S, mask: S::m32s) -> bool {
     #[cfg(target_arch = "x86_64")]
     if const { size_of::<S::m32s>() == size_of::<std::arch::x86_64::__m256>() } {
         // SAFETY: masks of this size exist only where pulp has found AVX; the sizes are equal and any bits are valid.
@@ -26,7 +26,7 @@ pub(super) fn any<S: Simd>(_: S, mask: S::m32s) -> bool {
 ///
 /// The integer part is found by adding 1.5 * 2^23, which leaves it in the low bits of the mantissa.
 #[inline(always)]
-pub(super) fn exp2<S: Simd>(simd: S, p: S::f32s) -> S::f32s {
+pub(crate) fn exp2<S: Simd>(simd: S, p: S::f32s) -> S::f32s {
     let magic = simd.splat_f32s(12_582_912.0);
     let rounded = simd.add_f32s(p, magic);
     let f = simd.sub_f32s(p, simd.sub_f32s(rounded, magic));
@@ -52,6 +52,6 @@ impl<R, F: FnOnce() -> R> WithSimd for Wide<F> {
 
 /// Runs a closure, marked `#[inline(always)]`, compiled for the machine's widest instruction set.
 #[inline(always)]
-pub(super) fn wide<R>(arch: Arch, f: impl FnOnce() -> R) -> R {
+pub(crate) fn wide<R>(arch: Arch, f: impl FnOnce() -> R) -> R {
     arch.dispatch(Wide(f))
 }

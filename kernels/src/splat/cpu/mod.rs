@@ -4,16 +4,17 @@
 //! front to back with gradients, merge per Gaussian in a fixed order, then back through the projection.
 //! No result depends on the number of threads.
 
-mod bin;
-mod blend;
+pub(crate) mod bin;
+pub(crate) mod blend;
 mod blend_backward;
-mod lanes;
-mod project;
+pub(crate) mod lanes;
+pub(crate) mod project;
 mod project_backward;
 mod sh;
 
 use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
 use crate::backend::CpuBackend;
+use crate::contributors::{Contributors, ContributorsError};
 use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
@@ -21,11 +22,11 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Tile side in pixels.
-pub(super) const TILE: usize = 16;
+pub(crate) const TILE: usize = 16;
 
 /// The five attribute arrays, row-major.
 #[derive(Clone, Copy)]
-pub(super) struct Attributes<'a> {
+pub(crate) struct Attributes<'a> {
     /// `[N, 3]`
     pub means: &'a [f32],
     /// `[N, 4]`
@@ -66,6 +67,21 @@ fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings
     let (image, bins) = blend::blend(&order, settings);
     let radii = splats.iter().map(|s| s.radius).collect();
     (image.clone(), radii, Saved { order, bins, image })
+}
+
+/// The contributors of chosen pixels; the five attribute arrays in the order of the op's inputs.
+pub(crate) fn contributors(
+    [means, rotations, log_scales, opacity_logits, sh]: &[Vec<f32>; 5],
+    sh_stride: usize,
+    offsets: &[f32],
+    settings: &SplatSettings,
+    pixels: &[u32],
+) -> Result<Contributors, ContributorsError> {
+    let attributes = Attributes { means, rotations, log_scales, opacity_logits, sh, sh_stride };
+    let order = Order::new(&project::project(attributes, offsets, settings), settings.camera.height);
+    // blending finds where each tile ends, and so which Gaussians matter
+    let (_, bins) = blend::blend(&order, settings);
+    crate::contributors::cpu::contributors(&order, &bins, settings, pixels)
 }
 
 impl<B: CpuBackend> CpuSplat for B {}

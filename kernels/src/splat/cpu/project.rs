@@ -4,14 +4,13 @@ use super::lanes::{LOG2_E, wide};
 use super::{Attributes, sh};
 use crate::Camera;
 use crate::splat::{ALPHA_MIN, DILATION, NEAR, SplatSettings};
-use pulp::Arch;
 use rayon::prelude::*;
 
 /// A projected Gaussian, as blending reads it.
 ///
 /// `log2(opacity * exp(power)) = qa dx^2 + qb dx dy + qc dy^2 + log2_opacity`.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Splat2d {
+pub(crate) struct Splat2d {
     pub x: f32,
     pub y: f32,
     pub qa: f32,
@@ -27,7 +26,7 @@ pub(super) struct Splat2d {
 }
 
 /// Intermediate results of one projection that the backward pass needs again.
-pub(super) struct Projection {
+pub(crate) struct Projection {
     /// Rotation matrix of the Gaussian.
     pub rotation: [[f32; 3]; 3],
     /// Normalised quaternion and the inverse of its norm (0 for a zero quaternion).
@@ -50,7 +49,7 @@ pub(super) struct Projection {
 
 impl Projection {
     #[inline(always)]
-    pub(super) fn new(mean: [f32; 3], quaternion: [f32; 4], log_scales: [f32; 3], camera: &Camera) -> Self {
+    pub(crate) fn new(mean: [f32; 3], quaternion: [f32; 4], log_scales: [f32; 3], camera: &Camera) -> Self {
         let w = &camera.rotation;
         let norm2: f32 = quaternion.iter().map(|q| q * q).sum();
         let (inverse_norm, quaternion) = if norm2 > 1e-24 {
@@ -119,13 +118,13 @@ fn rotation_matrix([w, x, y, z]: [f32; 4]) -> [[f32; 3]; 3] {
 
 /// Reads row `i` of a row-major array with `D` columns.
 #[inline(always)]
-pub(super) fn row<const D: usize>(values: &[f32], i: usize) -> [f32; D] {
+pub(crate) fn row<const D: usize>(values: &[f32], i: usize) -> [f32; D] {
     std::array::from_fn(|k| values[D * i + k])
 }
 
 /// Unit direction from the camera to the mean, and the inverse of the distance.
 #[inline(always)]
-pub(super) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
+pub(crate) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
     let d = [mean[0] - eye[0], mean[1] - eye[1], mean[2] - eye[2]];
     let inverse = 1.0 / dot(d, d).sqrt().max(1e-20);
     (d.map(|v| v * inverse), inverse)
@@ -135,9 +134,9 @@ pub(super) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
 const CHUNK: usize = 1024;
 
 /// Projects all Gaussians; those that are culled have radius 0.
-pub(super) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> Vec<Splat2d> {
+pub(crate) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> Vec<Splat2d> {
     let eye = settings.camera.position();
-    let arch = Arch::new();
+    let arch = crate::arch();
     let mut splats = vec![Splat2d::default(); attributes.len()];
     splats.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
         wide(

@@ -7,7 +7,6 @@ use super::project::{Projection, Splat2d, row, view_direction};
 use super::{Attributes, sh};
 use crate::Camera;
 use crate::splat::SplatSettings;
-use pulp::Arch;
 use rayon::prelude::*;
 
 /// Gradients of every input, row-major.
@@ -39,7 +38,7 @@ pub(super) fn project_backward(
     };
     let eye = settings.camera.position();
     const CHUNK: usize = 1024;
-    let arch = Arch::new();
+    let arch = crate::arch();
     let chunks = (
         g.means.par_chunks_mut(3 * CHUNK),
         g.rotations.par_chunks_mut(4 * CHUNK),

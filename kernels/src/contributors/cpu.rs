@@ -1,0 +1,290 @@
+//! Finding the contributors on host memory: a task a tile, its pixels packed into SIMD lanes.
+//!
+//! The arithmetic is that of blending, operation for operation, so that the weights are bit for bit those
+//! the image was made of; a change of the compositing rule there must be made here too.
+
+use super::{Contributors, ContributorsError};
+use crate::splat::cpu::TILE;
+use crate::splat::cpu::bin::{Bins, Order};
+use crate::splat::cpu::blend::{Tile, TileArea, row_range};
+use crate::splat::cpu::lanes::{any, exp2};
+use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
+use pulp::{Simd, WithSimd, bytemuck};
+use rayon::prelude::*;
+
+/// Rows that one task copies into the result.
+const COPY_ROWS: usize = 1024;
+
+/// Lists the Gaussians that are blended into each pixel, nearest first, with `alpha * T`.
+///
+/// `pixels` holds `y * width + x` in any order, repeats allowed; the lists come in that order. `order` and
+/// `bins` are those that blending the view of `settings` left. The result does not depend on the number of threads.
+///
+/// # Errors
+/// [`ContributorsError::PixelOutOfImage`] for the first pixel that the image does not have;
+/// [`ContributorsError::TooMany`] if the contributions exceed what 32 bits count.
+pub(crate) fn contributors(
+    order: &Order,
+    bins: &Bins,
+    settings: &SplatSettings,
+    pixels: &[u32],
+) -> Result<Contributors, ContributorsError> {
+    let (width, height) = (settings.camera.width, settings.camera.height);
+    let groups = Groups::new(pixels, width, height)?;
+    let arch = crate::arch();
+    let tasks: Vec<usize> = (0..bins.tile_count()).filter(|&t| !groups.tile(t).is_empty()).collect();
+    let lists: Vec<TileLists> = tasks
+        .into_par_iter()
+        .map(|t| {
+            let area = TileArea::new(t, bins.tiles_x, width, height);
+            let mut slots: Vec<Slot> = groups
+                .tile(t)
+                .iter()
+                .map(|&list| {
+                    let pixel = pixels[list as usize] as usize;
+                    let (row, column) = (pixel / width - area.y0, pixel % width - area.x0);
+                    Slot { place: (row * TILE + column) as u32, list }
+                })
+                .collect();
+            slots.sort_unstable_by_key(|s| (s.place, s.list));
+            let tile = Tile { splats: &order.splats, entries: bins.tile(t), area };
+            let events = arch.dispatch(Walk { tile: &tile, indices: &order.indices, slots: &slots });
+            TileLists::new(slots, &events)
+        })
+        .collect();
+    assemble(pixels.len(), &lists)
+}
+
+/// A pixel of a tile that is asked for.
+#[derive(Clone, Copy)]
+struct Slot {
+    /// `row * TILE + column` within the tile.
+    place: u32,
+    /// Its position in the list of pixels.
+    list: u32,
+}
+
+/// A contribution, in the order it was found.
+#[derive(Clone, Copy)]
+struct Event {
+    slot: u32,
+    index: u32,
+    weight: f32,
+}
+
+/// Positions in the list of pixels, by tile (a counting sort).
+struct Groups {
+    starts: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Groups {
+    fn new(pixels: &[u32], width: usize, height: usize) -> Result<Self, ContributorsError> {
+        if u32::try_from(pixels.len()).is_err() {
+            return Err(ContributorsError::TooMany { count: pixels.len() as u64 });
+        }
+        if let Some(position) = pixels.iter().position(|&p| p as usize >= width * height) {
+            return Err(ContributorsError::PixelOutOfImage { position, pixel: pixels[position], width, height });
+        }
+        let tiles_x = width.div_ceil(TILE);
+        let tile_of = |pixel: u32| (pixel as usize / width / TILE) * tiles_x + pixel as usize % width / TILE;
+        let tiles: Vec<u32> = pixels.par_iter().map(|&p| tile_of(p) as u32).collect();
+        let mut starts = vec![0u32; tiles_x * height.div_ceil(TILE) + 1];
+        for &t in &tiles {
+            starts[t as usize + 1] += 1;
+        }
+        for t in 1..starts.len() {
+            starts[t] += starts[t - 1];
+        }
+        let mut next = starts.clone();
+        let mut members = vec![0u32; pixels.len()];
+        for (list, &t) in tiles.iter().enumerate() {
+            members[next[t as usize] as usize] = list as u32;
+            next[t as usize] += 1;
+        }
+        Ok(Self { starts, members })
+    }
+
+    fn tile(&self, t: usize) -> &[u32] {
+        &self.members[self.starts[t] as usize..self.starts[t + 1] as usize]
+    }
+}
+
+/// The lists of the pixels of one tile, in the order of its slots.
+struct TileLists {
+    slots: Vec<Slot>,
+    /// `[slots + 1]`
+    offsets: Vec<usize>,
+    indices: Vec<u32>,
+    weights: Vec<f32>,
+}
+
+impl TileLists {
+    /// Sorts the events by slot; within a slot they keep their order.
+    fn new(slots: Vec<Slot>, events: &[Event]) -> Self {
+        let mut offsets = vec![0usize; slots.len() + 1];
+        for e in events {
+            offsets[e.slot as usize + 1] += 1;
+        }
+        for s in 0..slots.len() {
+            offsets[s + 1] += offsets[s];
+        }
+        let mut next = offsets.clone();
+        let (mut indices, mut weights) = (vec![0u32; events.len()], vec![0.0f32; events.len()]);
+        for e in events {
+            let at = &mut next[e.slot as usize];
+            indices[*at] = e.index;
+            weights[*at] = e.weight;
+            *at += 1;
+        }
+        Self { slots, offsets, indices, weights }
+    }
+}
+
+/// Puts the lists of all tiles into the order of the pixels asked for.
+fn assemble(pixels: usize, lists: &[TileLists]) -> Result<Contributors, ContributorsError> {
+    let count: u64 = lists.iter().map(|l| l.indices.len() as u64).sum();
+    let total = u32::try_from(count).map_err(|_| ContributorsError::TooMany { count })? as usize;
+    let mut offsets = vec![0u32; pixels + 1];
+    // which tile's lists, and from where in them
+    let mut sources = vec![(0u32, 0usize); pixels];
+    for (k, lists) in lists.iter().enumerate() {
+        for (slot, range) in lists.slots.iter().zip(lists.offsets.windows(2)) {
+            sources[slot.list as usize] = (k as u32, range[0]);
+            offsets[slot.list as usize + 1] = (range[1] - range[0]) as u32;
+        }
+    }
+    for p in 0..pixels {
+        offsets[p + 1] += offsets[p];
+    }
+    let (mut indices, mut weights) = (vec![0u32; total], vec![0.0f32; total]);
+    let mut jobs = Vec::with_capacity(pixels.div_ceil(COPY_ROWS));
+    let (mut rest_indices, mut rest_weights) = (indices.as_mut_slice(), weights.as_mut_slice());
+    for first in (0..pixels).step_by(COPY_ROWS) {
+        let rows = first..pixels.min(first + COPY_ROWS);
+        let size = (offsets[rows.end] - offsets[rows.start]) as usize;
+        let (head_indices, tail_indices) = rest_indices.split_at_mut(size);
+        let (head_weights, tail_weights) = rest_weights.split_at_mut(size);
+        (rest_indices, rest_weights) = (tail_indices, tail_weights);
+        jobs.push((rows, head_indices, head_weights));
+    }
+    jobs.into_par_iter().for_each(|(rows, indices, weights)| {
+        let mut at = 0;
+        for p in rows {
+            let (k, start) = sources[p];
+            let size = (offsets[p + 1] - offsets[p]) as usize;
+            let lists = &lists[k as usize];
+            indices[at..at + size].copy_from_slice(&lists.indices[start..start + size]);
+            weights[at..at + size].copy_from_slice(&lists.weights[start..start + size]);
+            at += size;
+        }
+    });
+    Ok(Contributors { offsets, indices, weights })
+}
+
+/// Walks a tile's Gaussians once, for all its slots; the slots are sorted by place.
+struct Walk<'a> {
+    tile: &'a Tile<'a>,
+    /// Index of each rank.
+    indices: &'a [u32],
+    slots: &'a [Slot],
+}
+
+impl WithSimd for Walk<'_> {
+    type Output = Vec<Event>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<Event> {
+        let Self { tile: Tile { splats, entries, area }, indices, slots } = self;
+        let mut events = Vec::new();
+        let lanes = S::F32_LANES;
+        let vectors = slots.len().div_ceil(lanes);
+        let zero = simd.splat_f32s(0.0);
+        // `rows` counts within the tile, `ys` are pixel centres in the image; the lanes beyond the last slot
+        // have `open` = 0, as pixels that are done
+        let (mut columns, mut rows, mut ys, mut open) =
+            (vec![zero; vectors], vec![zero; vectors], vec![zero; vectors], vec![zero; vectors]);
+        // `[r]`: the first slot in row r or below
+        let mut row_starts = [0usize; TILE + 1];
+        for (k, slot) in slots.iter().enumerate() {
+            let (row, column) = (slot.place as usize / TILE, slot.place as usize % TILE);
+            let (v, lane) = (k / lanes, k % lanes);
+            set(&mut columns[v], lane, column as f32 + 0.5);
+            set(&mut rows[v], lane, row as f32);
+            set(&mut ys[v], lane, (area.y0 + row) as f32 + 0.5);
+            set(&mut open[v], lane, 1.0);
+            row_starts[row + 1] = k + 1;
+        }
+        for r in 0..TILE {
+            row_starts[r + 1] = row_starts[r + 1].max(row_starts[r]);
+        }
+        let mut done = vec![false; vectors];
+        let mut live = vectors;
+        let threshold = simd.splat_f32s(ALPHA_MIN.log2());
+        let floor = simd.splat_f32s(-16.0);
+        let alpha_max = simd.splat_f32s(ALPHA_MAX);
+        let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
+
+        for &rank in entries.iter() {
+            let s = &splats[rank as usize];
+            let (first, last) = row_range(s, area);
+            if first > last || row_starts[first] == row_starts[last + 1] {
+                continue;
+            }
+            let reached = row_starts[first] / lanes..row_starts[last + 1].div_ceil(lanes);
+            let (first, last) = (simd.splat_f32s(first as f32), simd.splat_f32s(last as f32));
+            let offset = simd.splat_f32s(area.x0 as f32 - s.x);
+            let sy = simd.splat_f32s(s.y);
+            let (qa, qb, qc) = (simd.splat_f32s(s.qa), simd.splat_f32s(s.qb), simd.splat_f32s(s.qc));
+            let lo = simd.splat_f32s(s.log2_opacity);
+            for v in reached {
+                if done[v] {
+                    continue;
+                }
+                let dy = simd.sub_f32s(ys[v], sy);
+                let (qb, qc) = (simd.mul_f32s(qb, dy), simd.mul_f32s(simd.mul_f32s(qc, dy), dy));
+                let dx = simd.add_f32s(columns[v], offset);
+                let inner = simd.mul_add_e_f32s(qa, dx, qb);
+                let power = simd.mul_add_e_f32s(inner, dx, simd.add_f32s(qc, lo));
+                let t = open[v];
+                let in_rows = simd.and_m32s(
+                    simd.greater_than_or_equal_f32s(rows[v], first),
+                    simd.less_than_or_equal_f32s(rows[v], last),
+                );
+                let wanted = simd.and_m32s(in_rows, simd.greater_than_f32s(t, zero));
+                let touched = simd.and_m32s(simd.greater_than_or_equal_f32s(power, threshold), wanted);
+                if !any(simd, touched) {
+                    continue;
+                }
+                let alpha = simd.min_f32s(exp2(simd, simd.max_f32s(power, floor)), alpha_max);
+                let weight = simd.mul_f32s(t, alpha);
+                let after = simd.sub_f32s(t, weight);
+                let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));
+                let weight = simd.select_f32s(blended, weight, zero);
+                for (lane, &weight) in bytemuck::cast_slice::<S::f32s, f32>(&[weight]).iter().enumerate() {
+                    // a blended weight is at least 1e-4 / 255
+                    if weight > 0.0 {
+                        let index = indices[rank as usize];
+                        events.push(Event { slot: (v * lanes + lane) as u32, index, weight });
+                    }
+                }
+                let t = simd.select_f32s(touched, simd.select_f32s(blended, after, zero), t);
+                open[v] = t;
+                if !any(simd, simd.greater_than_f32s(t, zero)) {
+                    done[v] = true;
+                    live -= 1;
+                }
+            }
+            if live == 0 {
+                break;
+            }
+        }
+        events
+    }
+}
+
+/// Sets one lane of a vector.
+#[inline(always)]
+fn set<V: bytemuck::Pod>(vector: &mut V, lane: usize, value: f32) {
+    bytemuck::cast_slice_mut::<V, f32>(std::slice::from_mut(vector))[lane] = value;
+}
