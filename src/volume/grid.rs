@@ -71,6 +71,10 @@ pub enum ScalarType {
     U32,
     /// 32-bit signed.
     I32,
+    /// 64-bit unsigned.
+    U64,
+    /// 64-bit signed.
+    I64,
     /// Single precision.
     F32,
     /// Double precision.
@@ -85,7 +89,7 @@ impl ScalarType {
             Self::U8 | Self::I8 => 1,
             Self::U16 | Self::I16 => 2,
             Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::F64 => 8,
+            Self::U64 | Self::I64 | Self::F64 => 8,
         }
     }
 
@@ -99,6 +103,8 @@ impl ScalarType {
             Self::I16 => "i16",
             Self::U32 => "u32",
             Self::I32 => "i32",
+            Self::U64 => "u64",
+            Self::I64 => "i64",
             Self::F32 => "f32",
             Self::F64 => "f64",
         }

@@ -42,6 +42,8 @@ pub fn decode_into(bytes: &[u8], scalar: ScalarType, endian: Endian, first: usiz
         ScalarType::U32 => as_f32!(u32),
         ScalarType::I32 => as_f32!(i32),
         ScalarType::F32 => as_f32!(f32),
+        ScalarType::U64 => as_f32!(u64),
+        ScalarType::I64 => as_f32!(i64),
         ScalarType::F64 => as_f32!(f64),
     }
 }

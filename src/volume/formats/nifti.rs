@@ -4,9 +4,9 @@
 #[cfg(test)]
 mod tests;
 
-use super::stream::{Kind, read_error, read_values};
+use super::stream::{read_error, read_values};
 use crate::volume::error::VolumeError;
-use crate::volume::grid::Grid;
+use crate::volume::grid::{Grid, ScalarType};
 use crate::volume::source::{Header, VolumeFile};
 use flate2::read::MultiGzDecoder;
 use nifti::{Endianness, NiftiError, NiftiHeader, NiftiType};
@@ -56,7 +56,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             format!("{:?} voxels in {steps} steps are more than the file of {file_len} bytes holds", grid.dims);
         return Err(VolumeError::invalid(path, "dim", problem, REWRITE));
     }
-    let header = Header { grid, scalar: kind.scalar(), steps, notes };
+    let header = Header { grid, scalar: kind, steps, notes };
     let big_endian = raw.endianness == Endianness::Big;
     Ok(Box::new(Nifti { path: path.to_owned(), header, gz, start, kind, big_endian, scale: scale(&raw) }))
 }
@@ -69,7 +69,7 @@ struct Nifti {
     gz: bool,
     /// First byte of the values, in the unpacked stream.
     start: u64,
-    kind: Kind,
+    kind: ScalarType,
     big_endian: bool,
     scale: Option<(f64, f64)>,
 }
@@ -128,19 +128,19 @@ fn from_stream(path: &Path, mut src: impl Read) -> Result<NiftiHeader, VolumeErr
     Ok(header)
 }
 
-fn kind(path: &Path, raw: &NiftiHeader) -> Result<Kind, VolumeError> {
+fn kind(path: &Path, raw: &NiftiHeader) -> Result<ScalarType, VolumeError> {
     let bad = |problem: String, hint: &str| Err(VolumeError::invalid(path, "datatype", problem, hint));
     let kind = match raw.data_type() {
-        Ok(NiftiType::Uint8) => Kind::U8,
-        Ok(NiftiType::Int8) => Kind::I8,
-        Ok(NiftiType::Uint16) => Kind::U16,
-        Ok(NiftiType::Int16) => Kind::I16,
-        Ok(NiftiType::Uint32) => Kind::U32,
-        Ok(NiftiType::Int32) => Kind::I32,
-        Ok(NiftiType::Uint64) => Kind::U64,
-        Ok(NiftiType::Int64) => Kind::I64,
-        Ok(NiftiType::Float32) => Kind::F32,
-        Ok(NiftiType::Float64) => Kind::F64,
+        Ok(NiftiType::Uint8) => ScalarType::U8,
+        Ok(NiftiType::Int8) => ScalarType::I8,
+        Ok(NiftiType::Uint16) => ScalarType::U16,
+        Ok(NiftiType::Int16) => ScalarType::I16,
+        Ok(NiftiType::Uint32) => ScalarType::U32,
+        Ok(NiftiType::Int32) => ScalarType::I32,
+        Ok(NiftiType::Uint64) => ScalarType::U64,
+        Ok(NiftiType::Int64) => ScalarType::I64,
+        Ok(NiftiType::Float32) => ScalarType::F32,
+        Ok(NiftiType::Float64) => ScalarType::F64,
         Ok(other) => {
             let hint = "write one real number per voxel, of at most 64 bits (the magnitude, say)";
             return bad(format!("{other:?} values are no scalar field"), hint);

@@ -9,59 +9,6 @@ use std::path::Path;
 /// Bytes converted at a time; a multiple of every number size.
 const CHUNK: usize = 64 * 1024;
 
-/// How a file stores one number: the types of [`ScalarType`] and 64-bit integers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// 8-bit unsigned.
-    U8,
-    /// 8-bit signed.
-    I8,
-    /// 16-bit unsigned.
-    U16,
-    /// 16-bit signed.
-    I16,
-    /// 32-bit unsigned.
-    U32,
-    /// 32-bit signed.
-    I32,
-    /// 64-bit unsigned.
-    U64,
-    /// 64-bit signed.
-    I64,
-    /// Single precision.
-    F32,
-    /// Double precision.
-    F64,
-}
-
-impl Kind {
-    /// Bytes of one number.
-    #[must_use]
-    pub fn bytes(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::U64 | Self::I64 | Self::F64 => 8,
-        }
-    }
-
-    /// The type reported to users; 64-bit integers, which have none of their own, count as `F64`.
-    #[must_use]
-    pub fn scalar(self) -> ScalarType {
-        match self {
-            Self::U8 => ScalarType::U8,
-            Self::I8 => ScalarType::I8,
-            Self::U16 => ScalarType::U16,
-            Self::I16 => ScalarType::I16,
-            Self::U32 => ScalarType::U32,
-            Self::I32 => ScalarType::I32,
-            Self::F32 => ScalarType::F32,
-            Self::U64 | Self::I64 | Self::F64 => ScalarType::F64,
-        }
-    }
-}
-
 /// Reads exactly `count` numbers from `src` and appends them to `out`, as `slope * x + inter` where `scale` holds
 /// `(slope, inter)`.
 ///
@@ -69,7 +16,7 @@ impl Kind {
 /// Those of `src`; `UnexpectedEof` if it ends early; `OutOfMemory` if `out` cannot grow.
 pub fn read_values(
     src: &mut impl Read,
-    kind: Kind,
+    kind: ScalarType,
     big_endian: bool,
     count: usize,
     scale: Option<(f64, f64)>,
@@ -94,7 +41,7 @@ pub fn reserve(out: &mut Vec<f32>, count: usize) -> io::Result<()> {
         .map_err(|e| io::Error::new(ErrorKind::OutOfMemory, format!("no memory for {count} values: {e}")))
 }
 
-fn append(bytes: &[u8], kind: Kind, big: bool, scale: Option<(f64, f64)>, out: &mut Vec<f32>) {
+fn append(bytes: &[u8], kind: ScalarType, big: bool, scale: Option<(f64, f64)>, out: &mut Vec<f32>) {
     macro_rules! convert {
         ($t:ty) => {{
             const N: usize = size_of::<$t>();
@@ -110,16 +57,16 @@ fn append(bytes: &[u8], kind: Kind, big: bool, scale: Option<(f64, f64)>, out: &
         }};
     }
     match kind {
-        Kind::U8 => convert!(u8),
-        Kind::I8 => convert!(i8),
-        Kind::U16 => convert!(u16),
-        Kind::I16 => convert!(i16),
-        Kind::U32 => convert!(u32),
-        Kind::I32 => convert!(i32),
-        Kind::U64 => convert!(u64),
-        Kind::I64 => convert!(i64),
-        Kind::F32 => convert!(f32),
-        Kind::F64 => convert!(f64),
+        ScalarType::U8 => convert!(u8),
+        ScalarType::I8 => convert!(i8),
+        ScalarType::U16 => convert!(u16),
+        ScalarType::I16 => convert!(i16),
+        ScalarType::U32 => convert!(u32),
+        ScalarType::I32 => convert!(i32),
+        ScalarType::U64 => convert!(u64),
+        ScalarType::I64 => convert!(i64),
+        ScalarType::F32 => convert!(f32),
+        ScalarType::F64 => convert!(f64),
     }
 }
 
@@ -151,7 +98,7 @@ pub fn damaged(message: impl Into<String>) -> io::Error {
 mod tests {
     use super::*;
 
-    fn read(bytes: &[u8], kind: Kind, big: bool, scale: Option<(f64, f64)>) -> Vec<f32> {
+    fn read(bytes: &[u8], kind: ScalarType, big: bool, scale: Option<(f64, f64)>) -> Vec<f32> {
         let mut out = Vec::new();
         read_values(&mut &bytes[..], kind, big, bytes.len() / kind.bytes(), scale, &mut out).unwrap();
         out
@@ -159,26 +106,25 @@ mod tests {
 
     #[test]
     fn every_type_and_both_byte_orders() {
-        assert_eq!(read(&[255, 1], Kind::U8, false, None), [255.0, 1.0]);
-        assert_eq!(read(&[255, 1], Kind::I8, true, None), [-1.0, 1.0]);
-        assert_eq!(read(&[1, 2], Kind::U16, false, None), [513.0]);
-        assert_eq!(read(&[1, 2], Kind::U16, true, None), [258.0]);
-        assert_eq!(read(&(-5i16).to_be_bytes(), Kind::I16, true, None), [-5.0]);
-        assert_eq!(read(&7u32.to_le_bytes(), Kind::U32, false, None), [7.0]);
-        assert_eq!(read(&(-7i32).to_le_bytes(), Kind::I32, false, None), [-7.0]);
-        assert_eq!(read(&(1u64 << 40).to_le_bytes(), Kind::U64, false, None), [(1u64 << 40) as f32]);
-        assert_eq!(read(&(-9i64).to_be_bytes(), Kind::I64, true, None), [-9.0]);
-        assert_eq!(read(&1.5f32.to_be_bytes(), Kind::F32, true, None), [1.5]);
-        assert_eq!(read(&2.5f64.to_le_bytes(), Kind::F64, false, Some((2.0, 1.0))), [6.0]);
-        assert_eq!(Kind::I64.scalar(), ScalarType::F64);
+        assert_eq!(read(&[255, 1], ScalarType::U8, false, None), [255.0, 1.0]);
+        assert_eq!(read(&[255, 1], ScalarType::I8, true, None), [-1.0, 1.0]);
+        assert_eq!(read(&[1, 2], ScalarType::U16, false, None), [513.0]);
+        assert_eq!(read(&[1, 2], ScalarType::U16, true, None), [258.0]);
+        assert_eq!(read(&(-5i16).to_be_bytes(), ScalarType::I16, true, None), [-5.0]);
+        assert_eq!(read(&7u32.to_le_bytes(), ScalarType::U32, false, None), [7.0]);
+        assert_eq!(read(&(-7i32).to_le_bytes(), ScalarType::I32, false, None), [-7.0]);
+        assert_eq!(read(&(1u64 << 40).to_le_bytes(), ScalarType::U64, false, None), [(1u64 << 40) as f32]);
+        assert_eq!(read(&(-9i64).to_be_bytes(), ScalarType::I64, true, None), [-9.0]);
+        assert_eq!(read(&1.5f32.to_be_bytes(), ScalarType::F32, true, None), [1.5]);
+        assert_eq!(read(&2.5f64.to_le_bytes(), ScalarType::F64, false, Some((2.0, 1.0))), [6.0]);
     }
 
     #[test]
     fn more_than_one_chunk_and_a_short_stream() {
         let bytes: Vec<u8> = (0..CHUNK + 10).map(|i| i as u8).collect();
-        let got = read(&bytes, Kind::U8, false, None);
+        let got = read(&bytes, ScalarType::U8, false, None);
         assert!(got.iter().zip(&bytes).all(|(a, b)| *a == f32::from(*b)) && got.len() == bytes.len());
-        let short = read_values(&mut &bytes[..3], Kind::U16, false, 2, None, &mut Vec::new()).unwrap_err();
+        let short = read_values(&mut &bytes[..3], ScalarType::U16, false, 2, None, &mut Vec::new()).unwrap_err();
         assert!(read_error(Path::new("a.x"), "f", short).to_string().contains("truncated"));
     }
 }

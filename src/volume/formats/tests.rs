@@ -41,6 +41,8 @@ pub fn stored(scalar: ScalarType, endian: Endian, values: &[u8]) -> Vec<u8> {
             ScalarType::U16 | ScalarType::I16 => u16::from(v).to_le_bytes().to_vec(),
             ScalarType::U32 | ScalarType::I32 => u32::from(v).to_le_bytes().to_vec(),
             ScalarType::F32 => f32::from(v).to_le_bytes().to_vec(),
+            ScalarType::U64 => (v as u64).to_le_bytes().to_vec(),
+            ScalarType::I64 => (v as i64).to_le_bytes().to_vec(),
             ScalarType::F64 => f64::from(v).to_le_bytes().to_vec(),
         };
         if endian == Endian::Big {

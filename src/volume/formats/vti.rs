@@ -33,7 +33,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let (array, cells) = choose(path, &doc, &mut notes)?;
     let grid = grid(path, &doc, cells, &mut notes)?;
     let layout = layout(path, &doc, array, grid.dims, file_len)?;
-    let header = Header { grid, scalar: layout.kind.scalar(), steps: 1, notes };
+    let header = Header { grid, scalar: layout.kind, steps: 1, notes };
     Ok(Box::new(Vti { path: path.to_owned(), header, layout, field: field_name(array) }))
 }
 

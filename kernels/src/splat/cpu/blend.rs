@@ -186,6 +186,12 @@ impl Tile<'_> {
     }
 }
 
+/// Whether a pixel of a row takes more, by its transmittances.
+#[inline(always)]
+pub(crate) fn row_takes<S: Simd>(simd: S, row: &[S::f32s]) -> bool {
+    row.iter().any(|t| any(simd, simd.greater_than_f32s(*t, simd.splat_f32s(0.0))))
+}
+
 struct BlendTile<'a> {
     tile: &'a Tile<'a>,
     state: &'a mut TileState,
@@ -247,8 +253,7 @@ impl WithSimd for BlendTile<'_> {
                     let done = simd.and_m32s(touched, simd.greater_than_or_equal_f32s(t_min, after));
                     if any(simd, done) {
                         open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
-                        let row_open = &open[row * vectors..(row + 1) * vectors];
-                        if !row_open.iter().any(|t| any(simd, simd.greater_than_f32s(*t, zero))) {
+                        if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {
                             live &= !(1 << row);
                         }
                     }

@@ -5,7 +5,7 @@
 //! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per
 //! tile and Gaussian; per-Gaussian sums are then merged in the order of the tiles.
 
-use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range};
+use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range, row_takes};
 use super::lanes::{any, exp2};
 use super::{Saved, TILE};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
@@ -167,8 +167,7 @@ impl WithSimd for BlendBackwardTile<'_> {
                     let done = simd.and_m32s(touched, simd.greater_than_or_equal_f32s(t_min, after));
                     if any(simd, done) {
                         open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
-                        let row_open = &open[row * vectors..(row + 1) * vectors];
-                        if !row_open.iter().any(|t| any(simd, simd.greater_than_f32s(*t, zero))) {
+                        if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {
                             live &= !(1 << row);
                         }
                     }

@@ -1,7 +1,8 @@
 //! The numbers of a `.vti` array: ascii, base64 or raw, plain or in packed blocks. Where the array lies and how many
 //! values it must hold is decided by the caller; nothing here is allocated on the word of a block header alone.
 
-use crate::volume::formats::stream::{Kind, damaged, read_values, reserve};
+use crate::volume::formats::stream::{damaged, read_values, reserve};
+use crate::volume::grid::ScalarType;
 use flate2::read::ZlibDecoder;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
@@ -34,7 +35,7 @@ pub(super) struct Layout {
     /// Block headers are 64-bit words, else 32-bit.
     pub wide: bool,
     pub big_endian: bool,
-    pub kind: Kind,
+    pub kind: ScalarType,
     /// Number of values the extent asks for.
     pub count: usize,
 }
@@ -94,16 +95,16 @@ fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Resul
         };
     }
     let value = match layout.kind {
-        Kind::U8 => parse!(u8),
-        Kind::I8 => parse!(i8),
-        Kind::U16 => parse!(u16),
-        Kind::I16 => parse!(i16),
-        Kind::U32 => parse!(u32),
-        Kind::I32 => parse!(i32),
-        Kind::U64 => parse!(u64),
-        Kind::I64 => parse!(i64),
-        Kind::F32 => parse!(f32),
-        Kind::F64 => parse!(f64),
+        ScalarType::U8 => parse!(u8),
+        ScalarType::I8 => parse!(i8),
+        ScalarType::U16 => parse!(u16),
+        ScalarType::I16 => parse!(i16),
+        ScalarType::U32 => parse!(u32),
+        ScalarType::I32 => parse!(i32),
+        ScalarType::U64 => parse!(u64),
+        ScalarType::I64 => parse!(i64),
+        ScalarType::F32 => parse!(f32),
+        ScalarType::F64 => parse!(f64),
     };
     out.push(value.ok_or_else(|| damaged(format!("value {}: \"{text}\" is no {:?}", out.len(), layout.kind)))?);
     token.clear();

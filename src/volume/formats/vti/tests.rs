@@ -180,10 +180,10 @@ fn reads_cells_when_points_have_nothing() {
 }
 
 #[test]
-fn reports_sixty_four_bit_integers_as_double() {
+fn reads_sixty_four_bit_integers() {
     let content = "<PointData><DataArray Name=\"a\" type=\"Int64\">1 -2 3 9007199254740993</DataArray></PointData>";
     let (h, values) = load(&small(content)).unwrap();
-    assert_eq!((h.scalar, values[1], values[3]), (ScalarType::F64, -2.0, 9007199254740993i64 as f32));
+    assert_eq!((h.scalar, values[1], values[3]), (ScalarType::I64, -2.0, 9007199254740993i64 as f32));
 }
 
 #[test]

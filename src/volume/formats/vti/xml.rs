@@ -2,7 +2,7 @@
 //! appended data (which is no XML) begins.
 
 use crate::volume::error::VolumeError;
-use crate::volume::formats::stream::Kind;
+use crate::volume::grid::ScalarType;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::io::BufRead;
@@ -49,18 +49,18 @@ pub(super) struct Array {
 }
 
 /// The number type of a name: `Int8`, `Float32`, ...
-pub(super) fn kind(name: &str) -> Option<Kind> {
+pub(super) fn kind(name: &str) -> Option<ScalarType> {
     Some(match name {
-        "Int8" => Kind::I8,
-        "UInt8" => Kind::U8,
-        "Int16" => Kind::I16,
-        "UInt16" => Kind::U16,
-        "Int32" => Kind::I32,
-        "UInt32" => Kind::U32,
-        "Int64" => Kind::I64,
-        "UInt64" => Kind::U64,
-        "Float32" => Kind::F32,
-        "Float64" => Kind::F64,
+        "Int8" => ScalarType::I8,
+        "UInt8" => ScalarType::U8,
+        "Int16" => ScalarType::I16,
+        "UInt16" => ScalarType::U16,
+        "Int32" => ScalarType::I32,
+        "UInt32" => ScalarType::U32,
+        "Int64" => ScalarType::I64,
+        "UInt64" => ScalarType::U64,
+        "Float32" => ScalarType::F32,
+        "Float64" => ScalarType::F64,
         _ => return None,
     })
 }
