@@ -1,13 +1,11 @@
 //! `volseggs demo`
 
-use super::{CliError, Common, print_json};
+use super::{CliError, Common, print_json, stop_flag};
 use crate::demo::{DemoError, DemoOptions, demo};
 use crate::volume::synthetic::Synthetic;
 use clap::Args;
 use serde_json::json;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// The whole story on a built-in scene, in minutes: prepare, train, evaluate, and a report to look at.
@@ -38,15 +36,7 @@ impl DemoArgs {
         if !(16..=4096).contains(&self.size) {
             return Err(CliError::input(format!("--size {}: 16 to 4096 pixels", self.size)));
         }
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(1); // asked twice
-            }
-            eprintln!("stopping soon");
-        })
-        .map_err(CliError::failure)?;
+        let stop = stop_flag("stopping soon")?;
         let started = Instant::now();
         let options = DemoOptions {
             out: self.out,

@@ -5,9 +5,9 @@ use super::{CliError, Common, print_json};
 use crate::data::SplitName;
 use crate::eval::results::write_results;
 use crate::eval::run::{Costs, evaluate};
+use crate::log::progress;
 use crate::metrics::lpips::Lpips;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
 
 /// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
@@ -48,10 +48,7 @@ impl EvalArgs {
             training_seconds: run.record.training_seconds,
             model_bytes: std::fs::metadata(&run.scene_path).map_err(CliError::failure)?.len(),
         };
-        let bar = ProgressBar::new(split.frames.len() as u64);
-        if let Ok(style) = ProgressStyle::with_template("{bar:28} {pos}/{len} views {elapsed}<{eta} {msg}") {
-            bar.set_style(style);
-        }
+        let bar = progress::bar(split.frames.len(), "views");
         let evaluation = evaluate(&run.scene, &split, &networks, &costs, |done, psnr| {
             bar.set_position(done as u64);
             bar.set_message(format!("{psnr:.2} dB"));

@@ -29,16 +29,18 @@ pub(super) fn inspect_volume(
     picture: Option<&Path>,
     as_json: bool,
 ) -> Result<(), CliError> {
+    let inputs = [path.to_string_lossy().into_owned()];
     // gaps are told of, not refused: this is where one finds out
-    let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
-    let series = Series::open(&[path.to_string_lossy().into_owned()], &options).map_err(CliError::input)?;
+    let (series, gap) = match Series::open(&inputs, &SeriesOptions::default()) {
+        Ok(series) => (series, None),
+        Err(e) => {
+            let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
+            (Series::open(&inputs, &options).map_err(CliError::input)?, Some(e.to_string()))
+        }
+    };
     let range = series.range().map_err(CliError::input)?;
     let grid = series.grid();
-    let strict = Series::open(&[path.to_string_lossy().into_owned()], &SeriesOptions::default());
-    let mut notes = series.notes().to_vec();
-    if let Err(e) = strict {
-        notes.push(e.to_string());
-    }
+    let notes: Vec<String> = series.notes().iter().cloned().chain(gap).collect();
     if as_json {
         print_json(&json!({
             "kind": "volume", "steps": series.len(), "dims": grid.dims, "spacing": grid.spacing,

@@ -18,6 +18,8 @@ pub use error::CliError;
 use crate::device::DeviceName;
 use burn::tensor::Device;
 use clap::{Args, Parser, Subcommand};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Deformable 3D Gaussians from rendered images of time-varying volumes.
 #[derive(Debug, Parser)]
@@ -59,6 +61,20 @@ impl Common {
         let name: DeviceName = self.device.parse().map_err(CliError::input)?;
         Ok((name, name.open().map_err(CliError::input)?))
     }
+}
+
+/// A flag that Ctrl-C or SIGTERM raises, saying `message`; asked twice, the program ends at once.
+fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(1);
+        }
+        eprintln!("{message}");
+    })
+    .map_err(CliError::failure)?;
+    Ok(stop)
 }
 
 /// Prints a value as one JSON object on standard output.

@@ -1,12 +1,10 @@
 //! `volseggs train`
 
-use super::{CliError, Common, config::ConfigSource, print_json};
+use super::{CliError, Common, config::ConfigSource, print_json, stop_flag};
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::train::run::{RunOptions, run};
 use clap::Args;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Train a scene from posed, timed images.
 #[derive(Debug, Args)]
@@ -53,15 +51,7 @@ impl TrainArgs {
             dataset.train.times().len(),
             rayon::current_num_threads()
         );
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(1); // asked twice: do not wait for the checkpoint
-            }
-            eprintln!("stopping after this step, with a checkpoint");
-        })
-        .map_err(CliError::failure)?;
+        let stop = stop_flag("stopping after this step, with a checkpoint")?;
         let options = RunOptions {
             out: self.out.clone(),
             resume: self.resume,

@@ -10,6 +10,7 @@ use crate::config::types::Config;
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::results::write_results;
 use crate::eval::run::{Costs, Evaluation, evaluate};
+use crate::log::progress;
 use crate::model::Scene;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{PrepareOptions, PrepareRecord, SegmentOptions, Source, image_count, prepare};
@@ -19,7 +20,6 @@ use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::synthetic::Synthetic;
 use burn::tensor::Device;
-use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -133,7 +133,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         model_bytes: std::fs::metadata(&scene_path).map_err(failed("evaluate"))?.len(),
     };
     let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
-    let bar = stage_bar(test.frames.len(), "views");
+    let bar = progress::bar(test.frames.len(), "views");
     let evaluation = evaluate(&scene, test, &[], &costs, |done, psnr| {
         bar.set_position(done as u64);
         bar.set_message(format!("{psnr:.2} dB"));
@@ -181,7 +181,7 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         return Err(DemoError::Stage { stage: "prepare", reason });
     }
     let transfer = options.scene.transfer_function().map_err(failed("prepare"))?;
-    let bar = stage_bar(image_count(&source, &plan), "images");
+    let bar = progress::bar(image_count(&source, &plan), "images");
     let record =
         prepare(&source, &transfer, &plan, data, &|n| bar.set_position(n as u64), stop).map_err(|e| match e {
             crate::prepare::PrepareError::Interrupted => DemoError::Interrupted,
@@ -189,13 +189,4 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         })?;
     bar.finish_and_clear();
     Ok(record)
-}
-
-fn stage_bar(length: usize, unit: &str) -> ProgressBar {
-    let bar = ProgressBar::new(length as u64);
-    let template = format!("{{bar:28}} {{pos}}/{{len}} {unit} {{elapsed}}<{{eta}} {{msg}}");
-    if let Ok(style) = ProgressStyle::with_template(&template) {
-        bar.set_style(style);
-    }
-    bar
 }

@@ -43,9 +43,7 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
     let median = order[order.len() / 2];
     let frame = &test.frames[median];
     let (w, h) = (test.images.width as usize, test.images.height as usize);
-    let mut truth = vec![0.0; 3 * w * h];
-    test.images.composite(median, results.scene.spec.background, &mut truth);
-    let truth: Vec<f32> = truth.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 1.0]).collect();
+    let truth = test.images.composite_with_alpha(median, results.scene.spec.background);
     let render = results.scene.render(frame.camera.to_kernel(), frame.time as f32);
     let sheet = results.evaluation.sheet.as_ref().map(&png).transpose()?;
     Ok(Pictures {

@@ -1,4 +1,5 @@
-//! Logs of a run.
+//! Logs of a run, and progress on the terminal.
 
 pub mod jsonl;
+pub mod progress;
 pub mod tensorboard;

@@ -221,7 +221,6 @@ impl WithSimd for Walk<'_> {
         let mut done = vec![false; vectors];
         let mut live = vectors;
         let threshold = simd.splat_f32s(ALPHA_MIN.log2());
-        let floor = simd.splat_f32s(-16.0);
         let alpha_max = simd.splat_f32s(ALPHA_MAX);
         let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
 
@@ -256,7 +255,7 @@ impl WithSimd for Walk<'_> {
                 if !any(simd, touched) {
                     continue;
                 }
-                let alpha = simd.min_f32s(exp2(simd, simd.max_f32s(power, floor)), alpha_max);
+                let alpha = simd.min_f32s(exp2(simd, power), alpha_max);
                 let weight = simd.mul_f32s(t, alpha);
                 let after = simd.sub_f32s(t, weight);
                 let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));

@@ -3,6 +3,7 @@
 //! Sums run in a fixed order, that of the entries, whatever the number of threads.
 
 use super::Contributors;
+use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 
 /// Pixels that one task of [`Contributors::gather`] sums.
@@ -29,14 +30,18 @@ impl Contributors {
         self.check_indices("gather", features.len() / channels);
         let arch = crate::arch();
         out.par_chunks_mut(GATHER_ROWS * channels).enumerate().for_each(|(k, chunk)| {
-            arch.dispatch(|| {
-                for (p, pixel) in chunk.chunks_exact_mut(channels).enumerate() {
-                    let (indices, weights) = self.row(k * GATHER_ROWS + p);
-                    for (&i, &w) in indices.iter().zip(weights) {
-                        add_scaled(pixel, &features[i as usize * channels..][..channels], w);
+            wide(
+                arch,
+                #[inline(always)]
+                || {
+                    for (p, pixel) in chunk.chunks_exact_mut(channels).enumerate() {
+                        let (indices, weights) = self.row(k * GATHER_ROWS + p);
+                        for (&i, &w) in indices.iter().zip(weights) {
+                            add_scaled(pixel, &features[i as usize * channels..][..channels], w);
+                        }
                     }
-                }
-            });
+                },
+            );
         });
         out
     }
@@ -61,17 +66,21 @@ impl Contributors {
         let arch = crate::arch();
         out.par_chunks_mut(range * channels).enumerate().for_each(|(k, chunk)| {
             let (start, size) = ((k * range) as u32, (chunk.len() / channels) as u32);
-            arch.dispatch(|| {
-                for (p, grad) in grads.chunks_exact(channels).enumerate() {
-                    let (indices, weights) = self.row(p);
-                    for (&i, &w) in indices.iter().zip(weights) {
-                        let at = i.wrapping_sub(start);
-                        if at < size {
-                            add_scaled(&mut chunk[at as usize * channels..][..channels], grad, w);
+            wide(
+                arch,
+                #[inline(always)]
+                || {
+                    for (p, grad) in grads.chunks_exact(channels).enumerate() {
+                        let (indices, weights) = self.row(p);
+                        for (&i, &w) in indices.iter().zip(weights) {
+                            let at = i.wrapping_sub(start);
+                            if at < size {
+                                add_scaled(&mut chunk[at as usize * channels..][..channels], grad, w);
+                            }
                         }
                     }
-                }
-            });
+                },
+            );
         });
         out
     }
