@@ -3,10 +3,15 @@
 //! `cargo bench --bench train_step -- [GAUSSIANS]... [--repeats N]`, by default 10000, 50000 and 150000
 //! Gaussians in a unit ball, images of 800x800, the model of the `best` preset, the `flex` device. Prints
 //! Markdown tables. The whole step reads a dataset of two views from a temporary folder, removed at the end.
+//!
+//! `cargo bench --bench train_step -- --scene SCENE.safetensors --data DATASET` takes a trained scene and the
+//! images that it was trained on instead. A scene of degree 3 it must be.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 #[path = "../kernels/benches/common/mod.rs"]
 mod common;
+#[path = "support/counting.rs"]
+mod counting;
 #[path = "support/whole.rs"]
 mod whole;
 
@@ -24,7 +29,7 @@ use volseggs_kernels::field::{self, FieldGrads, FieldParams, FieldShape};
 use volseggs_kernels::tv::{TvGrads, TvKind, TvWeights, tv};
 
 #[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc; // the binary's
+static ALLOCATOR: counting::Counting = counting::Counting;
 
 /// Pixels a side.
 const SIZE: usize = 800;
@@ -38,6 +43,8 @@ type Stage = (&'static str, Samples);
 fn main() {
     let (words, repeats) = common::arguments(7);
     let repeats = repeats.max(5);
+    let after = |flag: &str| words.iter().position(|w| w == flag).and_then(|i| words.get(i + 1));
+    let trained = after("--scene").zip(after("--data"));
     let mut sizes: Vec<usize> = words.iter().filter_map(|w| w.parse().ok()).collect();
     if sizes.is_empty() {
         sizes = vec![10_000, 50_000, 150_000];
@@ -47,7 +54,14 @@ fn main() {
         rayon::current_num_threads(),
         volseggs_kernels::simd_level()
     );
-    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| stages(n, repeats)).collect();
+    if let Some((scene, data)) = trained {
+        let (host, points) = whole::trained_scene(scene.as_ref());
+        let sizes = [host.opacity_logits.len()];
+        table("stage, alone", &sizes, &[stages(host, Some(&points), repeats)]);
+        table("part of `Trainer::step`", &sizes, &[whole::trained_step(scene.as_ref(), data.as_ref(), repeats)]);
+        return;
+    }
+    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| stages(common::scene(n, 7), None, repeats)).collect();
     table("stage, alone", &sizes, &columns);
     let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| whole::whole_step(n, repeats)).collect();
     table("part of `Trainer::step`", &sizes, &columns);
@@ -63,13 +77,15 @@ fn table(title: &str, sizes: &[usize], columns: &[Vec<Stage>]) {
     }
 }
 
-/// Every stage of a joint step with `n` Gaussians, alone.
-fn stages(n: usize, repeats: usize) -> Vec<Stage> {
+/// Every stage of a joint step with the Gaussians of `scene`, alone. The field is read at `points` [-1, 1] `[N, 3]`,
+/// if not at the means.
+fn stages(scene: Scene, points: Option<&[f32]>, repeats: usize) -> Vec<Stage> {
     let config = Config::default();
-    let scene = common::scene(n, 7);
+    let n = scene.opacity_logits.len();
     let mut out: Vec<Stage> = Vec::new();
     let (image, seen) = splat_stages(&scene, repeats, &mut out);
-    let lengths = field_and_decoder(&scene, &seen, &config.model, repeats, &mut out);
+    let points = points.unwrap_or(&scene.means);
+    let lengths = field_and_decoder(points, &seen, &config.model, repeats, &mut out);
     loss_stages(&image, &config, repeats, &mut out);
     let names = ["Adam, Gaussians", "Adam, field and decoder"];
     let attributes = [(3 * n, false), (4 * n, false), (3 * n, false), (n, false), (48 * n, true)];
@@ -95,23 +111,23 @@ fn splat_stages(scene: &Scene, repeats: usize, out: &mut Vec<Stage>) -> (Vec<f32
     (image, slopes.into_iter().map(|g| g != 0.0).collect())
 }
 
-/// The slice functions under the two ops; like the op, the field skips the rows that are not `seen`.
+/// The slice functions under the two ops; like the ops, they skip the rows that are not `seen` on the way back.
 /// Gives the lengths of the parameter buffers back.
 fn field_and_decoder(
-    scene: &Scene,
+    points: &[f32],
     seen: &[bool],
     config: &ModelConfig,
     repeats: usize,
     out: &mut Vec<Stage>,
 ) -> [usize; 9] {
-    let n = scene.opacity_logits.len();
+    let n = seen.len();
     let shape: FieldShape = field_shape(config);
     let mut r = Numbers(9);
     let lengths = [shape.planes_len(), shape.lines_len(), shape.times_len()];
     let [planes, lines, times] = lengths.map(|len| r.take(len, |r| 0.1 + 0.4 * r.uniform()));
     let params = FieldParams { planes: &planes, lines: &lines, times: &times };
     let mut features = vec![0.0; n * shape.features_len()];
-    let forward = || field::forward(&shape, params, &scene.means, TIME, &mut features);
+    let forward = || field::forward(&shape, params, points, TIME, &mut features);
     out.push(("field forward", measure(repeats, forward).0));
     let grad_features = r.take(features.len(), Numbers::normal);
     let [mut g_planes, mut g_lines, mut g_times] = lengths.map(|len| vec![0.0; len]);
@@ -119,7 +135,7 @@ fn field_and_decoder(
     let backward = || {
         let (planes, lines, times, points) = (&mut g_planes[..], &mut g_lines[..], &mut g_times[..], &mut g_points[..]);
         let grads = FieldGrads { planes, lines, times, points };
-        field::backward(&shape, params, &scene.means, TIME, &grad_features, Some(seen), grads);
+        field::backward(&shape, params, points, TIME, &grad_features, Some(seen), grads);
     };
     out.push(("field backward", measure(repeats, backward).0));
 
@@ -141,7 +157,7 @@ fn field_and_decoder(
     let backward = || {
         let [w0, b0, w1, b1, w2, b2] = g.each_mut().map(|v| &mut v[..]);
         let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, x: &mut g_x };
-        decoder::backward(&decoder_shape, params, &features, &grad_change, None, grads);
+        decoder::backward(&decoder_shape, params, &features, &grad_change, Some(seen), grads);
     };
     out.push(("decoder backward", measure(repeats, backward).0));
 
@@ -157,7 +173,7 @@ fn loss_stages(image: &[f32], config: &Config, repeats: usize, out: &mut Vec<Sta
     let noisy = image.iter().map(|v| v + 0.05 * r.normal() as f32).collect();
     let tensor = |v: Vec<f32>| Tensor::<3>::from_data(TensorData::new(v, [SIZE, SIZE, 4]), &device);
     let (target, image) = (tensor(noisy), tensor(image.to_vec()).require_grad());
-    let loss = || losses::photometric(image.clone(), target.clone(), &config.loss).backward();
+    let loss = || losses::photometric(image.clone(), target.clone(), &config.loss).loss.backward();
     out.push(("photometric loss, both passes", measure(repeats, loss).0));
     let loss = || losses::dssim(image.clone(), target.clone()).backward();
     out.push(("DSSIM, both passes", measure(repeats, loss).0));

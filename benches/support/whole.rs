@@ -1,6 +1,7 @@
 //! The whole training step, as `Trainer::step` reports it, on a dataset of two views.
 
-use crate::common::{self, Samples, Splatter};
+use crate::common::{self, Samples, Scene, Splatter};
+use crate::counting;
 use crate::{DISTANCE, SIZE, Stage};
 use burn::tensor::Device;
 use glam::DVec3;
@@ -8,6 +9,7 @@ use std::path::Path;
 use std::time::Instant;
 use volseggs::config::types::{Bounds, Config, DensifyMode, Placement};
 use volseggs::data::{Camera, Dataset, OpenOptions};
+use volseggs::model::params::to_vec;
 use volseggs::train::Trainer;
 
 /// Two views of a ball of Gaussians, as a dataset folder.
@@ -41,15 +43,52 @@ pub fn whole_step(n: usize, repeats: usize) -> Vec<Stage> {
     (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
     config.loss.dssim_last = config.stages.joint_steps;
     (config.densify.mode, config.densify.prune_opacity) = (DensifyMode::Off, 0.0);
-    let mut trainer = Trainer::new(config, &dataset, &Device::flex()).unwrap();
+    let trainer = Trainer::new(config, &dataset, &Device::flex()).unwrap();
+    measure_steps(trainer, &dataset, repeats)
+}
+
+/// The Gaussians of a trained scene at the middle of time, and where its field is read.
+pub fn trained_scene(path: &Path) -> (Scene, Vec<f32>) {
+    let scene = volseggs::model::Scene::load(path, &Device::flex()).unwrap();
+    let canonical = scene.gaussians.to_host();
+    let spec = &scene.spec;
+    let place = |(i, m): (usize, &f32)| (m - spec.centre[i % 3]) / spec.half_size[i % 3];
+    let points = canonical.means.iter().enumerate().map(place).collect();
+    let at = scene.at(0.5);
+    let host = Scene {
+        means: to_vec(at.means),
+        rotations: to_vec(at.rotations),
+        log_scales: to_vec(at.log_scales),
+        opacity_logits: to_vec(at.opacity_logits),
+        sh: canonical.sh,
+    };
+    (host, points)
+}
+
+/// Joint steps with DSSIM from a trained scene, each on its own view.
+pub fn trained_step(scene: &Path, data: &Path, repeats: usize) -> Vec<Stage> {
+    let dataset = Dataset::open(data, &OpenOptions::default()).unwrap();
+    let scene = volseggs::model::Scene::load(scene, &Device::flex().autodiff()).unwrap();
+    let mut config = Config { model: scene.spec.model.clone(), ..Config::default() };
+    (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
+    config.loss.dssim_last = config.stages.joint_steps;
+    (config.densify.mode, config.densify.prune_opacity) = (DensifyMode::Off, 0.0);
+    let trainer = Trainer::from_scene(config, scene, &dataset).unwrap();
+    measure_steps(trainer, &dataset, repeats)
+}
+
+fn measure_steps(mut trainer: Trainer, dataset: &Dataset, repeats: usize) -> Vec<Stage> {
     let names = ["data", "deform", "splat", "loss", "backward", "adam", "statistics", "**whole step**"];
     let mut samples = names.map(|_| Vec::new());
     for run in 0..=repeats {
-        let start = Instant::now();
+        let (start, before) = (Instant::now(), counting::count());
         let t = trainer.step(&dataset.train).unwrap().times;
         let parts = [t.data, t.deform, t.splat, t.loss, t.backward, t.adam, t.densify, start.elapsed()];
         if run > 0 {
             samples.iter_mut().zip(parts).for_each(|(s, part)| s.push(part.as_secs_f64() * 1e3));
+        }
+        if run == repeats {
+            println!("\nallocations of the last step: {}", counting::count() - before);
         }
     }
     names.into_iter().zip(samples.map(Samples::new)).collect()

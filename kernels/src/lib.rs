@@ -14,6 +14,7 @@ pub mod adam;
 pub mod contributors;
 pub mod decoder;
 pub mod field;
+pub mod photometric;
 pub mod splat;
 pub mod ssim;
 pub mod tv;

@@ -8,6 +8,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, devices, relative_error, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
 use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
+use volseggs_kernels::photometric::{Distance, photometric_loss, reference as photometric_reference};
 use volseggs_kernels::ssim::{mean_ssim, reference as ssim_reference};
 use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
 
@@ -84,6 +85,42 @@ fn ssim_and_its_gradient_are_those_of_the_reference_on_every_device() {
     assert!((f64::from(ours[0][0]) - value).abs() < 1e-5);
     let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
     assert!(relative_error(&ours[1], &doubled) < 1e-3);
+}
+
+#[test]
+fn ssim_takes_no_notice_of_a_fourth_channel() {
+    let (h, w) = (19, 23);
+    let (a, b) = (values(4 * h * w, 6), values(4 * h * w, 7));
+    let rgb = |v: &[f32]| v.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+    let run = |a: &[f32], b: &[f32], channels: usize, device: &Device| {
+        let x = tensor(a, [h, w, channels], device).require_grad();
+        let s = mean_ssim(x.clone(), tensor(b, [h, w, channels], device));
+        let g = s.clone().backward();
+        vec![to_vec(s.inner()), to_vec(x.grad(&g).unwrap())]
+    };
+    let four = on_all(|device| run(&a, &b, 4, device));
+    let three = on_all(|device| run(&rgb(&a), &rgb(&b), 3, device));
+    assert_eq!((&four[0], rgb(&four[1])), (&three[0], three[1].clone()));
+    assert!(four[1].chunks_exact(4).all(|p| p[3] == 0.0));
+}
+
+#[test]
+fn the_distance_of_images_and_its_gradient_are_those_of_the_reference_on_every_device() {
+    let (h, w) = (17, 21);
+    let (a, b) = (values(4 * h * w, 16), values(4 * h * w, 17));
+    for kind in [Distance::Absolute, Distance::Squared] {
+        let ours = on_all(|device| {
+            let x = tensor(&a, [h, w, 4], device).require_grad();
+            let out = photometric_loss(x.clone(), tensor(&b, [h, w, 4], device), kind, 0.2);
+            let g = out.loss.clone().mul_scalar(2.0).backward();
+            vec![to_vec(out.loss.inner()), to_vec(out.squared.inner()), to_vec(x.grad(&g).unwrap())]
+        });
+        let (value, gradient, squared) =
+            photometric_reference::photometric(&wide(&a), &wide(&b), kind, f64::from(0.2f32));
+        assert!((f64::from(ours[0][0]) - value).abs() < 1e-6 && (f64::from(ours[1][0]) - squared).abs() < 1e-6);
+        let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
+        assert!(relative_error(&ours[2], &doubled) < 1e-6);
+    }
 }
 
 #[test]

@@ -25,6 +25,8 @@ pub struct Config {
     pub optim: OptimConfig,
     /// How the number of Gaussians changes.
     pub densify: DensifyConfig,
+    /// Savings of time that may change the result.
+    pub speed: SpeedConfig,
     /// Logs and checkpoints.
     pub output: OutputConfig,
 }
@@ -289,6 +291,18 @@ pub enum DensifyMode {
     Off,
 }
 
+/// `speed.*`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SpeedConfig {
+    /// The first so many steps see images reduced by `coarse_factor`.
+    pub coarse_steps: usize,
+    /// Integer factor by which they are reduced.
+    pub coarse_factor: u32,
+    /// Steps between sortings of the Gaussians along a space-filling curve, also at the start; 0 for never.
+    pub sort_every: usize,
+}
+
 /// `output.*`
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -378,6 +392,7 @@ impl Default for Config {
                 prune_every: 500,
                 opacity_reset: 0,
             },
+            speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000 },
             output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
         }
     }

@@ -91,6 +91,16 @@ impl Split {
         times.dedup();
         times
     }
+
+    /// The same views, images and cameras reduced by the integer `factor`.
+    ///
+    /// # Errors
+    /// If `factor` is 0 or does not divide the images' width and height.
+    pub fn reduced(&self, factor: u32) -> Result<Self, DataError> {
+        let images = self.images.downscale(factor)?;
+        let reduce = |f: &Frame| Frame { camera: f.camera.downscaled(factor), ..f.clone() };
+        Ok(Self { name: self.name, frames: self.frames.iter().map(reduce).collect(), images })
+    }
 }
 
 /// How to open a dataset.

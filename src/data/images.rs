@@ -122,9 +122,14 @@ impl ImageSet {
     /// If `frame` is not below `len()`.
     #[must_use]
     pub fn composite_with_alpha(&self, frame: usize, background: [f32; 3]) -> Vec<f32> {
+        const PIECE: usize = 4 * 16_384;
         let image = self.frame(frame);
-        let mut out = Vec::with_capacity(image.len());
-        image.chunks_exact(4).for_each(|pixel| out.extend_from_slice(&over(pixel, background)));
+        let mut out = vec![0.0; image.len()];
+        out.par_chunks_mut(PIECE).zip(image.par_chunks(PIECE)).for_each(|(out, image)| {
+            for (out, pixel) in out.chunks_exact_mut(4).zip(image.chunks_exact(4)) {
+                out.copy_from_slice(&over(pixel, background));
+            }
+        });
         out
     }
 

@@ -3,33 +3,27 @@
 
 use crate::config::types::{LossConfig, LossKind, TvOrder};
 use crate::model::encoder::{Encoder, FactorisedEncoder};
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};
 use volseggs_kernels::ssim::mean_ssim;
 use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
 
 /// Colour and alpha distance: mean over pixels and colour channels of the squared (`l2`, the paper's
-/// equation 5) or absolute difference, plus `alpha` times the same for the alpha channel.
+/// equation 5) or absolute difference, plus `alpha` times the same for the alpha channel; and the mean squared
+/// difference of the colours, for PSNR.
 ///
-/// `image` and `target` are `[H, W, 4]`. Returns `[1]`.
-pub fn photometric(image: Tensor<3>, target: Tensor<3>, config: &LossConfig) -> Tensor<1> {
-    let [h, w, _] = image.dims();
-    let device = image.device();
-    let colour = 1.0 / (3 * h * w) as f32;
-    let alpha = config.alpha as f32 / (h * w) as f32;
-    let weights = Tensor::<3>::from_data(TensorData::new(vec![colour, colour, colour, alpha], [1, 1, 4]), &device);
-    let difference = image - target;
-    let distance = match config.kind {
-        LossKind::L1 => difference.abs(),
-        LossKind::L2 => difference.clone() * difference,
+/// `image` and `target` are `[H, W, 4]`.
+pub fn photometric(image: Tensor<3>, target: Tensor<3>, config: &LossConfig) -> Photometric {
+    let kind = match config.kind {
+        LossKind::L1 => Distance::Absolute,
+        LossKind::L2 => Distance::Squared,
     };
-    (distance * weights).sum()
+    photometric_loss(image, target, kind, config.alpha as f32)
 }
 
 /// `1 - SSIM` of the colours (equation 7). `image` and `target` are `[H, W, 4]`. Returns `[1]`.
 pub fn dssim(image: Tensor<3>, target: Tensor<3>) -> Tensor<1> {
-    let [h, w, _] = image.dims();
-    let rgb = |t: Tensor<3>| t.slice([0..h, 0..w, 0..3]);
-    mean_ssim(rgb(image), rgb(target)).neg().add_scalar(1.0)
+    mean_ssim(image, target).neg().add_scalar(1.0)
 }
 
 /// Smoothness of the encoder (equation 6, each tensor's sum as a mean), weights included; `None` if the

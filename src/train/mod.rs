@@ -3,6 +3,7 @@
 //! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
 //! with logs, evaluation, checkpoints and signals.
 
+mod check;
 pub mod checkpoint;
 pub mod densify;
 pub mod init;
@@ -10,8 +11,10 @@ pub mod losses;
 pub mod optimizer;
 pub mod run;
 pub mod schedule;
+pub mod spatial;
 #[cfg(test)]
 mod tests;
 mod trainer;
 
+pub use check::evaluation_background;
 pub use trainer::{StepReport, TrainError, Trainer};

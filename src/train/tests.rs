@@ -35,7 +35,7 @@ fn encoder_gradients(config: &Config) -> [Vec<f32>; 3] {
     let frame = &data.train.frames[0];
     let view = scene.draw(scene.at(frame.time as f32), frame.camera.to_kernel(), [1.0; 3], None);
     let target = Tensor::zeros(view.image.dims(), &view.image.device());
-    let gradients = losses::photometric(view.image, target, &config.loss).backward();
+    let gradients = losses::photometric(view.image, target, &config.loss).loss.backward();
     let Encoder::Factorised(encoder) = &scene.field.encoder else { unreachable!("the default") };
     [&encoder.planes, &encoder.lines, &encoder.times].map(|p| to_vec(p.val().grad(&gradients).unwrap()))
 }
@@ -129,4 +129,35 @@ fn a_nan_in_a_parameter_stops_training_and_is_named() {
             other => panic!("{name}: {other:?}"),
         }
     }
+}
+
+#[test]
+fn sorting_moves_gaussians_with_their_moments_and_changes_nothing_else() {
+    let losses = |sort_every: usize| {
+        let mut config = config();
+        config.speed.sort_every = sort_every;
+        let (data, mut trainer) = trainer(&config);
+        (0..12).map(|_| trainer.step(&data.train).unwrap().loss).collect::<Vec<_>>()
+    };
+    let (plain, sorted) = (losses(0), losses(3));
+    for (a, b) in plain.iter().zip(&sorted) {
+        assert!((a - b).abs() < 1e-3 * a.abs(), "{plain:?} {sorted:?}");
+    }
+    assert!(plain.last() < plain.first());
+}
+
+#[test]
+fn the_first_steps_may_see_reduced_images() {
+    let mut config = config();
+    (config.speed.coarse_steps, config.speed.coarse_factor) = (3, 4);
+    let (data, mut trainer) = trainer(&config);
+    for step in 0..6 {
+        let coarse = trainer.coarse.as_ref().map(|s| (s.images.width, s.frames[0].camera.width));
+        assert_eq!(coarse, (step <= 3).then_some((4, 4)), "step {step}");
+        assert!(trainer.step(&data.train).unwrap().loss.is_finite());
+    }
+    config.speed.coarse_factor = 5;
+    let device = DeviceName::all()[0].open().unwrap();
+    let refused = Trainer::new(config, &data, &device).unwrap_err().to_string();
+    assert!(refused.contains('5') && refused.contains("16x16"), "{refused}");
 }

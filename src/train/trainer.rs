@@ -1,12 +1,15 @@
 //! One training step at a time: view, forward, loss, backward, optimiser, densification.
 
+use super::check::{Background, check, evaluation_background, parse_background};
 use super::densify::{self, Statistics};
 use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
+use super::spatial;
 use super::{init, losses};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::error::DataError;
 use crate::data::{Dataset, Split};
+use crate::model::gaussians::HostGaussians;
 use crate::model::params::to_vec;
 use crate::model::{Gaussians, Scene};
 use crate::rng::{Purpose, Rng};
@@ -99,88 +102,9 @@ pub struct Trainer {
     extent: f64,
     background: Background,
     warmup_views: Vec<usize>,
+    /// The training views reduced, for the first steps.
+    pub(super) coarse: Option<Split>,
     device: Device,
-}
-
-/// What lies behind the Gaussians.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Background {
-    Fixed([f32; 3]),
-    Random,
-}
-
-/// The background colour that `data.background` names; white in evaluation where it is `random`.
-///
-/// # Errors
-/// If it is none of the known forms.
-pub fn evaluation_background(text: &str) -> Result<[f32; 3], TrainError> {
-    match parse_background(text)? {
-        Background::Fixed(colour) => Ok(colour),
-        Background::Random => Ok([1.0; 3]),
-    }
-}
-
-fn parse_background(text: &str) -> Result<Background, TrainError> {
-    let hex = |s: &str| -> Option<[f32; 3]> {
-        let s = s.strip_prefix('#').filter(|s| s.len() == 6 && s.is_ascii())?;
-        let byte = |k: usize| u8::from_str_radix(&s[2 * k..2 * k + 2], 16).ok().map(|b| f32::from(b) / 255.0);
-        Some([byte(0)?, byte(1)?, byte(2)?])
-    };
-    match text {
-        "white" => Ok(Background::Fixed([1.0; 3])),
-        "black" => Ok(Background::Fixed([0.0; 3])),
-        "random" => Ok(Background::Random),
-        other => hex(other).map(Background::Fixed).ok_or_else(|| {
-            TrainError::Config(format!("data.background = \"{other}\": use white, black, random or #rrggbb"))
-        }),
-    }
-}
-
-fn check(config: &Config) -> Result<(), TrainError> {
-    let bad = |text: String| Err(TrainError::Config(text));
-    if config.model.sh_degree > 3 {
-        return bad(format!("model.sh_degree = {}: at most 3", config.model.sh_degree));
-    }
-    if config.init.points == 0 {
-        return bad("init.points = 0: at least 1".into());
-    }
-    if !(config.init.opacity > 0.0 && config.init.opacity < 1.0) {
-        return bad(format!("init.opacity = {}: between 0 and 1", config.init.opacity));
-    }
-    let m = &config.model;
-    for (name, value) in [
-        ("levels", m.levels),
-        ("channels", m.channels),
-        ("time_knots", m.time_knots),
-        ("width", m.width),
-        ("resolution", m.resolution),
-    ] {
-        if value == 0 {
-            return bad(format!("model.{name} = 0: at least 1"));
-        }
-    }
-    let whole = serde_json::to_value(config).map_err(|e| TrainError::Config(e.to_string()))?;
-    if let Some(key) = not_a_rate(&whole, String::new()) {
-        return bad(format!("{key}: a finite number, 0 or above"));
-    }
-    if config.stages.warmup_steps + config.stages.joint_steps == 0 {
-        return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
-    }
-    Ok(())
-}
-
-/// The first number below 0 or not finite (which JSON writes as null): no key takes either.
-fn not_a_rate(value: &serde_json::Value, key: String) -> Option<String> {
-    match value {
-        serde_json::Value::Null => Some(key),
-        serde_json::Value::Number(n) => n.as_f64().is_none_or(|v| v < 0.0).then_some(key),
-        serde_json::Value::Array(items) => items.iter().find_map(|v| not_a_rate(v, key.clone())),
-        serde_json::Value::Object(fields) => fields.iter().find_map(|(name, v)| {
-            let dot = if key.is_empty() { "" } else { "." };
-            not_a_rate(v, format!("{key}{dot}{name}"))
-        }),
-        _ => None,
-    }
 }
 
 impl Trainer {
@@ -190,25 +114,38 @@ impl Trainer {
     /// If the configuration contradicts itself or the data do not allow to start.
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
-        let background = parse_background(&config.data.background)?;
         let shown = evaluation_background(&config.data.background)?;
-        let device = device.clone().autodiff();
-        let (gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
-        let initial = gaussians.opacity_logits.len();
-        let scene = Scene::new(gaussians, spec, config.seed, &device);
+        let (mut gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
+        if config.speed.sort_every > 0 {
+            let rows = spatial::curve_order(&gaussians.means);
+            gaussians = densify::apply(&rows, &gaussians, config.seed, 0);
+        }
+        let scene = Scene::new(gaussians, spec, config.seed, &device.clone().autodiff());
+        Self::from_scene(config, scene, dataset)
+    }
+
+    /// Starts a run from a scene that is there already, on a device with gradients, with new moments.
+    ///
+    /// # Errors
+    /// If the configuration contradicts itself or does not fit the data.
+    pub fn from_scene(config: Config, scene: Scene, dataset: &Dataset) -> Result<Self, TrainError> {
+        check(&config)?;
         let constants =
             AdamConstants { betas: config.optim.betas, epsilon: config.optim.epsilon, sh_rest: config.optim.sh_rest };
-        let warmup_views = warmup_views(&dataset.train, config.stages.warmup_times);
+        let is_coarse = config.speed.coarse_steps > 0 && config.speed.coarse_factor > 1;
+        let coarse = is_coarse.then(|| dataset.train.reduced(config.speed.coarse_factor)).transpose()?;
+        let initial = scene.gaussians.count();
         Ok(Self {
-            scene: Some(scene),
+            device: scene.gaussians.means.val().device(),
             optimizer: Optimizer::new(constants),
             statistics: Statistics::new(initial),
             step: 0,
             initial,
             extent: dataset.scene_extent(),
-            background,
-            warmup_views,
-            device,
+            background: parse_background(&config.data.background)?,
+            warmup_views: warmup_views(&dataset.train, config.stages.warmup_times),
+            coarse,
+            scene: Some(scene),
             config,
         })
     }
@@ -255,6 +192,18 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::NotFinite`] at the first NaN or infinity, naming it.
     pub fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
+        let step = self.step;
+        if step >= self.config.speed.coarse_steps {
+            self.coarse = None; // its memory is wanted
+        }
+        // taken out and put back, so that the views can be read while the state changes
+        let coarse = self.coarse.take();
+        let report = self.step_on(coarse.as_ref().unwrap_or(split), step);
+        self.coarse = coarse;
+        report
+    }
+
+    fn step_on(&mut self, split: &Split, step: usize) -> Result<StepReport, TrainError> {
         let mut times = StepTimes::default();
         let mut clock = Instant::now();
         let mut lap = |slot: &mut Duration| {
@@ -262,7 +211,6 @@ impl Trainer {
             *slot += now - clock;
             clock = now;
         };
-        let step = self.step;
         let stage = Stage::at(step, &self.config);
         let sh_degree = stage.sh_degree(&self.config);
         let spec = &mut self.scene_mut().spec;
@@ -288,10 +236,11 @@ impl Trainer {
         lap(&mut times.splat);
 
         let config = &self.config.loss;
-        let mut loss = losses::photometric(drawn.image.clone(), target.clone(), config);
+        let distance = losses::photometric(drawn.image.clone(), target.clone(), config);
+        let mut loss = distance.loss;
         let dssim = stage.dssim_weight(&self.config);
         if dssim > 0.0 {
-            loss = loss + losses::dssim(drawn.image.clone(), target.clone()).mul_scalar(dssim as f32);
+            loss = loss + losses::dssim(drawn.image, target).mul_scalar(dssim as f32);
         }
         if stage.is_joint()
             && let Some(tv) = losses::smoothness(&self.scene().field.encoder, config)
@@ -302,7 +251,7 @@ impl Trainer {
         if !value.is_finite() {
             return Err(TrainError::NotFinite { step, what: format!("the loss ({value})") });
         }
-        let psnr = psnr(drawn.image.inner(), target.inner());
+        let psnr = -10.0 * f64::from(distance.squared.into_scalar::<f32>()).max(1e-12).log10();
         lap(&mut times.loss);
         let mut gradients = loss.backward();
         lap(&mut times.backward);
@@ -328,6 +277,10 @@ impl Trainer {
         if due != densify::Due::default() {
             self.densify(due);
         }
+        let sort_every = self.config.speed.sort_every;
+        if sort_every > 0 && (step + 1).is_multiple_of(sort_every) {
+            self.sort();
+        }
         lap(&mut times.densify);
         self.step += 1;
         Ok(StepReport { step, stage, loss: value, psnr, gaussians: self.scene().gaussians.count(), times })
@@ -337,17 +290,7 @@ impl Trainer {
         let host = self.scene().gaussians.to_host();
         let rows = densify::plan(due, &self.statistics, &host, &self.config, self.extent);
         let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
-        let widths = [
-            ("means", 3),
-            ("rotations", 4),
-            ("log_scales", 3),
-            ("opacity_logits", 1),
-            ("sh", host.sh.len() / host.opacity_logits.len().max(1)),
-        ];
-        for (name, width) in widths {
-            let gather = |m: &[f32]| densify::gather_moments(m, &rows, width);
-            self.optimizer.map_moments(&format!("gaussians.{name}"), gather);
-        }
+        self.move_moments(&rows, &host);
         if due.reset {
             let ceiling = (0.01f32 / 0.99).ln();
             new.opacity_logits.iter_mut().for_each(|o| *o = o.min(ceiling));
@@ -358,6 +301,37 @@ impl Trainer {
         if !due.prune && !due.reset {
             self.statistics.opacity = opacity;
         }
+        self.replace_gaussians(new);
+    }
+
+    /// Puts the Gaussians, with all that is kept about each, along a space-filling curve.
+    fn sort(&mut self) {
+        let host = self.scene().gaussians.to_host();
+        let rows = spatial::curve_order(&host.means);
+        let new = densify::apply(&rows, &host, self.config.seed, self.step);
+        self.move_moments(&rows, &host);
+        let s = &mut self.statistics;
+        for values in [&mut s.gradient, &mut s.views, &mut s.opacity] {
+            *values = densify::gather(values, &rows, 1);
+        }
+        self.replace_gaussians(new);
+    }
+
+    fn move_moments(&mut self, rows: &[densify::Row], host: &HostGaussians) {
+        let widths = [
+            ("means", 3),
+            ("rotations", 4),
+            ("log_scales", 3),
+            ("opacity_logits", 1),
+            ("sh", host.sh.len() / host.opacity_logits.len().max(1)),
+        ];
+        for (name, width) in widths {
+            let gather = |m: &[f32]| densify::gather_moments(m, rows, width);
+            self.optimizer.map_moments(&format!("gaussians.{name}"), gather);
+        }
+    }
+
+    fn replace_gaussians(&mut self, new: HostGaussians) {
         let device = self.device.clone();
         self.scene_mut().gaussians = Gaussians::from_host(new, &device);
     }
@@ -374,15 +348,4 @@ fn target(split: &Split, view: usize, background: [f32; 3], device: &Device) -> 
     let (h, w) = (split.images.height as usize, split.images.width as usize);
     let values = split.images.composite_with_alpha(view, background);
     Tensor::from_data(TensorData::new(values, [h, w, 4]), device)
-}
-
-fn psnr(image: Tensor<3>, target: Tensor<3>) -> f64 {
-    let (a, b) = (to_vec(image), to_vec(target));
-    let mut sum = 0.0f64;
-    for (p, q) in a.chunks_exact(4).zip(b.chunks_exact(4)) {
-        for c in 0..3 {
-            sum += f64::from(p[c] - q[c]).powi(2);
-        }
-    }
-    -10.0 * (sum / (0.75 * a.len() as f64)).max(1e-12).log10()
 }

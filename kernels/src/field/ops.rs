@@ -8,6 +8,7 @@ use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
+use rayon::prelude::*;
 
 /// Gradients of every input of [`field`].
 #[derive(ExtensionType)]
@@ -102,7 +103,8 @@ fn cpu_backward<B: CpuBackend>(
     let out = FieldGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2, points: &mut grads.3 };
     let grad = B::values(grad);
     // Gaussians that no pixel saw have a gradient of zero: about half of them in a translucent scene
-    let active: Vec<bool> = grad.chunks_exact(shape.features_len()).map(|row| row.iter().any(|&g| g != 0.0)).collect();
+    let rows = grad.par_chunks_exact(shape.features_len()).with_min_len(1024);
+    let active: Vec<bool> = rows.map(|row| row.iter().any(|&g| g != 0.0)).collect();
     backward(shape, params, &B::values(points), time, &grad, Some(&active), out);
     FieldGradients {
         planes: B::tensor(grads.0, planes.shape(), &device),

@@ -8,30 +8,33 @@ use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
+use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// SSIM and its gradient on a backend.
 #[derive(ExtensionType)]
 pub struct SsimForward<B: Backend> {
     /// Mean SSIM `[1]`.
     pub value: FloatTensor<B>,
-    /// dSSIM/da `[H, W, 3]`; a single zero when it was not asked for.
+    /// dSSIM/da, of a's shape; a single zero when it was not asked for.
     pub grad: FloatTensor<B>,
 }
 
 /// The backend side of [`mean_ssim`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
 pub trait SsimOps: Backend {
-    /// SSIM of two images `[H, W, 3]`, with the gradient of the first if asked for.
+    /// SSIM of two images `[H, W, 3]` or `[H, W, 4]`, with the gradient of the first if asked for.
     fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self>;
 }
 
-/// Mean SSIM of two RGB images `[H, W, 3]` in [0, 1], as `[1]`, differentiable with respect to `a`;
-/// `b` is taken as a constant. Window: 11 taps, Gaussian, sigma 1.5, zero padding.
+/// Mean SSIM of the colours of two images `[H, W, 3]`, or `[H, W, 4]` with an alpha that does not count, in [0, 1], as
+/// `[1]`, differentiable with respect to `a`; `b` is taken as a constant. Window: 11 taps, Gaussian, sigma 1.5, zero padding.
 ///
 /// # Panics
-/// If the shapes differ.
+/// If the shapes differ or have not three or four channels.
 pub fn mean_ssim(a: Tensor<3>, b: Tensor<3>) -> Tensor<1> {
-    assert_eq!(a.dims(), b.dims(), "mean_ssim: both images are [H, W, 3]");
+    assert_eq!(a.dims(), b.dims(), "mean_ssim: both images have one shape");
+    assert!(matches!(a.dims()[2], 3 | 4), "mean_ssim: images are [H, W, 3] or [H, W, 4]");
     Tensor::from_dispatch(Dispatch::ssim_forward(a.into_dispatch(), b.into_dispatch(), false).value)
 }
 
@@ -39,15 +42,45 @@ fn cpu_forward<B: CpuBackend>(a: &FloatTensor<B>, b: &FloatTensor<B>, with_grad:
     let device = a.device();
     let shape = a.shape();
     let (h, w) = (shape[0], shape[1]);
-    let (va, vb) = (B::values(a), B::values(b));
+    let channels = shape[2];
+    let (va, vb) = (colours(B::values(a), channels), colours(B::values(b), channels));
     let (value, grad) = if with_grad {
         let mut grad = vec![0.0; va.len()];
         let value = ssim_grad(&va, &vb, h, w, 1.0, &mut grad);
+        let grad = if channels == 4 { with_alpha(&grad) } else { grad };
         (value, B::tensor(grad, shape, &device))
     } else {
         (ssim(&va, &vb, h, w), B::tensor(vec![0.0], [1], &device))
     };
     SsimForward { value: B::tensor(vec![value as f32], [1], &device), grad }
+}
+
+/// Pixels of one task.
+const PIECE: usize = 16_384;
+
+/// The colours alone, `[H * W * 3]`.
+fn colours(values: Cow<'_, [f32]>, channels: usize) -> Cow<'_, [f32]> {
+    if channels == 3 {
+        return values;
+    }
+    let mut out = vec![0.0; values.len() / 4 * 3];
+    out.par_chunks_mut(3 * PIECE).zip(values.par_chunks(4 * PIECE)).for_each(|(out, values)| {
+        for (out, pixel) in out.chunks_exact_mut(3).zip(values.chunks_exact(4)) {
+            out.copy_from_slice(&pixel[..3]);
+        }
+    });
+    Cow::Owned(out)
+}
+
+/// The gradient of the colours with a zero for alpha, `[H * W * 4]`.
+fn with_alpha(grad: &[f32]) -> Vec<f32> {
+    let mut out = vec![0.0; grad.len() / 3 * 4];
+    out.par_chunks_mut(4 * PIECE).zip(grad.par_chunks(3 * PIECE)).for_each(|(out, grad)| {
+        for (out, pixel) in out.chunks_exact_mut(4).zip(grad.chunks_exact(3)) {
+            out[..3].copy_from_slice(pixel);
+        }
+    });
+    out
 }
 
 macro_rules! bind {

@@ -9,6 +9,9 @@ use super::lanes::wide;
 use super::project::Splat2d;
 use rayon::prelude::*;
 
+/// Gaussians that are copied together from all over memory before they are read, so that their cache misses overlap.
+pub(crate) const GATHER: usize = 32;
+
 /// Ranks of the Gaussians that were drawn, by tile: one CSR block a row of tiles.
 pub(crate) struct Bins {
     pub tiles_x: usize,
@@ -102,7 +105,7 @@ impl Order {
     #[inline(always)]
     pub(crate) fn list(&self, slab: std::ops::Range<usize>, row: usize, takes: &[bool], lists: &mut RowLists) {
         let tiles_x = takes.len();
-        let RowLists { spans, row: TileRow { offsets, entries }, next, open } = lists;
+        let RowLists { hits, spans, row: TileRow { offsets, entries }, next, open } = lists;
         open.clear();
         open.push(0);
         open.extend(takes.iter().scan(0, |sum, takes| {
@@ -112,27 +115,36 @@ impl Order {
         spans.clear();
         offsets.clear();
         offsets.resize(tiles_x + 1, 0);
+        // without a branch: few of very many hit, and no processor could foretell which
+        let row_u16 = row as u16;
+        hits.resize(hits.len().max(slab.len()), 0);
+        let mut found = 0;
+        for (rank, &[first, end]) in (slab.start as u32..).zip(&self.spans[slab]) {
+            hits[found] = rank;
+            found += usize::from(first <= row_u16 && row_u16 < end);
+        }
         let (top, bottom) = ((row * TILE) as f32 + 0.5, (row * TILE + TILE) as f32 - 0.5);
-        for k in slab {
-            let [first, end] = self.spans[k];
-            if (row as u16) < first || row as u16 >= end {
-                continue;
+        let mut near = [Splat2d::default(); GATHER];
+        for ranks in hits[..found].chunks(GATHER) {
+            for (to, &rank) in near.iter_mut().zip(ranks) {
+                *to = self.splats[rank as usize];
             }
-            let s = &self.splats[k];
-            let coarse = tile_span(s.x - s.extent[0] - 0.01, s.x + s.extent[0] + 0.01, tiles_x);
-            if open[coarse.start] == open[coarse.end] {
-                continue;
-            }
-            let (left, right) = chord(s, top - s.y, bottom - s.y);
-            // a hair wider than exact: rounding must never lose a pixel that blending would have tested in
-            let tiles = tile_span(s.x + left - 0.01, s.x + right + 0.01, tiles_x);
-            let mut any = false;
-            for x in tiles.clone() {
-                offsets[x + 1] += u32::from(takes[x]);
-                any |= takes[x];
-            }
-            if any {
-                spans.push((k as u32, tiles.start as u32, tiles.end as u32));
+            for (s, &rank) in near.iter().zip(ranks) {
+                let coarse = tile_span(s.x - s.extent[0] - 0.01, s.x + s.extent[0] + 0.01, tiles_x);
+                if open[coarse.start] == open[coarse.end] {
+                    continue;
+                }
+                let (left, right) = chord(s, top - s.y, bottom - s.y);
+                // a hair wider than exact: rounding must never lose a pixel that blending would have tested in
+                let tiles = tile_span(s.x + left - 0.01, s.x + right + 0.01, tiles_x);
+                let mut any = false;
+                for x in tiles.clone() {
+                    offsets[x + 1] += u32::from(takes[x]);
+                    any |= takes[x];
+                }
+                if any {
+                    spans.push((rank, tiles.start as u32, tiles.end as u32));
+                }
             }
         }
         for x in 0..tiles_x {
@@ -153,6 +165,8 @@ impl Order {
 /// The lists of one slab of one row, with room that is used again.
 #[derive(Default)]
 pub(crate) struct RowLists {
+    /// Ranks whose boxes reach into the row come first.
+    hits: Vec<u32>,
     spans: Vec<(u32, u32, u32)>,
     /// The Gaussians of each tile.
     pub row: TileRow,

@@ -1,7 +1,7 @@
 //! Front-to-back blending, a task a tile, a row of pixels in SIMD lanes.
 
 use super::TILE;
-use super::bin::{Bins, Order, RowLists, TileRow};
+use super::bin::{Bins, GATHER, Order, RowLists, TileRow};
 use super::lanes::{any, exp2, wide};
 use super::project::Splat2d;
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
@@ -163,9 +163,6 @@ pub(crate) struct Tile<'a> {
     pub entries: &'a [u32],
     pub area: TileArea,
 }
-
-/// Gaussians that are copied together from all over memory before they are drawn, so that their cache misses overlap.
-const GATHER: usize = 32;
 
 impl Tile<'_> {
     /// Calls `draw` with each Gaussian and its place in the list, until it answers false. True if it never did.

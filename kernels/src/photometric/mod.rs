@@ -1,0 +1,21 @@
+//! Distance between a rendered image and its target, colours and alpha weighted apart, with its gradient: one pass
+//! over both images. Fast kernel in [`cpu`], oracle in [`mod@reference`].
+
+pub mod cpu;
+mod ops;
+pub mod reference;
+
+#[cfg(test)]
+mod tests;
+
+pub use cpu::photometric;
+pub use ops::{Photometric, PhotometricForward, PhotometricOps, photometric_loss};
+
+/// How a difference counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distance {
+    /// Its absolute value, with slope 0 at 0.
+    Absolute,
+    /// Its square.
+    Squared,
+}

@@ -1,0 +1,124 @@
+//! The distance as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
+
+use super::{Distance, photometric};
+use crate::backend::CpuBackend;
+use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
+use burn::backend::autodiff::grads::Gradients;
+use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Autodiff, AutodiffBackend, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
+use burn::tensor::Tensor;
+
+/// The distance and its gradient on a backend.
+#[derive(ExtensionType)]
+pub struct PhotometricForward<B: Backend> {
+    /// The weighted distance `[1]`.
+    pub value: FloatTensor<B>,
+    /// Mean squared difference of the colours `[1]`, without gradient.
+    pub squared: FloatTensor<B>,
+    /// Gradient of `value` by the image `[H, W, 4]`.
+    pub grad: FloatTensor<B>,
+}
+
+/// The backend side of [`photometric_loss`].
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+pub trait PhotometricOps: Backend {
+    /// The distance of two images `[H, W, 4]` with its gradient.
+    fn photometric_forward(
+        image: FloatTensor<Self>,
+        target: FloatTensor<Self>,
+        kind: Distance,
+        alpha: f32,
+    ) -> PhotometricForward<Self>;
+}
+
+/// What [`photometric_loss`] gives.
+#[derive(Clone, Debug)]
+pub struct Photometric {
+    /// The weighted distance `[1]`, differentiable with respect to the image.
+    pub loss: Tensor<1>,
+    /// Mean squared difference of the colours `[1]`, whatever the distance: what PSNR is made of. No gradient.
+    pub squared: Tensor<1>,
+}
+
+/// The mean over pixels and colours of the distance between `image` and `target` `[H, W, 4]`, plus `alpha` times the
+/// same of the fourth channel (the paper's equation 5, and a term for alpha). `target` is taken as a constant.
+///
+/// # Panics
+/// If the shapes differ or have not four channels.
+pub fn photometric_loss(image: Tensor<3>, target: Tensor<3>, kind: Distance, alpha: f32) -> Photometric {
+    let [_, _, channels] = image.dims();
+    assert_eq!(channels, 4, "photometric_loss: images are [H, W, 4]");
+    assert_eq!(image.dims(), target.dims(), "photometric_loss: both images have one shape");
+    let out = Dispatch::photometric_forward(image.into_dispatch(), target.into_dispatch(), kind, alpha);
+    Photometric { loss: Tensor::from_dispatch(out.value), squared: Tensor::from_dispatch(out.squared) }
+}
+
+fn cpu_forward<B: CpuBackend>(
+    image: &FloatTensor<B>,
+    target: &FloatTensor<B>,
+    kind: Distance,
+    alpha: f32,
+) -> PhotometricForward<B> {
+    let device = image.device();
+    let (a, b) = (B::values(image), B::values(target));
+    let mut grad = vec![0.0; a.len()];
+    let (value, squared) = photometric(&a, &b, kind, alpha, &mut grad);
+    let scalar = |v: f64| B::tensor(vec![v as f32], [1], &device);
+    PhotometricForward { value: scalar(value), squared: scalar(squared), grad: B::tensor(grad, image.shape(), &device) }
+}
+
+macro_rules! bind {
+    ($backend:ty) => {
+        impl PhotometricOps for $backend {
+            fn photometric_forward(
+                image: FloatTensor<Self>,
+                target: FloatTensor<Self>,
+                kind: Distance,
+                alpha: f32,
+            ) -> PhotometricForward<Self> {
+                cpu_forward::<Self>(&image, &target, kind, alpha)
+            }
+        }
+    };
+}
+
+#[cfg(feature = "ndarray")]
+bind!(burn_ndarray::NdArray);
+#[cfg(feature = "flex")]
+bind!(burn_flex::Flex);
+
+#[derive(Debug)]
+struct PhotometricBackward;
+
+impl<B: PhotometricOps> Backward<B, 1> for PhotometricBackward {
+    type State = FloatTensor<B>;
+
+    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
+        let upstream = grads.consume::<B>(&ops.node);
+        if let [Some(node)] = ops.parents {
+            let upstream = B::float_reshape(upstream, [1, 1, 1].into());
+            grads.register::<B>(node.id, B::float_mul(ops.state, upstream));
+        }
+    }
+}
+
+impl<B: PhotometricOps, C: CheckpointStrategy> PhotometricOps for Autodiff<B, C> {
+    fn photometric_forward(
+        image: FloatTensor<Self>,
+        target: FloatTensor<Self>,
+        kind: Distance,
+        alpha: f32,
+    ) -> PhotometricForward<Self> {
+        let (image, node) = image.into_parts();
+        let (target, _) = target.into_parts();
+        let out = B::photometric_forward(image, target, kind, alpha);
+        let plain = <Self as AutodiffBackend>::from_inner;
+        let (squared, grad) = (plain(out.squared), plain(out.grad.clone()));
+        let value = match PhotometricBackward.prepare::<C>([node]).compute_bound().stateful() {
+            OpsKind::Tracked(prep) => prep.finish(out.grad, out.value),
+            OpsKind::UnTracked(prep) => prep.finish(out.value),
+        };
+        PhotometricForward { value, squared, grad }
+    }
+}
