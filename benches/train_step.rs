@@ -114,7 +114,7 @@ fn splat_stages(scene: &Scene, repeats: usize, out: &mut Vec<Stage>) -> (Vec<f32
 /// The slice functions under the two ops; like the ops, they skip the rows that are not `seen` on the way back.
 /// Gives the lengths of the parameter buffers back.
 fn field_and_decoder(
-    points: &[f32],
+    places: &[f32],
     seen: &[bool],
     config: &ModelConfig,
     repeats: usize,
@@ -127,7 +127,7 @@ fn field_and_decoder(
     let [planes, lines, times] = lengths.map(|len| r.take(len, |r| 0.1 + 0.4 * r.uniform()));
     let params = FieldParams { planes: &planes, lines: &lines, times: &times };
     let mut features = vec![0.0; n * shape.features_len()];
-    let forward = || field::forward(&shape, params, points, TIME, &mut features);
+    let forward = || field::forward(&shape, params, places, TIME, &mut features);
     out.push(("field forward", measure(repeats, forward).0));
     let grad_features = r.take(features.len(), Numbers::normal);
     let [mut g_planes, mut g_lines, mut g_times] = lengths.map(|len| vec![0.0; len]);
@@ -135,7 +135,7 @@ fn field_and_decoder(
     let backward = || {
         let (planes, lines, times, points) = (&mut g_planes[..], &mut g_lines[..], &mut g_times[..], &mut g_points[..]);
         let grads = FieldGrads { planes, lines, times, points };
-        field::backward(&shape, params, points, TIME, &grad_features, Some(seen), grads);
+        field::backward(&shape, params, places, TIME, &grad_features, Some(seen), grads);
     };
     out.push(("field backward", measure(repeats, backward).0));
 

@@ -127,6 +127,23 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
     assert_eq!(metrics(&parts), metrics(&whole));
 }
 
+#[test]
+fn so_does_one_with_every_saving() {
+    let root = dataset();
+    let savings = ["speed.coarse_steps=40", "speed.sort_every=25", "speed.cull_visits=4", "densify.mode=off"];
+    // opacities fall fast, so that some sleep
+    let more: Vec<&str> = savings.into_iter().chain(["optim.opacity=0.5", "init.opacity=0.004"]).collect();
+    train(root.path(), "whole", &more).assert().success();
+    train(root.path(), "parts", &more).args(["--stop-after", "33"]).assert().success();
+    train(root.path(), "parts", &more).args(["--resume", "--stop-after", "69"]).assert().success();
+    let parts = root.path().join("parts");
+    let (tensors, _) = read_tensors(&parts.join("checkpoints/step-000069/optimizer.safetensors")).unwrap();
+    let asleep = tensors.iter().filter(|(name, _)| name.starts_with("asleep."));
+    assert!(asleep.flat_map(|(_, t)| &t.values[1..]).any(|v| *v > 0.0), "nobody sleeps: nothing is tested");
+    train(root.path(), "parts", &more).arg("--resume").assert().success();
+    assert!(newest_bytes(&parts) == newest_bytes(&root.path().join("whole")), "a resumed run ends elsewhere");
+}
+
 fn spawn(root: &Path, name: &str, more: &[&str]) -> Child {
     let mut command = Command::new(BINARY);
     command.args(train_arguments(root, name, more)).arg("--resume");

@@ -301,6 +301,9 @@ pub struct SpeedConfig {
     pub coarse_factor: u32,
     /// Steps between sortings of the Gaussians along a space-filling curve, also at the start; 0 for never.
     pub sort_every: usize,
+    /// A Gaussian found transparent at a training time is passed over in the next visits of that time; one of so many
+    /// looks at all. 0 or 1 for always.
+    pub cull_visits: usize,
 }
 
 /// `output.*`
@@ -392,7 +395,7 @@ impl Default for Config {
                 prune_every: 500,
                 opacity_reset: 0,
             },
-            speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000 },
+            speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000, cull_visits: 0 },
             output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
         }
     }

@@ -7,6 +7,9 @@ use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 
+/// Added to the opacity logit of a Gaussian that is left out.
+const TRANSPARENT: f32 = -1e4;
+
 /// Encoder and decoder (the paper's F = D o H).
 #[derive(Module, Debug)]
 pub struct DeformationField {
@@ -65,13 +68,20 @@ impl DeformationField {
         Self { encoder, decoder, placing }
     }
 
-    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes.
-    pub fn deform(&self, gaussians: &Gaussians, time: f32) -> Deformed {
+    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes. Those that are `asleep` `[N]`, if
+    /// that is given, are not looked up: they come out transparent.
+    pub fn deform(&self, gaussians: &Gaussians, time: f32, asleep: Option<&[bool]>) -> Deformed {
         let means = gaussians.means.val();
         let device = means.device();
         let row = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
         let inverse = self.placing.half_size.map(|h| 1.0 / h);
-        let points = (means.clone() - row(self.placing.centre)) * row(inverse);
+        let mut points = (means.clone() - row(self.placing.centre)) * row(inverse);
+        let marks = |value: f32| asleep.map(|a| a.iter().map(|&a| if a { value } else { 0.0 }).collect::<Vec<f32>>());
+        if let Some(marks) = marks(f32::NAN) {
+            // the field and the decoder pass over points that are none
+            let n = marks.len();
+            points = points + Tensor::from_data(TensorData::new(marks, [n, 1]), &device);
+        }
         let u = match self.placing.time_range {
             TimeRange::Full => time,
             TimeRange::Half => 0.5 + 0.5 * time,
@@ -83,7 +93,10 @@ impl DeformationField {
         let change = self.decoder.forward(features);
         let [n, _] = change.dims();
         let columns = |from: usize, to: usize| change.clone().slice([0..n, from..to]);
-        let opacity_logits = gaussians.opacity_logits.val();
+        let mut opacity_logits = gaussians.opacity_logits.val();
+        if let Some(marks) = marks(TRANSPARENT) {
+            opacity_logits = opacity_logits + Tensor::from_data(TensorData::new(marks, [n]), &device);
+        }
         Deformed {
             means: means + columns(0, 3),
             rotations: gaussians.rotations.val() + columns(3, 7),

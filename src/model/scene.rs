@@ -90,7 +90,15 @@ impl Scene {
 
     /// The Gaussians at `time` in [0, 1].
     pub fn at(&self, time: f32) -> Deformed {
-        if self.spec.deformed { self.field.deform(&self.gaussians, time) } else { Deformed::canonical(&self.gaussians) }
+        self.at_without(time, None)
+    }
+
+    /// The Gaussians at `time`, those that are `asleep` `[N]` left out: they come out transparent.
+    pub fn at_without(&self, time: f32, asleep: Option<&[bool]>) -> Deformed {
+        if !self.spec.deformed {
+            return Deformed::canonical(&self.gaussians);
+        }
+        self.field.deform(&self.gaussians, time, asleep)
     }
 
     /// Draws Gaussians that are already at their time.

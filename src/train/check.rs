@@ -1,7 +1,7 @@
 //! What a configuration must hold before training may start, beyond its types.
 
 use super::TrainError;
-use crate::config::types::Config;
+use crate::config::types::{Config, EncoderKind};
 
 /// What lies behind the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,6 +69,12 @@ pub(super) fn check(config: &Config) -> Result<(), TrainError> {
     }
     if config.speed.coarse_factor == 0 {
         return bad("speed.coarse_factor = 0: at least 1".into());
+    }
+    if config.speed.cull_visits > 1 && config.model.encoder != EncoderKind::Factorised {
+        return bad(format!(
+            "speed.cull_visits = {}: only with model.encoder = \"factorised\"",
+            config.speed.cull_visits
+        ));
     }
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());

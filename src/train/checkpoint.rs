@@ -86,6 +86,7 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
     let dir = AtomicDir::create(&path).map_err(|e| file_error(&e))?;
     trainer.scene().save(&dir.dir().join("scene.safetensors"))?;
     let mut tensors = trainer.optimizer.to_tensors();
+    tensors.extend(trainer.sleep.to_tensors());
     let s = &trainer.statistics;
     for (name, values) in [("gradient", &s.gradient), ("views", &s.views), ("opacity", &s.opacity)] {
         let tensor = HostTensor { shape: vec![values.len()], values: values.clone() };
@@ -137,6 +138,7 @@ pub fn restore(path: &Path, trainer: &mut Trainer, config: &str, dataset: &str) 
     trainer.statistics =
         Statistics { gradient: statistic("gradient")?, views: statistic("views")?, opacity: statistic("opacity")? };
     trainer.optimizer.load(&tensors, &device.inner());
+    trainer.sleep.load(&tensors, n);
     trainer.scene = Some(scene);
     trainer.step = state.step;
     trainer.initial = state.initial;

@@ -11,6 +11,7 @@ pub mod losses;
 pub mod optimizer;
 pub mod run;
 pub mod schedule;
+pub mod sleep;
 pub mod spatial;
 #[cfg(test)]
 mod tests;

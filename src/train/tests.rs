@@ -161,3 +161,26 @@ fn the_first_steps_may_see_reduced_images() {
     let refused = Trainer::new(config, &data, &device).unwrap_err().to_string();
     assert!(refused.contains('5') && refused.contains("16x16"), "{refused}");
 }
+
+#[test]
+fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
+    let run = |cull_visits: usize| {
+        let mut config = config();
+        config.speed.cull_visits = cull_visits;
+        (config.speed.sort_every, config.optim.opacity) = (0, 0.0);
+        let (data, mut trainer) = trainer(&config);
+        // two thirds start transparent, and stay so but for the field
+        let mut host = trainer.scene().gaussians.to_host();
+        (0..200).filter(|i| i % 3 > 0).for_each(|i| host.opacity_logits[i] = -9.0);
+        trainer.replace_gaussians(host);
+        let losses = (0..24).map(|_| trainer.step(&data.train).unwrap().loss).collect::<Vec<_>>();
+        (losses, trainer.sleep.to_tensors())
+    };
+    let ((plain, none), (culled, asleep)) = (run(0), run(4));
+    assert!(none.is_empty() && !asleep.is_empty());
+    let counted = asleep.values().map(|t| t.values[1..].iter().map(|v| (*v as u32).count_ones()).sum::<u32>());
+    assert!(counted.clone().all(|n| (100..=140).contains(&n)), "{:?}", counted.collect::<Vec<_>>());
+    for (a, b) in plain.iter().zip(&culled) {
+        assert!((a - b).abs() < 1e-3 * a.abs(), "{plain:?} {culled:?}");
+    }
+}

@@ -4,6 +4,7 @@ use super::check::{Background, check, evaluation_background, parse_background};
 use super::densify::{self, Statistics};
 use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
+use super::sleep::Sleep;
 use super::spatial;
 use super::{init, losses};
 use crate::config::types::{Config, WarmupTimes};
@@ -96,6 +97,7 @@ pub struct Trainer {
     pub(super) scene: Option<Scene>,
     pub(super) optimizer: Optimizer,
     pub(super) statistics: Statistics,
+    pub(super) sleep: Sleep,
     pub(super) step: usize,
     /// Gaussians at the start: the foot of the line towards the budget.
     pub(super) initial: usize,
@@ -139,6 +141,7 @@ impl Trainer {
             device: scene.gaussians.means.val().device(),
             optimizer: Optimizer::new(constants),
             statistics: Statistics::new(initial),
+            sleep: Sleep::new(config.speed.cull_visits),
             step: 0,
             initial,
             extent: dataset.scene_extent(),
@@ -228,7 +231,8 @@ impl Trainer {
         lap(&mut times.data);
 
         let n = self.scene().gaussians.count();
-        let at = self.scene().at(frame.time as f32);
+        let asleep = if stage.is_joint() { self.sleep.visit(frame.time) } else { None };
+        let at = self.scene().at_without(frame.time as f32, asleep.as_deref());
         let logits = at.opacity_logits.clone();
         lap(&mut times.deform);
         let offsets = Tensor::<2>::zeros([n, 2], &self.device).require_grad();
@@ -260,7 +264,11 @@ impl Trainer {
         let screen = offsets.grad_remove(&mut gradients).map(to_vec).unwrap_or_default();
         let radii: Vec<i32> = drawn.radii.into_data().convert::<i32>().try_into_vec().unwrap_or_default();
         self.statistics.add_view(&screen, &radii, split.images.width as usize, split.images.height as usize);
-        self.statistics.add_opacity(&to_vec(logits.inner()));
+        let logits = to_vec(logits.inner());
+        self.statistics.add_opacity(&logits);
+        if stage.is_joint() && asleep.is_none() {
+            self.sleep.note(frame.time, &logits);
+        }
         lap(&mut times.densify);
 
         let (config, extent) = (&self.config, self.extent);
@@ -331,7 +339,8 @@ impl Trainer {
         }
     }
 
-    fn replace_gaussians(&mut self, new: HostGaussians) {
+    pub(super) fn replace_gaussians(&mut self, new: HostGaussians) {
+        self.sleep.wake();
         let device = self.device.clone();
         self.scene_mut().gaussians = Gaussians::from_host(new, &device);
     }

@@ -55,7 +55,7 @@ pub struct DecoderGrads<'a> {
 }
 
 /// Decodes `x` `[N, F]` into `out` `[N, C]`. With `h = relu(x W0 + b0)`, head `k` gives its columns of
-/// `relu(h W1_k + b1_k) W2 + b2`.
+/// `relu(h W1_k + b1_k) W2 + b2`. Rows of zeros share one result, so that many of them cost next to nothing.
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
@@ -147,20 +147,44 @@ impl WithSimd for ForwardRows<'_> {
         let (f, c) = (shape.inputs, shape.outputs());
         let mut hidden = Aligned::new(BLOCK * width);
         let mut units = Aligned::new(BLOCK * width);
-        let mut partial = Vec::new();
-        let blocks = self.x.chunks(BLOCK * f);
-        for (mut x, out) in blocks.zip(self.out.chunks_mut(BLOCK * c)) {
-            let rows = x.len() / f;
-            if rows < BLOCK {
-                partial.resize(BLOCK * f, 0.0);
-                partial[..x.len()].copy_from_slice(x);
-                x = &partial;
+        // rows with anything in them, and the first that is all zeros for the others like it
+        let mut zeros = Vec::new();
+        let mut used = Vec::with_capacity(self.out.len() / c);
+        for (i, row) in self.x.chunks_exact(f).enumerate() {
+            let zero = row.iter().all(|&v| v == 0.0);
+            if zero {
+                zeros.push(i);
             }
+            if !zero || zeros.len() == 1 {
+                used.push(i);
+            }
+        }
+        let mut gathered = vec![0.0; BLOCK * f];
+        let mut decoded = vec![0.0; BLOCK * c];
+        for block in used.chunks(BLOCK) {
+            let (first, rows) = (block[0], block.len());
+            let together = rows == BLOCK && block[rows - 1] == first + rows - 1;
+            let x = if together {
+                &self.x[first * f..][..BLOCK * f]
+            } else {
+                for (to, &i) in gathered.chunks_exact_mut(f).zip(block) {
+                    to.copy_from_slice(&self.x[i * f..][..f]);
+                }
+                &gathered[..]
+            };
             trunk(simd, packed, rows, x, &mut hidden);
             for (k, (first, size)) in shape.head_columns().enumerate() {
                 head(simd, packed, k, rows, &hidden, &mut units);
                 let weights = &packed.outputs[first * width..][..size * width];
-                dots(simd, (&units, width), weights, packed.output_bias, first, out);
+                dots(simd, (&units, width), weights, packed.output_bias, first, &mut decoded[..rows * c]);
+            }
+            for (row, &i) in decoded.chunks_exact(c).zip(block) {
+                self.out[i * c..][..c].copy_from_slice(row);
+            }
+        }
+        if let Some((&first, others)) = zeros.split_first() {
+            for &i in others {
+                self.out.copy_within(first * c..(first + 1) * c, i * c);
             }
         }
     }

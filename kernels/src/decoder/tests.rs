@@ -204,6 +204,24 @@ fn an_output_row_does_not_depend_on_its_place_or_neighbours() {
 }
 
 #[test]
+fn rows_of_zeros_share_one_result_wherever_they_lie() {
+    for keep in [1, 2, 7, 600] {
+        let mut case = Case::new(shape(20, 48, &[3, 4]), 600, 10);
+        let plain = case.forward();
+        for (row, x) in case.parts[6].chunks_exact_mut(20).enumerate() {
+            if row % keep != 0 {
+                x.fill(if row % 2 == 0 { 0.0 } else { -0.0 });
+            }
+        }
+        let mut zero = [f32::NAN; 7];
+        cpu::forward(&case.shape, case.params(), &[0.0; 20], &mut zero);
+        for (row, (before, after)) in plain.chunks_exact(7).zip(case.forward().chunks_exact(7)).enumerate() {
+            assert_eq!(after, if row % keep == 0 { before } else { &zero }, "row {row}, one of {keep} kept");
+        }
+    }
+}
+
+#[test]
 fn a_poisoned_row_stays_alone_in_the_forward_pass() {
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3.0e38] {
         let mut case = Case::new(shape(20, 48, &[3, 4, 3, 1]), 101, 11);

@@ -43,7 +43,8 @@ struct Backward<'a> {
 impl Backward<'_> {
     #[inline(always)]
     fn is_active(&self, point: usize) -> bool {
-        self.active.is_none_or(|active| active[point])
+        let nowhere = self.points[3 * point..3 * point + 3].iter().any(|v| v.is_nan());
+        !nowhere && self.active.is_none_or(|active| active[point])
     }
 
     #[inline(always)]

@@ -4,7 +4,7 @@
 //! vector width and fused multiply-add differ. No tensor library and no parameter storage here.
 //!
 //! A coordinate outside the box is clamped to the border and gets gradient 0; so does one exactly on it.
-//! A NaN coordinate is clamped to the lower border, so features stay finite and its gradient is 0.
+//! A point with a NaN coordinate has features of 0 and gradients of 0, and costs next to nothing.
 
 use super::sample::{Field, Lanes, Tap};
 use super::shape::FieldShape;
@@ -115,6 +115,10 @@ impl ForwardChunk<'_> {
         let (field, r) = (self.field, self.field.channels);
         let rows = self.features.chunks_exact_mut(r * field.levels.len());
         for (row, point) in rows.zip(self.points.chunks_exact(3)) {
+            if point.iter().any(|v| v.is_nan()) {
+                row.fill(0.0);
+                continue;
+            }
             let levels = field.levels.iter().zip(field.time.chunks_exact(r));
             for ((level, time), out) in levels.zip(row.chunks_exact_mut(r)) {
                 let taps = &Tap::point(point, level.n);

@@ -83,6 +83,11 @@ fn sample(shape: &FieldShape, level: usize, point: &[f64]) -> Sample {
     Sample { planes, lines }
 }
 
+/// A point with a NaN coordinate has features of 0 and passes no gradient on.
+fn nowhere(point: &[f64]) -> bool {
+    point.iter().any(|v| v.is_nan())
+}
+
 fn value(nodes: &Nodes, data: &[f64], r: usize) -> f64 {
     nodes.iter().map(|&(at, w, _)| w * data[at + r]).sum()
 }
@@ -93,6 +98,10 @@ pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64
     let knots = taps(time, 1.0, shape.time_knots);
     let mut features = Vec::new();
     for point in points.chunks_exact(3) {
+        if nowhere(point) {
+            features.resize(features.len() + shape.features_len(), 0.0);
+            continue;
+        }
         for (level, span) in shape.time_spans().iter().enumerate() {
             let nodes = sample(shape, level, point);
             for r in 0..shape.channels {
@@ -122,7 +131,7 @@ pub fn backward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f6
     };
     let knots = taps(time, 1.0, shape.time_knots);
     let spans = shape.time_spans();
-    for (i, point) in points.chunks_exact(3).enumerate() {
+    for (i, point) in points.chunks_exact(3).enumerate().filter(|(_, point)| !nowhere(point)) {
         for level in 0..shape.levels.len() {
             let nodes = sample(shape, level, point);
             for r in 0..shape.channels {

@@ -208,10 +208,29 @@ fn poisoned_points_stay_finite_and_get_no_gradient() {
     let out = case.backward(None);
     assert!(out.points.iter().all(|&v| v == 0.0));
     assert!(out.planes.iter().chain(&out.lines).chain(&out.times).all(|v| v.is_finite()));
-    // NaN reads the lower corner, infinity the border of its side.
-    assert_eq!(features[..8], features[16..24]);
-    assert_eq!(features[..8], features[32..40]);
+    // NaN reads nothing, infinity the border of its side.
+    assert_eq!(features[..8], [0.0; 8]);
+    assert_eq!(features[16..24], features[32..40]);
     assert_eq!(features[8..16], features[24..32]);
+}
+
+#[test]
+fn a_point_that_is_nowhere_counts_as_inactive() {
+    let mut case = Case::new(shape(&[[9, 20, 33]], 3, 16), 400, 7);
+    let active: Vec<bool> = (0..400).map(|i| i % 3 != 0).collect();
+    let (plain, masked) = (case.forward(), case.backward(Some(&active)));
+    for i in (0..400).step_by(3) {
+        case.points[3 * i + i % 2] = f32::NAN;
+    }
+    assert_eq!(masked, case.backward(None));
+    for (i, (before, after)) in plain.chunks_exact(16).zip(case.forward().chunks_exact(16)).enumerate() {
+        assert_eq!(after, if i % 3 == 0 { &[0.0; 16] } else { before }, "point {i}");
+    }
+    let wide = |v: &[f32]| v.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
+    let (planes, lines, times) = (wide(&case.planes), wide(&case.lines), wide(&case.times));
+    let params = reference::Params { planes: &planes, lines: &lines, times: &times };
+    let exact = reference::backward(&case.shape, params, &wide(&case.points), f64::from(case.time), &wide(&case.grad));
+    assert!(masked.planes.iter().zip(&exact.planes).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-3 * (1.0 + b.abs())));
 }
 
 #[test]
