@@ -131,8 +131,9 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
 fn so_does_one_with_every_saving() {
     let root = dataset();
     let savings = ["speed.coarse_steps=40", "speed.sort_every=25", "speed.cull_visits=4", "densify.mode=off"];
-    // opacities fall fast, so that some sleep
-    let more: Vec<&str> = savings.into_iter().chain(["optim.opacity=0.5", "init.opacity=0.004"]).collect();
+    // many start where there is nothing, and fade fast
+    let fading = ["init.placement=box", "init.opacity=0.01", "optim.opacity=0.5", "densify.prune_opacity=0"];
+    let more: Vec<&str> = savings.into_iter().chain(fading).collect();
     train(root.path(), "whole", &more).assert().success();
     train(root.path(), "parts", &more).args(["--stop-after", "33"]).assert().success();
     train(root.path(), "parts", &more).args(["--resume", "--stop-after", "69"]).assert().success();
