@@ -129,6 +129,12 @@ pub enum Purpose {
     Background = 5,
     /// Positions of split Gaussians.
     Split = 6,
+    /// First centres of clusters.
+    Clusters = 7,
+    /// Weights of the affinity field.
+    AffinityInit = 8,
+    /// Views, scales and pixels of the affinity field's training.
+    AffinitySteps = 9,
 }
 
 #[cfg(test)]

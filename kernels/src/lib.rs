@@ -11,6 +11,7 @@ mod backend;
 mod camera;
 
 pub mod adam;
+pub mod contrast;
 pub mod contributors;
 pub mod decoder;
 pub mod field;

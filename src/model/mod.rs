@@ -2,6 +2,7 @@
 //!
 //! Knows the kernels and the configuration's types; nothing of images, losses or files of datasets.
 
+pub mod at;
 pub mod decoder;
 pub mod deformation;
 pub mod encoder;
@@ -9,6 +10,7 @@ pub mod gaussians;
 pub mod params;
 pub mod scene;
 
+pub use at::GaussiansAt;
 pub use deformation::{DeformationField, Deformed};
 pub use gaussians::Gaussians;
 pub use scene::{Scene, SceneError, SceneSpec};

@@ -120,6 +120,15 @@ impl Scene {
         params::to_vec(self.draw(self.at(time), camera, self.spec.background, None).image)
     }
 
+    /// 16 hexadecimal digits that tell this state of the scene from others: a 64-bit FNV-1a hash of the canonical means,
+    /// in their order.
+    pub fn fingerprint(&self) -> String {
+        let means = params::to_vec(self.gaussians.means.val());
+        let bytes = means.iter().flat_map(|v| v.to_le_bytes());
+        let hash = bytes.fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+        format!("{hash:016x}")
+    }
+
     /// Writes the scene as one safetensors file, its spec in the header.
     ///
     /// # Errors

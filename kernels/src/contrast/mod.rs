@@ -1,0 +1,61 @@
+//! The contrastive loss over unit features (the paper's equations 10 and 11), with its gradient: pairs of pixels of one
+//! mask attract, all others repel. Fast loops in `cpu`, oracle in [`mod@reference`].
+//!
+//! Without a margin the sum over all pairs needs no pairs: with unit features `u`, their sums `S_m` over each mask and
+//! `S` over all, it is `sum_m (n_m^2 - |S_m|^2) + |S|^2 - sum_m |S_m|^2`.
+
+mod cpu;
+pub mod reference;
+#[cfg(test)]
+mod tests;
+
+/// Length of a feature.
+pub const FEATURES: usize = 16;
+
+/// Loss and its gradient by the features, `[P, 16]`, both as a mean over all P^2 pairs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contrast {
+    /// The mean.
+    pub loss: f64,
+    /// Its gradient by the features as they were given.
+    pub gradient: Vec<f32>,
+}
+
+/// How pixels of different masks repel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Repulsion {
+    /// By the cosine, the paper's.
+    Cosine,
+    /// By what the cosine exceeds this margin, as the reference code (0.5 there).
+    Margin(f32),
+}
+
+/// The loss of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`. Features of length 0 count as 0 and get no
+/// gradient; NaN stays NaN, for the caller to see.
+///
+/// # Panics
+/// If the lengths disagree.
+#[must_use]
+pub fn contrast(features: &[f32], masks: &[u32], repulsion: Repulsion) -> Contrast {
+    assert_eq!(features.len(), masks.len() * FEATURES, "features: [P, {FEATURES}]");
+    let norms: Vec<f32> =
+        features.chunks_exact(FEATURES).map(|f| f.iter().map(|v| v * v).sum::<f32>().sqrt()).collect();
+    let units: Vec<f32> = features
+        .chunks_exact(FEATURES)
+        .zip(&norms)
+        .flat_map(|(f, n)| f.iter().map(move |v| if *n <= 1e-12 { 0.0 } else { v / n }))
+        .collect();
+    let (loss, by_unit) = match repulsion {
+        Repulsion::Cosine => cpu::by_sums(&units, masks),
+        Repulsion::Margin(margin) => cpu::by_pairs(&units, masks, margin),
+    };
+    // through the normalisation: what lies along the feature does not count
+    let rows = by_unit.chunks_exact(FEATURES).zip(units.chunks_exact(FEATURES)).zip(&norms);
+    let gradient = rows
+        .flat_map(|((g, u), &norm)| {
+            let along: f32 = g.iter().zip(u).map(|(g, u)| g * u).sum();
+            (0..FEATURES).map(move |k| if norm <= 1e-12 { 0.0 } else { (g[k] - along * u[k]) / norm })
+        })
+        .collect();
+    Contrast { loss, gradient }
+}

@@ -1,0 +1,24 @@
+//! The loss as plain f64 loops over all pairs: the oracle of the fast loops.
+
+use super::{FEATURES, Repulsion};
+
+/// The mean over all pairs of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`.
+#[must_use]
+pub fn contrast(features: &[f64], masks: &[u32], repulsion: Repulsion) -> f64 {
+    let row = |i: usize| &features[i * FEATURES..][..FEATURES];
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let n = masks.len();
+    let mut sum = 0.0;
+    for i in 0..n {
+        for j in 0..n {
+            let (a, b) = (row(i), row(j));
+            let cosine = dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
+            sum += match repulsion {
+                _ if masks[i] == masks[j] => 1.0 - cosine,
+                Repulsion::Cosine => cosine,
+                Repulsion::Margin(m) => (cosine - f64::from(m)).max(0.0),
+            };
+        }
+    }
+    sum / (n * n) as f64
+}

@@ -1,0 +1,15 @@
+//! Clouds of points: clustering, neighbours, outliers, connected components. Deterministic whatever the threads. Nothing
+//! here reads files, renders images, or knows what the points stand for.
+
+pub(crate) mod chunks;
+pub mod components;
+pub mod error;
+pub mod hdbscan;
+pub mod kmeans;
+pub mod neighbours;
+pub mod outliers;
+pub mod sampling;
+pub mod suggest;
+pub(crate) mod union_find;
+
+pub use error::PointsError;

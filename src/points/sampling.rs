@@ -1,0 +1,59 @@
+//! Seeded choice of a subset without replacement. The random numbers come from the caller.
+
+/// `wanted` different numbers out of `0..count`, ascending (all of them where `wanted >= count`).
+///
+/// `uniform` gives numbers in `[0, 1)`; the same sequence gives the same subset.
+pub fn sample_indices(count: usize, wanted: usize, uniform: &mut impl FnMut() -> f32) -> Vec<u32> {
+    let mut pool: Vec<u32> = (0..count as u32).collect();
+    if wanted >= count {
+        return pool;
+    }
+    for slot in 0..wanted {
+        let left = count - slot;
+        let step = ((fine_uniform(uniform) * left as f64) as usize).min(left - 1);
+        pool.swap(slot, slot + step);
+    }
+    pool.truncate(wanted);
+    pool.sort_unstable();
+    pool
+}
+
+/// A uniform number in `[0, 1)` of 48 bits, from two of 24: one `f32` is too coarse to address 150,000 points fairly.
+pub(crate) fn fine_uniform(uniform: &mut impl FnMut() -> f32) -> f64 {
+    let high = f64::from(uniform()).clamp(0.0, 1.0);
+    let low = f64::from(uniform()).clamp(0.0, 1.0);
+    (high + low / 16_777_216.0).min(1.0 - f64::EPSILON)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A small generator for tests: splitmix64 cut to 24 bits.
+    pub(crate) fn generator(seed: u64) -> impl FnMut() -> f32 {
+        let mut state = seed;
+        move || {
+            state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+            let mut z = state;
+            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            ((z ^ (z >> 31)) >> 40) as f32 / 16_777_216.0
+        }
+    }
+
+    #[test]
+    fn a_sample_has_different_ascending_members() {
+        let picked = sample_indices(1000, 100, &mut generator(3));
+        assert_eq!(picked.len(), 100);
+        assert!(picked.windows(2).all(|w| w[0] < w[1]) && picked[99] < 1000);
+        assert_eq!(picked, sample_indices(1000, 100, &mut generator(3)));
+        assert_ne!(picked, sample_indices(1000, 100, &mut generator(4)));
+    }
+
+    #[test]
+    fn asking_for_more_than_there_is_gives_all() {
+        assert_eq!(sample_indices(3, 10, &mut generator(1)), vec![0, 1, 2]);
+        assert!(sample_indices(0, 10, &mut generator(1)).is_empty());
+        assert_eq!(sample_indices(5, 4, &mut || 1.0).len(), 4);
+    }
+}

@@ -1,0 +1,175 @@
+//! Coarse segmentation (the paper's section on colours): Gaussians by their view-independent colour, without those
+//! that have no neighbours.
+
+use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
+use super::palette::{PaletteEntry, name_colours};
+use crate::model::GaussiansAt;
+use crate::points::PointsError;
+use crate::points::kmeans::{KMeansConfig, kmeans};
+use crate::points::outliers::{OutlierConfig, keep_mask};
+use crate::points::suggest::suggest_clusters;
+use crate::rng::{Purpose, Rng};
+
+/// Directions over which a colour is averaged.
+const DIRECTIONS: usize = 128;
+
+/// The space in which colours are near or far.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ColourSpace {
+    /// As displayed, the paper's.
+    Rgb,
+    /// CIE Lab: distances as people see them.
+    Lab,
+}
+
+/// How to group.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoarseOptions {
+    /// Number of colours; suggested from the data if not given.
+    pub clusters: Option<usize>,
+    /// Space of the colours.
+    pub space: ColourSpace,
+    /// Gaussians less opaque than this at the chosen time belong to no segment.
+    pub min_opacity: f32,
+    /// How Gaussians without neighbours are found; `None` keeps them.
+    pub outliers: Option<OutlierConfig>,
+    /// Seed of the clustering.
+    pub seed: u64,
+}
+
+impl Default for CoarseOptions {
+    fn default() -> Self {
+        Self {
+            clusters: None,
+            space: ColourSpace::Rgb,
+            min_opacity: 0.02,
+            outliers: Some(OutlierConfig::default()),
+            seed: 0,
+        }
+    }
+}
+
+/// Gaussians by colour.
+#[derive(Clone, Debug)]
+pub struct Coarse {
+    /// The colours, the one with most opacity first.
+    pub palette: Vec<PaletteEntry>,
+    /// `[N]`: position in the palette + 1; 0 for transparent Gaussians and outliers.
+    pub labels: Vec<u32>,
+    /// Gaussians removed as outliers.
+    pub outliers: usize,
+    /// View-independent colours `[N, 3]`, the paper's equation of the mean over directions.
+    pub colours: Vec<f32>,
+}
+
+/// Groups Gaussians at a time by colour, each weighted by its opacity.
+///
+/// # Errors
+/// If an option is out of range.
+pub fn coarse(gaussians: &GaussiansAt, options: &CoarseOptions) -> Result<Coarse, PointsError> {
+    let colours = mean_colour(&gaussians.sh, gaussians.sh_stride, &fibonacci_sphere(DIRECTIONS))?;
+    let opacity = gaussians.opacity();
+    let shown: Vec<u32> = (0..gaussians.len() as u32)
+        .filter(|&i| {
+            let (i, finite) = (i as usize, |v: &[f32]| v.iter().all(|v| v.is_finite()));
+            opacity[i] >= options.min_opacity
+                && finite(&gaussians.means[3 * i..][..3])
+                && finite(&colours[3 * i..][..3])
+        })
+        .collect();
+    let rows = |values: &[f32]| shown.iter().flat_map(|&i| &values[3 * i as usize..][..3]).copied().collect::<Vec<_>>();
+    let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
+    let points = match options.space {
+        ColourSpace::Rgb => rows(&colours),
+        ColourSpace::Lab => rgb_to_lab_all(&rows(&colours)),
+    };
+    let mut rng = Rng::new(options.seed, 0, Purpose::Clusters as u64);
+    let mut uniform = || rng.uniform();
+    let clusters = match options.clusters {
+        Some(k) => k,
+        None => suggest_clusters(&points, 3, &weights, 2..=10, &mut uniform)?.clusters,
+    };
+    let found = kmeans(&points, 3, &weights, &KMeansConfig::new(clusters), &mut uniform)?;
+    let centroids: Vec<f32> = match options.space {
+        ColourSpace::Rgb => found.centroids.clone(),
+        ColourSpace::Lab => found.centroids.chunks_exact(3).flat_map(|c| lab_to_rgb([c[0], c[1], c[2]])).collect(),
+    };
+    let mut labels = vec![0; gaussians.len()];
+    for (&i, &label) in shown.iter().zip(&found.labels) {
+        labels[i as usize] = label;
+    }
+    let mut removed = 0;
+    if let Some(outliers) = &options.outliers {
+        // each colour for itself: a red Gaussian in a blue cloud is an outlier of red
+        for label in 1..=found.clusters() as u32 {
+            let members: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == label).collect();
+            let means: Vec<f32> = members.iter().flat_map(|&i| &gaussians.means[3 * i..][..3]).copied().collect();
+            let mask = keep_mask(&means, outliers)?;
+            for (&i, _) in members.iter().zip(&mask.keep).filter(|(_, keep)| !**keep) {
+                labels[i] = 0;
+                removed += 1;
+            }
+        }
+    }
+    Ok(Coarse { palette: name_colours(&centroids), labels, outliers: removed, colours })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A red and a blue ball, a red stray in the blue one, and a transparent haze.
+    fn two_balls() -> (GaussiansAt, Vec<u32>) {
+        let mut rng = Rng::new(3, 0, 0);
+        let (mut g, mut truth) = (GaussiansAt { sh_stride: 4, ..GaussiansAt::default() }, Vec::new());
+        let mut add = |centre: f32, colour: [f32; 3], logit: f32, label: u32| {
+            for _ in 0..3 {
+                g.means.push(centre + 0.1 * rng.normal());
+                g.log_scales.push(-3.0);
+            }
+            g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
+            g.opacity_logits.push(logit);
+            g.sh.extend(colour.map(|c| (c + 0.03 * rng.normal() - 0.5) / 0.282_094_8));
+            g.sh.extend((0..9).map(|_| 0.05 * rng.normal()));
+            truth.push(label);
+        };
+        for k in 0..900 {
+            match k % 3 {
+                0 => add(-1.0, [0.9, 0.1, 0.1], 2.0, 2),
+                1 => add(1.0, [0.1, 0.2, 0.9], 3.0, 1),
+                _ => add(0.0, [0.5, 0.9, 0.5], -6.0, 0),
+            }
+        }
+        add(1.0, [0.9, 0.1, 0.1], 2.0, 0);
+        (g, truth)
+    }
+
+    #[test]
+    fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
+        let (g, truth) = two_balls();
+        for space in [ColourSpace::Rgb, ColourSpace::Lab] {
+            let out = coarse(&g, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
+            let names: Vec<&str> = out.palette.iter().map(|p| p.name.as_str()).collect();
+            assert_eq!(names, ["blue", "red"], "{space:?}");
+            let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
+            assert!(wrong <= 9, "{wrong} wrong in {space:?}: at most the rim of the balls may go with the stray");
+            assert_eq!(out.labels.last(), Some(&0), "the stray");
+        }
+        let kept = CoarseOptions { outliers: None, clusters: Some(2), ..CoarseOptions::default() };
+        let out = coarse(&g, &kept).unwrap();
+        assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
+        assert_eq!(out.labels, coarse(&g, &kept).unwrap().labels, "the same twice");
+    }
+
+    #[test]
+    fn poison_and_nothing_are_taken() {
+        let (mut g, _) = two_balls();
+        (g.means[0], g.sh[20], g.opacity_logits[6]) = (f32::NAN, f32::INFINITY, f32::NAN);
+        let out = coarse(&g, &CoarseOptions::default()).unwrap();
+        assert_eq!((out.labels[0], out.labels[6]), (0, 0));
+        let none = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
+        let out = coarse(&none, &CoarseOptions { clusters: Some(3), ..CoarseOptions::default() });
+        assert!(out.is_err() || out.unwrap().palette.is_empty());
+        assert!(coarse(&g, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
+    }
+}

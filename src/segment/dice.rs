@@ -1,0 +1,180 @@
+//! Agreement of two label volumes (or any two lists of labels of the same things): Dice and IoU for each label, and
+//! which predicted labels stand for which true ones. 0 is no label and takes no part.
+
+mod assign;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+/// The lists cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("predicted: {predicted} labels for {truth} true ones; compare volumes on the same grid")]
+pub struct LengthError {
+    /// Number of true labels.
+    pub truth: usize,
+    /// Number of predicted labels.
+    pub predicted: usize,
+}
+
+/// How well a set of voxels covers another.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Overlap {
+    /// Voxels in the true set.
+    pub truth: u64,
+    /// Voxels in the predicted set.
+    pub predicted: u64,
+    /// Voxels in both.
+    pub both: u64,
+}
+
+impl Overlap {
+    /// `2 |A and B| / (|A| + |B|)`; 1 if both are empty.
+    #[must_use]
+    pub fn dice(&self) -> f64 {
+        ratio(2 * self.both, self.truth + self.predicted)
+    }
+
+    /// `|A and B| / |A or B|`; 1 if both are empty.
+    #[must_use]
+    pub fn iou(&self) -> f64 {
+        ratio(self.both, self.truth + self.predicted - self.both)
+    }
+}
+
+fn ratio(part: u64, whole: u64) -> f64 {
+    if whole == 0 { 1.0 } else { part as f64 / whole as f64 }
+}
+
+/// A true label and the predicted labels that stand for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Match {
+    /// The true label.
+    pub truth: u32,
+    /// The predicted labels, ascending; empty where none overlaps.
+    pub predicted: Vec<u32>,
+    /// How well they cover it together.
+    pub overlap: Overlap,
+}
+
+/// How often each pair of a true and a predicted label occurs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Confusion {
+    pairs: BTreeMap<(u32, u32), u64>,
+    truth: BTreeMap<u32, u64>,
+    predicted: BTreeMap<u32, u64>,
+}
+
+impl Confusion {
+    /// Counts the pairs of two lists of labels in the same order.
+    ///
+    /// # Errors
+    /// [`LengthError`].
+    pub fn new<T: Copy + PartialEq + Into<u32>>(truth: &[T], predicted: &[T]) -> Result<Self, LengthError> {
+        if truth.len() != predicted.len() {
+            return Err(LengthError { truth: truth.len(), predicted: predicted.len() });
+        }
+        let mut table = Self::default();
+        // Labels come in long runs along x: one look-up for each run.
+        let mut done = 0;
+        while let (Some(&t), Some(&p)) = (truth.get(done), predicted.get(done)) {
+            let rest = truth[done..].iter().zip(&predicted[done..]);
+            let run = rest.take_while(|(a, b)| **a == t && **b == p).count().max(1);
+            table.count(t.into(), p.into(), run as u64);
+            done += run;
+        }
+        Ok(table)
+    }
+
+    fn count(&mut self, truth: u32, predicted: u32, n: u64) {
+        if truth != 0 {
+            *self.truth.entry(truth).or_default() += n;
+        }
+        if predicted != 0 {
+            *self.predicted.entry(predicted).or_default() += n;
+        }
+        if truth != 0 && predicted != 0 {
+            *self.pairs.entry((truth, predicted)).or_default() += n;
+        }
+    }
+
+    /// The overlap of a true label with a predicted one.
+    #[must_use]
+    pub fn overlap(&self, truth: u32, predicted: u32) -> Overlap {
+        let get = |map: &BTreeMap<u32, u64>, label| map.get(&label).copied().unwrap_or(0);
+        Overlap {
+            truth: get(&self.truth, truth),
+            predicted: get(&self.predicted, predicted),
+            both: self.pairs.get(&(truth, predicted)).copied().unwrap_or(0),
+        }
+    }
+
+    /// The overlap of each label with itself, for volumes that use the same numbers; labels of either, ascending.
+    #[must_use]
+    pub fn same_labels(&self) -> Vec<(u32, Overlap)> {
+        let mut labels: Vec<u32> = self.truth.keys().chain(self.predicted.keys()).copied().collect();
+        labels.sort_unstable();
+        labels.dedup();
+        labels.into_iter().map(|l| (l, self.overlap(l, l))).collect()
+    }
+
+    /// For each true label the set of predicted labels with the highest Dice score, as when a user picks the pieces of
+    /// an over-segmented object. Each true label chooses for itself: a predicted label may serve two of them.
+    ///
+    /// The labels are taken by falling share of voxels inside the true one while the score rises, which is optimal.
+    #[must_use]
+    pub fn match_sets(&self) -> Vec<Match> {
+        self.truth.iter().map(|(&truth, &size)| self.best_set(truth, size)).collect()
+    }
+
+    fn best_set(&self, truth: u32, size: u64) -> Match {
+        let pairs = self.pairs.range((truth, 0)..=(truth, u32::MAX));
+        let mut pieces: Vec<(u32, Overlap)> = pairs.map(|(&(_, p), _)| (p, self.overlap(truth, p))).collect();
+        // Shares are compared as fractions, exactly; equal ones by label.
+        pieces.sort_by(|(p, a), (q, b)| {
+            let (left, right) =
+                (u128::from(a.both) * u128::from(b.predicted), u128::from(b.both) * u128::from(a.predicted));
+            right.cmp(&left).then(p.cmp(q))
+        });
+        let mut chosen = Match { truth, predicted: Vec::new(), overlap: Overlap { truth: size, ..Overlap::default() } };
+        for (label, piece) in pieces {
+            let mut larger = chosen.overlap;
+            larger.predicted += piece.predicted;
+            larger.both += piece.both;
+            if larger.dice() <= chosen.overlap.dice() {
+                break;
+            }
+            chosen.overlap = larger;
+            chosen.predicted.push(label);
+        }
+        chosen.predicted.sort_unstable();
+        chosen
+    }
+
+    /// The one-to-one matching of true and predicted labels with the highest sum of Dice scores (the Hungarian
+    /// method, `O(n^3)` in the number of labels). Labels that do not overlap are never matched.
+    #[must_use]
+    pub fn match_one_to_one(&self) -> Vec<Match> {
+        let truth: Vec<u32> = self.truth.keys().copied().collect();
+        let predicted: Vec<u32> = self.predicted.keys().copied().collect();
+        let n = truth.len().max(predicted.len());
+        let score = |i: usize, j: usize| match (truth.get(i), predicted.get(j)) {
+            (Some(&t), Some(&p)) => self.overlap(t, p).dice(),
+            _ => 0.0,
+        };
+        let column = assign::maximise(n, score);
+        let one = |(i, &t): (usize, &u32)| {
+            let partner = predicted.get(column[i]).copied().filter(|&p| self.overlap(t, p).both > 0);
+            let overlap = self.overlap(t, partner.unwrap_or(0));
+            Match { truth: t, predicted: partner.into_iter().collect(), overlap }
+        };
+        truth.iter().enumerate().map(one).collect()
+    }
+}
+
+/// The mean Dice score over true labels; `None` without any.
+#[must_use]
+pub fn mean_dice(matches: &[Match]) -> Option<f64> {
+    let sum: f64 = matches.iter().map(|m| m.overlap.dice()).sum();
+    (!matches.is_empty()).then(|| sum / matches.len() as f64)
+}

@@ -1,0 +1,64 @@
+//! Segments of a trained affinity field: clusters of features at a scale, or all that is like a clicked Gaussian.
+
+use super::network::{AffinityField, FEATURES, Frame};
+use crate::points::PointsError;
+use crate::points::hdbscan::{Assignment, DensityConfig, cluster_features};
+use crate::points::kmeans::{KMeansConfig, kmeans};
+use crate::rng::{Purpose, Rng};
+
+/// How features become clusters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clustering {
+    /// By density; the number of clusters comes from the data.
+    Density,
+    /// Into so many.
+    KMeans(usize),
+}
+
+/// Clusters the Gaussians with `means` `[M, 3]` by their features at `scale` in [0, 1]. Labels `[M]` from 1, the largest
+/// cluster first.
+///
+/// # Errors
+/// If an option is out of range.
+pub fn cluster(
+    field: &AffinityField,
+    frame: &Frame,
+    means: &[f32],
+    scale: f32,
+    clustering: Clustering,
+    seed: u64,
+) -> Result<Vec<u32>, PointsError> {
+    let features = field.features(&frame.encode(means), scale);
+    let mut rng = Rng::new(seed, 1, Purpose::Clusters as u64);
+    let mut uniform = || rng.uniform();
+    match clustering {
+        Clustering::Density => {
+            let config = DensityConfig { assignment: Assignment::Centre, ..DensityConfig::default() };
+            Ok(cluster_features(&features, FEATURES, &config, &mut uniform)?.labels)
+        }
+        Clustering::KMeans(k) => {
+            let weights = vec![1.0; features.len() / FEATURES];
+            Ok(kmeans(&features, FEATURES, &weights, &KMeansConfig::new(k), &mut uniform)?.labels)
+        }
+    }
+}
+
+/// Which of the Gaussians with `means` `[M, 3]` have a feature whose cosine with that of number `clicked` is at least
+/// `threshold`, at `scale` in [0, 1].
+///
+/// # Panics
+/// If `clicked` is not below M.
+#[must_use]
+pub fn similar(
+    field: &AffinityField,
+    frame: &Frame,
+    means: &[f32],
+    clicked: usize,
+    scale: f32,
+    threshold: f32,
+) -> Vec<bool> {
+    let features = field.features(&frame.encode(means), scale);
+    let of = &features[clicked * FEATURES..][..FEATURES];
+    let cosine = |row: &[f32]| row.iter().zip(of).map(|(a, b)| a * b).sum::<f32>();
+    features.chunks_exact(FEATURES).map(|row| cosine(row) >= threshold).collect()
+}

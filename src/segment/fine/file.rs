@@ -1,0 +1,51 @@
+//! A trained affinity field in a run folder, with what is needed to ask it.
+
+use super::network::{AffinityField, Frame};
+use crate::model::params;
+use crate::model::scene::{SceneError, read_tensors, write_tensors};
+use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Name of the file within a run folder.
+pub const FILE: &str = "segments/affinity.safetensors";
+/// The header's entry.
+const ENTRY: &str = "volseggs.affinity";
+
+/// What cannot be read off the tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AffinitySpec {
+    /// The box of its positions.
+    pub frame: Frame,
+    /// Time of the Gaussians that it was trained on, in [0, 1].
+    pub time: f64,
+    /// Fingerprint of the scene.
+    pub scene: String,
+    /// Spreads of the masks, world units, ascending: scale s is the one at `s * (len - 1)`.
+    pub spreads: Vec<f32>,
+}
+
+/// Writes a field, atomically.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn save(path: &Path, field: &AffinityField, spec: &AffinitySpec) -> Result<(), SceneError> {
+    let text =
+        serde_json::to_string(spec).map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+    write_tensors(path, &params::collect(field), &[(ENTRY, text)])
+}
+
+/// Reads what [`save`] wrote.
+///
+/// # Errors
+/// If the file is missing, damaged or holds another network.
+pub fn load(path: &Path, device: &Device) -> Result<(AffinityField, AffinitySpec), SceneError> {
+    let (tensors, header) = read_tensors(path)?;
+    let format = |reason: String| SceneError::Format { path: path.into(), reason };
+    let text =
+        header.get(ENTRY).ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: no affinity field")))?;
+    let spec = serde_json::from_str(text).map_err(|e| format(format!("header: {e}")))?;
+    let field = params::load(AffinityField::new(0, device), &tensors)
+        .map_err(|source| SceneError::Fit { path: path.into(), source })?;
+    Ok((field, spec))
+}

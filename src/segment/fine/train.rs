@@ -1,0 +1,110 @@
+//! Training of the affinity field: at each step one view and one scale, sampled pixels, the contrastive loss.
+
+use super::network::{AffinityField, FEATURES};
+use super::views::FineView;
+use crate::model::params::to_vec;
+use crate::rng::{Purpose, Rng};
+use crate::train::optimizer::{AdamConstants, Optimizer};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::contrast::{Repulsion, contrast};
+use volseggs_kernels::contributors::Contributors;
+
+/// How to train.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FineOptions {
+    /// Steps; the paper's 5,000.
+    pub steps: usize,
+    /// Pixels a step; the paper has 8,192. With a margin, time grows with their square.
+    pub pixels: usize,
+    /// Learning rate of Adam; the paper's 1e-3.
+    pub rate: f64,
+    /// How pixels of different masks repel.
+    pub repulsion: Repulsion,
+    /// Seed of weights, views, scales and pixels.
+    pub seed: u64,
+}
+
+impl Default for FineOptions {
+    fn default() -> Self {
+        Self { steps: 5000, pixels: 2048, rate: 1e-3, repulsion: Repulsion::Margin(0.5), seed: 0 }
+    }
+}
+
+/// Why training stopped.
+#[derive(Debug, thiserror::Error)]
+pub enum FineError {
+    /// There is nothing to learn from.
+    #[error("no mask covers any pixel of any view: make masks first, or from other views")]
+    NoMasks,
+    /// A number is not finite.
+    #[error("step {step}: {what} is not finite; lower the learning rate")]
+    NotFinite {
+        /// The step, from 0.
+        step: usize,
+        /// The loss or a tensor.
+        what: String,
+    },
+}
+
+/// Trains a field on views whose scales are ranked; `progress` is told each step's loss and may stop it by `false`.
+///
+/// # Errors
+/// If there are no views, or a number is not finite.
+pub fn train(
+    views: &[FineView],
+    options: &FineOptions,
+    device: &Device,
+    mut progress: impl FnMut(usize, f64) -> bool,
+) -> Result<AffinityField, FineError> {
+    if views.is_empty() {
+        return Err(FineError::NoMasks);
+    }
+    let device = device.clone().autodiff();
+    let mut field = AffinityField::new(options.seed, &device);
+    let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 });
+    for step in 0..options.steps {
+        // number 0 is the choice of the views' pixels
+        let mut rng = Rng::new(options.seed, step as u64, Purpose::AffinitySteps as u64 + 1000);
+        let view = &views[rng.below(views.len())];
+        let scale = rng.uniform();
+        let (pixels, masks) = sample(view, scale, options.pixels, &mut rng);
+        let features = field.forward(&view.encoded, scale);
+        let rendered = pixels.gather(&to_vec(features.clone().inner()), FEATURES);
+        let out = contrast(&rendered, &masks, options.repulsion);
+        if !out.loss.is_finite() {
+            return Err(FineError::NotFinite { step, what: format!("the loss ({})", out.loss) });
+        }
+        let n = view.encoded.len() / super::network::ENCODED;
+        let slopes = pixels.scatter(&out.gradient, n, FEATURES);
+        // a sum with the slopes as constants has them as its gradient
+        let slopes = Tensor::<2>::from_data(TensorData::new(slopes, [n, FEATURES]), &device);
+        let mut gradients = (features * slopes).sum().backward();
+        let (stepped, bad) = optimizer.step(field, &mut gradients, |_| Some(options.rate));
+        field = stepped;
+        if let Some(bad) = bad {
+            return Err(FineError::NotFinite { step, what: bad.to_string() });
+        }
+        if !progress(step, out.loss) {
+            break;
+        }
+    }
+    Ok(field.valid())
+}
+
+/// Rows of up to `count` pixels of a view, and the mask of each at `scale`.
+fn sample(view: &FineView, scale: f32, count: usize, rng: &mut Rng) -> (Contributors, Vec<u32>) {
+    let all = view.pixels.len();
+    let chosen: Vec<usize> =
+        if all <= count { (0..all).collect() } else { (0..count).map(|_| rng.below(all)).collect() };
+    let mut rows = Contributors { offsets: vec![0], ..Contributors::default() };
+    let mut masks = Vec::with_capacity(chosen.len());
+    for p in chosen {
+        let (indices, weights) = view.pixels.row(p);
+        rows.indices.extend_from_slice(indices);
+        rows.weights.extend_from_slice(weights);
+        rows.offsets.push(rows.indices.len() as u32);
+        masks.push(view.mask(p, scale));
+    }
+    (rows, masks)
+}

@@ -1,0 +1,173 @@
+//! What the affinity field is trained on: for each view of a coarse segment alone, sampled pixels, the Gaussians that
+//! make them up, and the masks that cover them. Geometry does not move, so all of it is found once.
+
+use super::network::Frame;
+use crate::model::GaussiansAt;
+use crate::rng::{Purpose, Rng};
+use crate::segment::masks::Mask;
+use burn::tensor::Device;
+use volseggs_kernels::Camera;
+use volseggs_kernels::contributors::{Contributors, ContributorsError, contributors};
+use volseggs_kernels::splat::{SplatInputs, SplatSettings};
+
+/// Pixels kept of a view, at most.
+const PIXELS: usize = 16_384;
+/// Contributions below this part of a pixel are left out: they cost time and change nothing that is seen.
+const FAINT: f32 = 1e-3;
+
+/// A coarse segment seen from a camera.
+#[derive(Clone, Debug)]
+pub struct MaskedView {
+    /// Indices of the segment's Gaussians.
+    pub members: Vec<u32>,
+    /// The camera.
+    pub camera: Camera,
+    /// Masks of the picture of the segment alone.
+    pub masks: Vec<Mask>,
+}
+
+/// A view ready for training.
+#[derive(Clone, Debug)]
+pub struct FineView {
+    /// Encoded positions of the M Gaussians that its pixels are made of, `[M, 24]`.
+    pub(super) encoded: Vec<f32>,
+    /// A row for each kept pixel; indices count in `encoded`.
+    pub(super) pixels: Contributors,
+    /// Where each pixel's list of masks starts, `[P + 1]`.
+    pub(super) offsets: Vec<u32>,
+    /// Masks that cover a pixel, from small to large.
+    pub(super) covering: Vec<u32>,
+    /// For each mask, the spread of its Gaussians, world units; then its place among all masks of all views, in [0, 1].
+    pub(super) scales: Vec<f32>,
+}
+
+impl FineView {
+    /// Finds what the pixels of `view` are made of; `None` if no mask covers anything.
+    ///
+    /// # Errors
+    /// If the masks are not of the camera's size.
+    pub fn new(
+        at: &GaussiansAt,
+        frame: &Frame,
+        view: &MaskedView,
+        number: u64,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Option<Self>, ContributorsError> {
+        let mut covered = vec![false; view.camera.width * view.camera.height];
+        for pixel in view.masks.iter().flat_map(Mask::pixels) {
+            if let Some(covered) = covered.get_mut(pixel as usize) {
+                *covered = true;
+            }
+        }
+        let mut pixels: Vec<u32> = (0..covered.len() as u32).filter(|&p| covered[p as usize]).collect();
+        Rng::new(seed, number, Purpose::AffinitySteps as u64).shuffle(&mut pixels);
+        pixels.truncate(PIXELS);
+        pixels.sort_unstable();
+        if pixels.is_empty() {
+            return Ok(None);
+        }
+        let alone = at.subset(&view.members);
+        let (deformed, sh) = alone.to_device(device);
+        let inputs = SplatInputs {
+            means: deformed.means,
+            rotations: deformed.rotations,
+            log_scales: deformed.log_scales,
+            opacity_logits: deformed.opacity_logits,
+            sh,
+            screen_offsets: None,
+        };
+        let settings = SplatSettings { camera: view.camera, background: [0.0; 3], sh_degree: 0 };
+        let found = contributors(&inputs, &settings, &pixels)?;
+        let (local, rows) = compact(&found);
+        let means: Vec<f32> = local.iter().flat_map(|&i| &alone.means[3 * i as usize..][..3]).copied().collect();
+
+        let place: std::collections::HashMap<u32, usize> = pixels.iter().copied().zip(0..).collect();
+        let inside: Vec<Vec<usize>> =
+            view.masks.iter().map(|m| m.pixels().filter_map(|p| place.get(&p).copied()).collect()).collect();
+        let scales: Vec<f32> = inside.iter().map(|rows_of| spread(&rows, rows_of, &means)).collect();
+        let mut order: Vec<usize> = (0..inside.len()).filter(|&m| !inside[m].is_empty()).collect();
+        order.sort_by(|&a, &b| scales[a].total_cmp(&scales[b]).then(a.cmp(&b)));
+        let mut lists = vec![Vec::new(); pixels.len()];
+        for &m in &order {
+            inside[m].iter().for_each(|&p| lists[p].push(m as u32));
+        }
+        let mut offsets = vec![0];
+        let mut covering = Vec::new();
+        for list in lists {
+            covering.extend(list);
+            offsets.push(covering.len() as u32);
+        }
+        Ok(Some(Self { encoded: frame.encode(&means), pixels: rows, offsets, covering, scales }))
+    }
+
+    /// The mask of pixel `p` at `scale`: the smallest one not below it, or else the largest.
+    pub(super) fn mask(&self, p: usize, scale: f32) -> u32 {
+        let list = &self.covering[self.offsets[p] as usize..self.offsets[p + 1] as usize];
+        let found = list.iter().find(|&&m| self.scales[m as usize] >= scale).or(list.last());
+        found.copied().unwrap_or(0)
+    }
+}
+
+/// Puts each mask's place among the masks of all views, in [0, 1], where its spread was. Gives the spreads, ascending.
+pub fn rank_scales(views: &mut [FineView]) -> Vec<f32> {
+    let used = |v: &FineView| v.covering.iter().map(|&m| v.scales[m as usize]).collect::<Vec<_>>();
+    let mut all: Vec<f32> = views
+        .iter()
+        .flat_map(|v| {
+            let mut seen = used(v);
+            seen.sort_by(f32::total_cmp);
+            seen.dedup();
+            seen
+        })
+        .collect();
+    all.sort_by(f32::total_cmp);
+    let last = all.len().saturating_sub(1).max(1) as f32;
+    for view in views {
+        for scale in &mut view.scales {
+            *scale = all.partition_point(|s| s < scale) as f32 / last;
+        }
+    }
+    all
+}
+
+/// The Gaussians that any pixel has, and the lists with indices into them; faint contributions left out.
+fn compact(found: &Contributors) -> (Vec<u32>, Contributors) {
+    let mut local: Vec<u32> =
+        found.indices.iter().zip(&found.weights).filter(|(_, w)| **w >= FAINT).map(|(i, _)| *i).collect();
+    local.sort_unstable();
+    local.dedup();
+    let mut out = Contributors { offsets: vec![0], ..Contributors::default() };
+    for p in 0..found.len() {
+        let (indices, weights) = found.row(p);
+        for (i, &w) in indices.iter().zip(weights).filter(|(_, w)| **w >= FAINT) {
+            out.indices.push(local.partition_point(|l| l < i) as u32);
+            out.weights.push(w);
+        }
+        out.offsets.push(out.indices.len() as u32);
+    }
+    (local, out)
+}
+
+/// Length of the standard deviation of the means of the Gaussians in a mask (the paper's 3D mask scale), each weighted
+/// by what it gives to the mask's pixels.
+fn spread(rows: &Contributors, pixels: &[usize], means: &[f32]) -> f32 {
+    let (mut total, mut sum, mut square) = (0.0f64, [0.0f64; 3], [0.0f64; 3]);
+    for &p in pixels {
+        let (indices, weights) = rows.row(p);
+        for (&i, &w) in indices.iter().zip(weights) {
+            let w = f64::from(w);
+            total += w;
+            for k in 0..3 {
+                let x = f64::from(means[3 * i as usize + k]);
+                sum[k] += w * x;
+                square[k] += w * x * x;
+            }
+        }
+    }
+    if total <= 0.0 {
+        return 0.0;
+    }
+    let variance: f64 = (0..3).map(|k| (square[k] / total - (sum[k] / total).powi(2)).max(0.0)).sum();
+    variance.sqrt() as f32
+}

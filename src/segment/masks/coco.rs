@@ -1,0 +1,232 @@
+//! Masks of other programs in a standard COCO annotations file: `images` and `annotations`, run lengths only.
+//!
+//! Masks stay in their packed form until an image's are asked for. Writing is for the project's own form, `store`.
+
+use std::{
+    collections::HashMap,
+    fs::File,
+    io::BufReader,
+    path::{Path, PathBuf},
+};
+
+use serde::Deserialize;
+
+use super::{
+    mask::Mask,
+    rle,
+    store::{StoreError, mask_of_size},
+};
+
+/// One image that a COCO file lists.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct CocoImage {
+    /// The file's own number for it.
+    pub id: u64,
+    /// Name of the image file.
+    pub file_name: String,
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+}
+
+/// A mask from elsewhere, with the scores its maker gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForeignMask {
+    /// The mask, of its image's size.
+    pub mask: Mask,
+    /// The file's category or label number; 0 where it gives none.
+    pub category: u64,
+    /// `predicted_iou`, or COCO's `score`; 1 where the file gives none.
+    pub predicted_iou: f32,
+    /// `stability_score`; 1 where the file gives none.
+    pub stability_score: f32,
+}
+
+#[derive(Deserialize)]
+struct Document {
+    images: Vec<CocoImage>,
+    annotations: Vec<Entry>,
+}
+
+#[derive(Debug, Deserialize)]
+struct Entry {
+    image_id: u64,
+    segmentation: Shape,
+    #[serde(default)]
+    category_id: u64,
+    #[serde(alias = "score")]
+    predicted_iou: Option<f32>,
+    stability_score: Option<f32>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Shape {
+    Packed { size: [u32; 2], counts: String },
+    Plain { size: [u32; 2], counts: Vec<u32> },
+    Polygons(#[expect(dead_code, reason = "only that it is a list matters")] Vec<serde::de::IgnoredAny>),
+    Other(serde::de::IgnoredAny),
+}
+
+/// An opened COCO annotations file.
+#[derive(Debug)]
+pub struct CocoFile {
+    path: PathBuf,
+    images: Vec<CocoImage>,
+    /// Each image's annotations, with their places in the file's list.
+    entries: Vec<Vec<(usize, Entry)>>,
+}
+
+impl CocoFile {
+    /// Opens a file and sorts its annotations by image.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`]; [`StoreError::Field`] for text that is no COCO file, ids listed twice and annotations of an
+    /// image that is not listed.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let input = BufReader::new(File::open(path).map_err(StoreError::io(path))?);
+        let Document { images, annotations } =
+            serde_json::from_reader(input).map_err(|e| StoreError::field(path, "images, annotations", e))?;
+        let mut places = HashMap::with_capacity(images.len());
+        for (index, image) in images.iter().enumerate() {
+            if places.insert(image.id, index).is_some() {
+                let problem = format!("{} is listed twice; ids must differ", image.id);
+                return Err(StoreError::field(path, format!("images[{index}].id"), problem));
+            }
+        }
+        let mut entries: Vec<_> = images.iter().map(|_| Vec::new()).collect();
+        for (index, entry) in annotations.into_iter().enumerate() {
+            let Some(&place) = places.get(&entry.image_id) else {
+                let problem = format!("{} is not among the ids of images", entry.image_id);
+                return Err(StoreError::field(path, format!("annotations[{index}].image_id"), problem));
+            };
+            entries[place].push((index, entry));
+        }
+        Ok(Self { path: path.to_owned(), images, entries })
+    }
+
+    /// The images, in the file's order.
+    #[must_use]
+    pub fn images(&self) -> &[CocoImage] {
+        &self.images
+    }
+
+    /// The masks of one image (an index into [`CocoFile::images`]), in the file's order.
+    ///
+    /// # Errors
+    /// [`StoreError::Field`] for an index past the list, polygons, masks of another size than their image's, counts
+    /// that are wrong and scores that are not finite.
+    pub fn masks(&self, image: usize) -> Result<Vec<ForeignMask>, StoreError> {
+        let (Some(info), Some(entries)) = (self.images.get(image), self.entries.get(image)) else {
+            let problem = format!("image {image} was asked for and {} are listed", self.images.len());
+            return Err(StoreError::field(&self.path, "images", problem));
+        };
+        entries.iter().map(|(index, entry)| self.unpack(*index, entry, info)).collect()
+    }
+
+    fn unpack(&self, index: usize, entry: &Entry, image: &CocoImage) -> Result<ForeignMask, StoreError> {
+        let fail = |field: &str, problem: String| {
+            StoreError::field(&self.path, format!("annotations[{index}].{field}"), problem)
+        };
+        let (size, counts) = match &entry.segmentation {
+            Shape::Packed { size, counts } => {
+                (*size, rle::decode(counts).map_err(|e| fail("segmentation.counts", e.to_string()))?)
+            }
+            Shape::Plain { size, counts } => (*size, counts.clone()),
+            Shape::Polygons(_) => {
+                let problem =
+                    "holds polygons, which are not read; convert them to run lengths first (pycocotools: annToRLE)";
+                return Err(fail("segmentation", problem.to_owned()));
+            }
+            Shape::Other(_) => {
+                let problem =
+                    "is not an object with size [height, width] and counts (a string or a list of whole numbers)";
+                return Err(fail("segmentation", problem.to_owned()));
+            }
+        };
+        let mask =
+            mask_of_size(size, counts, image.width, image.height).map_err(|e| fail("segmentation", e.to_string()))?;
+        let score = |field: &str, value: Option<f32>| match value {
+            Some(value) if !value.is_finite() => Err(fail(field, format!("is {value}; it must be finite"))),
+            value => Ok(value.unwrap_or(1.0)),
+        };
+        Ok(ForeignMask {
+            mask,
+            category: entry.category_id,
+            predicted_iou: score("predicted_iou", entry.predicted_iou)?,
+            stability_score: score("stability_score", entry.stability_score)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn open(text: &str) -> Result<CocoFile, StoreError> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("coco.json");
+        std::fs::write(&path, text).unwrap();
+        CocoFile::open(&path)
+    }
+
+    fn file(segmentation: &str) -> String {
+        format!(
+            r#"{{"info":{{}},"images":[{{"id":7,"file_name":"a.png","width":2,"height":3,"license":1}},{{"id":3,"file_name":"b.png","width":2,"height":3}}],
+            "annotations":[{{"id":1,"image_id":7,"category_id":4,"iscrowd":1,"area":3,"bbox":[0,0,1,3],"segmentation":{segmentation},"score":0.5}}]}}"#
+        )
+    }
+
+    #[test]
+    fn packed_and_plain_counts() {
+        for segmentation in [r#"{"size":[3,2],"counts":[1,4,1]}"#, r#"{"size":[3,2],"counts":"141"}"#] {
+            let coco = open(&file(segmentation)).unwrap();
+            assert_eq!(coco.images()[1].file_name, "b.png");
+            let masks = coco.masks(0).unwrap();
+            assert_eq!(masks[0].mask.counts, [1, 4, 1]);
+            assert_eq!((masks[0].category, masks[0].predicted_iou, masks[0].stability_score), (4, 0.5, 1.0));
+            assert!(coco.masks(1).unwrap().is_empty());
+            assert!(coco.masks(2).is_err());
+        }
+    }
+
+    #[test]
+    fn wrong_shapes_name_the_entry() {
+        for (segmentation, says) in [
+            ("[[0,0,1,0,1,1]]", "polygons"),
+            ("5", "is not an object"),
+            (r#"{"size":[3,2],"counts":[1,-4]}"#, "is not an object"),
+            (r#"{"size":[2,3],"counts":[6]}"#, "the image is 2x3"),
+            (r#"{"size":[3,2],"counts":[7]}"#, "sum to 7"),
+            (r#"{"size":[3,2],"counts":"1~"}"#, "position 1"),
+        ] {
+            let message = open(&file(segmentation)).unwrap().masks(0).unwrap_err().to_string();
+            assert!(
+                message.contains(says) && message.contains("annotations[0]") && message.contains("coco.json"),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn ids_must_fit() {
+        let text = file("[]");
+        let message = |text: &str| open(text).unwrap_err().to_string();
+        assert!(message(&text.replace("\"id\":3", "\"id\":7")).contains("images[1].id"));
+        assert!(message(&text.replace("\"image_id\":7", "\"image_id\":8")).contains("annotations[0].image_id"));
+        assert!(message("{}").contains("coco.json"));
+    }
+
+    proptest! {
+        #[test]
+        fn any_counts_are_a_mask_or_an_error(counts in proptest::collection::vec(any::<u32>(), 0..5), text in "[0-o]{0,9}") {
+            let plain = open(&file(&format!(r#"{{"size":[3,2],"counts":{counts:?}}}"#))).unwrap();
+            let _ = plain.masks(0);
+            let quoted = serde_json::to_string(&text).unwrap();
+            let packed = open(&file(&format!(r#"{{"size":[3,2],"counts":{quoted}}}"#))).unwrap();
+            let _ = packed.masks(0);
+        }
+    }
+}

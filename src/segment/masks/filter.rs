@@ -1,0 +1,188 @@
+//! Clean-up of masks: duplicates, specks, ragged outlines and holes.
+//!
+//! Works on single masks and lists of masks of one image; where they come from does not matter.
+
+use super::mask::{Mask, MaskError};
+
+/// Drops masks that nearly equal one of a higher score (non-maximum suppression by mask IoU).
+///
+/// Goes down the list by score (ties: the earlier first; NaN counts lowest) and keeps a mask if its IoU with every mask
+/// kept so far is at most `threshold`. Returns the indices kept, ascending. Scores missing at the end count lowest.
+///
+/// # Errors
+/// [`MaskError::SizeMismatch`] if the masks differ in size.
+pub fn suppress(masks: &[Mask], scores: &[f32], threshold: f64) -> Result<Vec<usize>, MaskError> {
+    let score = |index: usize| scores.get(index).copied().filter(|score| !score.is_nan()).unwrap_or(f32::NEG_INFINITY);
+    let mut order: Vec<usize> = (0..masks.len()).collect();
+    order.sort_by(|&a, &b| score(b).total_cmp(&score(a)).then(a.cmp(&b)));
+    let sizes: Vec<(u64, [u32; 4])> = masks.iter().map(|mask| (mask.area(), mask.bbox())).collect();
+    let mut kept: Vec<usize> = Vec::new();
+    'masks: for index in order {
+        let (area, bounds) = sizes[index];
+        for &other in &kept {
+            let (other_area, other_bounds) = sizes[other];
+            // No overlap is larger than the smaller mask or the overlap of the boxes, so most pairs need no look at runs.
+            let most = area.min(other_area).min(overlap(bounds, other_bounds));
+            let same_size = masks[index].width == masks[other].width && masks[index].height == masks[other].height;
+            let hopeless = most as f64 <= threshold * (area + other_area - most) as f64;
+            if (!same_size || !hopeless) && masks[index].iou(&masks[other])? > threshold {
+                continue 'masks;
+            }
+        }
+        kept.push(index);
+    }
+    kept.sort_unstable();
+    Ok(kept)
+}
+
+/// Indices of the masks of at least `min_area` pixels, ascending.
+#[must_use]
+pub fn large_enough(masks: &[Mask], min_area: u64) -> Vec<usize> {
+    (0..masks.len()).filter(|&index| masks[index].area() >= min_area).collect()
+}
+
+/// Smooths the outline: a pixel is set if most of the 3x3 pixels about it are. Pixels past the image count as clear.
+///
+/// # Errors
+/// As [`Mask::validate`].
+pub fn majority(mask: &Mask) -> Result<Mask, MaskError> {
+    mask.validate()?;
+    let bounds = mask.bbox();
+    // No pixel outside the box can win: at most 3 of its 9 are in the box.
+    let smooth = majority_rows(bounds[2] as usize, bounds[3] as usize, &mask.window(bounds));
+    Ok(Mask::from_window(mask.width, mask.height, bounds, &smooth))
+}
+
+/// [`majority`] on a row-major buffer `[height, width]`.
+pub(super) fn majority_rows(width: usize, height: usize, set: &[bool]) -> Vec<bool> {
+    // A border of clear pixels spares the tests at the sides.
+    let wide = width + 2;
+    let mut across = vec![0_u8; wide * (height + 2)];
+    for y in 0..height {
+        let row = &set[y * width..(y + 1) * width];
+        let sums = &mut across[(y + 1) * wide..(y + 2) * wide];
+        for (x, &set) in row.iter().enumerate() {
+            let value = u8::from(set);
+            sums[x] += value;
+            sums[x + 1] += value;
+            sums[x + 2] += value;
+        }
+    }
+    let at =
+        |x: usize, y: usize| across[y * wide + x + 1] + across[(y + 1) * wide + x + 1] + across[(y + 2) * wide + x + 1];
+    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| at(x, y) >= 5).collect()
+}
+
+/// Sets the holes of at most `max_area` pixels: clear areas, joined by sides, that do not touch the image's border.
+///
+/// # Errors
+/// As [`Mask::validate`].
+pub fn fill_holes(mask: &Mask, max_area: u64) -> Result<Mask, MaskError> {
+    mask.validate()?;
+    let bounds = mask.bbox();
+    let mut set = mask.window(bounds);
+    // A hole lies inside the mask's box and does not touch its sides, or it would open to the outside there.
+    fill_holes_rows(bounds[2] as usize, bounds[3] as usize, &mut set, max_area);
+    Ok(Mask::from_window(mask.width, mask.height, bounds, &set))
+}
+
+/// [`fill_holes`] on a row-major buffer `[height, width]` whose border counts as open.
+pub(super) fn fill_holes_rows(width: usize, height: usize, set: &mut [bool], max_area: u64) {
+    let mut seen = set.to_vec();
+    let mut area = Vec::new();
+    for start in 0..set.len() {
+        if seen[start] {
+            continue;
+        }
+        seen[start] = true;
+        area.clear();
+        area.push(start);
+        let (mut next, mut open) = (0, false);
+        while let Some(&pixel) = area.get(next) {
+            next += 1;
+            let (x, y) = (pixel % width, pixel / width);
+            if x == 0 || y == 0 || x + 1 == width || y + 1 == height {
+                open = true;
+            }
+            let sides = [
+                (x > 0).then(|| pixel - 1),
+                (x + 1 < width).then_some(pixel + 1),
+                (y > 0).then(|| pixel - width),
+                (y + 1 < height).then_some(pixel + width),
+            ];
+            for other in sides.into_iter().flatten() {
+                if !seen[other] {
+                    seen[other] = true;
+                    area.push(other);
+                }
+            }
+        }
+        if !open && area.len() as u64 <= max_area {
+            area.iter().for_each(|&pixel| set[pixel] = true);
+        }
+    }
+}
+
+fn overlap(a: [u32; 4], b: [u32; 4]) -> u64 {
+    let shared = |at: usize| {
+        let end = (u64::from(a[at]) + u64::from(a[at + 2])).min(u64::from(b[at]) + u64::from(b[at + 2]));
+        end.saturating_sub(u64::from(a[at].max(b[at])))
+    };
+    shared(0) * shared(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn draw(text: &str) -> Mask {
+        let rows: Vec<&str> = text.split('/').collect();
+        let set: Vec<bool> = rows.iter().flat_map(|row| row.chars().map(|c| c == '#')).collect();
+        Mask::from_rows(rows[0].len() as u32, rows.len() as u32, &set).unwrap()
+    }
+
+    #[test]
+    fn near_copies_go_and_the_best_stays() {
+        let masks = [draw("####/####"), draw("###./####"), draw("##../##.."), draw("..../...#")];
+        assert_eq!(suppress(&masks, &[0.5, 0.9, 0.1, 0.2], 0.8).unwrap(), [1, 2, 3]);
+        assert_eq!(suppress(&masks, &[0.5, f32::NAN, 0.1], 0.8).unwrap(), [0, 2, 3]);
+        assert_eq!(suppress(&masks, &[1.0; 4], 0.3).unwrap(), [0, 3]);
+        assert!(suppress(&[draw("##"), draw("##/##")], &[], 0.5).is_err());
+        assert_eq!(large_enough(&masks, 4), [0, 1, 2]);
+    }
+
+    #[test]
+    fn majority_takes_specks_and_fills_pinholes() {
+        assert_eq!(majority(&draw("...../.#.../...../.....")).unwrap().area(), 0);
+        assert!(majority(&draw("#####/##.##/#####")).unwrap().contains(2, 1));
+    }
+
+    #[test]
+    fn only_closed_small_holes_are_filled() {
+        let ring = draw("......./.#####./.#...#./.#####./.......");
+        assert_eq!(fill_holes(&ring, 3).unwrap().area(), 15);
+        assert_eq!(fill_holes(&ring, 2).unwrap(), ring);
+        let open = draw("#####/#...#/##.##");
+        assert_eq!(fill_holes(&open, 100).unwrap(), open);
+    }
+
+    proptest! {
+        #[test]
+        fn windows_change_nothing(set in proptest::collection::vec(any::<bool>(), 63)) {
+            let mask = Mask::from_rows(9, 7, &set).unwrap();
+            let smooth = majority_rows(9, 7, &set);
+            prop_assert_eq!(majority(&mask).unwrap().to_rows(), smooth.clone());
+            for y in 0..7_i32 {
+                for x in 0..9_i32 {
+                    let near = (-1..2).flat_map(|dy| (-1..2).map(move |dx| (x + dx, y + dy)));
+                    let votes = near.filter(|&(x, y)| (0..9).contains(&x) && (0..7).contains(&y) && set[(y * 9 + x) as usize]).count();
+                    prop_assert_eq!(smooth[(y * 9 + x) as usize], votes >= 5);
+                }
+            }
+            let mut filled = set.clone();
+            fill_holes_rows(9, 7, &mut filled, 63);
+            prop_assert_eq!(fill_holes(&mask, 63).unwrap().to_rows(), filled);
+        }
+    }
+}

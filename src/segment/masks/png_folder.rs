@@ -1,0 +1,199 @@
+//! Masks of other programs as a folder of grey PNG images, 8 or 16 bits, one folder for all views.
+//!
+//! A view `NAME.png` has its masks either in `NAME.png`, a label image of which every value but 0 is a mask, or in files
+//! `NAME_K.png` with K a whole number, one binary mask each (every value but 0 is set). Files are read when asked for.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    path::{Path, PathBuf},
+};
+
+use image::DynamicImage;
+
+use super::{coco::ForeignMask, mask::Mask, store::StoreError};
+
+/// Where a view's masks are.
+#[derive(Debug, Clone)]
+enum Files {
+    Absent,
+    Labels(PathBuf),
+    /// By number.
+    Binary(BTreeMap<u64, PathBuf>),
+}
+
+/// A folder of mask images, matched to a list of views.
+#[derive(Debug)]
+pub struct PngFolder {
+    width: u32,
+    height: u32,
+    views: Vec<Files>,
+    folder: PathBuf,
+}
+
+impl PngFolder {
+    /// Finds each view's files. `views` are the names of the image files, whose folders and endings do not matter;
+    /// `width` and `height` are their size in pixels. A view may have no file.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`]; [`StoreError::Field`] for a PNG that fits no view, two views of one name and a view with
+    /// both kinds of file.
+    pub fn open(folder: &Path, views: &[String], width: u32, height: u32) -> Result<Self, StoreError> {
+        let mut places = HashMap::with_capacity(views.len());
+        for (index, view) in views.iter().enumerate() {
+            if places.insert(stem(Path::new(view)), index).is_some() {
+                let problem = format!("two views are named {:?}; masks cannot be told apart", stem(Path::new(view)));
+                return Err(StoreError::field(folder, format!("views[{index}]"), problem));
+            }
+        }
+        let mut paths = Vec::new();
+        for entry in std::fs::read_dir(folder).map_err(StoreError::io(folder))? {
+            let path = entry.map_err(StoreError::io(folder))?.path();
+            if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+                paths.push(path);
+            }
+        }
+        paths.sort();
+        let mut found = vec![Files::Absent; views.len()];
+        for path in paths {
+            let name = stem(&path);
+            let numbered =
+                name.rsplit_once('_').and_then(|(view, number)| Some((*places.get(view)?, number.parse().ok()?)));
+            let both =
+                |path: &Path| StoreError::field(path, "file name", "its view has masks of this name and kind already");
+            match (places.get(name.as_str()), numbered) {
+                (Some(&view), _) => match &found[view] {
+                    Files::Absent => found[view] = Files::Labels(path),
+                    Files::Labels(_) | Files::Binary(_) => return Err(both(&path)),
+                },
+                (None, Some((view, number))) => match &mut found[view] {
+                    place @ Files::Absent => *place = Files::Binary(BTreeMap::from([(number, path)])),
+                    Files::Binary(files) => {
+                        if let Some(first) = files.insert(number, path) {
+                            return Err(both(&first));
+                        }
+                    }
+                    Files::Labels(_) => return Err(both(&path)),
+                },
+                (None, None) => {
+                    let problem = "fits no view; name masks NAME_NUMBER.png, or NAME.png for a label image, NAME being the view's";
+                    return Err(StoreError::field(&path, "file name", problem));
+                }
+            }
+        }
+        Ok(Self { width, height, views: found, folder: folder.to_owned() })
+    }
+
+    /// The masks of one view (an index into the list given on opening), by number or label value; empty ones are left out.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`]; [`StoreError::Field`] for files that are no grey PNG or not of the views' size.
+    pub fn masks(&self, view: usize) -> Result<Vec<ForeignMask>, StoreError> {
+        let Some(files) = self.views.get(view) else {
+            let problem = format!("view {view} was asked for and there are {}", self.views.len());
+            return Err(StoreError::field(&self.folder, "views", problem));
+        };
+        let mut masks = Vec::new();
+        let mut add = |path: &Path, category: u64, rows: Vec<bool>| {
+            let mask =
+                Mask::from_rows(self.width, self.height, &rows).map_err(|e| StoreError::field(path, "pixels", e))?;
+            if mask.area() > 0 {
+                masks.push(ForeignMask { mask, category, predicted_iou: 1.0, stability_score: 1.0 });
+            }
+            Ok(())
+        };
+        match files {
+            Files::Absent => {}
+            Files::Binary(paths) => {
+                for (&number, path) in paths {
+                    add(path, number, self.read(path)?.iter().map(|&value| value != 0).collect())?;
+                }
+            }
+            Files::Labels(path) => {
+                let labels = self.read(path)?;
+                let mut present = vec![false; 1 << 16];
+                for &label in &labels {
+                    present[usize::from(label)] = true;
+                }
+                for label in (1..=u16::MAX).filter(|&label| present[usize::from(label)]) {
+                    add(path, u64::from(label), labels.iter().map(|&value| value == label).collect())?;
+                }
+            }
+        }
+        Ok(masks)
+    }
+
+    fn read(&self, path: &Path) -> Result<Vec<u16>, StoreError> {
+        let bytes = std::fs::read(path).map_err(StoreError::io(path))?;
+        let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
+            .map_err(|e| StoreError::field(path, "PNG", e))?;
+        let (found_width, found_height) = (picture.width(), picture.height());
+        if (found_width, found_height) != (self.width, self.height) {
+            let (width, height) = (self.width, self.height);
+            let problem = format!("the mask is {found_width}x{found_height} where the image is {width}x{height}");
+            return Err(StoreError::field(path, "size", problem));
+        }
+        match picture {
+            DynamicImage::ImageLuma8(grey) => Ok(grey.into_raw().into_iter().map(u16::from).collect()),
+            DynamicImage::ImageLuma16(grey) => Ok(grey.into_raw()),
+            other => {
+                let problem = format!("is {:?}; masks must be grey of 8 or 16 bits, with no alpha", other.color());
+                Err(StoreError::field(path, "pixels", problem))
+            }
+        }
+    }
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::{GrayImage, ImageBuffer, Luma, RgbImage};
+
+    #[test]
+    fn binary_files_and_label_images() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for (number, byte) in [(10, 255), (2, 1), (3, 0)] {
+            GrayImage::from_raw(2, 2, vec![byte, 0, 0, byte]).unwrap().save(at(&format!("r_1_{number}.png"))).unwrap();
+        }
+        let labels: ImageBuffer<Luma<u16>, _> = ImageBuffer::from_raw(2, 2, vec![0_u16, 300, 300, 9]).unwrap();
+        labels.save(at("r_2.png")).unwrap();
+        std::fs::write(at("notes.txt"), "not a mask").unwrap();
+        let views = ["train/r_1.png", "r_2", "r_3"].map(str::to_owned);
+        let opened = PngFolder::open(folder.path(), &views, 2, 2).unwrap();
+        let binary = opened.masks(0).unwrap();
+        assert_eq!(binary.iter().map(|found| found.category).collect::<Vec<_>>(), [2, 10]);
+        assert_eq!(binary[0].mask.counts, [0, 1, 2, 1]);
+        let labelled = opened.masks(1).unwrap();
+        assert_eq!(
+            labelled.iter().map(|found| (found.category, found.mask.area())).collect::<Vec<_>>(),
+            [(9, 1), (300, 2)]
+        );
+        assert!(opened.masks(2).unwrap().is_empty());
+        assert!(opened.masks(3).is_err());
+    }
+
+    #[test]
+    fn wrong_files_are_named() {
+        let views = vec!["a.png".to_owned()];
+        let check = |says: &str, write: &dyn Fn(&Path)| {
+            let folder = tempfile::tempdir().unwrap();
+            write(folder.path());
+            let result = PngFolder::open(folder.path(), &views, 2, 2).and_then(|opened| opened.masks(0));
+            let message = result.unwrap_err().to_string();
+            assert!(message.contains(says) && message.contains(".png"), "{message}");
+        };
+        let grey = |folder: &Path, name: &str, side: u32| GrayImage::new(side, side).save(folder.join(name)).unwrap();
+        check("fits no view", &|folder| grey(folder, "b_1.png", 2));
+        check("3x3", &|folder| grey(folder, "a_1.png", 3));
+        check("grey", &|folder| RgbImage::new(2, 2).save(folder.join("a.png")).unwrap());
+        check("already", &|folder| {
+            grey(folder, "a.png", 2);
+            grey(folder, "a_1.png", 2);
+        });
+        check("PNG", &|folder| std::fs::write(folder.join("a_1.png"), b"\x89PNG nonsense").unwrap());
+    }
+}

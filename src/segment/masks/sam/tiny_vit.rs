@@ -1,0 +1,132 @@
+//! The TinyViT image encoder: stem, a stage of convolution blocks, three stages of attention blocks, neck.
+
+use super::SamError;
+use super::config::SamConfig;
+use super::layers::{CHANNEL_NORM_EPSILON, Conv, ConvShape, LayerNorm};
+use super::tiny_vit_block::Block;
+use super::weights::Scope;
+use burn::module::Module;
+use burn::tensor::Tensor;
+use burn::tensor::activation::gelu;
+
+/// Expands the channels, filters each, and brings them back: an inverted residual block.
+#[derive(Module, Debug)]
+struct ConvBlock {
+    expand: Conv,
+    filter: Conv,
+    project: Conv,
+}
+
+impl ConvBlock {
+    fn load(scope: &Scope<'_>, dim: usize, hidden: usize) -> Result<Self, SamError> {
+        Ok(Self {
+            expand: Conv::load_folded(&scope.at("conv1"), ConvShape::dense(dim, hidden, 1, 1))?,
+            filter: Conv::load_folded(&scope.at("conv2"), ConvShape::depthwise(hidden, 3, 1))?,
+            project: Conv::load_folded(&scope.at("conv3"), ConvShape::dense(hidden, dim, 1, 1))?,
+        })
+    }
+
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let hidden = gelu(self.filter.forward(gelu(self.expand.forward(x.clone()))));
+        gelu(self.project.forward(hidden) + x)
+    }
+}
+
+/// Changes the channels between stages and, by its stride, the resolution.
+#[derive(Module, Debug)]
+struct Merge {
+    expand: Conv,
+    filter: Conv,
+    project: Conv,
+}
+
+impl Merge {
+    fn load(scope: &Scope<'_>, inputs: usize, outputs: usize, stride: usize) -> Result<Self, SamError> {
+        Ok(Self {
+            expand: Conv::load_folded(&scope.at("conv1"), ConvShape::dense(inputs, outputs, 1, 1))?,
+            filter: Conv::load_folded(&scope.at("conv2"), ConvShape::depthwise(outputs, 3, stride))?,
+            project: Conv::load_folded(&scope.at("conv3"), ConvShape::dense(outputs, outputs, 1, 1))?,
+        })
+    }
+
+    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        self.project.forward(gelu(self.filter.forward(gelu(self.expand.forward(x)))))
+    }
+}
+
+/// The image encoder.
+#[derive(Module, Debug)]
+pub(super) struct TinyVit {
+    stem: Vec<Conv>,
+    convs: Vec<ConvBlock>,
+    /// Between a stage and the next.
+    merges: Vec<Merge>,
+    /// Of stages 1 to 3.
+    stages: Vec<Vec<Block>>,
+    neck: Vec<Conv>,
+    neck_norms: Vec<LayerNorm>,
+}
+
+/// Strides after stages 0, 1 and 2. The published TinyViT halves three times; SAM's leaves the last one out, which
+/// keeps the embedding at a sixteenth of the input.
+const MERGE_STRIDES: [usize; 3] = [2, 2, 1];
+
+impl TinyVit {
+    pub(super) fn load(scope: &Scope<'_>, config: &SamConfig) -> Result<Self, SamError> {
+        let dims = config.embed_dims;
+        let stem = scope.at("patch_embed.seq");
+        let half = dims[0] / 2;
+        let stem = vec![
+            Conv::load_folded(&stem.at(0), ConvShape::dense(3, half, 3, 2))?,
+            Conv::load_folded(&stem.at(2), ConvShape::dense(half, dims[0], 3, 2))?,
+        ];
+        let layer = |stage: usize| scope.at("layers").at(stage);
+        let hidden = dims[0] * config.expand_ratio;
+        let conv = |i: usize| ConvBlock::load(&layer(0).at("blocks").at(i), dims[0], hidden);
+        let merge = |(stage, stride): (usize, usize)| {
+            Merge::load(&layer(stage).at("downsample"), dims[stage], dims[stage + 1], stride)
+        };
+        let stage = |stage: usize| {
+            let block = |i: usize| Block::load(&layer(stage).at("blocks").at(i), config, stage);
+            (0..config.depths[stage]).map(block).collect::<Result<Vec<_>, _>>()
+        };
+        let (neck, to) = (scope.at("neck"), config.prompt_dim);
+        Ok(Self {
+            stem,
+            convs: (0..config.depths[0]).map(conv).collect::<Result<_, _>>()?,
+            merges: MERGE_STRIDES.into_iter().enumerate().map(merge).collect::<Result<_, _>>()?,
+            stages: (1..4).map(stage).collect::<Result<_, _>>()?,
+            neck: vec![
+                Conv::load(&neck.at(0), ConvShape::dense(dims[3], to, 1, 1))?,
+                Conv::load(&neck.at(2), ConvShape::dense(to, to, 3, 1))?,
+            ],
+            neck_norms: vec![
+                LayerNorm::load(&neck.at(1), to, CHANNEL_NORM_EPSILON)?,
+                LayerNorm::load(&neck.at(3), to, CHANNEL_NORM_EPSILON)?,
+            ],
+        })
+    }
+
+    /// Normalised pixels `[B, 3, I, I]` to the embedding `[B, C, I / 16, I / 16]`.
+    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+        let mut x = x;
+        for (i, conv) in self.stem.iter().enumerate() {
+            x = conv.forward(if i == 0 { x } else { gelu(x) });
+        }
+        for block in &self.convs {
+            x = block.forward(x);
+        }
+        for (merge, blocks) in self.merges.iter().zip(&self.stages) {
+            // attention works on rows of channels
+            x = merge.forward(x).permute([0, 2, 3, 1]);
+            for block in blocks {
+                x = block.forward(x);
+            }
+            x = x.permute([0, 3, 1, 2]);
+        }
+        for (conv, norm) in self.neck.iter().zip(&self.neck_norms) {
+            x = norm.forward_channels(conv.forward(x));
+        }
+        x
+    }
+}

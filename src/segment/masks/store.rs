@@ -1,0 +1,299 @@
+//! The project's own mask file: one header line, then one COCO-like annotation a line, written as they come.
+//!
+//! Holds the types of the lines and the writer; the reader is in `reader`, files of other programs in `coco` and
+//! `png_folder`. Memory use does not grow with the number of masks.
+
+use std::{
+    fs::File,
+    io::{self, BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::{mask::Mask, mask::MaskError, rle, rle::RleError};
+
+pub use super::reader::MaskReader;
+
+/// Value of the header's `format` field.
+pub const FORMAT: &str = "volseggs-masks";
+/// Version of the file format that this code writes and reads.
+pub const VERSION: u32 = 1;
+
+/// First line of a mask file: what all its masks have in common.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// Always [`FORMAT`].
+    pub format: String,
+    /// Always [`VERSION`].
+    pub version: u32,
+    /// Pixels across every view.
+    pub width: u32,
+    /// Pixels down every view.
+    pub height: u32,
+    /// Time step of the model that was rendered.
+    pub time: f64,
+    /// The views; an annotation's `image_id` counts into this list from 0.
+    pub views: Vec<View>,
+    /// Names of the coarse segments; an annotation's `segment` counts into this list from 0.
+    pub segments: Vec<String>,
+    /// What made the masks, for people to read.
+    pub source: String,
+}
+
+impl Header {
+    /// A header of the current format and version.
+    #[must_use]
+    pub fn new(width: u32, height: u32, time: f64, views: Vec<View>, segments: Vec<String>, source: String) -> Self {
+        Self { format: FORMAT.to_owned(), version: VERSION, width, height, time, views, segments, source }
+    }
+}
+
+/// One rendered view.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct View {
+    /// Name of the image file.
+    pub file: String,
+    /// Camera-to-world matrix, `[4, 4]` row-major.
+    pub camera_to_world: [f32; 16],
+    /// Horizontal field of view in radians.
+    pub fov_x: f32,
+}
+
+/// One mask of one view, with what is known of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Annotation {
+    /// Which view: index into [`Header::views`].
+    pub image_id: u32,
+    /// Which coarse segment was rendered: index into [`Header::segments`].
+    pub segment: u32,
+    /// The mask, of the header's size.
+    pub mask: Mask,
+    /// How well the maker believes the mask fits, 0 to 1.
+    pub predicted_iou: f32,
+    /// How little the mask changes when the maker's thresholds do, 0 to 1.
+    pub stability_score: f32,
+    /// Size of what the mask shows, in the maker's units; 0 where it is not known yet.
+    pub scale: f32,
+}
+
+/// What can go wrong with mask files, the project's own and those made elsewhere.
+#[derive(Debug, Error)]
+pub enum StoreError {
+    /// The file system said no.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The error.
+        source: io::Error,
+    },
+    /// A field holds something it must not.
+    #[error("{}: {field}: {problem}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// The field, with its line or entry.
+        field: String,
+        /// What is wrong and how to fix it.
+        problem: String,
+    },
+}
+
+impl StoreError {
+    pub(super) fn field(path: &Path, field: impl Into<String>, problem: impl ToString) -> Self {
+        Self::Field { path: path.to_owned(), field: field.into(), problem: problem.to_string() }
+    }
+
+    pub(super) fn io(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
+        |source| Self::Io { path: path.to_owned(), source }
+    }
+}
+
+/// An annotation as its line holds it.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Line {
+    pub image_id: u32,
+    pub segment: u32,
+    pub segmentation: Segmentation,
+    pub area: u64,
+    pub bbox: [u32; 4],
+    pub predicted_iou: f32,
+    pub stability_score: f32,
+    pub scale: f32,
+}
+
+/// COCO's compressed mask: size is `[height, width]`.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Segmentation {
+    pub size: [u32; 2],
+    pub counts: String,
+}
+
+/// What can be wrong with a compressed mask.
+#[derive(Debug, Error)]
+pub(super) enum SegmentationError {
+    #[error(transparent)]
+    Rle(#[from] RleError),
+    #[error(transparent)]
+    Mask(#[from] MaskError),
+    #[error(
+        "the mask is {found_width}x{found_height} where the image is {width}x{height}; make masks at the image's own size"
+    )]
+    Size { found_width: u32, found_height: u32, width: u32, height: u32 },
+}
+
+/// The mask of a COCO `size` and its counts, which must be of the image's size.
+pub(super) fn mask_of_size(
+    size: [u32; 2],
+    counts: Vec<u32>,
+    width: u32,
+    height: u32,
+) -> Result<Mask, SegmentationError> {
+    if size != [height, width] {
+        return Err(SegmentationError::Size { found_width: size[1], found_height: size[0], width, height });
+    }
+    Ok(Mask::from_counts(width, height, counts)?)
+}
+
+/// Writes a mask file line by line to a temporary name; [`MaskWriter::finish`] gives it its own.
+///
+/// Dropped without `finish`, it removes the temporary file and leaves an older file of the name as it was.
+#[derive(Debug)]
+pub struct MaskWriter {
+    path: PathBuf,
+    temporary: PathBuf,
+    out: Option<BufWriter<File>>,
+    header: Header,
+    written: u64,
+}
+
+impl MaskWriter {
+    /// Starts a file with its header.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`]; [`StoreError::Field`] for a header of another format or version, without pixels, or with
+    /// values that are not finite.
+    pub fn create(path: &Path, header: Header) -> Result<Self, StoreError> {
+        check_header(path, &header)?;
+        let mut name = path.file_name().unwrap_or_default().to_owned();
+        name.push(format!(".{}.tmp", std::process::id()));
+        let temporary = path.with_file_name(name);
+        let out = BufWriter::new(File::create(&temporary).map_err(StoreError::io(&temporary))?);
+        let mut writer = Self { path: path.to_owned(), temporary, out: Some(out), header, written: 0 };
+        let line = serde_json::to_string(&writer.header).map_err(|e| StoreError::field(path, "header", e))?;
+        writer.put(&line)?;
+        Ok(writer)
+    }
+
+    /// Adds one annotation. Those of one view are best written together, which makes reading quicker.
+    ///
+    /// # Errors
+    /// [`StoreError::Field`] for a view or segment that the header does not list, a mask of another size or with a
+    /// wrong sum, and scores that are not finite; [`StoreError::Io`].
+    pub fn write(&mut self, annotation: &Annotation) -> Result<(), StoreError> {
+        let mask = &annotation.mask;
+        let entry = format!("annotation {}", self.written);
+        let line = Line {
+            image_id: annotation.image_id,
+            segment: annotation.segment,
+            segmentation: Segmentation { size: [mask.height, mask.width], counts: rle::encode(&mask.counts) },
+            area: mask.area(),
+            bbox: mask.bbox(),
+            predicted_iou: annotation.predicted_iou,
+            stability_score: annotation.stability_score,
+            scale: annotation.scale,
+        };
+        check_line(&self.path, &entry, &line, &self.header)?;
+        mask.validate().map_err(|e| StoreError::field(&self.path, format!("{entry}, segmentation"), e))?;
+        let text = serde_json::to_string(&line).map_err(|e| StoreError::field(&self.path, entry, e))?;
+        self.put(&text)?;
+        self.written += 1;
+        Ok(())
+    }
+
+    /// Syncs the file and gives it its name; returns how many annotations it holds.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`].
+    pub fn finish(mut self) -> Result<u64, StoreError> {
+        if let Some(out) = self.out.take() {
+            let moved = out
+                .into_inner()
+                .map_err(io::IntoInnerError::into_error)
+                .and_then(|file| file.sync_all())
+                .and_then(|()| std::fs::rename(&self.temporary, &self.path));
+            if moved.is_err() {
+                let _ = std::fs::remove_file(&self.temporary);
+            }
+            moved.map_err(StoreError::io(&self.path))?;
+        }
+        Ok(self.written)
+    }
+
+    fn put(&mut self, line: &str) -> Result<(), StoreError> {
+        let Some(out) = &mut self.out else { return Ok(()) };
+        out.write_all(line.as_bytes()).and_then(|()| out.write_all(b"\n")).map_err(StoreError::io(&self.temporary))
+    }
+}
+
+impl Drop for MaskWriter {
+    fn drop(&mut self) {
+        if self.out.take().is_some() {
+            let _ = std::fs::remove_file(&self.temporary);
+        }
+    }
+}
+
+/// Checks what the type of the header does not.
+pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreError> {
+    let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("header, {field}"), problem));
+    if header.format != FORMAT {
+        return fail("format", format!("is {:?} where {FORMAT:?} is expected; this is not a mask file", header.format));
+    }
+    if header.version != VERSION {
+        return fail("version", format!("is {} where this program reads {VERSION}", header.version));
+    }
+    if header.width == 0 || header.height == 0 || header.width.checked_mul(header.height).is_none() {
+        return fail("width, height", format!("{}x{} is no image size", header.width, header.height));
+    }
+    if !header.time.is_finite() {
+        return fail("time", "is not a finite number".to_owned());
+    }
+    for (index, view) in header.views.iter().enumerate() {
+        if !view.camera_to_world.iter().all(|value| value.is_finite()) {
+            return fail(&format!("views[{index}].camera_to_world"), "holds a value that is not finite".to_owned());
+        }
+        if !(view.fov_x > 0.0 && view.fov_x < std::f32::consts::PI) {
+            return fail(&format!("views[{index}].fov_x"), format!("is {}; it must be in (0, pi) radians", view.fov_x));
+        }
+    }
+    Ok(())
+}
+
+/// Checks an annotation line against the header, all but the mask's counts.
+pub(super) fn check_line(path: &Path, entry: &str, line: &Line, header: &Header) -> Result<(), StoreError> {
+    let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("{entry}, {field}"), problem));
+    let (views, segments) = (header.views.len(), header.segments.len());
+    if line.image_id as usize >= views {
+        return fail("image_id", format!("is {} where the header lists {views} views", line.image_id));
+    }
+    if line.segment as usize >= segments {
+        return fail("segment", format!("is {} where the header lists {segments} segments", line.segment));
+    }
+    if line.segmentation.size != [header.height, header.width] {
+        let [found_height, found_width] = line.segmentation.size;
+        let (width, height) = (header.width, header.height);
+        let problem = SegmentationError::Size { found_width, found_height, width, height };
+        return fail("segmentation.size", problem.to_string());
+    }
+    let scores =
+        [("predicted_iou", line.predicted_iou), ("stability_score", line.stability_score), ("scale", line.scale)];
+    for (name, value) in scores {
+        if !value.is_finite() {
+            return fail(name, format!("is {value}; it must be finite"));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,141 @@
+//! Names and hex strings for cluster colours, for legends and segment lists. No clustering happens here.
+
+use super::colour::rgb_to_lab;
+use serde::{Deserialize, Serialize};
+
+/// One cluster's colour with its name.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PaletteEntry {
+    /// Name, different from every other name of the palette: `red`, `light blue`, `grey-2`.
+    pub name: String,
+    /// `#rrggbb`.
+    pub hex: String,
+    /// The colour, clamped to `[0, 1]`.
+    pub rgb: [f32; 3],
+}
+
+const NAMED: [(&str, u32); 34] = [
+    ("black", 0x000000),
+    ("dark grey", 0x404040),
+    ("grey", 0x808080),
+    ("light grey", 0xc0c0c0),
+    ("white", 0xffffff),
+    ("red", 0xe6191e),
+    ("dark red", 0x7f0a0c),
+    ("light red", 0xf48080),
+    ("pink", 0xffb6c8),
+    ("magenta", 0xe619c8),
+    ("dark magenta", 0x7f0a6e),
+    ("purple", 0x8028b4),
+    ("dark purple", 0x461464),
+    ("light purple", 0xbe96e6),
+    ("blue", 0x1946dc),
+    ("dark blue", 0x0a1e78),
+    ("light blue", 0x8cb4f0),
+    ("sky blue", 0x28a0e6),
+    ("cyan", 0x19d2d2),
+    ("dark cyan", 0x0a6e6e),
+    ("light cyan", 0xaaf0f0),
+    ("teal", 0x14968c),
+    ("green", 0x1eaa28),
+    ("dark green", 0x0a5a14),
+    ("light green", 0x96e696),
+    ("lime", 0x96dc1e),
+    ("olive", 0x787814),
+    ("yellow", 0xf5e61e),
+    ("light yellow", 0xfaf5a0),
+    ("gold", 0xd2a014),
+    ("orange", 0xf58214),
+    ("light orange", 0xfabe82),
+    ("brown", 0x82501e),
+    ("beige", 0xdcc8aa),
+];
+
+/// Names the rows of `colours` `[K, 3]` (sRGB in `[0, 1]`) by the nearest named colour in CIE Lab.
+///
+/// A name met again gets `-2`, `-3`, ... in row order. Values are clamped to `[0, 1]`; a row with a non-finite value is
+/// shown black and named `unknown`. Trailing values short of a row are left out.
+pub fn name_colours(colours: &[f32]) -> Vec<PaletteEntry> {
+    let table: Vec<[f32; 3]> = NAMED.iter().map(|&(_, code)| rgb_to_lab(unpack(code))).collect();
+    let mut used: Vec<(&str, usize)> = Vec::new();
+    colours
+        .chunks_exact(3)
+        .map(|row| {
+            let known = row.iter().all(|v| v.is_finite());
+            let rgb = [0, 1, 2].map(|i| if known { row[i].clamp(0.0, 1.0) } else { 0.0 });
+            let base = if known { nearest(&table, rgb) } else { "unknown" };
+            let count = match used.iter_mut().find(|(name, _)| *name == base) {
+                Some((_, count)) => {
+                    *count += 1;
+                    *count
+                }
+                None => {
+                    used.push((base, 1));
+                    1
+                }
+            };
+            let name = if count == 1 { base.to_owned() } else { format!("{base}-{count}") };
+            PaletteEntry { name, hex: hex(rgb), rgb }
+        })
+        .collect()
+}
+
+/// `#rrggbb` of an sRGB colour, clamped to `[0, 1]` (NaN counts as 0).
+pub fn hex(rgb: [f32; 3]) -> String {
+    let [r, g, b] = rgb.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+fn nearest(table: &[[f32; 3]], rgb: [f32; 3]) -> &'static str {
+    let lab = rgb_to_lab(rgb);
+    let mut best = (f32::INFINITY, NAMED[0].0);
+    for (entry, (name, _)) in table.iter().zip(NAMED) {
+        let distance: f32 = (0..3).map(|i| (entry[i] - lab[i]).powi(2)).sum();
+        if distance < best.0 {
+            best = (distance, name);
+        }
+    }
+    best.1
+}
+
+fn unpack(code: u32) -> [f32; 3] {
+    [16, 8, 0].map(|shift| ((code >> shift) & 255) as f32 / 255.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn plain_colours_get_their_plain_names() {
+        let rows = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.7, 0.1, 1.0, 1.0, 0.0, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0];
+        let names: Vec<String> = name_colours(&rows).into_iter().map(|e| e.name).collect();
+        assert_eq!(names, ["red", "blue", "green", "yellow", "grey", "white"]);
+    }
+
+    #[test]
+    fn every_named_colour_is_its_own_nearest_and_names_are_unique() {
+        let rows: Vec<f32> = NAMED.iter().flat_map(|&(_, code)| unpack(code)).collect();
+        let palette = name_colours(&rows);
+        for (entry, (name, code)) in palette.iter().zip(NAMED) {
+            assert_eq!(entry.name, name);
+            assert_eq!(entry.hex, format!("#{code:06x}"));
+        }
+        assert_eq!(NAMED.iter().map(|n| n.0).collect::<HashSet<_>>().len(), NAMED.len());
+    }
+
+    #[test]
+    fn repeated_names_are_numbered() {
+        let names: Vec<String> = name_colours(&[0.5; 9]).into_iter().map(|e| e.name).collect();
+        assert_eq!(names, ["grey", "grey-2", "grey-3"]);
+    }
+
+    #[test]
+    fn poison_colours_are_shown_all_the_same() {
+        let palette = name_colours(&[f32::NAN, 0.0, 0.0, 7.0, -3.0, -1.0]);
+        assert_eq!((palette[0].name.as_str(), palette[0].hex.as_str()), ("unknown", "#000000"));
+        assert_eq!((palette[1].name.as_str(), palette[1].hex.as_str()), ("red", "#ff0000"));
+        assert!(name_colours(&[]).is_empty());
+    }
+}

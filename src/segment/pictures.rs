@@ -1,0 +1,65 @@
+//! Pictures of some Gaussians alone: colour, alpha and depth, as mask sources see them.
+
+use crate::model::GaussiansAt;
+use crate::model::params::to_vec;
+use burn::tensor::Device;
+use volseggs_kernels::Camera;
+use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
+
+/// `1 / (2 sqrt(pi))`: what a constant coefficient is multiplied by.
+const SH_C0: f32 = 0.282_094_79;
+
+/// A picture of Gaussians alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Width in pixels.
+    pub width: usize,
+    /// Height in pixels.
+    pub height: usize,
+    /// Colour over the background, and alpha, `[H, W, 4]`.
+    pub rgba: Vec<f32>,
+    /// Mean depth of what is seen, world units, `[H, W]`; 0 where nothing is.
+    pub depth: Vec<f32>,
+}
+
+/// Draws `gaussians` over `background`; `sh_degree` as in the scene.
+#[must_use]
+pub fn picture(
+    gaussians: &GaussiansAt,
+    camera: Camera,
+    background: [f32; 3],
+    sh_degree: usize,
+    device: &Device,
+) -> Picture {
+    let rgba = draw(gaussians, camera, background, sh_degree, device);
+    // depth in place of colour, over nothing
+    let row = camera.rotation[2];
+    let depth_of = |m: &[f32]| row[0] * m[0] + row[1] * m[1] + row[2] * m[2] + camera.translation[2];
+    let far = gaussians.means.chunks_exact(3).map(depth_of).filter(|d| d.is_finite()).fold(1e-6, f32::max);
+    let colours = gaussians.means.chunks_exact(3).flat_map(|m| [(depth_of(m).max(0.0) / far - 0.5) / SH_C0; 3]);
+    let flat = GaussiansAt { sh: colours.collect(), sh_stride: 1, ..gaussians.clone() };
+    let depths = draw(&flat, camera, [0.0; 3], 0, device);
+    let depth = depths.chunks_exact(4).map(|p| if p[3] > 1.0 / 255.0 { far * p[0] / p[3] } else { 0.0 }).collect();
+    Picture { width: camera.width, height: camera.height, rgba, depth }
+}
+
+/// Colour over the background and alpha, `[H, W, 4]`.
+#[must_use]
+pub fn draw(
+    gaussians: &GaussiansAt,
+    camera: Camera,
+    background: [f32; 3],
+    sh_degree: usize,
+    device: &Device,
+) -> Vec<f32> {
+    let (at, sh) = gaussians.to_device(device);
+    let inputs = SplatInputs {
+        means: at.means,
+        rotations: at.rotations,
+        log_scales: at.log_scales,
+        opacity_logits: at.opacity_logits,
+        sh,
+        screen_offsets: None,
+    };
+    to_vec(splat(inputs, SplatSettings { camera, background, sh_degree }).image)
+}
