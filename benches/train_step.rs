@@ -59,6 +59,7 @@ fn main() {
         let sizes = [host.opacity_logits.len()];
         table("stage, alone", &sizes, &[stages(host, Some(&points), repeats)]);
         table("part of `Trainer::step`", &sizes, &[whole::trained_step(scene.as_ref(), data.as_ref(), repeats)]);
+        table("frame", &sizes, &[whole::frames(scene.as_ref(), 3 * repeats)]);
         return;
     }
     let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| stages(common::scene(n, 7), None, repeats)).collect();

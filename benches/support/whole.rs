@@ -77,6 +77,21 @@ pub fn trained_step(scene: &Path, data: &Path, repeats: usize) -> Vec<Stage> {
     measure_steps(trainer, &dataset, repeats)
 }
 
+/// Frames of a trained scene without gradients, the image on the host: with the deformation computed anew, and with
+/// the time held.
+pub fn frames(path: &Path, repeats: usize) -> Vec<Stage> {
+    let scene = volseggs::model::Scene::load(path, &Device::flex()).unwrap();
+    let (camera, background) = (common::camera(SIZE), scene.spec.background);
+    let held = scene.at(0.5);
+    let mut frame = 0;
+    let moving = common::measure(repeats, || {
+        frame += 1;
+        scene.render(camera, frame as f32 / repeats as f32)
+    });
+    let still = common::measure(repeats, || to_vec(scene.draw(held.clone(), camera, background, None).image));
+    vec![("frame, time moving", moving.0), ("frame, time held", still.0)]
+}
+
 fn measure_steps(mut trainer: Trainer, dataset: &Dataset, repeats: usize) -> Vec<Stage> {
     let names = ["data", "deform", "splat", "loss", "backward", "adam", "statistics", "**whole step**"];
     let mut samples = names.map(|_| Vec::new());

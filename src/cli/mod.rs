@@ -11,6 +11,8 @@ mod inspect_volume;
 mod prepare;
 mod render;
 mod run_folder;
+mod segment;
+mod track;
 mod train;
 
 pub use error::CliError;
@@ -25,7 +27,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[derive(Debug, Parser)]
 #[command(name = "volseggs", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Start here:\n  volseggs demo\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs render RUN --path orbit --out FRAMES"
+    after_help = "Start here:\n  volseggs demo\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs segment coarse RUN\n  volseggs track RUN --segment red\n  volseggs render RUN --path orbit --out FRAMES"
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -38,6 +40,8 @@ enum Command {
     Prepare(Box<prepare::PrepareArgs>),
     Train(train::TrainArgs),
     Eval(eval::EvalArgs),
+    Segment(segment::SegmentArgs),
+    Track(track::TrackArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
     Inspect(inspect::InspectArgs),
@@ -95,6 +99,8 @@ impl Cli {
             Command::Prepare(args) => args.run(),
             Command::Train(args) => args.run(),
             Command::Eval(args) => args.run(),
+            Command::Segment(args) => args.run(),
+            Command::Track(args) => args.run(),
             Command::Render(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Inspect(args) => args.run(),

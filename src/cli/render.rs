@@ -3,7 +3,7 @@
 use super::run_folder::RunFolder;
 use super::{CliError, Common, print_json};
 use crate::data::paths::{Lens, orbit, test_spiral};
-use crate::data::{Camera, SplitName, Transforms};
+use crate::data::{Camera, Transforms};
 use crate::export::animation::write_apng;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
@@ -100,19 +100,13 @@ impl RenderArgs {
     }
 
     fn views(&self, run: &RunFolder) -> Result<Vec<(Camera, f64)>, CliError> {
-        let first = self.reference_camera(run);
-        let (width, height) = match (self.size, &first) {
-            (Some(s), _) => (s, s),
-            (None, Some(c)) => (c.width, c.height),
-            (None, None) => (800, 800),
-        };
-        if width == 0 {
+        if self.size == Some(0) {
             return Err(CliError::input("--size 0: at least 1 pixel"));
         }
+        let (lens, distance) = run.lens(self.size);
+        let Lens { fov_x, width, height } = lens;
         let centre = DVec3::from_array(run.scene.spec.centre.map(f64::from));
-        let fov_x = first.as_ref().map_or(30f64.to_radians(), Camera::fov_x);
-        let radius = self.radius.or_else(|| first.as_ref().map(|c| c.position().distance(centre))).unwrap_or(4.0);
-        let lens = Lens { fov_x, width, height };
+        let radius = self.radius.unwrap_or(distance);
         if let Some(position) = &self.camera {
             let [x, y, z] = position[..] else {
                 return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5"));
@@ -142,11 +136,5 @@ impl RenderArgs {
                 Ok(hold(views))
             }
         }
-    }
-
-    /// A camera of the dataset, if it is still there: its size, field of view and distance are the defaults.
-    fn reference_camera(&self, run: &RunFolder) -> Option<Camera> {
-        let split = run.split(SplitName::Train, None, Some(1)).ok()?;
-        split.frames.first().map(|f| f.camera.clone())
     }
 }

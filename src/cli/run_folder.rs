@@ -5,11 +5,14 @@ use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
-use crate::data::{Split, SplitName};
+use crate::data::paths::Lens;
+use crate::data::{Camera, Split, SplitName};
 use crate::model::Scene;
+use crate::segment::segmentation::{self, Segmentation};
 use crate::train::checkpoint;
 use crate::train::run::RunRecord;
 use burn::tensor::Device;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// A run, its newest scene and its record.
@@ -40,6 +43,45 @@ impl RunFolder {
         let config_path = path.join("config.toml").to_string_lossy().into_owned();
         let config = Layers::new(PRESETS).source(config_path).resolve::<Config>().map_err(CliError::input)?.value;
         Ok(Self { path: path.to_owned(), scene, scene_path, record, config })
+    }
+
+    /// The lens of the run's dataset, at `size` pixels a side if that is given, and the distance of its cameras; of the
+    /// published data, where the dataset is not there any more.
+    pub(super) fn lens(&self, size: Option<u32>) -> (Lens, f64) {
+        let first = self.split(SplitName::Train, None, Some(1)).ok();
+        let first = first.as_ref().and_then(|split| split.frames.first()).map(|f| &f.camera);
+        let (width, height) = match (size, first) {
+            (Some(s), _) => (s, s),
+            (None, Some(c)) => (c.width, c.height),
+            (None, None) => (800, 800),
+        };
+        let fov_x = first.map_or(30f64.to_radians(), Camera::fov_x);
+        let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
+        (Lens { fov_x, width, height }, first.map_or(4.0, |c| c.position().distance(centre)))
+    }
+
+    /// The file of the run's segments.
+    pub(super) fn segments_path(&self) -> PathBuf {
+        self.path.join(segmentation::FILE)
+    }
+
+    /// The run's segments; none if there is no file yet.
+    pub(super) fn segments(&self) -> Result<Segmentation, CliError> {
+        let path = self.segments_path();
+        let fingerprint = self.scene.fingerprint();
+        if !path.exists() {
+            return Ok(Segmentation::new(self.scene.gaussians.count(), fingerprint));
+        }
+        let found = Segmentation::load(&path).map_err(CliError::input)?;
+        if found.scene != fingerprint {
+            return Err(CliError::input(format!(
+                "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
+                 --replace` to begin again",
+                path.display(),
+                self.path.display()
+            )));
+        }
+        Ok(found)
     }
 
     /// Reads a split of the run's dataset, or of `data` in its place.

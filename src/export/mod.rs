@@ -2,5 +2,6 @@
 
 pub mod animation;
 pub mod images;
+pub mod labels;
 pub mod ply;
 pub mod scene;

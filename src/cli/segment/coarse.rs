@@ -1,0 +1,124 @@
+//! `volseggs segment coarse`
+
+use super::super::run_folder::RunFolder;
+use super::super::{CliError, Common, print_json};
+use super::{check_time, write_picture};
+use crate::data::paths::orbit;
+use crate::draw::views::view_sheet;
+use crate::export::images::to_rgb8;
+use crate::points::outliers::OutlierConfig;
+use crate::segment::coarse::{CoarseOptions, ColourSpace, coarse};
+use crate::segment::pictures::draw;
+use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// Segments by view-independent colour.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone."
+)]
+pub struct CoarseArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Time in [0, 1] at which outliers are looked for.
+    #[arg(long, default_value_t = 0.5)]
+    time: f64,
+    /// Number of colours; suggested from the data if not given.
+    #[arg(long, value_name = "K")]
+    clusters: Option<usize>,
+    /// Space in which colours are near or far.
+    #[arg(long, value_enum, default_value_t = Space::Rgb)]
+    space: Space,
+    /// Gaussians less opaque than this belong to no segment.
+    #[arg(long, default_value_t = 0.02, value_name = "ALPHA")]
+    min_opacity: f32,
+    /// Keep Gaussians without neighbours.
+    #[arg(long)]
+    keep_outliers: bool,
+    /// Radius in which neighbours are counted, world units; from the scene's spacing if not given.
+    #[arg(long, value_name = "R")]
+    radius: Option<f32>,
+    /// Neighbours that a Gaussian has at least.
+    #[arg(long, value_name = "N")]
+    min_neighbours: Option<u32>,
+    /// Seed of the clustering.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Take the place of all segments that are there.
+    #[arg(long)]
+    replace: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Space {
+    /// Red, green and blue as displayed.
+    Rgb,
+    /// CIE Lab, distances as people see them.
+    Lab,
+}
+
+impl CoarseArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        check_time(self.time)?;
+        let (_, device) = self.common.device()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let n = run.scene.gaussians.count();
+        let mut all = if self.replace { Segmentation::new(n, run.scene.fingerprint()) } else { run.segments()? };
+        if !all.segments.is_empty() {
+            return Err(CliError::input(format!(
+                "{}: {} segments are there already; pass --replace to begin again",
+                run.segments_path().display(),
+                all.segments.len()
+            )));
+        }
+        let mut outliers = OutlierConfig { radius: self.radius, ..OutlierConfig::default() };
+        outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);
+        let options = CoarseOptions {
+            clusters: self.clusters,
+            space: if self.space == Space::Rgb { ColourSpace::Rgb } else { ColourSpace::Lab },
+            min_opacity: self.min_opacity,
+            outliers: (!self.keep_outliers).then_some(outliers),
+            seed: self.seed,
+        };
+        let at = run.scene.host_at(self.time as f32);
+        let found = coarse(&at, &options).map_err(CliError::input)?;
+        for (label, entry) in (1..).zip(&found.palette) {
+            let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
+            let segment = Segment {
+                name: entry.name.replace(' ', "-"),
+                parent: None,
+                colour: entry.rgb,
+                time: self.time,
+                origin: Origin::Coarse,
+                members,
+            };
+            all.add(segment).map_err(CliError::failure)?;
+        }
+        all.save(&run.segments_path()).map_err(CliError::failure)?;
+
+        let (lens, radius) = run.lens(None);
+        let cameras = orbit(4, radius, 20f64.to_radians(), lens);
+        let mut pictures = Vec::new();
+        for segment in &all.segments {
+            let alone = at.subset(&segment.members);
+            for camera in &cameras[..3] {
+                let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
+                let image = draw(&alone, camera.to_kernel(), background, degree, &device);
+                pictures.push((segment.name.clone(), to_rgb8(&image, lens.width as usize, lens.height as usize)));
+            }
+        }
+        let sheet = run.path.join("segments/coarse.png");
+        write_picture(&sheet, &view_sheet(&pictures, 3, 400))?;
+        if self.common.json {
+            return print_json(&all);
+        }
+        for segment in &all.segments {
+            println!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
+        }
+        eprintln!("{} outliers removed; pictures: {}", found.outliers, sheet.display());
+        Ok(())
+    }
+}

@@ -1,0 +1,91 @@
+//! What can go wrong with edits. Every message says what, where, and how to put it right.
+
+use std::path::PathBuf;
+
+/// An error of reading, checking or applying edits.
+#[derive(Debug, thiserror::Error)]
+pub enum EditError {
+    /// A file could not be read or written.
+    #[error("{}: cannot {action}: {source}; check the path and the permissions", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// The file is not JSON.
+    #[error("{}: not valid JSON: {source}; correct the file or restore an older copy", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Where and why parsing stopped.
+        source: serde_json::Error,
+    },
+    /// A field of the file is missing, unknown or wrong.
+    #[error("{}: {field}: {problem}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// The field, as in `operations[2].operation.rotate.axis`; operations count from 0 here, as in JSON.
+        field: String,
+        /// What is wrong and how to put it right.
+        problem: String,
+    },
+    /// The file was written by a newer program.
+    #[error(
+        "{}: version: {found} is newer than {known}, the newest this program reads; use a newer volseggs",
+        path.display()
+    )]
+    NewerVersion {
+        /// The file.
+        path: PathBuf,
+        /// The version in the file.
+        found: u64,
+        /// The newest version known.
+        known: u32,
+    },
+    /// A value of an edit cannot be used.
+    #[error("{field}: {problem}")]
+    Value {
+        /// The field of the edit, as in `operation.scale.factor`.
+        field: String,
+        /// What is wrong and how to put it right.
+        problem: String,
+    },
+    /// An edit names a segment that does not exist.
+    #[error("edit {edit}: there is no segment \"{name}\"; correct the name, or remove the edit")]
+    UnknownSegment {
+        /// Number of the edit in the list, from 1.
+        edit: usize,
+        /// The name.
+        name: String,
+    },
+    /// A segment holds a Gaussian that does not exist.
+    #[error("segment \"{name}\": Gaussian {index} of {count} does not exist; segment this scene again")]
+    Index {
+        /// The segment.
+        name: String,
+        /// The index.
+        index: u32,
+        /// Number of Gaussians.
+        count: usize,
+    },
+    /// The arrays of the Gaussians disagree.
+    #[error("{field}: {found} values where {expected} are needed; give every array the same number of Gaussians")]
+    Shape {
+        /// The array.
+        field: &'static str,
+        /// Values needed.
+        expected: usize,
+        /// Values found.
+        found: usize,
+    },
+    /// Not a number of spherical-harmonics coefficients.
+    #[error("sh_stride: {found} coefficients; give 1, 4, 9 or 16 (degree 0 to 3)")]
+    ShStride {
+        /// Coefficients of a Gaussian.
+        found: usize,
+    },
+}

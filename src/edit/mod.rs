@@ -1,0 +1,22 @@
+//! Edits of segments: an ordered stack of pure data that can be undone, and its application to the Gaussians of one
+//! time.
+//!
+//! The stack knows segments by name only and never holds Gaussians, so that an edit made at one time holds at every
+//! time: each time's Gaussians are edited afresh from the trained ones. Nothing here draws, tracks or chooses segments.
+
+mod apply;
+mod error;
+mod file;
+mod operation;
+mod sh;
+mod stack;
+mod state;
+#[cfg(test)]
+mod tests;
+
+pub use apply::apply;
+pub use error::EditError;
+pub use operation::{Edit, Operation};
+pub use sh::ShRotation;
+pub use stack::{EditStack, VERSION};
+pub use state::HIDDEN_LOGIT;

@@ -1,0 +1,178 @@
+//! One edit as pure data: its meaning, its checks and its line in a list. How it changes Gaussians is in `apply`.
+
+use super::error::EditError;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// What is done to the named segments.
+///
+/// In JSON a variant is written as `{"opacity": {"factor": 0.5}}`, one without values as `"hide"`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Operation {
+    /// Gives each segment a colour.
+    Recolour {
+        /// Red, green, blue in `[0, 1]`.
+        rgb: [f32; 3],
+        /// True: the constant terms of a segment all move by one amount, which makes the opacity-weighted mean of its
+        /// colours `rgb`; the differences among its Gaussians and all that depends on the view stay. False: every
+        /// Gaussian gets the colour `rgb` from every side.
+        keep_shading: bool,
+    },
+    /// Multiplies the linear opacity. The result is at most 0.99, as in drawing. 0 is the same as `Hide`.
+    Opacity {
+        /// At least 0.
+        factor: f32,
+    },
+    /// Makes the segments invisible until a later `Show`.
+    Hide,
+    /// Makes the segments visible again, with the opacity they would have had.
+    Show,
+    /// Hides every Gaussian that is in none of the named segments; those stay as they are, visible or hidden.
+    Isolate,
+    /// Moves the segments.
+    Translate {
+        /// Along x, y, z, world units.
+        by: [f32; 3],
+    },
+    /// Turns the segments, with the orientation and the view-dependent colour of their Gaussians.
+    Rotate {
+        /// Axis, of any length but 0.
+        axis: [f32; 3],
+        /// Angle, right-handed about the axis.
+        degrees: f32,
+        /// A fixed point, world units; without one each segment turns about its own opacity-weighted centre at the
+        /// time being drawn, so that a segment that moves turns about itself at every time.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        about: Option<[f32; 3]>,
+    },
+    /// Makes the segments larger or smaller, with their Gaussians.
+    Scale {
+        /// More than 0.
+        factor: f32,
+        /// As in `Rotate`.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        about: Option<[f32; 3]>,
+    },
+}
+
+/// One operation on named segments, as one step of undo.
+///
+/// A Gaussian that several of the named segments hold is edited once, as a part of the first that holds it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Edit {
+    /// Names of segments, at least one.
+    pub segments: Vec<String>,
+    /// What is done to them.
+    pub operation: Operation,
+}
+
+impl Operation {
+    /// The name in JSON.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Recolour { .. } => "recolour",
+            Self::Opacity { .. } => "opacity",
+            Self::Hide => "hide",
+            Self::Show => "show",
+            Self::Isolate => "isolate",
+            Self::Translate { .. } => "translate",
+            Self::Rotate { .. } => "rotate",
+            Self::Scale { .. } => "scale",
+        }
+    }
+
+    /// Checks the values.
+    ///
+    /// # Errors
+    /// [`EditError::Value`]: a number that is not finite or out of range, an axis without direction.
+    pub fn validate(&self) -> Result<(), EditError> {
+        let check = |field: &str, fine: bool, problem: String| {
+            let field = || format!("operation.{}.{field}", self.name());
+            if fine { Ok(()) } else { Err(EditError::Value { field: field(), problem }) }
+        };
+        let point = |field: &str, p: &[f32; 3]| {
+            check(field, p.iter().all(|c| c.is_finite()), format!("{p:?} is not finite; give three finite numbers"))
+        };
+        match self {
+            Self::Recolour { rgb, .. } => check(
+                "rgb",
+                rgb.iter().all(|c| (0.0..=1.0).contains(c)),
+                format!("{rgb:?} is no colour; give red, green and blue from 0 to 1"),
+            ),
+            Self::Opacity { factor } => check(
+                "factor",
+                factor.is_finite() && *factor >= 0.0,
+                format!("{factor} cannot multiply an opacity; give a finite number of at least 0"),
+            ),
+            Self::Hide | Self::Show | Self::Isolate => Ok(()),
+            Self::Translate { by } => point("by", by),
+            Self::Rotate { axis, degrees, about } => {
+                point("axis", axis)?;
+                check(
+                    "axis",
+                    axis.iter().any(|c| *c != 0.0),
+                    "has no direction; give one component that is not 0".into(),
+                )?;
+                check("degrees", degrees.is_finite(), format!("{degrees} is not finite; give an angle in degrees"))?;
+                about.as_ref().map_or(Ok(()), |p| point("about", p))
+            }
+            Self::Scale { factor, about } => {
+                check(
+                    "factor",
+                    factor.is_finite() && *factor > 0.0,
+                    format!("{factor} is no scale; give a finite number above 0"),
+                )?;
+                about.as_ref().map_or(Ok(()), |p| point("about", p))
+            }
+        }
+    }
+}
+
+impl Edit {
+    /// Checks the values and that at least one segment is named. Whether those exist is known when edits are applied.
+    ///
+    /// # Errors
+    /// [`EditError::Value`].
+    pub fn validate(&self) -> Result<(), EditError> {
+        let bad = |field: String, problem: &str| Err(EditError::Value { field, problem: problem.to_owned() });
+        if self.segments.is_empty() {
+            return bad("segments".to_owned(), "is empty; name at least one segment");
+        }
+        if let Some(i) = self.segments.iter().position(|name| name.trim().is_empty()) {
+            return bad(format!("segments[{i}]"), "is blank; give the name of a segment");
+        }
+        self.operation.validate()
+    }
+}
+
+/// One line such as `rotate ring by 90° about the axis (0, 0, 1) through its centre`.
+impl fmt::Display for Edit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = self.segments.join(", ");
+        let tuple = |p: &[f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
+        let place = |about: &Option<[f32; 3]>| match about {
+            Some(p) => tuple(p),
+            None if self.segments.len() == 1 => "its centre".to_owned(),
+            None => "their own centres".to_owned(),
+        };
+        match &self.operation {
+            Operation::Recolour { rgb, keep_shading } => {
+                let [r, g, b] = rgb.map(|c| (c * 255.0).round() as u8);
+                write!(f, "recolour {names} to #{r:02x}{g:02x}{b:02x}")?;
+                f.write_str(if *keep_shading { ", keeping the shading" } else { "" })
+            }
+            Operation::Opacity { factor } => write!(f, "multiply the opacity of {names} by {factor}"),
+            Operation::Hide => write!(f, "hide {names}"),
+            Operation::Show => write!(f, "show {names}"),
+            Operation::Isolate => write!(f, "hide everything but {names}"),
+            Operation::Translate { by } => write!(f, "move {names} by {}", tuple(by)),
+            Operation::Rotate { axis, degrees, about } => {
+                write!(f, "rotate {names} by {degrees}° about the axis {} through {}", tuple(axis), place(about))
+            }
+            Operation::Scale { factor, about } => write!(f, "scale {names} by {factor} about {}", place(about)),
+        }
+    }
+}

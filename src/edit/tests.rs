@@ -1,0 +1,62 @@
+//! Tests of edits: what the stack keeps, what the operations do, and what files are refused.
+
+mod apply;
+mod file;
+mod properties;
+
+use super::{Edit, EditStack, Operation};
+use crate::model::GaussiansAt;
+
+/// Segments "a", "b" (disjoint), "ab" (both) and "none" (without Gaussians); the last two of 10 are in none.
+pub fn segments(name: &str) -> Option<&'static [u32]> {
+    match name {
+        "a" => Some(&[0, 1, 2, 3]),
+        "b" => Some(&[4, 5, 6, 7]),
+        "ab" => Some(&[0, 1, 2, 3, 4, 5, 6, 7]),
+        "none" => Some(&[]),
+        _ => None,
+    }
+}
+
+/// 10 Gaussians of degree 3 that all differ.
+pub fn state() -> GaussiansAt {
+    let wave = |n: usize, k: f32| (0..n).map(|i| ((i + 1) as f32 * k).sin()).collect::<Vec<_>>();
+    GaussiansAt {
+        means: wave(30, 1.3),
+        rotations: wave(40, 2.1),
+        log_scales: wave(30, 0.7).iter().map(|v| v - 3.0).collect(),
+        opacity_logits: wave(10, 1.9),
+        sh: wave(480, 3.7),
+        sh_stride: 16,
+    }
+}
+
+pub fn edit(segments: &[&str], operation: Operation) -> Edit {
+    Edit { segments: segments.iter().map(|s| (*s).to_owned()).collect(), operation }
+}
+
+pub fn stack(edits: &[Edit]) -> EditStack {
+    EditStack { operations: edits.to_vec(), ..EditStack::default() }
+}
+
+pub fn applied(edits: &[Edit]) -> GaussiansAt {
+    let mut state = state();
+    super::apply(&stack(edits), &segments, &mut state).unwrap();
+    state
+}
+
+pub fn arrays(s: &GaussiansAt) -> [&[f32]; 5] {
+    [&s.means, &s.rotations, &s.log_scales, &s.opacity_logits, &s.sh]
+}
+
+/// The largest difference of any two values.
+pub fn distance(a: &GaussiansAt, b: &GaussiansAt) -> f32 {
+    let pairs = arrays(a).into_iter().zip(arrays(b)).flat_map(|(x, y)| x.iter().zip(y));
+    pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
+}
+
+/// The bits of everything about one Gaussian.
+pub fn bits(s: &GaussiansAt, i: usize) -> Vec<u32> {
+    let n = s.len();
+    arrays(s).iter().flat_map(|a| a[i * a.len() / n..(i + 1) * a.len() / n].iter().map(|v| v.to_bits())).collect()
+}

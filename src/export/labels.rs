@@ -1,0 +1,169 @@
+//! Writers of label volumes: NRRD (with what 3D Slicer needs to show segments) and VTK image data.
+//!
+//! Here are the volume to write and its checks; the formats are in `nrrd` and `vti`. Nothing here computes labels.
+
+mod nrrd;
+#[cfg(test)]
+mod tests;
+mod vti;
+
+pub use nrrd::Space;
+
+use crate::files::write_atomic;
+use crate::volume::grid::Grid;
+use std::path::{Path, PathBuf};
+
+/// A label that occurs in a volume.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedLabel {
+    /// Its value in the volume, not 0.
+    pub value: u16,
+    /// Its name, without control characters.
+    pub name: String,
+    /// Red, green, blue in `[0, 1]`, for viewers.
+    pub colour: [f32; 3],
+}
+
+/// A volume of labels at one time.
+#[derive(Clone, Copy, Debug)]
+pub struct LabelVolume<'a> {
+    /// Where the voxels are; `origin` is the centre of the first.
+    pub grid: Grid,
+    /// Labels `[z, y, x]`, x fastest; 0 is none.
+    pub ids: &'a [u16],
+    /// Every label that occurs, in the order in which viewers list them. It may name labels that do not occur.
+    pub names: &'a [NamedLabel],
+}
+
+/// Why a label volume cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum LabelsError {
+    /// The number of labels is not that of the voxels.
+    #[error("{}: ids: {found} labels for a grid of {dims:?} voxels; give one for each voxel", path.display())]
+    Shape {
+        /// The file to write.
+        path: PathBuf,
+        /// Labels given.
+        found: usize,
+        /// Voxels along x, y, z.
+        dims: [usize; 3],
+    },
+    /// A name or the grid cannot be written.
+    #[error("{}: {field}: {problem}", path.display())]
+    Field {
+        /// The file to write.
+        path: PathBuf,
+        /// The field, as in `names[2].colour`.
+        field: String,
+        /// What is wrong and how to put it right.
+        problem: String,
+    },
+    /// A label has no name.
+    #[error("{}: label {value} occurs in the volume but has no name; name it, or set its voxels to 0", path.display())]
+    Unnamed {
+        /// The file to write.
+        path: PathBuf,
+        /// The label.
+        value: u16,
+    },
+    /// The file cannot be written.
+    #[error("{}: cannot write the labels: {source}; check the folder and the space on the disk", path.display())]
+    Io {
+        /// The file to write.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// Writes an NRRD file with an attached header and gzip data, 8-bit where the labels allow. Called `.seg.nrrd`, 3D
+/// Slicer opens it as a segmentation with names and colours; other readers find the names as `label_1:=name`.
+///
+/// # Errors
+/// [`LabelsError`]; nothing is then written.
+pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>, space: Space) -> Result<(), LabelsError> {
+    let occurring = check(path, volume)?;
+    write(path, nrrd::encode(volume, &occurring, &cells(volume), space))
+}
+
+/// Writes VTK image data (`.vti`) with the point array `labels`, zlib-compressed, 8-bit where the labels allow. The
+/// field arrays `label_values` and `label_names` say what the values mean.
+///
+/// # Errors
+/// [`LabelsError`]; nothing is then written.
+pub fn write_vti(path: &Path, volume: &LabelVolume<'_>) -> Result<(), LabelsError> {
+    check(path, volume)?;
+    write(path, vti::encode(volume, &cells(volume)))
+}
+
+fn write(path: &Path, encoded: std::io::Result<Vec<u8>>) -> Result<(), LabelsError> {
+    let written = encoded.and_then(|bytes| write_atomic(path, &bytes));
+    written.map_err(|source| LabelsError::Io { path: path.to_owned(), source })
+}
+
+/// The labels as little-endian bytes.
+struct Cells {
+    bytes: Vec<u8>,
+    wide: bool,
+}
+
+fn cells(volume: &LabelVolume<'_>) -> Cells {
+    let wide = volume.names.iter().any(|n| n.value > 255);
+    let ids = volume.ids.iter();
+    let bytes = if wide { ids.flat_map(|v| v.to_le_bytes()).collect() } else { ids.map(|v| *v as u8).collect() };
+    Cells { bytes, wide }
+}
+
+/// First and last voxel along x, y, z of a label; `None` where it does not occur.
+type Extent = Option<[[usize; 2]; 3]>;
+
+/// Checks the volume and returns the extent of each named label.
+fn check(path: &Path, volume: &LabelVolume<'_>) -> Result<Vec<Extent>, LabelsError> {
+    let bad = |field: String, problem: String| Err(LabelsError::Field { path: path.to_owned(), field, problem });
+    let Grid { dims, spacing, origin } = volume.grid;
+    let count = dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d));
+    if count != Some(volume.ids.len()) || volume.ids.is_empty() {
+        return Err(LabelsError::Shape { path: path.to_owned(), found: volume.ids.len(), dims });
+    }
+    if !spacing.iter().all(|s| s.is_finite() && *s > 0.0) || !origin.iter().all(|o| o.is_finite()) {
+        let problem = format!("spacing {spacing:?}, origin {origin:?}; give positive spacings and a finite origin");
+        return bad("grid".to_owned(), problem);
+    }
+    let mut place = vec![usize::MAX; 1 << 16];
+    for (i, label) in volume.names.iter().enumerate() {
+        let field = |name: &str| format!("names[{i}].{name}");
+        let before = std::mem::replace(&mut place[usize::from(label.value)], i);
+        if label.value == 0 || before != usize::MAX {
+            let problem = if label.value == 0 { "0 is no label" } else { "is given twice" };
+            return bad(field("value"), format!("{problem}; number the labels from 1, each once"));
+        }
+        if label.name.trim().is_empty() || label.name.chars().any(char::is_control) {
+            return bad(field("name"), format!("{:?} is blank or has control characters; rename it", label.name));
+        }
+        if !label.colour.iter().all(|c| (0.0..=1.0).contains(c)) {
+            return bad(field("colour"), format!("{:?} is no colour; give numbers from 0 to 1", label.colour));
+        }
+    }
+    extents(volume, &place).map_err(|value| LabelsError::Unnamed { path: path.to_owned(), value })
+}
+
+/// The extents by the place of each label among the names, or a label without a place.
+fn extents(volume: &LabelVolume<'_>, place: &[usize]) -> Result<Vec<Extent>, u16> {
+    let mut extents: Vec<Extent> = vec![None; volume.names.len()];
+    let [nx, ny, _] = volume.grid.dims;
+    for (r, row) in volume.ids.chunks_exact(nx).enumerate() {
+        let mut x = 0;
+        for run in row.chunk_by(|a, b| a == b) {
+            let ends = [[x, x + run.len() - 1], [r % ny; 2], [r / ny; 2]];
+            x += run.len();
+            if run[0] == 0 {
+                continue;
+            }
+            let extent = extents.get_mut(place[usize::from(run[0])]).ok_or(run[0])?.get_or_insert(ends);
+            for ([low, high], end) in extent.iter_mut().zip(ends) {
+                (*low, *high) = ((*low).min(end[0]), (*high).max(end[1]));
+            }
+        }
+    }
+    Ok(extents)
+}

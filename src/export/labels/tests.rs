@@ -1,0 +1,154 @@
+//! Tests of what is written, read back with small readers of the two layouts, and of what is refused.
+
+use super::*;
+use flate2::read::{GzDecoder, ZlibDecoder};
+use std::io::Read;
+
+const GRID: Grid = Grid { dims: [70, 80, 60], spacing: [0.5, 0.25, 1e-7], origin: [-1.5, 0.0, 2e3] };
+
+/// Boxes of labels 1 and `high`; label 3 does not occur.
+fn example(high: u16) -> (Vec<u16>, Vec<NamedLabel>) {
+    let ids = (0..70 * 80 * 60).map(|i| match (i % 70, i / 70 % 80, i / 5600) {
+        (10..20, 30..40, 5..9) => 1,
+        (0..70, 79, 59) => high,
+        _ => 0,
+    });
+    let label = |value, name: &str| NamedLabel { value, name: name.to_owned(), colour: [1.0, 0.5, 0.0] };
+    (ids.collect(), vec![label(1, r"ring \1"), label(3, "a:=b <é>"), label(high, "jet")])
+}
+
+fn written(high: u16, name: &str) -> Vec<u8> {
+    let (ids, names) = example(high);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names };
+    if name.ends_with("nrrd") {
+        write_nrrd(&path, &volume, Space::default()).unwrap();
+    } else {
+        write_vti(&path, &volume).unwrap();
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    std::fs::read(&path).unwrap()
+}
+
+fn split<'a>(bytes: &'a [u8], mark: &[u8]) -> (&'a str, &'a [u8]) {
+    let at = bytes.windows(mark.len()).position(|w| w == mark).unwrap() + mark.len();
+    (std::str::from_utf8(&bytes[..at]).unwrap(), &bytes[at..])
+}
+
+fn numbers(bytes: &[u8], wide: bool) -> Vec<u16> {
+    if wide {
+        bytes.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect()
+    } else {
+        bytes.iter().map(|b| u16::from(*b)).collect()
+    }
+}
+
+#[test]
+fn nrrd_holds_the_labels_and_what_slicer_needs() {
+    for (high, kind) in [(7, "uint8"), (255, "uint8"), (256, "uint16"), (65_535, "uint16")] {
+        let file = written(high, "labels.seg.nrrd");
+        let (header, data) = split(&file, b"\n\n");
+        let mut bytes = Vec::new();
+        GzDecoder::new(data).read_to_end(&mut bytes).unwrap();
+        assert_eq!(numbers(&bytes, kind == "uint16"), example(high).0);
+        for line in [
+            &format!("type: {kind}"),
+            "space: left-posterior-superior",
+            "sizes: 70 80 60",
+            "space directions: (0.5,0,0) (0,0.25,0) (0,0,0.0000001)",
+            "space origin: (-1.5,0,2000)",
+            "kinds: domain domain domain",
+            r"Segment0_Name:=ring \\1",
+            "Segment0_LabelValue:=1",
+            "Segment0_Extent:=10 19 30 39 5 8",
+            "Segment0_Color:=1 0.5 0",
+            "Segment1_Name:=a:=b <é>",
+            "Segment1_Extent:=0 -1 0 -1 0 -1",
+            &format!("Segment2_ID:=Segment_{high}"),
+            "Segment2_Extent:=0 69 79 79 59 59",
+            &format!("label_{high}:=jet"),
+        ] {
+            assert!(header.lines().any(|l| l == line), "{line} is not in\n{header}");
+        }
+        assert!(header.starts_with("NRRD0004\n"));
+    }
+}
+
+#[test]
+fn other_spaces_are_named() {
+    let (ids, names) = example(2);
+    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names };
+    let folder = tempfile::tempdir().unwrap();
+    for (space, line) in [(Space::RightAnteriorSuperior, "space: right-ant"), (Space::Plain, "space dimension: 3")] {
+        let path = folder.path().join("x.nrrd");
+        write_nrrd(&path, &volume, space).unwrap();
+        assert!(split(&std::fs::read(&path).unwrap(), b"\n\n").0.contains(line));
+    }
+}
+
+#[test]
+fn vti_holds_the_labels_and_names() {
+    for (high, kind) in [(7, "UInt8"), (300, "UInt16")] {
+        let file = written(high, "labels.vti");
+        let (markup, data) = split(&file, b"<AppendedData encoding=\"raw\">\n   _");
+        for part in [
+            r#"WholeExtent="0 69 0 79 0 59" Origin="-1.5 0 2000" Spacing="0.5 0.25 0.0000001""#,
+            &format!(r#"<DataArray type="{kind}" Name="labels" format="appended" offset="0"/>"#),
+            &format!(r#"NumberOfTuples="3" format="ascii">1 3 {high}</DataArray>"#),
+            "114 105 110 103 32 92 49 0 97 58 61 98 32 60 195 169 62 0 106 101 116 0<",
+        ] {
+            assert!(markup.contains(part), "{part} is not in\n{markup}");
+        }
+        let number = |i: usize| u64::from_le_bytes(data[8 * i..8 * i + 8].try_into().unwrap()) as usize;
+        let (blocks, size, last) = (number(0), number(1), number(2));
+        let total = 70 * 80 * 60 * if high > 255 { 2 } else { 1 };
+        assert_eq!((blocks - 1) * size + if last == 0 { size } else { last }, total);
+        let (mut at, mut bytes) = (8 * (3 + blocks), Vec::new());
+        for block in 0..blocks {
+            ZlibDecoder::new(&data[at..at + number(3 + block)]).read_to_end(&mut bytes).unwrap();
+            at += number(3 + block);
+        }
+        assert_eq!(numbers(&bytes, high > 255), example(high).0);
+        assert_eq!(&data[at..], b"\n  </AppendedData>\n</VTKFile>\n");
+    }
+}
+
+#[test]
+fn the_same_volume_is_the_same_file() {
+    assert_eq!(written(9, "a.nrrd"), written(9, "b.nrrd"));
+    assert_eq!(written(9, "a.vti"), written(9, "b.vti"));
+}
+
+#[test]
+fn what_cannot_be_told_apart_later_is_refused() {
+    let (ids, names) = example(7);
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |grid: Grid, ids: &[u16], names: &[NamedLabel]| {
+        let volume = LabelVolume { grid, ids, names };
+        let error = write_vti(&folder.path().join("x.vti"), &volume).unwrap_err();
+        let other = write_nrrd(&folder.path().join("x.vti"), &volume, Space::Plain).unwrap_err();
+        assert_eq!(error.to_string(), other.to_string());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+        error
+    };
+    let changed = |change: &dyn Fn(&mut NamedLabel)| {
+        let mut names = names.clone();
+        change(&mut names[1]);
+        refused(GRID, &ids, &names).to_string()
+    };
+    assert!(matches!(refused(GRID, &ids, &names[..2]), LabelsError::Unnamed { value: 7, .. }));
+    assert!(matches!(refused(GRID, &ids[1..], &names), LabelsError::Shape { dims: [70, 80, 60], .. }));
+    let empty = Grid { dims: [0, 1, 1], ..GRID };
+    assert!(matches!(refused(empty, &[], &names), LabelsError::Shape { .. }));
+    let flat = Grid { spacing: [1.0, 0.0, 1.0], ..GRID };
+    assert!(matches!(refused(flat, &ids, &names), LabelsError::Field { field, .. } if field == "grid"));
+    assert!(changed(&|n| n.value = 0).contains("names[1].value: 0 is no label"));
+    assert!(changed(&|n| n.value = 1).contains("names[1].value: is given twice"));
+    assert!(changed(&|n| n.name = "a\nb".into()).contains("names[1].name"));
+    assert!(changed(&|n| n.name = "  ".into()).contains("names[1].name"));
+    assert!(changed(&|n| n.colour[2] = f32::NAN).contains("names[1].colour"));
+    let nowhere = folder.path().join("none").join("x.vti");
+    let error = write_vti(&nowhere, &LabelVolume { grid: GRID, ids: &ids, names: &names }).unwrap_err();
+    assert!(matches!(error, LabelsError::Io { .. }));
+}

@@ -1,0 +1,69 @@
+//! VTK XML image data: the labels as one appended array, packed with zlib block by block.
+
+use super::{Cells, LabelVolume};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use std::io::{self, Write as _};
+
+/// Bytes in a block before packing.
+const BLOCK: usize = 1 << 18;
+
+/// The whole file.
+pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
+    let kind = if cells.wide { "UInt16" } else { "UInt8" };
+    let [nx, ny, nz] = volume.grid.dims.map(|d| d - 1);
+    let ([sx, sy, sz], [ox, oy, oz]) = (volume.grid.spacing, volume.grid.origin);
+    let extent = format!("0 {nx} 0 {ny} 0 {nz}");
+    let n = volume.names.len();
+    let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
+    let mut file = format!(
+        r#"<?xml version="1.0"?>
+<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
+  <ImageData WholeExtent="{extent}" Origin="{ox} {oy} {oz}" Spacing="{sx} {sy} {sz}">
+    <FieldData>
+      <DataArray type="UInt16" Name="label_values" NumberOfTuples="{n}" format="ascii">{}</DataArray>
+      <DataArray type="String" Name="label_names" NumberOfTuples="{n}" format="ascii">{}</DataArray>
+    </FieldData>
+    <Piece Extent="{extent}">
+      <PointData Scalars="labels">
+        <DataArray type="{kind}" Name="labels" format="appended" offset="0"/>
+      </PointData>
+      <CellData/>
+    </Piece>
+  </ImageData>
+  <AppendedData encoding="raw">
+   _"#,
+        values.join(" "),
+        codes(volume),
+    )
+    .into_bytes();
+    append(&mut file, &cells.bytes)?;
+    file.extend_from_slice(b"\n  </AppendedData>\n</VTKFile>\n");
+    Ok(file)
+}
+
+/// The names as VTK writes strings in text: the number of each byte, and 0 after each name.
+fn codes(volume: &LabelVolume<'_>) -> String {
+    let bytes = volume.names.iter().flat_map(|l| l.name.bytes().chain([0]));
+    bytes.map(|b| b.to_string()).collect::<Vec<_>>().join(" ")
+}
+
+/// Packs `bytes` behind VTK's header: number of blocks, size of a block, of the last if it is smaller, of each packed.
+fn append(file: &mut Vec<u8>, bytes: &[u8]) -> io::Result<()> {
+    let blocks = bytes.len().div_ceil(BLOCK);
+    for number in [blocks, BLOCK, bytes.len() % BLOCK] {
+        file.extend_from_slice(&(number as u64).to_le_bytes());
+    }
+    let mut sizes = file.len();
+    file.resize(sizes + 8 * blocks, 0);
+    for block in bytes.chunks(BLOCK) {
+        let start = file.len();
+        let mut zlib = ZlibEncoder::new(&mut *file, Compression::default());
+        zlib.write_all(block)?;
+        zlib.finish()?;
+        let packed = (file.len() - start) as u64;
+        file[sizes..sizes + 8].copy_from_slice(&packed.to_le_bytes());
+        sizes += 8;
+    }
+    Ok(())
+}

@@ -1,0 +1,143 @@
+//! Segments through time: at each time the scene is deformed once, and each segment's Gaussians are described and
+//! joined into components.
+
+use super::events::{EventConfig, Frame, Tracking, find_events};
+use super::statistics::{Gaussians, SegmentStatistics, StatisticsConfig, fill_velocities, segment_statistics};
+use crate::model::GaussiansAt;
+use crate::points::PointsError;
+use crate::points::components::{ComponentFilter, components_touching, largest_scales};
+
+/// A segment to follow.
+#[derive(Clone, Copy, Debug)]
+pub struct Followed<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Indices of its Gaussians.
+    pub members: &'a [u32],
+}
+
+/// How to follow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FollowOptions {
+    /// Two Gaussians touch if they are no farther apart than this many of their largest standard deviations together.
+    pub reach: f32,
+    /// Gaussians less opaque than this join nothing.
+    pub min_opacity: f32,
+    /// What counts as an event.
+    pub events: EventConfig,
+}
+
+impl Default for FollowOptions {
+    fn default() -> Self {
+        Self { reach: 1.0, min_opacity: 0.05, events: EventConfig::default() }
+    }
+}
+
+/// A segment through time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Followup {
+    /// Its name.
+    pub name: String,
+    /// What it was like at each time.
+    pub statistics: Vec<SegmentStatistics>,
+    /// How its parts came, went, split and joined.
+    pub tracking: Tracking,
+}
+
+/// Follows `segments` over `times`, in their order, forward or backward. `scene` gives the Gaussians of a time.
+///
+/// # Errors
+/// If a member is no Gaussian of the scene, or an option is out of range.
+pub fn follow(
+    mut scene: impl FnMut(f64) -> GaussiansAt,
+    segments: &[Followed<'_>],
+    times: &[f64],
+    options: &FollowOptions,
+) -> Result<Vec<Followup>, PointsError> {
+    let mut statistics = vec![Vec::with_capacity(times.len()); segments.len()];
+    let mut frames: Vec<Vec<(Vec<u32>, Vec<f32>)>> = vec![Vec::with_capacity(times.len()); segments.len()];
+    // one cell for all times, so that volumes compare
+    let mut config = vec![StatisticsConfig::default(); segments.len()];
+    for &time in times {
+        let at = scene(time);
+        let opacity = at.opacity();
+        let all = Gaussians {
+            means: &at.means,
+            opacity: &opacity,
+            log_scales: &at.log_scales,
+            rotations: &at.rotations,
+            colours: &[],
+        };
+        for (k, segment) in segments.iter().enumerate() {
+            let described = segment_statistics(&all, segment.members, segment.name, time, &config[k])?;
+            if described.volume_cell > 0.0 && config[k].volume_cell.is_none() {
+                config[k].volume_cell = Some(described.volume_cell as f32);
+            }
+            statistics[k].push(described);
+            let alone = at.subset(segment.members);
+            let opacity = alone.opacity();
+            let mut radii = largest_scales(&alone.log_scales)?;
+            for (radius, opacity) in radii.iter_mut().zip(&opacity) {
+                *radius = if *opacity >= options.min_opacity { *radius } else { 0.0 };
+            }
+            let filter = ComponentFilter::default();
+            let parts = components_touching(&alone.means, &radii, options.reach, &opacity, &filter)?;
+            frames[k].push((parts.labels, opacity));
+        }
+    }
+    let parts = segments.iter().zip(statistics).zip(frames);
+    parts
+        .map(|((segment, mut statistics), frames)| {
+            fill_velocities(&mut statistics);
+            let frames: Vec<Frame<'_>> =
+                times.iter().zip(&frames).map(|(&time, (labels, opacity))| Frame { time, labels, opacity }).collect();
+            let tracking = find_events(&frames, &options.events)?;
+            Ok(Followup { name: segment.name.into(), statistics, tracking })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::events::EventKind;
+
+    /// Two rods that lie end to end and move apart after half the time.
+    fn rods(time: f64) -> GaussiansAt {
+        let n = 40;
+        let apart = (4.0 * (time - 0.5)).max(0.0) as f32;
+        let place = |i: usize| 0.05 * i as f32 + if i < n / 2 { -apart } else { apart };
+        GaussiansAt {
+            means: (0..n).flat_map(|i| [place(i), time as f32, 0.0]).collect(),
+            rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
+            log_scales: vec![0.04f32.ln(); 3 * n],
+            opacity_logits: vec![1.0; n],
+            sh: vec![0.0; 3 * n],
+            sh_stride: 1,
+        }
+    }
+
+    #[test]
+    fn a_split_is_found_forward_and_a_merger_backward() {
+        let members: Vec<u32> = (0..40).collect();
+        let segments =
+            [Followed { name: "rods", members: &members }, Followed { name: "left", members: &members[..20] }];
+        let forward: Vec<f64> = (0..21).map(|i| i as f64 / 20.0).collect();
+        let backward: Vec<f64> = forward.iter().rev().copied().collect();
+        let kinds = |times: &[f64]| {
+            let all = follow(rods, &segments, times, &FollowOptions::default()).unwrap();
+            let of = |k: usize| {
+                let found = all[k].tracking.events.iter().map(|e| e.kind);
+                found.filter(|k| *k != EventKind::Continue).collect::<Vec<_>>()
+            };
+            (of(0), of(1), all)
+        };
+        let (rods_forward, left, all) = kinds(&forward);
+        assert_eq!((rods_forward, left), (vec![EventKind::Split], vec![]));
+        assert_eq!(kinds(&backward).0, [EventKind::Merge]);
+        let velocity = all[0].statistics[10].velocity.unwrap();
+        assert!((velocity[1] - 1.0).abs() < 1e-4, "{velocity:?}");
+        let cells: Vec<f64> = all[0].statistics.iter().map(|s| s.volume_cell).collect();
+        assert!(cells.iter().all(|c| (c - cells[0]).abs() < 1e-6), "one cell for all times");
+    }
+}

@@ -1,0 +1,215 @@
+//! How much of one component's Gaussians another component holds at a later time, and the links this makes. Which
+//! links are events is decided in `events`.
+
+use super::event::Frame;
+use crate::points::chunks::map_chunks;
+
+/// One component at one time that is large enough to matter.
+#[derive(Debug, Clone)]
+pub(crate) struct Node {
+    pub(crate) time: usize,
+    pub(crate) label: u32,
+    /// Sum of the opacities of its Gaussians.
+    pub(crate) weight: f64,
+    /// Its lowest Gaussian, which decides among equals.
+    pub(crate) first: u32,
+}
+
+/// All nodes, ordered by time and label, and which of them are kept.
+pub(crate) struct Nodes {
+    pub(crate) list: Vec<Node>,
+    pub(crate) kept: Vec<bool>,
+    /// Node number + 1 by time and label; 0 for labels that are no node.
+    by_label: Vec<Vec<u32>>,
+}
+
+/// Shared Gaussians of a node and a later one: their opacity at the earlier and at the later time.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shared {
+    pub(crate) other: usize,
+    pub(crate) before: f64,
+    pub(crate) after: f64,
+}
+
+/// Accepted links, by node.
+pub(crate) struct Graph {
+    pub(crate) children: Vec<Vec<Shared>>,
+    pub(crate) parents: Vec<Vec<Shared>>,
+}
+
+/// Opacity that counts: 0 for anything not positive and finite.
+pub(crate) fn usable(opacity: f32) -> f64 {
+    if opacity.is_finite() { f64::from(opacity.max(0.0)) } else { 0.0 }
+}
+
+/// Sums of one label.
+#[derive(Clone, Copy)]
+pub(crate) struct LabelSum {
+    pub(crate) weight: f64,
+    pub(crate) first: u32,
+}
+
+/// Weight and lowest member of each label of a frame; index 0 stays empty. Labels without visible members weigh 0.
+pub(crate) fn label_sums(frame: &Frame<'_>) -> Vec<LabelSum> {
+    let most = frame.labels.iter().copied().max().unwrap_or(0) as usize;
+    let mut sums = vec![LabelSum { weight: 0.0, first: u32::MAX }; most + 1];
+    for (i, (&label, &opacity)) in frame.labels.iter().zip(frame.opacity).enumerate() {
+        let weight = usable(opacity);
+        if label > 0 && weight > 0.0 {
+            let sum = &mut sums[label as usize];
+            sum.weight += weight;
+            sum.first = sum.first.min(i as u32);
+        }
+    }
+    sums
+}
+
+impl Nodes {
+    /// Makes nodes of the labels that hold at least `min_share` of their time's weight, at the times `present`.
+    pub(crate) fn new(sums: &[Vec<LabelSum>], present: &[bool], min_share: f64) -> Self {
+        let mut list = Vec::new();
+        let mut by_label = Vec::with_capacity(sums.len());
+        for (time, labels) in sums.iter().enumerate() {
+            let total: f64 = labels.iter().map(|s| s.weight).sum();
+            let mut numbers = vec![0u32; labels.len()];
+            for (label, sum) in labels.iter().enumerate().filter(|(_, s)| present[time] && s.weight > 0.0) {
+                if sum.weight >= min_share * total {
+                    list.push(Node { time, label: label as u32, weight: sum.weight, first: sum.first });
+                    numbers[label] = list.len() as u32;
+                }
+            }
+            by_label.push(numbers);
+        }
+        Self { kept: vec![true; list.len()], list, by_label }
+    }
+
+    /// The node that a Gaussian with this label and opacity is in.
+    pub(crate) fn at(&self, time: usize, label: u32, opacity: f32) -> Option<usize> {
+        let number = self.by_label[time][label as usize];
+        (number > 0 && usable(opacity) > 0.0).then(|| number as usize - 1)
+    }
+
+    /// Links between kept nodes.
+    ///
+    /// Each Gaussian joins the kept node it is in to the kept node it is in next; while it is in no node at all (absent,
+    /// or in a component too small) for `persistence` times in a row, the thread breaks. Being in a node that is not
+    /// kept breaks nothing. A pair is linked where one side shares at least half of what it shares with anyone and the
+    /// other at least `min_share` of that, and the shared part is at least `min_share` of one side's whole weight. All
+    /// of this reads the same backward in time.
+    pub(crate) fn links(&self, frames: &[Frame<'_>], persistence: usize, min_share: f64) -> Graph {
+        let shared = self.shared(frames, persistence);
+        let out: Vec<f64> = shared.iter().map(|list| list.iter().map(|s| s.before).sum()).collect();
+        let mut into = vec![0.0; self.list.len()];
+        shared.iter().flatten().for_each(|s| into[s.other] += s.after);
+        let mut graph =
+            Graph { children: vec![Vec::new(); self.list.len()], parents: vec![Vec::new(); self.list.len()] };
+        for (node, list) in shared.iter().enumerate() {
+            for s in list {
+                let (from, to) = (s.before / out[node], s.after / into[s.other]);
+                let mutual = (from >= 0.5 && to >= min_share) || (to >= 0.5 && from >= min_share);
+                let whole = (s.before / self.list[node].weight).max(s.after / self.list[s.other].weight);
+                if mutual && whole >= min_share {
+                    graph.children[node].push(*s);
+                    graph.parents[s.other].push(Shared { other: node, ..*s });
+                }
+            }
+        }
+        graph
+    }
+
+    fn shared(&self, frames: &[Frame<'_>], persistence: usize) -> Vec<Vec<Shared>> {
+        let count = frames.first().map_or(0, |f| f.labels.len());
+        let parts = map_chunks(count, |range| {
+            let mut shared: Vec<Vec<Shared>> = vec![Vec::new(); self.list.len()];
+            for i in range {
+                let (mut last, mut gap) = (None, 0);
+                for (time, frame) in frames.iter().enumerate() {
+                    let opacity = frame.opacity[i];
+                    match self.at(time, frame.labels[i], opacity) {
+                        Some(node) if self.kept[node] => {
+                            let after = usable(opacity);
+                            if let Some((from, before)) = last {
+                                add(&mut shared[from], Shared { other: node, before, after });
+                            }
+                            (last, gap) = (Some((node, after)), 0);
+                        }
+                        Some(_) => gap = 0,
+                        None => {
+                            gap += 1;
+                            if gap >= persistence {
+                                last = None;
+                            }
+                        }
+                    }
+                }
+            }
+            shared
+        });
+        let mut total: Vec<Vec<Shared>> = vec![Vec::new(); self.list.len()];
+        for part in parts {
+            for (list, more) in total.iter_mut().zip(part) {
+                more.into_iter().for_each(|s| add(list, s));
+            }
+        }
+        total.iter_mut().for_each(|list| list.sort_by_key(|s| s.other));
+        total
+    }
+
+    /// Numbers of times in the chain of each node, where `next` names a node's successor.
+    pub(crate) fn chain_lengths(&self, next: &[Option<usize>]) -> Vec<usize> {
+        let chains = self.chains(next);
+        let mut lengths = vec![0; self.list.len()];
+        chains.iter().for_each(|&head| lengths[head] += 1);
+        chains.iter().map(|&head| lengths[head]).collect()
+    }
+
+    /// The first node of each node's chain.
+    pub(crate) fn chains(&self, next: &[Option<usize>]) -> Vec<usize> {
+        let mut heads: Vec<usize> = (0..next.len()).collect();
+        // Nodes are ordered by time, so a head is known before it is passed on.
+        for node in 0..next.len() {
+            if let Some(after) = next[node] {
+                heads[after] = heads[node];
+            }
+        }
+        heads
+    }
+
+    /// The successor along links that are the strongest of both their ends.
+    pub(crate) fn strongest(&self, graph: &Graph) -> Vec<Option<usize>> {
+        let best = |list: &[Shared], size: fn(&Shared) -> f64| {
+            list.iter()
+                .max_by(|a, b| {
+                    let first = |s: &Shared| self.list[s.other].first;
+                    size(a).total_cmp(&size(b)).then_with(|| first(b).cmp(&first(a)))
+                })
+                .map(|s| s.other)
+        };
+        (0..self.list.len())
+            .map(|node| {
+                let child = best(&graph.children[node], |s| s.before)?;
+                (best(&graph.parents[child], |s| s.after) == Some(node)).then_some(child)
+            })
+            .collect()
+    }
+
+    /// The successor where it is the only one and has no other predecessor.
+    pub(crate) fn only(&self, graph: &Graph) -> Vec<Option<usize>> {
+        (0..self.list.len())
+            .map(|node| match graph.children[node].as_slice() {
+                [one] if graph.parents[one.other].len() == 1 => Some(one.other),
+                _ => None,
+            })
+            .collect()
+    }
+}
+
+fn add(list: &mut Vec<Shared>, more: Shared) {
+    match list.iter_mut().find(|s| s.other == more.other) {
+        Some(s) => {
+            s.before += more.before;
+            s.after += more.after;
+        }
+        None => list.push(more),
+    }
+}

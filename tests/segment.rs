@@ -1,0 +1,80 @@
+//! `volseggs segment` and `track` as a whole program: from a trained run to parts that are followed through time.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{dataset, json, names, refused, train, volseggs};
+use serde_json::Value;
+use std::path::Path;
+
+fn run_json(root: &Path, arguments: &[&str]) -> Value {
+    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn from_a_run_to_parts_followed_through_time() {
+    let folder = dataset();
+    let root = folder.path();
+    train(root, "run", &[]).assert().success();
+    let segments = root.join("run/segments");
+
+    // nothing there yet: each says what to run first
+    for (arguments, hint) in [
+        (&["segment", "masks", "run"][..], "segment coarse"),
+        (&["segment", "fine", "run"], "segment masks"),
+        (&["segment", "split", "run", "red"], "segment coarse"),
+        (&["track", "run", "--segment", "red"], "segment coarse"),
+    ] {
+        refused(volseggs().current_dir(root).args(arguments), &[hint]);
+    }
+    assert!(!segments.exists() && !root.join("run/track").exists());
+
+    let coarse = run_json(root, &["segment", "coarse", "run", "--clusters", "2", "--time", "0.4"]);
+    let found = coarse["segments"].as_array().unwrap().clone();
+    assert_eq!(found.len(), 2);
+    assert_eq!(names(&segments), ["coarse.png", "segments.safetensors"]);
+    refused(volseggs().current_dir(root).args(["segment", "coarse", "run"]), &["--replace"]);
+    let name = found[0]["name"].as_str().unwrap().to_owned();
+
+    let masks = run_json(root, &["segment", "masks", "run", "--views", "5", "--size", "64"]);
+    assert!(masks["masks"].as_u64().unwrap() > 0, "{masks}");
+    let fine = run_json(root, &["segment", "fine", "run", "--steps", "30", "--pixels", "256"]);
+    assert!(fine["loss"].as_f64().unwrap().is_finite());
+    let bytes = std::fs::read(segments.join("affinity.safetensors")).unwrap();
+    run_json(root, &["segment", "fine", "run", "--steps", "30", "--pixels", "256"]);
+    assert!(std::fs::read(segments.join("affinity.safetensors")).unwrap() == bytes, "the same seed, another field");
+
+    let parts = run_json(root, &["segment", "split", "run", &name, "--clusters", "2", "--scale", "0.5"]);
+    assert_eq!(parts.as_array().unwrap().len(), 2);
+    assert_eq!(parts[0]["parent"], name.as_str());
+    run_json(root, &["segment", "split", "run", &name, "--clusters", "3"]);
+    let all = run_json(root, &["segment", "list", "run"]);
+    assert_eq!(all["segments"].as_array().unwrap().len(), 2 + 3, "parts of before give way");
+
+    let part = format!("{name}.1");
+    let arguments =
+        ["track", "run", "--segment", &name, "--segment", &part, "--frames", "5", "--from", "1", "--to", "0"];
+    let tracked = run_json(root, &arguments);
+    let times: Vec<f64> =
+        tracked[0]["statistics"].as_array().unwrap().iter().map(|s| s["time"].as_f64().unwrap()).collect();
+    assert_eq!(times, [1.0, 0.75, 0.5, 0.25, 0.0]);
+    let files = ["events.csv", "over-time.svg", "statistics.csv", "statistics.json", "times.png", "tracks.csv"];
+    assert_eq!(names(&root.join("run/track").join(&part)), files);
+    let rows = json(&root.join("run/track").join(&name).join("statistics.json"));
+    assert_eq!(rows, tracked[0]["statistics"]);
+
+    refused(volseggs().current_dir(root).args(["track", "run", "--segment", "nobody"]), &["nobody", &name]);
+}
+
+#[test]
+fn segments_of_another_state_of_the_scene_are_refused() {
+    let folder = dataset();
+    let root = folder.path();
+    train(root, "run", &[]).args(["--stop-after", "40"]).assert().success();
+    run_json(root, &["segment", "coarse", "run", "--clusters", "2"]);
+    train(root, "run", &[]).arg("--resume").assert().success();
+    refused(volseggs().current_dir(root).args(["segment", "list", "run"]), &["segments.safetensors", "--replace"]);
+    run_json(root, &["segment", "coarse", "run", "--clusters", "2", "--replace"]);
+    run_json(root, &["segment", "list", "run"]);
+}
