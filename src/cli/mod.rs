@@ -12,6 +12,8 @@ mod prepare;
 mod render;
 mod run_folder;
 mod segment;
+#[allow(dead_code)]
+mod shown;
 mod track;
 mod train;
 

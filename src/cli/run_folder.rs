@@ -7,6 +7,7 @@ use crate::config::types::Config;
 use crate::data::dataset::read_split;
 use crate::data::paths::Lens;
 use crate::data::{Camera, Split, SplitName};
+use crate::edit::EditStack;
 use crate::model::Scene;
 use crate::segment::segmentation::{self, Segmentation};
 use crate::train::checkpoint;
@@ -82,6 +83,12 @@ impl RunFolder {
             )));
         }
         Ok(found)
+    }
+
+    /// The run's edits; none if there is no file yet.
+    pub(super) fn edits(&self) -> Result<EditStack, CliError> {
+        let path = self.path.join(super::shown::EDITS);
+        if path.exists() { EditStack::load(&path).map_err(CliError::input) } else { Ok(EditStack::default()) }
     }
 
     /// Reads a split of the run's dataset, or of `data` in its place.
