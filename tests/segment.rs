@@ -65,6 +65,54 @@ fn from_a_run_to_parts_followed_through_time() {
     assert_eq!(rows, tracked[0]["statistics"]);
 
     refused(volseggs().current_dir(root).args(["track", "run", "--segment", "nobody"]), &["nobody", &name]);
+
+    clicks_and_groups(root, &name);
+}
+
+/// What is under a pixel, what is like it, and several segments as one.
+fn clicks_and_groups(root: &Path, name: &str) {
+    let file = root.join("run/segments/segments.safetensors");
+    let before = std::fs::read(&file).unwrap();
+    let part = format!("{name}.1");
+    let click = |more: &[&str]| {
+        let all = ["segment", "pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--within", name];
+        run_json(root, &[&all[..], more].concat())
+    };
+    let found = click(&[]);
+    assert!(found["segments"].as_array().unwrap().contains(&name.into()), "{found}");
+    assert!(found["made"].is_null() && std::fs::read(&file).unwrap() == before, "a look changes nothing");
+
+    let count = |v: &Value| v["made"][1].as_u64().unwrap();
+    let all = count(&click(&["--name", "all", "--threshold", "-1"]));
+    let some = count(&click(&["--name", "some", "--threshold", "0.95", "--scale", "0.1"]));
+    assert!(0 < some && some <= all, "{some} of {all}");
+    let list = run_json(root, &["segment", "list", "run"]);
+    let made = list["segments"].as_array().unwrap().iter().find(|s| s["name"] == "some").unwrap().clone();
+    assert_eq!((made["parent"].as_str().unwrap(), made["origin"]["kind"].as_str().unwrap()), (name, "pick"));
+
+    let group = run_json(root, &["segment", "group", "run", "both", &part, name]);
+    let whole = run_json(root, &["segment", "group", "run", "whole", name]);
+    assert_eq!(group["gaussians"], whole["gaussians"], "a part adds nothing to its whole");
+    let left = run_json(root, &["segment", "remove", "run", "both", "whole", "all"]);
+    assert_eq!(left["removed"], 3);
+    let list = run_json(root, &["segment", "list", "run"]);
+    assert!(!list.to_string().contains("\"both\""));
+
+    let bytes = std::fs::read(&file).unwrap();
+    for (arguments, needles) in [
+        (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,99"][..], &["--pixel", "32x32"][..]),
+        (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "0,0"], &["nothing is there"]),
+        (&["pick", "run", "--pixel", "1,1"], &["--camera"]),
+        (&["pick", "run", "--view", "999", "--pixel", "1,1"], &["--view 999"]),
+        (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--scale", "2"], &["--scale 2"]),
+        (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--within", "nobody"], &["nobody"]),
+        (&["group", "run", name, "some"], &["there is one of that name"]),
+        (&["group", "run", "a b", "some"], &["letters"]),
+        (&["remove", "run", "some", "nobody"], &["nobody"]),
+    ] {
+        refused(volseggs().current_dir(root).arg("segment").args(arguments), needles);
+    }
+    assert!(std::fs::read(&file).unwrap() == bytes, "what is refused changes nothing");
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! The Gaussians of one time on the host: what segmentation, tracking, edits and files work on.
 
+use super::Scene;
 use super::params::to_vec;
-use super::{Deformed, Scene};
 use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::splat::SplatInputs;
 
 /// N Gaussians at one time, after deformation; flat and row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -40,6 +41,13 @@ impl GaussiansAt {
         self.opacity_logits.iter().map(|o| 1.0 / (1.0 + (-o).exp())).collect()
     }
 
+    /// Means `[M, 3]` of what can be seen: opacity above 1 / 255.
+    #[must_use]
+    pub fn visible_means(&self) -> Vec<f32> {
+        let rows = self.means.chunks_exact(3).zip(self.opacity()).filter(|(_, o)| *o > 1.0 / 255.0);
+        rows.flat_map(|(m, _)| m).copied().collect()
+    }
+
     /// Rows of `members` alone, in their order.
     ///
     /// # Panics
@@ -59,21 +67,22 @@ impl GaussiansAt {
         }
     }
 
-    /// The attributes that move, on a device, and the coefficients `[N, K, 3]`.
+    /// All of it on a device, as splatting takes it.
     ///
     /// # Panics
     /// If the arrays disagree about N.
     #[must_use]
-    pub fn to_device(&self, device: &Device) -> (Deformed, Tensor<3>) {
+    pub fn to_splat(&self, device: &Device) -> SplatInputs {
         let n = self.len();
         let rows = |v: &[f32], width: usize| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, width]), device);
-        let deformed = Deformed {
+        SplatInputs {
             means: rows(&self.means, 3),
             rotations: rows(&self.rotations, 4),
             log_scales: rows(&self.log_scales, 3),
             opacity_logits: Tensor::from_data(TensorData::new(self.opacity_logits.clone(), [n]), device),
-        };
-        (deformed, Tensor::from_data(TensorData::new(self.sh.clone(), [n, self.sh_stride, 3]), device))
+            sh: Tensor::from_data(TensorData::new(self.sh.clone(), [n, self.sh_stride, 3]), device),
+            screen_offsets: None,
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 //! [`segmentation`] is what the commands after it read; [`voxels`] carries labels back to a volume, [`dice`]
 //! compares label volumes. Nothing here knows what segments do over time (see `track`).
 
+pub mod click;
 pub mod coarse;
 pub mod colour;
 pub mod dice;

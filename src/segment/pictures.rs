@@ -4,7 +4,7 @@ use crate::model::GaussiansAt;
 use crate::model::params::to_vec;
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
+use volseggs_kernels::splat::{SplatSettings, splat};
 
 /// `1 / (2 sqrt(pi))`: what a constant coefficient is multiplied by.
 const SH_C0: f32 = 0.282_094_79;
@@ -52,14 +52,5 @@ pub fn draw(
     sh_degree: usize,
     device: &Device,
 ) -> Vec<f32> {
-    let (at, sh) = gaussians.to_device(device);
-    let inputs = SplatInputs {
-        means: at.means,
-        rotations: at.rotations,
-        log_scales: at.log_scales,
-        opacity_logits: at.opacity_logits,
-        sh,
-        screen_offsets: None,
-    };
-    to_vec(splat(inputs, SplatSettings { camera, background, sh_degree }).image)
+    to_vec(splat(gaussians.to_splat(device), SplatSettings { camera, background, sh_degree }).image)
 }

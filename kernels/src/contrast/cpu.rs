@@ -10,7 +10,8 @@ const WIDEST: usize = 16;
 /// Pixels of one task.
 const PIECE: usize = 64;
 
-pub(super) fn by_sums(units: &[f32], masks: &[u32]) -> (f64, Vec<f32>) {
+/// `apart`: pixels of different masks count by their cosine, or else not at all.
+pub(super) fn by_sums(units: &[f32], masks: &[u32], apart: bool) -> (f64, Vec<f32>) {
     let count = masks.iter().max().map_or(0, |m| *m as usize + 1);
     let mut sums = vec![[0.0f64; FEATURES]; count];
     let mut sizes = vec![0.0f64; count];
@@ -20,12 +21,14 @@ pub(super) fn by_sums(units: &[f32], masks: &[u32]) -> (f64, Vec<f32>) {
     }
     let mut total = [0.0f64; FEATURES];
     sums.iter().for_each(|s| total.iter_mut().zip(s).for_each(|(t, s)| *t += s));
+    // over all pairs the cosines add to |total|^2, over those within masks to the sum of |sums|^2
+    let (all, share) = if apart { (1.0, 2.0) } else { (0.0, 1.0) };
     let square = |v: &[f64; FEATURES]| v.iter().map(|v| v * v).sum::<f64>();
     let pairs = (masks.len() as f64).powi(2).max(1.0);
     let within: f64 = sums.iter().map(square).sum();
-    let loss = (sizes.iter().map(|n| n * n).sum::<f64>() + square(&total) - 2.0 * within) / pairs;
+    let loss = (sizes.iter().map(|n| n * n).sum::<f64>() + all * square(&total) - share * within) / pairs;
     let slopes: Vec<[f32; FEATURES]> =
-        sums.iter().map(|s| std::array::from_fn(|k| ((2.0 * total[k] - 4.0 * s[k]) / pairs) as f32)).collect();
+        sums.iter().map(|s| std::array::from_fn(|k| (2.0 * (all * total[k] - share * s[k]) / pairs) as f32)).collect();
     (loss, masks.iter().flat_map(|&m| slopes[m as usize]).collect())
 }
 

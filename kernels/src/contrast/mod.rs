@@ -28,6 +28,8 @@ pub enum Repulsion {
     Cosine,
     /// By what the cosine exceeds this margin, as the reference code (0.5 there).
     Margin(f32),
+    /// Not at all: pixels of one mask attract, no more.
+    None,
 }
 
 /// The loss of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`. Features of length 0 count as 0 and get no
@@ -46,7 +48,8 @@ pub fn contrast(features: &[f32], masks: &[u32], repulsion: Repulsion) -> Contra
         .flat_map(|(f, n)| f.iter().map(move |v| if *n <= 1e-12 { 0.0 } else { v / n }))
         .collect();
     let (loss, by_unit) = match repulsion {
-        Repulsion::Cosine => cpu::by_sums(&units, masks),
+        Repulsion::Cosine => cpu::by_sums(&units, masks, true),
+        Repulsion::None => cpu::by_sums(&units, masks, false),
         Repulsion::Margin(margin) => cpu::by_pairs(&units, masks, margin),
     };
     // through the normalisation: what lies along the feature does not count

@@ -16,6 +16,7 @@ pub fn contrast(features: &[f64], masks: &[u32], repulsion: Repulsion) -> f64 {
             sum += match repulsion {
                 _ if masks[i] == masks[j] => 1.0 - cosine,
                 Repulsion::Cosine => cosine,
+                Repulsion::None => 0.0,
                 Repulsion::Margin(m) => (cosine - f64::from(m)).max(0.0),
             };
         }

@@ -12,8 +12,8 @@ fn case(pixels: usize) -> (Vec<f32>, Vec<u32>) {
     (features, (0..pixels).map(|_| next() % 4).collect())
 }
 
-const ALL: [Repulsion; 4] =
-    [Repulsion::Cosine, Repulsion::Margin(0.1), Repulsion::Margin(0.5), Repulsion::Margin(-1.0)];
+const ALL: [Repulsion; 5] =
+    [Repulsion::Cosine, Repulsion::Margin(0.1), Repulsion::Margin(0.5), Repulsion::Margin(-1.0), Repulsion::None];
 
 #[test]
 fn loss_and_slope_are_those_of_all_pairs() {

@@ -2,8 +2,7 @@
 
 use super::super::run_folder::RunFolder;
 use super::super::{CliError, Common, print_json, stop_flag};
-use super::write_picture;
-use crate::data::Camera;
+use super::{affinity, write_picture};
 use crate::data::paths::orbit;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
@@ -13,9 +12,9 @@ use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{FineOptions, train};
-use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
+use crate::segment::fine::views::read_views;
+use crate::segment::masks::MaskReader;
 use crate::segment::masks::sheet::distinct_colour;
-use crate::segment::masks::{MaskReader, View};
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{Origin, Segment};
 use clap::Args;
@@ -45,6 +44,9 @@ pub struct FineArgs {
     /// one, more parts find room beside each other.
     #[arg(long, value_name = "COSINE", default_value_t = 0.5, allow_negative_numbers = true)]
     margin: f32,
+    /// Weight of the hierarchy loss: what is together at a scale stays together at larger ones.
+    #[arg(long, value_name = "W", default_value_t = 0.0)]
+    hierarchy: f64,
     /// Seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -54,6 +56,9 @@ pub struct FineArgs {
 
 impl FineArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
+        if self.hierarchy.is_nan() || self.hierarchy < 0.0 {
+            return Err(CliError::input(format!("--hierarchy {}: at least 0", self.hierarchy)));
+        }
         let (_, device) = self.common.device()?;
         let run = RunFolder::open(&self.run, &device)?;
         let all = run.segments()?;
@@ -66,25 +71,13 @@ impl FineArgs {
         let masks = MaskReader::open(&path).map_err(CliError::input)?;
         let header = masks.header().clone();
         let at = run.scene.host_at(header.time as f32);
-        let frame = Frame::around(&visible_means(&at));
-        let mut views = Vec::new();
+        let frame = Frame::around(&at.visible_means());
+        let members = |name: &String| Ok(all.get(name).map_err(CliError::input)?.members.clone());
+        let members = header.segments.iter().map(members).collect::<Result<Vec<_>, CliError>>()?;
         let bar = progress::bar(header.views.len(), "views");
-        for (i, view) in header.views.iter().enumerate() {
-            let annotations = masks.view(i).map_err(CliError::input)?;
-            let camera = camera(view, header.width, header.height).to_kernel();
-            for (k, name) in (0..).zip(&header.segments) {
-                let masks = annotations.iter().filter(|a| a.segment == k).map(|a| a.mask.clone()).collect();
-                let members = all.get(name).map_err(CliError::input)?.members.clone();
-                let masked = MaskedView { members, camera, masks };
-                let number = (i * header.segments.len()) as u64 + u64::from(k);
-                let view =
-                    FineView::new(&at, &frame, &masked, number, self.seed, &device).map_err(CliError::failure)?;
-                views.extend(view);
-            }
-            bar.inc(1);
-        }
+        let (views, spreads) =
+            read_views(&masks, &at, &frame, &members, self.seed, &device, |_| bar.inc(1)).map_err(CliError::input)?;
         bar.finish_and_clear();
-        let spreads = rank_scales(&mut views);
         eprintln!(
             "{} views of segments, {} masks, {:.1} s",
             views.len(),
@@ -93,8 +86,14 @@ impl FineArgs {
         );
 
         let repulsion = if self.margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(self.margin) };
-        let options =
-            FineOptions { steps: self.steps, pixels: self.pixels, rate: self.rate, repulsion, seed: self.seed };
+        let options = FineOptions {
+            steps: self.steps,
+            pixels: self.pixels,
+            rate: self.rate,
+            repulsion,
+            hierarchy: self.hierarchy,
+            seed: self.seed,
+        };
         let bar = progress::bar(self.steps, "steps");
         let mut smooth = None;
         let started = Instant::now();
@@ -158,17 +157,7 @@ impl SplitArgs {
         let run = RunFolder::open(&self.run, &device)?;
         let mut all = run.segments()?;
         let whole = all.get(&self.segment).map_err(CliError::input)?.clone();
-        let path = run.path.join(file::FILE);
-        if !path.exists() {
-            return Err(CliError::input(format!("{}: no affinity field; run `volseggs segment fine`", path.display())));
-        }
-        let (field, spec) = file::load(&path, &device).map_err(CliError::input)?;
-        if spec.scene != run.scene.fingerprint() {
-            return Err(CliError::input(format!(
-                "{}: trained on another state of this scene; run `volseggs segment fine` again",
-                path.display()
-            )));
-        }
+        let (field, spec) = affinity(&run, &device)?;
         let at = run.scene.host_at(spec.time as f32);
         let alone = at.subset(&whole.members);
         let clustering = self.clusters.map_or(Clustering::Density, Clustering::KMeans);
@@ -214,16 +203,4 @@ impl SplitArgs {
         eprintln!("pictures: {}", sheet.display());
         Ok(())
     }
-}
-
-/// Means of what can be seen.
-fn visible_means(at: &GaussiansAt) -> Vec<f32> {
-    let opacity = at.opacity();
-    let rows = at.means.chunks_exact(3).zip(&opacity).filter(|(_, o)| **o > 1.0 / 255.0);
-    rows.flat_map(|(m, _)| m).copied().collect()
-}
-
-fn camera(view: &View, width: u32, height: u32) -> Camera {
-    let rows = view.camera_to_world.map(f64::from);
-    Camera::from_fov_x(f64::from(view.fov_x), width, height, glam::DMat4::from_cols_array(&rows).transpose())
 }

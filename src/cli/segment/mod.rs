@@ -1,13 +1,19 @@
 //! `volseggs segment`: two-level segmentation of a run's scene.
 
+mod change;
 mod coarse;
 mod fine;
 mod list;
 mod masks;
+mod pick;
 
 use super::CliError;
+use super::run_folder::RunFolder;
 use crate::export::images::encode_png;
 use crate::files::write_atomic;
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::file::{self, AffinitySpec};
+use burn::tensor::Device;
 use clap::{Args, Subcommand};
 use image::RgbImage;
 use std::path::Path;
@@ -15,7 +21,7 @@ use std::path::Path;
 /// Find segments: by colour, and within a colour by masks of rendered views.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
+    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # what is like a click\n  volseggs segment group RUN pair red.1 red.2         # several as one\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
 )]
 pub struct SegmentArgs {
     #[command(subcommand)]
@@ -28,6 +34,9 @@ enum SegmentCommand {
     Masks(masks::MasksArgs),
     Fine(fine::FineArgs),
     Split(fine::SplitArgs),
+    Pick(pick::PickArgs),
+    Group(change::GroupArgs),
+    Remove(change::RemoveArgs),
     List(list::ListArgs),
 }
 
@@ -38,6 +47,9 @@ impl SegmentArgs {
             SegmentCommand::Masks(args) => args.run(),
             SegmentCommand::Fine(args) => args.run(),
             SegmentCommand::Split(args) => args.run(),
+            SegmentCommand::Pick(args) => args.run(),
+            SegmentCommand::Group(args) => args.run(),
+            SegmentCommand::Remove(args) => args.run(),
             SegmentCommand::List(args) => args.run(),
         }
     }
@@ -46,6 +58,22 @@ impl SegmentArgs {
 /// A time in [0, 1].
 fn check_time(time: f64) -> Result<(), CliError> {
     if (0.0..=1.0).contains(&time) { Ok(()) } else { Err(CliError::input(format!("--time {time}: between 0 and 1"))) }
+}
+
+/// The run's affinity field.
+fn affinity(run: &RunFolder, device: &Device) -> Result<(AffinityField, AffinitySpec), CliError> {
+    let path = run.path.join(file::FILE);
+    if !path.exists() {
+        return Err(CliError::input(format!("{}: no affinity field; run `volseggs segment fine`", path.display())));
+    }
+    let (field, spec) = file::load(&path, device).map_err(CliError::input)?;
+    if spec.scene != run.scene.fingerprint() {
+        return Err(CliError::input(format!(
+            "{}: trained on another state of this scene; run `volseggs segment fine` again",
+            path.display()
+        )));
+    }
+    Ok((field, spec))
 }
 
 /// Writes a picture into the run folder.

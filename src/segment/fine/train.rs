@@ -21,13 +21,16 @@ pub struct FineOptions {
     pub rate: f64,
     /// How pixels of different masks repel.
     pub repulsion: Repulsion,
+    /// Weight of the hierarchy loss: pixels of one mask attract also at a random larger scale, so that parts stay
+    /// together in their whole; 0 leaves it out, as the paper does.
+    pub hierarchy: f64,
     /// Seed of weights, views, scales and pixels.
     pub seed: u64,
 }
 
 impl Default for FineOptions {
     fn default() -> Self {
-        Self { steps: 5000, pixels: 2048, rate: 1e-3, repulsion: Repulsion::Margin(0.5), seed: 0 }
+        Self { steps: 5000, pixels: 2048, rate: 1e-3, repulsion: Repulsion::Margin(0.5), hierarchy: 0.0, seed: 0 }
     }
 }
 
@@ -69,23 +72,32 @@ pub fn train(
         let view = &views[rng.below(views.len())];
         let scale = rng.uniform();
         let (pixels, masks) = sample(view, scale, options.pixels, &mut rng);
-        let features = field.forward(&view.encoded, scale);
-        let rendered = pixels.gather(&to_vec(features.clone().inner()), FEATURES);
-        let out = contrast(&rendered, &masks, options.repulsion);
-        if !out.loss.is_finite() {
-            return Err(FineError::NotFinite { step, what: format!("the loss ({})", out.loss) });
-        }
         let n = view.encoded.len() / super::network::ENCODED;
-        let slopes = pixels.scatter(&out.gradient, n, FEATURES);
-        // a sum with the slopes as constants has them as its gradient
-        let slopes = Tensor::<2>::from_data(TensorData::new(slopes, [n, FEATURES]), &device);
-        let mut gradients = (features * slopes).sum().backward();
+        let mut total = 0.0;
+        let mut term = |scale: f32, repulsion: Repulsion, weight: f64| {
+            let features = field.forward(&view.encoded, scale);
+            let rendered = pixels.gather(&to_vec(features.clone().inner()), FEATURES);
+            let out = contrast(&rendered, &masks, repulsion);
+            total += weight * out.loss;
+            let slopes = pixels.scatter(&out.gradient, n, FEATURES);
+            // a sum with the slopes as constants has them as its gradient
+            (features * Tensor::<2>::from_data(TensorData::new(slopes, [n, FEATURES]), &device)).sum() * weight
+        };
+        let mut loss = term(scale, options.repulsion, 1.0);
+        if options.hierarchy > 0.0 {
+            let larger = scale + (1.0 - scale) * rng.uniform();
+            loss = loss + term(larger, Repulsion::None, options.hierarchy);
+        }
+        if !total.is_finite() {
+            return Err(FineError::NotFinite { step, what: format!("the loss ({total})") });
+        }
+        let mut gradients = loss.backward();
         let (stepped, bad) = optimizer.step(field, &mut gradients, |_| Some(options.rate));
         field = stepped;
         if let Some(bad) = bad {
             return Err(FineError::NotFinite { step, what: bad.to_string() });
         }
-        if !progress(step, out.loss) {
+        if !progress(step, total) {
             break;
         }
     }

@@ -4,11 +4,11 @@
 use super::network::Frame;
 use crate::model::GaussiansAt;
 use crate::rng::{Purpose, Rng};
-use crate::segment::masks::Mask;
+use crate::segment::masks::{Mask, MaskReader, StoreError};
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
 use volseggs_kernels::contributors::{Contributors, ContributorsError, contributors};
-use volseggs_kernels::splat::{SplatInputs, SplatSettings};
+use volseggs_kernels::splat::SplatSettings;
 
 /// Pixels kept of a view, at most.
 const PIXELS: usize = 16_384;
@@ -68,17 +68,8 @@ impl FineView {
             return Ok(None);
         }
         let alone = at.subset(&view.members);
-        let (deformed, sh) = alone.to_device(device);
-        let inputs = SplatInputs {
-            means: deformed.means,
-            rotations: deformed.rotations,
-            log_scales: deformed.log_scales,
-            opacity_logits: deformed.opacity_logits,
-            sh,
-            screen_offsets: None,
-        };
         let settings = SplatSettings { camera: view.camera, background: [0.0; 3], sh_degree: 0 };
-        let found = contributors(&inputs, &settings, &pixels)?;
+        let found = contributors(&alone.to_splat(device), &settings, &pixels)?;
         let (local, rows) = compact(&found);
         let means: Vec<f32> = local.iter().flat_map(|&i| &alone.means[3 * i as usize..][..3]).copied().collect();
 
@@ -107,6 +98,48 @@ impl FineView {
         let found = list.iter().find(|&&m| self.scales[m as usize] >= scale).or(list.last());
         found.copied().unwrap_or(0)
     }
+}
+
+/// Everything a file of masks has to train on: each view of each of its segments, scales ranked, and the spreads of all
+/// masks, ascending. `members` gives the Gaussians of the file's segments, in its order; `progress` is told each view.
+///
+/// # Errors
+/// If the file is damaged.
+pub fn read_views(
+    masks: &MaskReader,
+    at: &GaussiansAt,
+    frame: &Frame,
+    members: &[Vec<u32>],
+    seed: u64,
+    device: &Device,
+    mut progress: impl FnMut(usize),
+) -> Result<(Vec<FineView>, Vec<f32>), ViewsError> {
+    let header = masks.header();
+    let mut views = Vec::new();
+    for (i, view) in header.views.iter().enumerate() {
+        let annotations = masks.view(i)?;
+        let camera = view.camera(header.width, header.height).to_kernel();
+        for (k, members) in (0..).zip(members) {
+            let masks = annotations.iter().filter(|a| a.segment == k).map(|a| a.mask.clone()).collect();
+            let masked = MaskedView { members: members.clone(), camera, masks };
+            let number = (i * header.segments.len()) as u64 + u64::from(k);
+            views.extend(FineView::new(at, frame, &masked, number, seed, device)?);
+        }
+        progress(i);
+    }
+    let spreads = rank_scales(&mut views);
+    Ok((views, spreads))
+}
+
+/// Why masks could not be read for training.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewsError {
+    /// The file of masks.
+    #[error(transparent)]
+    Masks(#[from] StoreError),
+    /// Masks of another size than their picture.
+    #[error(transparent)]
+    Pixels(#[from] ContributorsError),
 }
 
 /// Puts each mask's place among the masks of all views, in [0, 1], where its spread was. Gives the spreads, ascending.

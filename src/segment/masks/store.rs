@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{mask::Mask, mask::MaskError, rle, rle::RleError};
+use crate::data::Camera;
 
 pub use super::reader::MaskReader;
 
@@ -59,6 +60,15 @@ pub struct View {
     pub camera_to_world: [f32; 16],
     /// Horizontal field of view in radians.
     pub fov_x: f32,
+}
+
+impl View {
+    /// Its camera, for pictures of `width` by `height` pixels.
+    #[must_use]
+    pub fn camera(&self, width: u32, height: u32) -> Camera {
+        let rows = self.camera_to_world.map(f64::from);
+        Camera::from_fov_x(f64::from(self.fov_x), width, height, glam::DMat4::from_cols_array(&rows).transpose())
+    }
 }
 
 /// One mask of one view, with what is known of it.

@@ -1,0 +1,79 @@
+//! `volseggs segment group` and `segment remove`
+
+use super::super::run_folder::RunFolder;
+use super::super::{CliError, Common, print_json};
+use crate::segment::segmentation::{Origin, Segment};
+use clap::Args;
+use std::path::PathBuf;
+
+/// Several segments as one, under a name of its own.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  volseggs segment group RUN pair red.1 red.2")]
+pub struct GroupArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Name of the group.
+    name: String,
+    /// Its segments, which stay as they are.
+    #[arg(required = true)]
+    segments: Vec<String>,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl GroupArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let mut all = run.segments()?;
+        let found = self.segments.iter().map(|s| all.get(s)).collect::<Result<Vec<_>, _>>().map_err(CliError::input)?;
+        let members: Vec<u32> = found.iter().flat_map(|s| &s.members).copied().collect();
+        let (colour, time) = found.first().map_or(([0.5; 3], 0.5), |s| (s.colour, s.time));
+        let group = Segment { name: self.name.clone(), parent: None, colour, time, origin: Origin::Group, members };
+        all.add(group).map_err(CliError::input)?;
+        all.save(&run.segments_path()).map_err(CliError::failure)?;
+        let group = all.get(&self.name).map_err(CliError::failure)?;
+        if self.common.json {
+            return print_json(&serde_json::json!({ "name": group.name, "gaussians": group.members.len() }));
+        }
+        println!("{:20} {:>8} Gaussians", group.name, group.members.len());
+        Ok(())
+    }
+}
+
+/// Remove segments with their parts; the Gaussians stay.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  volseggs segment remove RUN pair red.2")]
+pub struct RemoveArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Segments to remove.
+    #[arg(required = true)]
+    segments: Vec<String>,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl RemoveArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let mut all = run.segments()?;
+        for name in &self.segments {
+            all.get(name).map_err(CliError::input)?;
+        }
+        let before = all.segments.len();
+        all.remove(|s| self.segments.contains(&s.name));
+        all.save(&run.segments_path()).map_err(CliError::failure)?;
+        let left: Vec<&str> = all.segments.iter().map(|s| s.name.as_str()).collect();
+        if self.common.json {
+            return print_json(&serde_json::json!({ "removed": before - left.len(), "segments": left }));
+        }
+        eprintln!(
+            "{} removed; left: {}",
+            before - left.len(),
+            if left.is_empty() { "none".into() } else { left.join(", ") }
+        );
+        Ok(())
+    }
+}

@@ -1,0 +1,161 @@
+//! `volseggs segment pick`
+
+use super::super::run_folder::RunFolder;
+use super::super::{CliError, Common, print_json};
+use super::{affinity, check_time};
+use crate::data::{Camera, SplitName};
+use crate::segment::click::{heaviest, under};
+use crate::segment::fine::extract::similar;
+use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::segmentation::{Origin, Segment};
+use clap::Args;
+use glam::DVec3;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// What is under a click; with --name, a segment of all that is like it.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  volseggs segment pick RUN --camera 3,-2,1.5 --pixel 210,180              # which segments are there\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --scale 0.3\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --within red --threshold 0.9\n\nThe picture is the one that `volseggs render` draws from the same camera; pixels count from its top left."
+)]
+pub struct PickArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Camera at x,y,z that looks at the centre.
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+    camera: Option<Vec<f64>>,
+    /// Test view of the dataset, from 0, in place of --camera.
+    #[arg(long, value_name = "N", conflicts_with = "camera")]
+    view: Option<usize>,
+    /// Column and row that are clicked.
+    #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true)]
+    pixel: Vec<u32>,
+    /// Pixels a side of the picture; those of the training images if not given.
+    #[arg(long)]
+    size: Option<u32>,
+    /// Time in [0, 1]; that of the test view, or else the one at which the segments were found.
+    #[arg(long)]
+    time: Option<f64>,
+    /// Make a segment of this name.
+    #[arg(long)]
+    name: Option<String>,
+    /// Look in this segment only, as if the others were hidden; in the clicked colour if not given.
+    #[arg(long, value_name = "SEGMENT")]
+    within: Option<String>,
+    /// Mask scale in [0, 1], from small parts to large ones.
+    #[arg(long, default_value_t = 0.5)]
+    scale: f32,
+    /// Cosine of the affinity features that what is like the click has at least.
+    #[arg(long, default_value_t = 0.8, allow_negative_numbers = true)]
+    threshold: f32,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Serialize)]
+struct Report {
+    /// The clicked Gaussian.
+    gaussian: u32,
+    /// Its part of the pixel's colour.
+    weight: f32,
+    /// Where it is, world units.
+    mean: [f32; 3],
+    /// Segments that hold it, wholes before their parts.
+    segments: Vec<String>,
+    /// The segment made, with the number of its Gaussians.
+    made: Option<(String, usize)>,
+    /// Seconds from the click to the segment.
+    seconds: f64,
+}
+
+impl PickArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        for (flag, value, low) in [("--scale", self.scale, 0.0), ("--threshold", self.threshold, -1.0)] {
+            if !(low..=1.0).contains(&value) {
+                return Err(CliError::input(format!("{flag} {value}: between {low} and 1")));
+            }
+        }
+        let [x, y] = self.pixel[..] else {
+            return Err(CliError::input("--pixel: two numbers, such as --pixel 210,180"));
+        };
+        let (_, device) = self.common.device()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let mut all = run.segments()?;
+        let (camera, view_time) = self.seen_from(&run)?;
+        let found_at = all.segments.first().map(|s| s.time);
+        let time = self.time.or(view_time).or(found_at).unwrap_or(0.5);
+        check_time(time)?;
+        let within = self.within.as_ref().map(|name| all.get(name)).transpose().map_err(CliError::input)?.cloned();
+        let field = match self.name {
+            Some(_) => Some(affinity(&run, &device)?),
+            None => None,
+        };
+
+        let at = run.scene.host_at(time as f32);
+        let started = Instant::now();
+        let shown = within.as_ref().map(|s| at.subset(&s.members));
+        let beneath = under(shown.as_ref().unwrap_or(&at), camera.to_kernel(), [x, y], &device).map_err(|_| {
+            CliError::input(format!("--pixel {x},{y}: the picture has {}x{}", camera.width, camera.height))
+        })?;
+        let Some(hit) = heaviest(&beneath, |_| true) else {
+            return Err(CliError::input(format!("--pixel {x},{y}: nothing is there at time {time}")));
+        };
+        let weight = beneath.iter().find(|(i, _)| *i == hit).map_or(0.0, |(_, w)| *w);
+        let gaussian = within.as_ref().map_or(hit, |s| s.members[hit as usize]);
+        let holds = |s: &&Segment| s.members.binary_search(&gaussian).is_ok();
+        let segments: Vec<String> = all.segments.iter().filter(holds).map(|s| s.name.clone()).collect();
+        let mut made = None;
+        if let (Some(name), Some((field, spec))) = (&self.name, field) {
+            let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
+            let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
+            let position = candidates.binary_search(&gaussian).map_err(CliError::failure)?;
+            // the field knows the places of the time that it was trained at
+            let means = run.scene.host_at(spec.time as f32).subset(&candidates).means;
+            let like = similar(&field, &spec.frame, &means, position, self.scale, self.threshold);
+            let members: Vec<u32> = candidates.iter().zip(like).filter(|(_, l)| *l).map(|(m, _)| *m).collect();
+            made = Some((name.clone(), members.len()));
+            let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
+            let origin = Origin::Pick { scale: self.scale, threshold: self.threshold };
+            let (name, parent) = (name.clone(), whole.map(|s| s.name));
+            all.add(Segment { name, parent, colour, time, origin, members }).map_err(CliError::input)?;
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        if made.is_some() {
+            all.save(&run.segments_path()).map_err(CliError::failure)?;
+        }
+        let mean = [0, 1, 2].map(|k| at.means[3 * gaussian as usize + k]);
+        let report = Report { gaussian, weight, mean, segments, made, seconds };
+        if self.common.json {
+            return print_json(&report);
+        }
+        println!("Gaussian {gaussian}, {:.0} % of the pixel, at {mean:.3?}", 100.0 * weight);
+        let list = if report.segments.is_empty() { "none".into() } else { report.segments.join(", ") };
+        println!("in segments: {list}");
+        if let Some((name, count)) = &report.made {
+            println!("{name}: {count} Gaussians, {:.0} ms", 1e3 * seconds);
+        }
+        Ok(())
+    }
+
+    fn seen_from(&self, run: &RunFolder) -> Result<(Camera, Option<f64>), CliError> {
+        if self.size == Some(0) {
+            return Err(CliError::input("--size 0: at least 1 pixel"));
+        }
+        let (lens, _) = run.lens(self.size);
+        if let Some(n) = self.view {
+            let split = run.split(SplitName::Test, None, None)?;
+            let count = split.frames.len();
+            let frame = split.frames.get(n);
+            let frame = frame.ok_or_else(|| CliError::input(format!("--view {n}: there are {count}, from 0")))?;
+            let pose = frame.camera.camera_to_world;
+            return Ok((Camera::from_fov_x(frame.camera.fov_x(), lens.width, lens.height, pose), Some(frame.time)));
+        }
+        let Some([x, y, z]) = self.camera.as_deref() else {
+            return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N"));
+        };
+        let centre = DVec3::from_array(run.scene.spec.centre.map(f64::from));
+        let camera = Camera::look_at(DVec3::new(*x, *y, *z), centre, DVec3::Z, lens.fov_x, lens.width, lens.height);
+        Ok((camera, None))
+    }
+}
