@@ -3,6 +3,7 @@
 mod config;
 mod demo;
 mod doctor;
+mod edit;
 mod error;
 mod eval;
 mod export;
@@ -12,7 +13,6 @@ mod prepare;
 mod render;
 mod run_folder;
 mod segment;
-#[allow(dead_code)]
 mod shown;
 mod track;
 mod train;
@@ -29,7 +29,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[derive(Debug, Parser)]
 #[command(name = "volseggs", version, about, max_term_width = 100)]
 #[command(
-    after_help = "Start here:\n  volseggs demo\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs segment coarse RUN\n  volseggs track RUN --segment red\n  volseggs render RUN --path orbit --out FRAMES"
+    after_help = "Start here:\n  volseggs demo\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out DATASET\n  volseggs train --data DATASET --config quick --out RUN\n  volseggs eval RUN\n  volseggs segment coarse RUN\n  volseggs track RUN --segment red\n  volseggs edit isolate RUN --segment red\n  volseggs render RUN --path orbit --out FRAMES"
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -44,6 +44,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Segment(segment::SegmentArgs),
     Track(track::TrackArgs),
+    Edit(edit::EditArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
     Inspect(inspect::InspectArgs),
@@ -103,6 +104,7 @@ impl Cli {
             Command::Eval(args) => args.run(),
             Command::Segment(args) => args.run(),
             Command::Track(args) => args.run(),
+            Command::Edit(args) => args.run(),
             Command::Render(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Inspect(args) => args.run(),

@@ -2,7 +2,7 @@
 
 use super::CliError;
 use super::run_folder::RunFolder;
-use crate::edit::{EditStack, apply};
+use crate::edit::{EditError, EditStack, HIDDEN_LOGIT, apply};
 use crate::model::{GaussiansAt, Scene};
 use crate::segment::segmentation::Segmentation;
 use clap::Args;
@@ -41,9 +41,7 @@ impl Shown {
         } else {
             run.segments()?
         };
-        edits
-            .validate(&|name| segments.get(name).is_ok())
-            .map_err(|e| CliError::input(format!("{}: {e}; or pass --no-edits", run.path.join(EDITS).display())))?;
+        check_edits(run, &edits, &segments).map_err(|e| CliError::input(format!("{e}; or pass --no-edits")))?;
         let members = if self.segments.is_empty() {
             None
         } else {
@@ -57,6 +55,28 @@ impl Shown {
         };
         Ok(Selection { segments, edits, members })
     }
+}
+
+/// Refuses edits of segments that are not there any more.
+///
+/// # Errors
+/// The first such edit, and the way out.
+pub(super) fn check_edits(run: &RunFolder, edits: &EditStack, segments: &Segmentation) -> Result<(), CliError> {
+    let known = |name: &str| segments.get(name).is_ok();
+    edits.validate(&known).map_err(|e| {
+        let file = run.path.join(EDITS);
+        let EditError::UnknownSegment { edit, name } = &e else {
+            return CliError::input(format!("{}: {e}", file.display()));
+        };
+        CliError::input(format!(
+            "{}: edit {edit} ({}): there is no segment \"{name}\" any more; make one of that name, or take edits back \
+             to before it with `volseggs edit undo {} --count {}`",
+            file.display(),
+            edits.operations[edit - 1],
+            run.path.display(),
+            edits.operations.len() - edit + 1
+        ))
+    })
 }
 
 impl Selection {
@@ -86,10 +106,28 @@ impl Selection {
     /// # Errors
     /// If an edit cannot be applied.
     pub(super) fn at(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, CliError> {
-        let at = self.edited(scene, time)?;
-        Ok(match &self.members {
-            Some(members) => at.subset(members),
-            None => at,
-        })
+        Ok(self.cut(self.edited(scene, time)?))
+    }
+
+    /// Of all N Gaussians those of the segments alone.
+    pub(super) fn cut(&self, all: GaussiansAt) -> GaussiansAt {
+        match &self.members {
+            Some(members) => all.subset(members),
+            None => all,
+        }
+    }
+
+    /// As [`Selection::at`], without the Gaussians that edits hide: for files, whose readers would keep them.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub(super) fn visible(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, CliError> {
+        let at = self.at(scene, time)?;
+        if self.edits.operations.is_empty() {
+            return Ok(at);
+        }
+        let kept: Vec<u32> =
+            (0..).zip(&at.opacity_logits).filter(|(_, o)| **o != HIDDEN_LOGIT).map(|(i, _)| i).collect();
+        Ok(at.subset(&kept))
     }
 }

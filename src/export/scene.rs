@@ -1,14 +1,14 @@
 //! A scene at one time as plain Gaussians for other programs.
 
 use super::ply::PlyGaussians;
-use crate::model::Scene;
-use crate::model::params::to_vec;
+use crate::model::GaussiansAt;
 
-/// The Gaussians at `time` in [0, 1], rotations normalised.
-pub fn at_time(scene: &Scene, time: f32) -> PlyGaussians {
-    let at = scene.at(time);
-    let triples = |v: Vec<f32>| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-    let rotations = to_vec(at.rotations)
+/// `at` as a PLY file holds them, rotations normalised.
+#[must_use]
+pub fn to_ply(at: GaussiansAt) -> PlyGaussians {
+    let triples = |v: &[f32]| v.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
+    let rotations = at
+        .rotations
         .chunks_exact(4)
         .map(|q| {
             let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
@@ -16,11 +16,11 @@ pub fn at_time(scene: &Scene, time: f32) -> PlyGaussians {
         })
         .collect();
     PlyGaussians {
-        means: triples(to_vec(at.means)),
-        log_scales: triples(to_vec(at.log_scales)),
+        means: triples(&at.means),
+        log_scales: triples(&at.log_scales),
         rotations,
-        opacity_logits: to_vec(at.opacity_logits),
-        sh: to_vec(scene.gaussians.sh.val()),
-        sh_degree: scene.gaussians.sh_degree(),
+        opacity_logits: at.opacity_logits,
+        sh: at.sh,
+        sh_degree: at.sh_stride.isqrt() - 1,
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Coarse by view-independent colour ([`coarse`]), fine by a field trained on 2D masks ([`masks`], [`mod@fine`]); a
 //! [`segmentation`] is what the commands after it read; [`voxels`] carries labels back to a volume, [`dice`]
-//! compares label volumes. Nothing here knows what segments do over time (see `track`).
+//! compares label volumes; [`paint`] shows them in colour. Nothing here knows what segments do over time (see `track`).
 
 pub mod click;
 pub mod coarse;
@@ -10,6 +10,7 @@ pub mod colour;
 pub mod dice;
 pub mod fine;
 pub mod masks;
+pub mod paint;
 pub mod palette;
 pub mod pictures;
 pub mod segmentation;

@@ -1,13 +1,11 @@
 //! Pictures of some Gaussians alone: colour, alpha and depth, as mask sources see them.
 
+use super::paint::flat;
 use crate::model::GaussiansAt;
 use crate::model::params::to_vec;
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatSettings, splat};
-
-/// `1 / (2 sqrt(pi))`: what a constant coefficient is multiplied by.
-const SH_C0: f32 = 0.282_094_79;
 
 /// A picture of Gaussians alone.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,9 +34,8 @@ pub fn picture(
     let row = camera.rotation[2];
     let depth_of = |m: &[f32]| row[0] * m[0] + row[1] * m[1] + row[2] * m[2] + camera.translation[2];
     let far = gaussians.means.chunks_exact(3).map(depth_of).filter(|d| d.is_finite()).fold(1e-6, f32::max);
-    let colours = gaussians.means.chunks_exact(3).flat_map(|m| [(depth_of(m).max(0.0) / far - 0.5) / SH_C0; 3]);
-    let flat = GaussiansAt { sh: colours.collect(), sh_stride: 1, ..gaussians.clone() };
-    let depths = draw(&flat, camera, [0.0; 3], 0, device);
+    let shares = gaussians.means.chunks_exact(3).map(|m| [depth_of(m).max(0.0) / far; 3]);
+    let depths = draw(&flat(gaussians.clone(), shares), camera, [0.0; 3], 0, device);
     let depth = depths.chunks_exact(4).map(|p| if p[3] > 1.0 / 255.0 { far * p[0] / p[3] } else { 0.0 }).collect();
     Picture { width: camera.width, height: camera.height, rgba, depth }
 }
@@ -52,5 +49,9 @@ pub fn draw(
     sh_degree: usize,
     device: &Device,
 ) -> Vec<f32> {
+    if gaussians.is_empty() {
+        let [r, g, b] = background;
+        return [r, g, b, 0.0].repeat(camera.width * camera.height);
+    }
     to_vec(splat(gaussians.to_splat(device), SplatSettings { camera, background, sh_degree }).image)
 }

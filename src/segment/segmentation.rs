@@ -138,6 +138,18 @@ impl Segmentation {
         })
     }
 
+    /// How many segments each is a part of, one within the other; 0 for a whole.
+    #[must_use]
+    pub fn depths(&self) -> Vec<usize> {
+        let mut depths: Vec<usize> = Vec::with_capacity(self.segments.len());
+        for segment in &self.segments {
+            // wholes come before their parts, so a depth is known when it is asked for
+            let whole = self.segments[..depths.len()].iter().position(|s| Some(&s.name) == segment.parent.as_ref());
+            depths.push(whole.map_or(0, |i| depths[i] + 1));
+        }
+        depths
+    }
+
     /// Removes the segments for which `drop` holds, and their parts.
     pub fn remove(&mut self, drop: impl Fn(&Segment) -> bool) {
         let mut gone: Vec<String> = Vec::new();
@@ -269,6 +281,7 @@ mod tests {
             assert!(all.add(segment(name, None, &[])).is_err(), "{name}");
         }
         assert!(all.get("green").unwrap_err().to_string().contains("red, red.1, blue"));
+        assert_eq!(all.depths(), [0, 1, 0]);
         assert_eq!(all.labels(&["red".into(), "red.1".into()]).unwrap(), [0, 2, 0, 2, 0, 1, 0, 0, 0, 0]);
         all.remove(|s| s.name == "red");
         assert_eq!(all.segments.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["blue"]);

@@ -8,4 +8,5 @@ pub mod follow;
 pub(crate) mod overlap;
 pub mod statistics;
 pub mod tables;
+pub mod velocity;
 pub mod volume;

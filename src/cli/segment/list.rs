@@ -21,9 +21,7 @@ impl ListArgs {
         if self.common.json {
             return print_json(&all);
         }
-        for segment in &all.segments {
-            let depth =
-                std::iter::successors(segment.parent.as_deref(), |p| all.get(p).ok()?.parent.as_deref()).count();
+        for (segment, depth) in all.segments.iter().zip(all.depths()) {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
             println!("{name:30} {:>8} Gaussians  found at {:.3}", segment.members.len(), segment.time);
         }

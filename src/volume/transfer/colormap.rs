@@ -1,5 +1,6 @@
 //! Colour maps by name. The perceptual ones (viridis, inferno, magma, plasma; all CC0) are sampled at ten places.
 
+use super::bracket;
 use super::color::mix_diverging;
 
 /// Names that [`named`] knows.
@@ -36,6 +37,12 @@ pub fn named(name: &str) -> Option<Vec<(f64, [f32; 3])>> {
     let last = (even.len() - 1) as f64;
     let color = |hex: u32| [16, 8, 0].map(|shift| (hex >> shift & 255) as f32 / 255.0);
     Some(even.iter().enumerate().map(|(i, hex)| (i as f64 / last, color(*hex))).collect())
+}
+
+/// sRGB colour of a map at a fraction; the end values hold outside [0, 1], and a map without points is black.
+#[must_use]
+pub fn at(map: &[(f64, [f32; 3])], fraction: f64) -> [f32; 3] {
+    bracket(map, fraction).map_or([0.0; 3], |(a, b, t)| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t as f32))
 }
 
 #[cfg(test)]

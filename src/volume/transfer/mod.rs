@@ -96,8 +96,7 @@ impl TransferFunction {
     /// sRGB colour at a fraction; the end values hold outside [0, 1]. At a step the upper side counts.
     #[must_use]
     pub fn color_at(&self, fraction: f64) -> [f32; 3] {
-        bracket(&self.colors, fraction)
-            .map_or([0.0; 3], |(a, b, t)| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t as f32))
+        colormap::at(&self.colors, fraction)
     }
 
     /// Opacity per `unit_length` at a fraction; the end values hold outside [0, 1]. At a step the upper side counts.

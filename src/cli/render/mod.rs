@@ -1,6 +1,9 @@
 //! `volseggs render`
 
+mod look;
+
 use super::run_folder::RunFolder;
+use super::shown::Shown;
 use super::{CliError, Common, print_json};
 use crate::data::paths::{Lens, orbit, test_spiral};
 use crate::data::{Camera, Transforms};
@@ -9,6 +12,7 @@ use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
 use clap::Args;
 use glam::DVec3;
+use look::{Legend, LookArgs};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -16,7 +20,7 @@ use std::time::Instant;
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n\nWrites OUT/0000.png, ... and OUT/animation.png (an animated PNG that browsers play)."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ... and OUT/animation.png (an animated PNG that browsers play).\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
@@ -46,6 +50,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     #[command(flatten)]
+    look: LookArgs,
+    #[command(flatten)]
+    shown: Shown,
+    #[command(flatten)]
     common: Common,
 }
 
@@ -56,6 +64,8 @@ struct Report {
     height: u32,
     render_fps: f64,
     out: PathBuf,
+    #[serde(flatten)]
+    legend: Option<Legend>,
 }
 
 impl RenderArgs {
@@ -66,12 +76,13 @@ impl RenderArgs {
         }
         let run = RunFolder::open(&self.run, &device)?;
         let views = self.views(&run)?;
+        let mut look = self.look.open(&run, &device, self.shown.select(&run)?)?;
         std::fs::create_dir_all(&self.out).map_err(|e| CliError::failure(format!("{}: {e}", self.out.display())))?;
         let mut seconds = 0.0;
         let mut images = Vec::with_capacity(views.len());
         for (camera, time) in &views {
             let started = Instant::now();
-            let image = run.scene.render(camera.to_kernel(), *time as f32);
+            let image = look.draw(camera.to_kernel(), *time as f32)?;
             seconds += started.elapsed().as_secs_f64();
             images.push(to_rgb8(&image, camera.width as usize, camera.height as usize));
         }
@@ -85,14 +96,18 @@ impl RenderArgs {
             let frames: Vec<&[u8]> = images.iter().map(|i| i.as_raw().as_slice()).collect();
             write_apng(&self.out.join("animation.png"), frames, width, height, self.fps).map_err(CliError::failure)?;
         }
-        let report =
-            Report { frames: views.len(), width, height, render_fps: views.len() as f64 / seconds, out: self.out };
+        let render_fps = views.len() as f64 / seconds;
+        let legend = look.legend();
+        let report = Report { frames: views.len(), width, height, render_fps, out: self.out, legend };
         eprintln!(
             "{} frames of {width}x{height} in {}, rendered at {:.1} frames/second",
             report.frames,
             report.out.display(),
             report.render_fps
         );
+        if let Some(Legend { legend, .. }) = &report.legend {
+            eprintln!("{legend}");
+        }
         if self.common.json {
             print_json(&report)?;
         }

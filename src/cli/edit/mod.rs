@@ -1,0 +1,158 @@
+//! `volseggs edit`: an undoable stack of edits beside a run's scene, which stays as it was trained.
+
+mod stack;
+mod values;
+
+use super::{CliError, Common};
+use crate::edit::Operation;
+use clap::{Args, Subcommand};
+use stack::{Edits, Towards};
+use std::path::PathBuf;
+use values::{colour, point};
+
+/// Recolour, fade, hide or move segments, and take it back.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'\n  volseggs edit opacity RUN --segment red --segment blue --factor 0.3\n  volseggs edit isolate RUN --segment red.1\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees 30\n  volseggs edit undo RUN --count 2\n  volseggs edit list RUN\n\nEdits lie in RUN/edits.json, hold at every time, and show in `volseggs render` and `volseggs export`, unless --no-edits is given there."
+)]
+pub struct EditArgs {
+    #[command(subcommand)]
+    command: EditCommand,
+}
+
+/// The run, and what is printed.
+#[derive(Debug, Args)]
+struct Target {
+    /// Folder of the run.
+    run: PathBuf,
+    #[command(flatten)]
+    common: Common,
+}
+
+/// The segments of a run that are edited.
+#[derive(Debug, Args)]
+struct Targets {
+    /// Segment to edit; may be given many times.
+    #[arg(long = "segment", value_name = "NAME", required = true)]
+    segments: Vec<String>,
+    #[command(flatten)]
+    target: Target,
+}
+
+#[derive(Debug, Subcommand)]
+enum EditCommand {
+    /// Give segments a colour.
+    #[command(after_help = "Example:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'")]
+    Recolour {
+        /// The colour, #rrggbb.
+        #[arg(long, value_name = "COLOUR", value_parser = colour)]
+        colour: [f32; 3],
+        /// This colour all over; otherwise the differences within a segment and its shading stay.
+        #[arg(long)]
+        flat: bool,
+        #[command(flatten)]
+        targets: Targets,
+    },
+    /// Multiply the opacity of segments.
+    #[command(after_help = "Example:\n  volseggs edit opacity RUN --segment red --factor 0.3")]
+    Opacity {
+        /// At least 0; the result is at most 0.99.
+        #[arg(long, allow_negative_numbers = true)]
+        factor: f32,
+        #[command(flatten)]
+        targets: Targets,
+    },
+    /// Make segments invisible.
+    #[command(after_help = "Example:\n  volseggs edit hide RUN --segment red")]
+    Hide(Targets),
+    /// Make hidden segments visible again.
+    #[command(after_help = "Example:\n  volseggs edit show RUN --segment red")]
+    Show(Targets),
+    /// Hide everything but segments.
+    #[command(after_help = "Example:\n  volseggs edit isolate RUN --segment red --segment blue")]
+    Isolate(Targets),
+    /// Move segments.
+    #[command(after_help = "Example:\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1")]
+    Translate {
+        /// Along x, y, z, world units.
+        #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+        by: [f32; 3],
+        #[command(flatten)]
+        targets: Targets,
+    },
+    /// Turn segments.
+    #[command(after_help = "Example:\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees -30")]
+    Rotate {
+        /// Axis to turn about, of any length but 0.
+        #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+        axis: [f32; 3],
+        /// Angle, right-handed about the axis.
+        #[arg(long, allow_negative_numbers = true)]
+        degrees: f32,
+        /// A point that stays, world units; without it each segment's own centre at each time.
+        #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+        about: Option<[f32; 3]>,
+        #[command(flatten)]
+        targets: Targets,
+    },
+    /// Make segments larger or smaller.
+    #[command(after_help = "Example:\n  volseggs edit scale RUN --segment red --factor 1.5")]
+    Scale {
+        /// More than 0.
+        #[arg(long, allow_negative_numbers = true)]
+        factor: f32,
+        /// A point that stays, world units; without it each segment's own centre at each time.
+        #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+        about: Option<[f32; 3]>,
+        #[command(flatten)]
+        targets: Targets,
+    },
+    /// Take back the last edits.
+    #[command(after_help = "Example:\n  volseggs edit undo RUN --count 2")]
+    Undo {
+        /// How many.
+        #[arg(long, default_value_t = 1)]
+        count: usize,
+        #[command(flatten)]
+        target: Target,
+    },
+    /// Bring back edits that were taken back last.
+    #[command(after_help = "Example:\n  volseggs edit redo RUN")]
+    Redo {
+        /// How many.
+        #[arg(long, default_value_t = 1)]
+        count: usize,
+        #[command(flatten)]
+        target: Target,
+    },
+    /// The edits in their order, then those taken back.
+    #[command(after_help = "Example:\n  volseggs edit list RUN --json")]
+    List(Target),
+    /// Forget all edits and those taken back, also of a file that cannot be read; redo cannot bring them back.
+    #[command(after_help = "Example:\n  volseggs edit clear RUN")]
+    Clear(Target),
+}
+
+impl EditArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (targets, operation) = match self.command {
+            EditCommand::Recolour { targets, colour, flat } => {
+                (targets, Operation::Recolour { rgb: colour, keep_shading: !flat })
+            }
+            EditCommand::Opacity { targets, factor } => (targets, Operation::Opacity { factor }),
+            EditCommand::Hide(targets) => (targets, Operation::Hide),
+            EditCommand::Show(targets) => (targets, Operation::Show),
+            EditCommand::Isolate(targets) => (targets, Operation::Isolate),
+            EditCommand::Translate { targets, by } => (targets, Operation::Translate { by }),
+            EditCommand::Rotate { targets, axis, degrees, about } => {
+                (targets, Operation::Rotate { axis, degrees, about })
+            }
+            EditCommand::Scale { targets, factor, about } => (targets, Operation::Scale { factor, about }),
+            EditCommand::Undo { target, count } => return Edits::open(target)?.step(Towards::Undo, count),
+            EditCommand::Redo { target, count } => return Edits::open(target)?.step(Towards::Redo, count),
+            EditCommand::List(target) => return Edits::open(target)?.print(),
+            EditCommand::Clear(target) => return Edits::cleared(target)?.save(),
+        };
+        Edits::open(targets.target)?.push(targets.segments, operation)
+    }
+}

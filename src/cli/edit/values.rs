@@ -1,0 +1,31 @@
+//! Values of edits as they are typed.
+
+use crate::volume::transfer::color::parse_hex;
+
+/// A colour, `#rrggbb`.
+pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
+    parse_hex(text).ok_or_else(|| "a colour is written as '#ff8800': red, green, blue, two digits each".to_owned())
+}
+
+/// Three finite numbers with commas between them.
+pub(super) fn point(text: &str) -> Result<[f32; 3], String> {
+    let numbers: Option<Vec<f32>> =
+        text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
+    let point = numbers.and_then(|v| <[f32; 3]>::try_from(v).ok());
+    point.ok_or_else(|| "three finite numbers with commas between them, such as 0.2,0,-1".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_and_colours() {
+        assert_eq!(point("-1, 0.5,2e-1"), Ok([-1.0, 0.5, 0.2]));
+        for bad in ["", "1,2", "1,2,3,4", "1,,3", "a,b,c", "nan,0,0", "0,inf,0", "1e99,0,0"] {
+            assert!(point(bad).is_err(), "{bad}");
+        }
+        assert_eq!(colour("#ff0080"), Ok([1.0, 0.0, 128.0 / 255.0]));
+        assert!(colour("orange").unwrap_err().contains("'#ff8800'"));
+    }
+}

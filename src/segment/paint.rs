@@ -1,0 +1,161 @@
+//! Colours that mean something, in place of those a scene was trained in: which segment a Gaussian belongs to, how fast
+//! it moves, how far away a pixel is. What the numbers are is decided elsewhere (see `track::velocity`, `pictures`).
+
+use super::colour::SH_C0;
+use super::pictures::Picture;
+use super::segmentation::Segmentation;
+use crate::model::GaussiansAt;
+use crate::volume::transfer::colormap::{at, named};
+
+/// Pixels with less alpha have no depth worth showing.
+const MIN_ALPHA: f32 = 0.1;
+/// Colour of Gaussians in no segment.
+const NOBODY: [f32; 3] = [0.8; 3];
+/// What the opacity of Gaussians in no segment is multiplied by.
+const FAINT: f64 = 0.1;
+
+/// `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
+#[must_use]
+pub fn flat(gaussians: GaussiansAt, colours: impl IntoIterator<Item = [f32; 3]>) -> GaussiansAt {
+    let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / SH_C0)).collect();
+    GaussiansAt { sh, sh_stride: 1, ..gaussians }
+}
+
+/// Each of the scene's N `gaussians` in the colour of its segment: of those that hold it the one deepest among parts
+/// of parts, of those equally deep the last. Gaussians in none become grey and faint.
+///
+/// # Panics
+/// If a segment holds a Gaussian that is not below N.
+#[must_use]
+pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt {
+    let depths = all.depths();
+    let mut order: Vec<usize> = (0..depths.len()).collect();
+    order.sort_by_key(|&i| depths[i]);
+    let mut colours = vec![None; gaussians.len()];
+    for segment in order.into_iter().map(|i| &all.segments[i]) {
+        for &member in &segment.members {
+            colours[member as usize] = Some(segment.colour);
+        }
+    }
+    for (logit, _) in gaussians.opacity_logits.iter_mut().zip(&colours).filter(|(_, c)| c.is_none()) {
+        let opacity = FAINT / (1.0 + f64::from(-*logit).exp());
+        *logit = (opacity.ln() - (-opacity).ln_1p()) as f32;
+    }
+    flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(NOBODY)))
+}
+
+/// Signed `values` `[N]` as colours: red above 0, green below, black at 0, full brightness from `scale` on.
+pub fn signed(values: &[f32], scale: f32) -> impl Iterator<Item = [f32; 3]> {
+    values.iter().map(move |v| {
+        let share = share(v / scale);
+        if *v < 0.0 { [0.0, share, 0.0] } else { [share, 0.0, 0.0] }
+    })
+}
+
+/// Sizes `values` `[N]` as colours of the map `inferno`: black at 0, by red and orange to light yellow from `scale` on.
+pub fn sizes(values: &[f32], scale: f32) -> impl Iterator<Item = [f32; 3]> {
+    let map = named("inferno").unwrap_or_default();
+    values.iter().map(move |v| at(&map, share(v / scale).into()))
+}
+
+/// The size in [0, 1]; what is no number counts as 0.
+fn share(v: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.abs().min(1.0) }
+}
+
+/// The nearest and the farthest depth that `picture` shows, world units; `None` if it shows none.
+#[must_use]
+pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
+    let seen = picture.depth.iter().zip(picture.rgba.chunks_exact(4)).filter(|(_, p)| p[3] >= MIN_ALPHA);
+    seen.fold(None, |range, (&d, _)| {
+        let [near, far] = range.unwrap_or([d, d]);
+        Some([near.min(d), far.max(d)])
+    })
+}
+
+/// The depth of `picture` as colours of the map `viridis`, `[H, W, 4]`: yellow at `near` and nearer, dark blue at `far`
+/// and farther, world units; `background` where next to nothing is.
+#[must_use]
+pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3]) -> Vec<f32> {
+    let map = named("viridis").unwrap_or_default();
+    let pixels = picture.depth.iter().zip(picture.rgba.chunks_exact(4));
+    pixels
+        .flat_map(|(depth, pixel)| {
+            let way = (far - depth) / (far - near).max(f32::MIN_POSITIVE);
+            let [r, g, b] = if pixel[3] >= MIN_ALPHA { at(&map, way.into()) } else { background };
+            [r, g, b, pixel[3]]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::segmentation::{Origin, Segment};
+
+    fn gaussians(n: usize) -> GaussiansAt {
+        GaussiansAt {
+            means: vec![0.0; 3 * n],
+            rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
+            log_scales: vec![-2.0; 3 * n],
+            opacity_logits: vec![0.0; n],
+            sh: vec![0.7; 12 * n],
+            sh_stride: 4,
+        }
+    }
+
+    fn colour(gaussians: &GaussiansAt, i: usize) -> [f32; 3] {
+        std::array::from_fn(|c| ((gaussians.sh[3 * i + c] * SH_C0 + 0.5) * 100.0).round() / 100.0)
+    }
+
+    #[test]
+    fn the_deepest_part_wins_and_those_in_none_are_faint() {
+        let mut all = Segmentation::new(5, "scene".into());
+        let mut add = |name: &str, parent: Option<&str>, colour, members: &[u32]| {
+            let (name, parent, members) = (name.into(), parent.map(Into::into), members.to_vec());
+            let segment = Segment { name, parent, colour, time: 0.0, origin: Origin::Coarse, members };
+            all.add(segment).unwrap();
+        };
+        let [red, green, blue] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        add("whole", None, red, &[0, 1, 2]);
+        add("part", Some("whole"), green, &[1]);
+        // later in the file, but not a part
+        add("other", None, blue, &[1, 2, 3]);
+        let painted = by_segment(gaussians(5), &all);
+        assert_eq!((painted.sh_stride, painted.sh.len()), (1, 15));
+        assert_eq!([0, 1, 2, 3, 4].map(|i| colour(&painted, i)), [red, green, blue, blue, NOBODY]);
+        let opacity = painted.opacity();
+        assert_eq!(opacity[..4], [0.5; 4]);
+        assert!((opacity[4] - 0.05).abs() < 1e-6, "{opacity:?}");
+
+        let mut hidden = gaussians(5);
+        hidden.opacity_logits[4] = crate::edit::HIDDEN_LOGIT;
+        let logit = by_segment(hidden, &all).opacity_logits[4];
+        assert!(logit.is_finite() && logit <= crate::edit::HIDDEN_LOGIT);
+    }
+
+    #[test]
+    fn signs_have_colours_and_sizes_have_brightness() {
+        let colours: Vec<[f32; 3]> = signed(&[1.0, -1.0, 0.0, 9.0, f32::NAN], 2.0).collect();
+        assert_eq!(colours, [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0; 3], [1.0, 0.0, 0.0], [0.0; 3]]);
+        let bright: Vec<f32> = sizes(&[0.0, 0.5, 1.0, 2.0, 3.0], 2.0).map(|c| c.iter().sum()).collect();
+        assert!(bright.windows(2).all(|w| w[0] <= w[1]) && bright[0] < 0.1 && bright[3] == bright[4], "{bright:?}");
+    }
+
+    #[test]
+    fn depth_is_coloured_where_something_is() {
+        let alpha = [0.0, 0.05, 0.9, 0.5, 1.0];
+        let rgba = alpha.iter().flat_map(|a| [0.3, 0.3, 0.3, *a]).collect();
+        let picture = Picture { width: 5, height: 1, rgba, depth: vec![0.0, 9.0, 2.0, 3.0, 4.0] };
+        let range = depth_range(&picture).unwrap();
+        assert_eq!(range, [2.0, 4.0]);
+        let image = depth_colours(&picture, range, [1.0, 0.0, 1.0]);
+        let pixel = |i: usize| &image[4 * i..4 * i + 3];
+        assert_eq!((pixel(0), pixel(1)), (&[1.0, 0.0, 1.0][..], &[1.0, 0.0, 1.0][..]));
+        let light = |i: usize| pixel(i).iter().sum::<f32>();
+        assert!(light(2) > light(3) && light(3) > light(4), "{image:?}");
+        // one depth alone is no division by zero
+        assert!(depth_colours(&picture, [2.0, 2.0], [0.0; 3]).iter().all(|v| v.is_finite()));
+        assert_eq!(depth_range(&Picture { width: 0, height: 0, rgba: vec![], depth: vec![] }), None);
+    }
+}
