@@ -1,5 +1,6 @@
 //! `volseggs eval`
 
+use super::eval_segments::SegmentFlags;
 use super::run_folder::RunFolder;
 use super::{CliError, Common, print_json};
 use crate::data::SplitName;
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 /// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg."
+    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, segments.json, segments.png, iou-METHOD.svg."
 )]
 pub struct EvalArgs {
     /// Folder of the run.
@@ -31,6 +32,8 @@ pub struct EvalArgs {
     #[arg(long, value_name = "FILE")]
     lpips_weights: Vec<PathBuf>,
     #[command(flatten)]
+    segments: SegmentFlags,
+    #[command(flatten)]
     common: Common,
 }
 
@@ -43,6 +46,9 @@ impl EvalArgs {
             .iter()
             .map(|path| Lpips::load(path, &device).map_err(CliError::input))
             .collect::<Result<Vec<_>, _>>()?;
+        if self.segments.segments {
+            return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
+        }
         let split = run.split(self.split, self.data.as_deref(), self.views)?;
         let costs = Costs {
             training_seconds: run.record.training_seconds,

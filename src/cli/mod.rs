@@ -6,6 +6,7 @@ mod doctor;
 mod edit;
 mod error;
 mod eval;
+mod eval_segments;
 mod export;
 mod inspect;
 mod inspect_volume;
@@ -41,7 +42,7 @@ enum Command {
     Demo(demo::DemoArgs),
     Prepare(Box<prepare::PrepareArgs>),
     Train(train::TrainArgs),
-    Eval(eval::EvalArgs),
+    Eval(Box<eval::EvalArgs>),
     Segment(segment::SegmentArgs),
     Track(track::TrackArgs),
     Edit(edit::EditArgs),

@@ -1,7 +1,8 @@
-//! The whole story on a synthetic scene: prepare, train, evaluate, and a report of it all. Every stage is the
+//! The whole story on a synthetic scene: prepare, train, evaluate, segment and track, and a report of it all. Every stage is the
 //! library call behind the command of the same name; a demo that was stopped goes on where it was.
 
 pub mod report;
+mod segments;
 mod story;
 
 use crate::config::PRESETS;
@@ -84,6 +85,7 @@ pub(crate) struct Results<'a> {
     scene: Scene,
     dataset: Dataset,
     evaluation: Evaluation,
+    segments: segments::SegmentStory,
     stages: Vec<(String, f64)>,
 }
 
@@ -101,12 +103,12 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     let mut stages = Vec::new();
     let (data, run_folder) = (options.out.join("data"), options.out.join("run"));
 
-    eprintln!("1/4 prepare: the scene `{}` as images of a volume", options.scene);
+    eprintln!("1/5 prepare: the scene `{}` as images of a volume", options.scene);
     let started = Instant::now();
     let prepared = prepare_stage(options, &data, stop)?;
     stages.push(("prepare".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("2/4 train: {} images", prepared.train_views);
+    eprintln!("2/5 train: {} images", prepared.train_views);
     let started = Instant::now();
     let splits = [SplitName::Train, SplitName::Test];
     let open = OpenOptions { downscale: resolved.value.data.downscale, splits: &splits, max_views: None };
@@ -124,7 +126,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     }
     stages.push(("train".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("\n3/4 evaluate: {} test views", prepared.test_views);
+    eprintln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
     let scene_path = newest_scene(&run_folder).ok_or("no checkpoint").map_err(failed("evaluate"))?;
     let scene = Scene::load(&scene_path, &options.device.1).map_err(failed("evaluate"))?;
@@ -143,13 +145,21 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     write_results(&run_folder.join("eval/test"), &evaluation).map_err(failed("evaluate"))?;
     stages.push(("evaluate".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("4/4 report");
+    eprintln!("4/5 segment and track");
     let started = Instant::now();
-    let mut results = Results { options, prepared, data, run: run_folder, outcome, scene, dataset, evaluation, stages };
+    let segments =
+        segments::segments(options, &scene, &data, &run_folder).map_err(failed("segment"))?;
+    stages.push(("segment and track".to_owned(), started.elapsed().as_secs_f64()));
+
+    eprintln!("5/5 report");
+    let started = Instant::now();
+    let mut results =
+        Results { options, prepared, data, run: run_folder, outcome, scene, dataset, evaluation, segments, stages };
     let page = options.out.join("report.html");
     let pictures = story::pictures(&results).map_err(failed("report"))?;
     results.stages.push(("report".to_owned(), started.elapsed().as_secs_f64()));
-    story::tell(&results, pictures).write(&page).map_err(failed("report"))?;
+    let report = story::tell(&results, pictures).map_err(failed("report"))?;
+    report.write(&page).map_err(failed("report"))?;
     Ok(DemoOutcome { report: page, evaluation: results.evaluation, stages: results.stages })
 }
 

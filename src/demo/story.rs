@@ -100,7 +100,10 @@ fn learning_curve(run: &Path) -> String {
 }
 
 /// Puts the report together.
-pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Report {
+///
+/// # Errors
+/// If a picture cannot be encoded.
+pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, String> {
     let s = &results.evaluation.summary;
     let record = &results.outcome.record;
     let number = |value: String, unit: &str, name: &str, note: &str| Number {
@@ -188,14 +191,9 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Report {
         sections.push(section(
             "segments",
             "Segments",
-            "The scene's parts are known, so segmentation and tracking can be measured against them.",
-            vec![
-                Block::Figures { items: pictures.segments, columns: 5 },
-                Block::Missing {
-                    what: "Segmentation and tracking of the trained scene".into(),
-                    how: "Not in this version; the truth above is in data/segments.json and data/labels.".into(),
-                },
-            ],
+            "The scene's parts are known, so what a click selects can be measured: a click on each part at one time, \
+             coarse by its colour and fine by the affinity field within it, then followed to all other times.",
+            segment_blocks(results, pictures.segments)?,
         ));
     }
     let out = results.options.out.display();
@@ -235,12 +233,53 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Report {
             .to_vec(),
         )],
     ));
-    Report {
+    Ok(Report {
         title: "volseggs demo".into(),
         subtitle: format!(
             "{}, {} training views, version {}, seed {}",
             results.prepared.source, results.prepared.train_views, record.version, record.seed
         ),
         sections,
-    }
+    })
+}
+
+/// Truth, table, pictures and curves of segmentation and tracking.
+fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Result<Vec<Block>, String> {
+    let (story, png) = (&results.segments, |image: &RgbImage| encode_png(image).map_err(|e| e.to_string()));
+    let cell = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    let rows = story.evaluation.results.iter().map(|r| {
+        let row = r.at.as_ref();
+        let tracked = r.times.iter().filter_map(|t| t.iou).reduce(f64::min);
+        vec![
+            r.segment.clone(),
+            r.method.to_string(),
+            cell(row.and_then(|row| row.iou), 1),
+            cell(tracked, 1),
+            cell(row.map(|row| row.psnr), 1),
+            cell(row.map(|row| row.ssim), 3),
+            format!("{:.0}", 1e3 * r.click_seconds),
+        ]
+    });
+    let head = ["segment", "method", "IoU, %", "least IoU of all times, %", "PSNR, dB", "SSIM", "click, ms"];
+    Ok(vec![
+        Block::Figures { items: known, columns: 5 },
+        Block::Table {
+            head: head.map(String::from).to_vec(),
+            rows: rows.collect(),
+            caption: format!("clicked at time {:.2}; measured on views that were not clicked", story.evaluation.time),
+            highlight: Some(2),
+        },
+        Block::Figure {
+            png: png(&story.sheet)?,
+            alt: "Each segment: truth, coarse, coarse and fine".into(),
+            caption: "Truth, and what each method selects.".into(),
+        },
+        Block::Figure {
+            png: png(&story.tracks)?,
+            alt: "Each segment at six times".into(),
+            caption: "Each segment followed through time.".into(),
+        },
+        Block::Svg { svg: story.iou_over_time(), caption: "IoU at each time, coarse and fine.".into() },
+        Block::Svg { svg: story.volume_over_time(), caption: "Volume of each segment over time.".into() },
+    ])
 }

@@ -56,7 +56,7 @@ impl SegmentArgs {
 }
 
 /// A time in [0, 1].
-fn check_time(time: f64) -> Result<(), CliError> {
+pub(super) fn check_time(time: f64) -> Result<(), CliError> {
     if (0.0..=1.0).contains(&time) { Ok(()) } else { Err(CliError::input(format!("--time {time}: between 0 and 1"))) }
 }
 

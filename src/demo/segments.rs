@@ -1,0 +1,130 @@
+//! The demo's segmentation and tracking: each known segment selected by one click, measured, and followed through time.
+
+use super::{DemoOptions, FOV};
+use crate::data::Truth;
+use crate::data::paths::{Lens, RADIUS, orbit};
+use crate::draw::plot::{Series, line_plot};
+use crate::draw::views::view_sheet;
+use crate::eval::segments::{MaskKind, Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
+use crate::export::images::to_rgb8;
+use crate::files::AtomicDir;
+use crate::model::{GaussiansAt, Scene};
+use crate::segment::baselines::saga::SagaOptions;
+use crate::segment::coarse::CoarseOptions;
+use crate::segment::fine::train::FineOptions;
+use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::pictures::draw;
+use crate::segment::segmentation::{FILE, Origin, Segment, Segmentation};
+use crate::track::follow::{FollowOptions, Followed, Followup, follow};
+use image::RgbImage;
+use std::path::Path;
+
+/// Views with masks, steps of the affinity field and pixels of each: enough for images of the demo's size.
+const MASK_VIEWS: usize = 20;
+const STEPS: usize = 2000;
+const PIXELS: usize = 1024;
+/// Times at which segments are followed, and of these, those with pictures.
+const TIMES: usize = 31;
+const SHOWN: usize = 6;
+/// Width of a tracking picture in pixels.
+const WIDTH: u32 = 160;
+
+/// What the report tells of segments.
+pub(super) struct SegmentStory {
+    /// Selections against the truth.
+    pub evaluation: SegmentEvaluation,
+    /// Rows of truth and methods.
+    pub sheet: RgbImage,
+    /// Each found segment over time.
+    pub followed: Vec<Followup>,
+    /// Pictures of each through time.
+    pub tracks: RgbImage,
+}
+
+impl SegmentStory {
+    /// Intersection over union of the two-level method at each time, one curve for each segment.
+    pub fn iou_over_time(&self) -> String {
+        let of_method = self.evaluation.results.iter().filter(|r| r.method == Method::CoarseFine);
+        let points = of_method.map(|r| Series {
+            name: r.segment.clone(),
+            points: r.times.iter().filter_map(|row| Some((row.time?, row.iou?))).collect(),
+        });
+        line_plot("Tracked segments against the truth", "time", "IoU, %", &points.collect::<Vec<_>>())
+    }
+
+    /// Volume of each followed segment over time.
+    pub fn volume_over_time(&self) -> String {
+        let series: Vec<Series> = self
+            .followed
+            .iter()
+            .map(|f| Series {
+                name: f.name.clone(),
+                points: f.statistics.iter().map(|s| (s.time, s.volume)).collect(),
+            })
+            .collect();
+        line_plot("Volume of each segment", "time", "cubic world units", &series)
+    }
+}
+
+/// Segments, measures and follows; writes `segments/` and `eval/segments/` of the run.
+pub(super) fn segments(
+    options: &DemoOptions,
+    scene: &Scene,
+    data: &Path,
+    run: &Path,
+) -> Result<SegmentStory, String> {
+    let truth = Truth::read(data).map_err(|e| e.to_string())?;
+    let plan = SegmentOptions {
+        time: 0.5,
+        methods: vec![Method::Coarse, Method::CoarseFine],
+        segments: Vec::new(),
+        masks: MaskKind::Regions,
+        views: MASK_VIEWS,
+        coarse: CoarseOptions::default(),
+        fine: FineOptions { steps: STEPS, pixels: PIXELS, ..FineOptions::default() },
+        saga: SagaOptions::default(),
+        mask_alpha: None,
+    };
+    let work = AtomicDir::create(&run.join("eval/masks")).map_err(|e| e.to_string())?;
+    let evaluation =
+        evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| eprintln!("    {what}"))?;
+    write_results(&run.join("eval/segments"), &evaluation).map_err(|e| e.to_string())?;
+
+    let mut found = Segmentation::new(scene.gaussians.count(), scene.fingerprint());
+    let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.members.is_empty());
+    for (i, result) in chosen.enumerate() {
+        let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
+        let (name, members) = (result.segment.clone(), result.members.clone());
+        let origin = Origin::Fine { scale: 0.5 };
+        let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
+        found.add(segment).map_err(|e| e.to_string())?;
+    }
+    found.save(&run.join(FILE)).map_err(|e| e.to_string())?;
+
+    let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
+    let wanted: Vec<Followed<'_>> =
+        found.segments.iter().map(|s| Followed { name: &s.name, members: &s.members }).collect();
+    let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
+    let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
+    let alone = |at: &GaussiansAt, members: &[u32]| {
+        let image =
+            draw(&at.subset(members), camera, scene.spec.background, scene.spec.sh_degree, &options.device.1);
+        to_rgb8(&image, WIDTH as usize, WIDTH as usize)
+    };
+    let mut frame = 0;
+    let mut pictures: Vec<Vec<(String, RgbImage)>> = vec![Vec::new(); wanted.len()];
+    let at = |time: f64| {
+        let at = scene.host_at(time as f32);
+        if frame % ((TIMES - 1) / (SHOWN - 1)) == 0 {
+            for (segment, pictures) in wanted.iter().zip(&mut pictures) {
+                pictures.push((format!("{} {time:.1}", segment.name), alone(&at, segment.members)));
+            }
+        }
+        frame += 1;
+        at
+    };
+    let followed = follow(at, &wanted, &times, &FollowOptions::default()).map_err(|e| e.to_string())?;
+    let tracks = view_sheet(&pictures.concat(), SHOWN, WIDTH);
+    let sheet = view_sheet(&evaluation.pictures, evaluation.columns, 2 * WIDTH);
+    Ok(SegmentStory { evaluation, sheet, followed, tracks })
+}

@@ -1,0 +1,102 @@
+//! A selection drawn alone against the truth, view by view.
+
+use super::methods::Selected;
+use super::truth::{TruthFrame, TruthImage};
+use crate::metrics::lpips::{Lpips, LpipsNet};
+use crate::metrics::psnr::psnr;
+use crate::metrics::ssim::{ssim_gray, ssim_rgb};
+use crate::model::GaussiansAt;
+use crate::segment::pictures::draw;
+use burn::tensor::Device;
+use serde::Serialize;
+
+/// How a segment alone compares with the truth in one view.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameScore {
+    /// Time in [0, 1].
+    pub time: f64,
+    /// Intersection over union of the masks; none where both are empty: the segment is not there, and nothing is shown.
+    pub iou: Option<f64>,
+    /// Decibels, over all pixels of the 8-bit pictures.
+    pub psnr: f64,
+    /// SSIM on RGB, 11-tap Gaussian window.
+    pub ssim: f64,
+    /// SSIM on grey values, 7x7 uniform window.
+    pub ssim_gray: f64,
+    /// LPIPS, AlexNet; none without weights.
+    pub lpips: Option<f64>,
+}
+
+/// What all comparisons share.
+pub struct Judge<'a> {
+    /// Where to draw.
+    pub device: &'a Device,
+    /// Background of all pictures.
+    pub background: [f32; 3],
+    /// Degree of the spherical harmonics.
+    pub sh_degree: usize,
+    /// Least alpha of a pixel of a mask; the truth's own where `None`.
+    pub mask_alpha: Option<f32>,
+    /// Least alpha of the truth's masks.
+    pub truth_alpha: f32,
+    /// Networks for LPIPS.
+    pub networks: &'a [Lpips],
+}
+
+impl Judge<'_> {
+    /// Draws `selected` of the Gaussians at the frame's time and compares. Also gives the picture, RGB.
+    ///
+    /// # Errors
+    /// A message: the truth cannot be read, or is too small for a metric.
+    pub fn score(
+        &self,
+        at: &GaussiansAt,
+        selected: &Selected,
+        frame: &TruthFrame,
+        truth: &TruthImage,
+    ) -> Result<(FrameScore, Vec<f32>), String> {
+        let alone = selected.of(at);
+        let image = draw(&alone, frame.camera.to_kernel(), self.background, self.sh_degree, self.device);
+        let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(quantise)).collect();
+        let expected = self.composite(truth);
+        let least = self.mask_alpha.unwrap_or(self.truth_alpha);
+        let known = |(i, known): (usize, &bool)| match self.mask_alpha {
+            Some(least) => f32::from(truth.rgba[4 * i + 3]) / 255.0 >= least,
+            None => *known,
+        };
+        let (mut both, mut either) = (0usize, 0usize);
+        for (p, known) in image.chunks_exact(4).zip(truth.mask.iter().enumerate().map(known)) {
+            let shown = p[3] >= least;
+            both += usize::from(shown && known);
+            either += usize::from(shown || known);
+        }
+        let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
+        let network = self.networks.iter().find(|n| n.net() == LpipsNet::Alex);
+        let score = FrameScore {
+            time: frame.time,
+            iou: (either > 0).then(|| both as f64 / either as f64),
+            psnr: psnr(&render, &expected).map_err(|e| e.to_string())?,
+            ssim: ssim_rgb(&render, &expected, w, h).map_err(|e| e.to_string())?,
+            ssim_gray: ssim_gray(&render, &expected, w, h).map_err(|e| e.to_string())?,
+            lpips: network
+                .map(|n| n.distance(&render, &expected, h, w).map_err(|e| e.to_string()))
+                .transpose()?,
+        };
+        Ok((score, render))
+    }
+
+    /// The truth over the background, RGB `[H, W, 3]`.
+    pub fn composite(&self, truth: &TruthImage) -> Vec<f32> {
+        let over = |p: &[u8]| {
+            let a = f32::from(p[3]) / 255.0;
+            [0, 1, 2].map(|c| quantise(f32::from(p[c]) / 255.0 * a + (1.0 - a) * self.background[c]))
+        };
+        truth.rgba.chunks_exact(4).flat_map(over).collect()
+    }
+}
+
+/// Rounds to 8 bits and back, as an image file would.
+fn quantise(v: f32) -> f32 {
+    (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
+}
+

@@ -1,0 +1,290 @@
+//! One evaluation from beginning to end: coarse colours, masks, fields and baselines at the chosen time; a click on each
+//! known segment; what each method selects, measured at every time.
+
+use super::measure::{FrameScore, Judge};
+use super::methods::{Best, Method, Selected, offer_field, offer_saga, offer_sagd};
+use super::prompt::Prompt;
+use super::table::Row;
+use super::train::{Trained, Trainers};
+use super::truth::{TruthFrame, frames, labelled};
+use crate::data::Truth;
+use crate::export::images::to_rgb8;
+use crate::metrics::lpips::Lpips;
+use crate::model::{GaussiansAt, Scene};
+use crate::segment::baselines::saga::SagaOptions;
+use crate::segment::coarse::CoarseOptions;
+use crate::segment::fine::train::FineOptions;
+use image::RgbImage;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Where masks come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MaskKind {
+    /// Regions of rendered pictures.
+    Regions,
+    /// Label images of the dataset: an upper bound.
+    Labels,
+}
+
+/// What to evaluate.
+#[derive(Clone, Debug)]
+pub struct SegmentOptions {
+    /// Time of the clicks in [0, 1]; the training time nearest to it is taken.
+    pub time: f64,
+    /// The methods.
+    pub methods: Vec<Method>,
+    /// Known segments to measure; all if empty.
+    pub segments: Vec<String>,
+    /// Source of the masks.
+    pub masks: MaskKind,
+    /// Views with masks; not for [`MaskKind::Labels`], whose views are those of the dataset.
+    pub views: usize,
+    /// Colours.
+    pub coarse: CoarseOptions,
+    /// Training of the affinity field.
+    pub fine: FineOptions,
+    /// Training of SAGA.
+    pub saga: SagaOptions,
+    /// Least alpha of a pixel of a mask; that of the dataset's masks if `None`.
+    pub mask_alpha: Option<f32>,
+}
+
+/// One segment by one method.
+#[derive(Clone, Debug, Serialize)]
+pub struct SegmentResult {
+    /// Name of the known segment.
+    pub segment: String,
+    /// The method.
+    pub method: Method,
+    /// The view that was clicked; none if the segment cannot be seen.
+    pub view: Option<String>,
+    /// Column and row that were clicked.
+    pub pixel: Option<[u32; 2]>,
+    /// The setting that fits best in that view.
+    pub setting: Option<String>,
+    /// Its intersection over union there.
+    pub fit: f64,
+    /// Gaussians selected.
+    pub gaussians: usize,
+    /// Their indices, ascending.
+    #[serde(skip)]
+    pub members: Vec<u32>,
+    /// Seconds from a click to a segment.
+    pub click_seconds: f64,
+    /// Means at the time nearest to that of the click.
+    pub at: Option<Row>,
+    /// Means at each time: tracking.
+    pub times: Vec<Row>,
+}
+
+/// All of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct SegmentEvaluation {
+    /// Time of the clicks.
+    pub time: f64,
+    /// Source of the masks.
+    pub masks: MaskKind,
+    /// Names of the coarse colours.
+    pub palette: Vec<String>,
+    /// Seconds of masks and training by method.
+    pub training_seconds: BTreeMap<String, f64>,
+    /// Segment by segment, method by method.
+    pub results: Vec<SegmentResult>,
+    /// Truth and each method, a row for each segment.
+    #[serde(skip)]
+    pub pictures: Vec<(String, RgbImage)>,
+    /// Pictures in a row.
+    #[serde(skip)]
+    pub columns: usize,
+}
+
+/// Evaluates; `work` is a folder for files that nobody needs afterwards, and `say` is told what is being done.
+///
+/// # Errors
+/// A message: the truth is not there, or a method failed.
+pub fn evaluate_segments(
+    scene: &Scene,
+    truth: &Truth,
+    options: &SegmentOptions,
+    networks: &[Lpips],
+    work: &Path,
+    mut say: impl FnMut(&str),
+) -> Result<SegmentEvaluation, String> {
+    let views = labelled(truth, options.time).map_err(|e| e.to_string())?;
+    let time = views.first().map_or(options.time, |v| v.view.time);
+    let device = scene.gaussians.means.val().device();
+    let at = scene.host_at(time as f32);
+    let trainers = Trainers { scene, truth, at: &at, views: &views, options, work, device: &device };
+    let trained = trainers.train(time, &mut say)?;
+
+    let judge = Judge {
+        device: &device,
+        background: scene.spec.background,
+        sh_degree: scene.spec.sh_degree,
+        mask_alpha: options.mask_alpha,
+        truth_alpha: truth.file.mask_alpha,
+        networks,
+    };
+    let mut evaluation = SegmentEvaluation {
+        time,
+        masks: options.masks,
+        palette: trained.coarse.palette.iter().map(|p| p.name.clone()).collect(),
+        training_seconds: trained.seconds.iter().map(|(m, s)| (m.name().to_owned(), *s)).collect(),
+        results: Vec::new(),
+        pictures: Vec::new(),
+        columns: 1 + options.methods.len(),
+    };
+    let mut deformed = Times { scene, known: BTreeMap::new() };
+    for entry in &truth.file.segments {
+        if !options.segments.is_empty() && !options.segments.contains(&entry.name) {
+            continue;
+        }
+        say(&format!("segment {}", entry.name));
+        let frames = frames(truth, entry.id);
+        let prompt = Prompt::new(&views, entry.id, &at, &device).map_err(|e| e.to_string())?;
+        let best: Vec<Chosen> = options
+            .methods
+            .iter()
+            .map(|&method| match &prompt {
+                Some(prompt) => choose(method, prompt, &at, &trained, options.fine.seed),
+                None => Ok(Chosen::default()),
+            })
+            .collect::<Result<_, _>>()?;
+        let scores = measure(&judge, &mut deformed, &frames, &best, time, (&entry.name, options), &mut evaluation)?;
+        let near = nearest(&frames, time);
+        for ((&method, chosen), scores) in options.methods.iter().zip(best).zip(scores) {
+            let at_time = |t: f64| scores.iter().filter(move |s| s.time == t).collect::<Vec<_>>();
+            let mut times: Vec<f64> = scores.iter().map(|s| s.time).collect();
+            times.sort_by(f64::total_cmp);
+            times.dedup();
+            evaluation.results.push(SegmentResult {
+                segment: entry.name.clone(),
+                method,
+                view: prompt.as_ref().map(|p| p.view.clone()),
+                pixel: prompt.as_ref().map(|p| p.pixel),
+                setting: chosen.selected.as_ref().map(|s| s.setting.clone()),
+                fit: chosen.fit,
+                gaussians: chosen.selected.as_ref().map_or(0, |s| s.members.len()),
+                members: chosen.selected.map(|s| s.members).unwrap_or_default(),
+                click_seconds: chosen.seconds,
+                at: near.and_then(|t| Row::mean(&entry.name, method, Some(t), &at_time(t))),
+                times: times.iter().filter_map(|&t| Row::mean(&entry.name, method, Some(t), &at_time(t))).collect(),
+            });
+        }
+    }
+    Ok(evaluation)
+}
+
+/// What a method makes of a click.
+#[derive(Default)]
+struct Chosen {
+    selected: Option<Selected>,
+    fit: f64,
+    seconds: f64,
+}
+
+fn choose(
+    method: Method,
+    prompt: &Prompt,
+    at: &GaussiansAt,
+    trained: &Trained,
+    seed: u64,
+) -> Result<Chosen, String> {
+    let mut best = Best::new(prompt, at.len());
+    let coarse = &trained.coarse.labels;
+    match method {
+        Method::Coarse | Method::CoarseFine => {
+            // a click on an outlier or on haze goes to what lies behind it
+            if let Some(clicked) = prompt.clicked(|i| coarse[i as usize] > 0) {
+                let label = coarse[clicked as usize];
+                let within: Vec<u32> = (0..at.len() as u32).filter(|&i| coarse[i as usize] == label).collect();
+                let setting = trained.coarse.palette[label as usize - 1].name.clone();
+                let whole = Selected { members: within.clone(), setting: format!("all {setting}"), ..Selected::default() };
+                best.offer(whole, 0.0);
+                if let (Method::CoarseFine, Some((field, frame))) = (method, &trained.parts) {
+                    best.seconds = f64::INFINITY;
+                    offer_field(&mut best, (field, frame), at, &within, clicked, seed)?;
+                }
+            }
+        }
+        Method::Fine => {
+            if let (Some((field, frame)), Some(clicked)) = (&trained.whole, prompt.clicked(|_| true)) {
+                let all: Vec<u32> = (0..at.len() as u32).collect();
+                offer_field(&mut best, (field, frame), at, &all, clicked, seed)?;
+            }
+        }
+        Method::Saga => {
+            if let (Some(model), Some(clicked)) = (&trained.saga, prompt.clicked(|_| true)) {
+                offer_saga(&mut best, model, clicked);
+            }
+        }
+        Method::Sagd => {
+            if let (Some(views), Some(clicked)) = (&trained.votes, prompt.clicked(|_| true)) {
+                offer_sagd(&mut best, at, views, clicked)?;
+            }
+        }
+    }
+    let seconds = if best.seconds.is_finite() { best.seconds } else { 0.0 };
+    Ok(Chosen { fit: best.fit.max(0.0), selected: best.selected, seconds })
+}
+
+/// Scores of each method in each frame; adds a row of pictures to the sheet.
+fn measure(
+    judge: &Judge<'_>,
+    deformed: &mut Times<'_>,
+    frames: &[TruthFrame],
+    best: &[Chosen],
+    time: f64,
+    (name, options): (&str, &SegmentOptions),
+    evaluation: &mut SegmentEvaluation,
+) -> Result<Vec<Vec<FrameScore>>, String> {
+    let mut scores = vec![Vec::new(); best.len()];
+    let shown = nearest(frames, time).and_then(|near| frames.iter().position(|f| f.time == near));
+    let nothing = Selected::default();
+    for (i, frame) in frames.iter().enumerate() {
+        let truth = frame.load().map_err(|e| e.to_string())?;
+        let at = deformed.at(frame.time);
+        let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
+        let picture = |rgb: &[f32]| {
+            let rgba: Vec<f32> = rgb.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 1.0]).collect();
+            to_rgb8(&rgba, w, h)
+        };
+        if shown == Some(i) {
+            evaluation.pictures.push((format!("{name}, t = {:.2}", frame.time), picture(&judge.composite(&truth))));
+        }
+        for ((chosen, scores), method) in best.iter().zip(&mut scores).zip(&options.methods) {
+            let selected = chosen.selected.as_ref().unwrap_or(&nothing);
+            let (score, render) = judge.score(at, selected, frame, &truth)?;
+            if shown == Some(i) {
+                let iou = score.iou.map_or("-".into(), |v| format!("{:.1} %", 100.0 * v));
+                evaluation.pictures.push((format!("{method} {iou}"), picture(&render)));
+            }
+            scores.push(score);
+        }
+    }
+    Ok(scores)
+}
+
+/// The time of a frame nearest to `time`.
+fn nearest(frames: &[TruthFrame], time: f64) -> Option<f64> {
+    frames.iter().map(|f| f.time).min_by(|a, b| (a - time).abs().total_cmp(&(b - time).abs()))
+}
+
+/// The scene at the times of the truth, each deformed once.
+struct Times<'a> {
+    scene: &'a Scene,
+    known: BTreeMap<u64, GaussiansAt>,
+}
+
+impl Times<'_> {
+    fn at(&mut self, time: f64) -> &GaussiansAt {
+        // a few times stay; a dataset in which each view has its own would hold the scene hundreds of times
+        if self.known.len() > 16 && !self.known.contains_key(&time.to_bits()) {
+            self.known.clear();
+        }
+        self.known.entry(time.to_bits()).or_insert_with(|| self.scene.host_at(time as f32))
+    }
+}
