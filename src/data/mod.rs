@@ -1,5 +1,5 @@
-//! Datasets of rendered images: cameras, camera paths, `transforms_*.json`, image sets, splits, visual hulls and
-//! the checks behind `volseggs inspect`. No tensors, no training.
+//! Datasets of rendered images: cameras, camera paths, `transforms_*.json`, image sets, splits, visual hulls, what is
+//! known of segments, and the checks behind `volseggs inspect`. No tensors, no training.
 
 pub mod camera;
 mod carve;
@@ -15,6 +15,7 @@ mod lenient;
 pub mod paths;
 pub mod scan;
 pub mod transforms;
+pub mod truth;
 
 pub use camera::Camera;
 pub use dataset::{Dataset, Frame, OpenOptions, Split, SplitName};
@@ -22,3 +23,4 @@ pub use error::DataError;
 pub use hull::{Aabb, VisualHull};
 pub use images::ImageSet;
 pub use transforms::Transforms;
+pub use truth::Truth;

@@ -3,10 +3,10 @@
 use super::report::{Block, Number, Report, Section};
 use super::{FOV, Results};
 use crate::data::paths::{Lens, RADIUS, orbit};
+use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
-use crate::prepare::SegmentFile;
 use image::RgbImage;
 use std::path::Path;
 
@@ -60,7 +60,7 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
 
 /// Each known segment alone, in the view that shows most of it.
 fn segments(data: &Path) -> Result<Vec<(Vec<u8>, String)>, String> {
-    let path = data.join("segments.json");
+    let path = data.join(truth::FILE);
     let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
     let file: SegmentFile = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
     let mut out = Vec::new();

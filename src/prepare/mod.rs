@@ -9,7 +9,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-pub use segments::{SegmentFile, SegmentOptions};
+pub use segments::SegmentOptions;
 pub use source::Source;
 
 use crate::data::DataError;

@@ -5,12 +5,12 @@ use super::views::View;
 use super::write::{write_mask, write_picture};
 use super::{MASK_ALPHA, PrepareError, Source};
 use crate::data::SplitName;
+use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame};
 use crate::files::write_atomic;
 use crate::volume::grid::Labels;
 use crate::volume::raycast::RayCaster;
 use crate::volume::transfer::TransferFunction;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,49 +30,6 @@ impl Default for SegmentOptions {
     fn default() -> Self {
         Self { views: 19, steps: Vec::new(), label_images: true }
     }
-}
-
-/// `segments.json`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SegmentFile {
-    /// `labels` (a label volume or a synthetic scene) or `transfer-function` (its named ranges).
-    pub source: String,
-    /// Least alpha of a pixel of a mask or label image.
-    pub mask_alpha: f32,
-    /// Whole horizontal field of view of all frames, radians.
-    pub camera_angle_x: f64,
-    /// Width and height of all images, pixels.
-    pub size: [u32; 2],
-    /// Folder of label images by split, grey level = id; empty if there are none.
-    pub label_images: Vec<String>,
-    /// The segments, by ascending id.
-    pub segments: Vec<SegmentEntry>,
-}
-
-/// One segment.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SegmentEntry {
-    /// Its id in label images, from 1.
-    pub id: u16,
-    /// Its name, also of its folder.
-    pub name: String,
-    /// Renders of it alone.
-    pub frames: Vec<SegmentFrame>,
-}
-
-/// One render of a segment alone.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SegmentFrame {
-    /// The image, RGBA with straight alpha.
-    pub file_path: String,
-    /// The binary mask.
-    pub mask_path: String,
-    /// Camera-to-world, rows, NeRF/OpenGL axes.
-    pub transform_matrix: [[f64; 4]; 4],
-    /// Time in [0, 1].
-    pub time: f64,
-    /// Pixels of the mask.
-    pub pixels: usize,
 }
 
 /// Renders segments step by step.
@@ -238,7 +195,7 @@ impl<'a> SegmentWriter<'a> {
             },
             segments: self.entries,
         };
-        let path = self.root.join("segments.json");
+        let path = self.root.join(FILE);
         let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.clone(), reason: e.to_string() };
         let json = serde_json::to_vec_pretty(&file).map_err(|e| error(&e))?;
         write_atomic(&path, &json).map_err(|e| error(&e))?;

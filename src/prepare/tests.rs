@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::data::dataset::{Dataset, OpenOptions};
+use crate::data::truth::SegmentFile;
 use crate::prepare::views::Times;
 use crate::volume::placement::published_side;
 use crate::volume::synthetic::Synthetic;

@@ -1,23 +1,29 @@
 //! `volseggs segment masks`
 
+mod plan;
+
 use super::super::run_folder::RunFolder;
-use super::super::{CliError, Common, print_json};
+use super::super::{CliError, Common, print_json, stop_flag};
 use super::{check_time, write_picture};
-use crate::data::paths::training_cameras;
 use crate::draw::views::view_sheet;
+use crate::export::images::to_rgb8;
+use crate::files::{AtomicDir, clean_stale};
 use crate::log::progress;
+use crate::segment::masks::handout::{HandoutError, write_pictures};
+use crate::segment::masks::make::{MakeError, make_masks};
 use crate::segment::masks::sheet::overlay;
-use crate::segment::masks::{Annotation, Header, MaskWriter, RegionImage, RegionOptions, View, find_regions};
-use crate::segment::pictures::{Picture, picture};
-use clap::Args;
+use crate::segment::masks::source::Found;
+use crate::segment::pictures::Picture;
+use clap::{Args, ValueEnum};
 use image::RgbImage;
-use rayon::prelude::*;
+use plan::Plan;
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 /// 2D masks of each segment rendered alone from views all around.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
+    after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n  volseggs segment masks RUN --source labels                      # the truth, where the dataset has it\n  volseggs segment masks RUN --source sam --points 12 --views 10  # MobileSAM\n\nMasks of another program, in three steps:\n  1. volseggs segment masks RUN --pictures     writes RUN/segments/pictures/SEGMENT/view-000.png, ...\n  2. run the program on them; let it write MASKS/SEGMENT/view-000_1.png, view-000_2.png, ... (one mask each, not\n     0 where it is), or MASKS/SEGMENT/view-000.png (grey, each value but 0 a mask), or one COCO file with run\n     lengths whose images are called SEGMENT/view-000.png\n  3. volseggs segment masks RUN --source dir --masks MASKS     (or the COCO file)\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
 )]
 pub struct MasksArgs {
     /// Folder of the run.
@@ -25,115 +31,193 @@ pub struct MasksArgs {
     /// Segments to make masks of; all that are no part of another if not given.
     #[arg(long = "segment", value_name = "NAME")]
     segments: Vec<String>,
-    /// Views on a Fibonacci sphere.
-    #[arg(long, default_value_t = 30)]
-    views: usize,
+    /// What finds the masks.
+    #[arg(long, value_enum, default_value_t = Kind::Regions)]
+    source: Kind,
+    /// Views on a Fibonacci sphere [default: 30]; of labels, at most so many of the dataset's.
+    #[arg(long)]
+    views: Option<usize>,
     /// Pixels a side; those of the training images if not given.
     #[arg(long)]
     size: Option<u32>,
     /// Time in [0, 1]; that at which the segments were found if not given.
     #[arg(long)]
     time: Option<f64>,
+    /// For labels: the dataset, if it is not where the run was trained on it.
+    #[arg(long, value_name = "DATASET")]
+    data: Option<PathBuf>,
+    /// For dir: the folder of masks, or the COCO file.
+    #[arg(long, value_name = "PATH")]
+    masks: Option<PathBuf>,
+    /// For sam: the weights; looked for in the cache folder if not given.
+    #[arg(long, value_name = "FILE")]
+    sam_weights: Option<PathBuf>,
+    /// For sam: points along a side of the grid that is asked [default: 32].
+    #[arg(long, value_name = "N")]
+    points: Option<usize>,
+    /// Write the pictures for another program to segment, and no masks.
+    #[arg(long)]
+    pictures: bool,
     #[command(flatten)]
     common: Common,
 }
 
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Regions between jumps of colour, alpha and depth.
+    Regions,
+    /// The dataset's label images, of the time nearest to that asked for.
+    Labels,
+    /// Masks that another program made.
+    Dir,
+    /// MobileSAM.
+    Sam,
+}
+
 impl MasksArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        if self.views == 0 || self.size == Some(0) {
-            return Err(CliError::input("--views and --size: at least 1"));
-        }
+        self.check()?;
+        let weights = self.weights()?;
         let (_, device) = self.common.device()?;
         let run = RunFolder::open(&self.run, &device)?;
-        let all = run.segments()?;
-        let mut names = self.segments.clone();
-        if names.is_empty() {
-            names = all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.clone()).collect();
+        let plan = self.plan(&run)?;
+        // what a killed command left
+        let segments = run.path.join("segments");
+        clean_stale(&segments).map_err(|e| CliError::failure(format!("{}: {e}", segments.display())))?;
+        if self.pictures {
+            return self.hand_out(&run, &plan, &device);
         }
-        let segments = names.iter().map(|n| all.get(n)).collect::<Result<Vec<_>, _>>().map_err(CliError::input)?;
-        let first =
-            segments.first().ok_or_else(|| CliError::input("no segments yet: run `volseggs segment coarse`"))?;
-        let time = self.time.unwrap_or(first.time);
-        check_time(time)?;
-
-        let at = run.scene.host_at(time as f32);
-        let (lens, radius) = run.lens(self.size);
-        let cameras = training_cameras(self.views, radius, lens);
-        let views = cameras.iter().enumerate().map(|(i, c)| View {
-            file: format!("view-{i:03}"),
-            camera_to_world: c.camera_to_world.transpose().to_cols_array().map(|v| v as f32),
-            fov_x: c.fov_x() as f32,
-        });
-        let header = Header::new(lens.width, lens.height, time, views.collect(), names.clone(), "regions".into());
+        let source = self.source(&run, &plan, weights.as_deref(), &device)?;
+        let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
+        let at = run.scene.host_at(plan.time as f32);
+        let job = plan.job(&run, &at, &device);
         let path = run.path.join("segments/masks.jsonl");
-        let mut writer = MaskWriter::create(&path, header).map_err(CliError::failure)?;
-        let bar = progress::bar(self.views * names.len(), "pictures");
-        let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
+        let (views, every) = (plan.shots.len(), plan.shots.len().div_ceil(4));
+        let bar = progress::bar(views * plan.groups.len(), "pictures");
         let mut shown = Vec::new();
-        for (k, segment) in segments.iter().enumerate() {
-            let alone = at.subset(&segment.members);
-            // pictures one after the other (each uses all threads), then their masks side by side, a few at a time
-            for (batch, cameras) in cameras.chunks(8).enumerate() {
-                let pictures: Vec<Picture> =
-                    cameras.iter().map(|c| picture(&alone, c.to_kernel(), background, degree, &device)).collect();
-                let found = pictures
-                    .par_iter()
-                    .map(|p| find_regions(&region_image(p, background)?, &RegionOptions::default()))
-                    .collect::<Result<Vec<_>, _>>()
-                    .map_err(CliError::failure)?;
-                for (i, (picture, masks)) in pictures.iter().zip(found).enumerate() {
-                    let view = 8 * batch + i;
-                    if view % self.views.div_ceil(4) == 0 {
-                        shown.push((format!("{} {view}", segment.name), outlined(picture, &masks)));
-                    }
-                    for m in masks {
-                        let annotation = Annotation {
-                            image_id: view as u32,
-                            segment: k as u32,
-                            mask: m.mask,
-                            predicted_iou: m.contrast,
-                            stability_score: m.stability_score,
-                            scale: 0.0,
-                        };
-                        writer.write(&annotation).map_err(CliError::failure)?;
-                    }
-                    bar.inc(1);
-                }
+        let count = make_masks(&job, source.as_ref(), &path, |seen, found| {
+            if seen.view % every == 0 {
+                let label = format!("{} {}", plan.groups[seen.group].name, seen.view);
+                shown.push((label, outlined(seen.picture, found)));
             }
-        }
+            bar.inc(1);
+            !stop.load(Ordering::Relaxed)
+        })
+        .map_err(make_error)?;
         bar.finish_and_clear();
-        let count = writer.finish().map_err(CliError::failure)?;
         let sheet = run.path.join("segments/masks.png");
         write_picture(&sheet, &view_sheet(&shown, 4, 400))?;
         if self.common.json {
-            return print_json(&serde_json::json!({ "masks": count, "file": path, "time": time }));
+            return print_json(
+                &serde_json::json!({ "masks": count, "file": path, "time": plan.time, "source": source.name() }),
+            );
         }
-        println!("{count} masks of {} segments in {} views at time {time}", names.len(), self.views);
+        println!("{count} masks of {} segments in {views} views at time {}", plan.groups.len(), plan.time);
         eprintln!("masks: {}; to look at: {}", path.display(), sheet.display());
+        Ok(())
+    }
+
+    /// What can be known to be wrong without the run.
+    fn check(&self) -> Result<(), CliError> {
+        if [self.views, self.points].contains(&Some(0)) || self.size == Some(0) {
+            return Err(CliError::input("--views, --size and --points: at least 1"));
+        }
+        self.time.map_or(Ok(()), check_time)?;
+        let source = self.source;
+        let name = source.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
+        for (given, option, of) in [
+            (self.data.is_some(), "--data", Kind::Labels),
+            (self.masks.is_some(), "--masks", Kind::Dir),
+            (self.sam_weights.is_some(), "--sam-weights", Kind::Sam),
+            (self.points.is_some(), "--points", Kind::Sam),
+        ] {
+            if given && source != of {
+                let of = of.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
+                return Err(CliError::input(format!("{option} is for --source {of}, not --source {name}")));
+            }
+        }
+        let refuse = |given: bool, option: &str, why: &str| {
+            if given {
+                Err(CliError::input(format!("{option} does not go with --source {name}: {why}")))
+            } else {
+                Ok(())
+            }
+        };
+        match source {
+            Kind::Labels => refuse(self.size.is_some(), "--size", "views are as large as the dataset's images")?,
+            Kind::Dir => {
+                let why = "views, size and time are those of the pictures that --pictures wrote";
+                refuse(self.views.is_some(), "--views", why)?;
+                refuse(self.size.is_some(), "--size", why)?;
+                refuse(self.time.is_some(), "--time", why)?;
+                if self.masks.is_none() {
+                    return Err(CliError::input("--source dir: name the folder or COCO file with --masks PATH"));
+                }
+            }
+            Kind::Regions | Kind::Sam => {}
+        }
+        if self.pictures && source != Kind::Regions {
+            return Err(CliError::input(
+                "--pictures makes no masks; leave --source out, and give it when masks are there",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Writes the pictures for another program.
+    fn hand_out(&self, run: &RunFolder, plan: &Plan, device: &burn::tensor::Device) -> Result<(), CliError> {
+        let folder = plan::pictures_folder(run);
+        if folder.exists() {
+            return Err(CliError::input(format!(
+                "{}: pictures are there already; remove the folder to write them anew",
+                folder.display()
+            )));
+        }
+        let stop = stop_flag("stopping; nothing is written")?;
+        let at = run.scene.host_at(plan.time as f32);
+        let job = plan.job(run, &at, device);
+        let fail = |e: std::io::Error| CliError::failure(format!("{}: {e}", folder.display()));
+        let building = AtomicDir::create(&folder).map_err(fail)?;
+        let count = plan.shots.len() * plan.groups.len();
+        let bar = progress::bar(count, "pictures");
+        write_pictures(&job, &run.scene.fingerprint(), building.dir(), || {
+            bar.inc(1);
+            !stop.load(Ordering::Relaxed)
+        })
+        .map_err(|e| match e {
+            HandoutError::Job(MakeError::Stopped) => CliError::failure("stopped; nothing was written"),
+            e => CliError::failure(e),
+        })?;
+        building.commit().map_err(fail)?;
+        bar.finish_and_clear();
+        if self.common.json {
+            return print_json(&serde_json::json!({ "pictures": count, "folder": folder, "time": plan.time }));
+        }
+        println!("{count} pictures of {} segments at time {}", plan.groups.len(), plan.time);
+        eprintln!(
+            "pictures: {}; next: let your program write MASKS/SEGMENT/VIEW_NUMBER.png, then volseggs segment masks {} \
+             --source dir --masks MASKS",
+            folder.display(),
+            run.path.display()
+        );
         Ok(())
     }
 }
 
-/// Straight colour and alpha, from what was drawn over the background.
-fn region_image(
-    picture: &Picture,
-    background: [f32; 3],
-) -> Result<RegionImage, crate::segment::masks::regions::RegionError> {
-    let mut rgba = picture.rgba.clone();
-    for p in rgba.chunks_exact_mut(4) {
-        let a = p[3].max(1e-3);
-        for c in 0..3 {
-            p[c] = ((p[c] - (1.0 - p[3]) * background[c]) / a).clamp(0.0, 1.0);
-        }
+fn make_error(error: MakeError) -> CliError {
+    match error {
+        MakeError::Camera { .. } => CliError::input(error),
+        MakeError::Source(e) if e.is_input() => CliError::input(e),
+        _ => CliError::failure(error),
     }
-    RegionImage::from_floats(picture.width as u32, picture.height as u32, &rgba, background, Some(&picture.depth))
 }
 
-fn outlined(picture: &Picture, masks: &[crate::segment::masks::RegionMask]) -> RgbImage {
-    let byte = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
-    let rgba: Vec<u8> =
-        picture.rgba.chunks_exact(4).flat_map(|p| [byte(&p[0]), byte(&p[1]), byte(&p[2]), 255]).collect();
-    let masks: Vec<_> = masks.iter().map(|m| m.mask.clone()).collect();
+fn outlined(picture: &Picture, found: &[Found]) -> RgbImage {
+    let rgba: Vec<u8> = to_rgb8(&picture.rgba, picture.width, picture.height)
+        .pixels()
+        .flat_map(|p| [p.0[0], p.0[1], p.0[2], 255])
+        .collect();
+    let masks: Vec<_> = found.iter().map(|f| f.mask.clone()).collect();
     let out = overlay(picture.width as u32, picture.height as u32, &rgba, &masks);
     RgbImage::from_fn(out.width, out.height, |x, y| {
         let at = 4 * (y * out.width + x) as usize;

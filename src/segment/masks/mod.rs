@@ -1,11 +1,15 @@
 //! 2D masks of rendered images: what the fine segmentation lifts to 3D.
 //!
-//! The masks themselves ([`mask`], [`rle`]), their files ([`store`], [`coco`], [`png_folder`]), the source of masks that
-//! needs no network ([`regions`]), clean-up ([`filter`]) and pictures of them ([`sheet`]). Nothing here knows of Gaussians.
+//! The masks themselves ([`mask`], [`rle`]), their files ([`store`], [`coco`], [`png_folder`]), what finds them in a
+//! picture ([`regions`], [`sam`]), clean-up ([`filter`]) and pictures of them ([`sheet`]) know nothing of Gaussians.
+//! [`source`] makes these and the truth of a dataset one kind of thing; [`make`] draws groups of Gaussians, asks a source
+//! and writes the masks; [`handout`] writes the pictures that another program shall segment.
 
 pub mod coco;
 mod edges;
 pub mod filter;
+pub mod handout;
+pub mod make;
 pub mod mask;
 mod merge;
 pub mod png_folder;
@@ -14,6 +18,7 @@ pub mod regions;
 pub mod rle;
 pub mod sam;
 pub mod sheet;
+pub mod source;
 pub mod store;
 mod watershed;
 

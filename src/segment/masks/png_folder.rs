@@ -83,6 +83,12 @@ impl PngFolder {
         Ok(Self { width, height, views: found, folder: folder.to_owned() })
     }
 
+    /// Whether no view has a file.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.views.iter().all(|files| matches!(files, Files::Absent))
+    }
+
     /// The masks of one view (an index into the list given on opening), by number or label value; empty ones are left out.
     ///
     /// # Errors

@@ -4,8 +4,7 @@
 //! `png_folder`. Memory use does not grow with the number of masks.
 
 use std::{
-    fs::File,
-    io::{self, BufWriter, Write},
+    io::{self, Write},
     path::{Path, PathBuf},
 };
 
@@ -14,6 +13,7 @@ use thiserror::Error;
 
 use super::{mask::Mask, mask::MaskError, rle, rle::RleError};
 use crate::data::Camera;
+use crate::files::AtomicFile;
 
 pub use super::reader::MaskReader;
 
@@ -173,8 +173,7 @@ pub(super) fn mask_of_size(
 #[derive(Debug)]
 pub struct MaskWriter {
     path: PathBuf,
-    temporary: PathBuf,
-    out: Option<BufWriter<File>>,
+    out: AtomicFile,
     header: Header,
     written: u64,
 }
@@ -187,11 +186,8 @@ impl MaskWriter {
     /// values that are not finite.
     pub fn create(path: &Path, header: Header) -> Result<Self, StoreError> {
         check_header(path, &header)?;
-        let mut name = path.file_name().unwrap_or_default().to_owned();
-        name.push(format!(".{}.tmp", std::process::id()));
-        let temporary = path.with_file_name(name);
-        let out = BufWriter::new(File::create(&temporary).map_err(StoreError::io(&temporary))?);
-        let mut writer = Self { path: path.to_owned(), temporary, out: Some(out), header, written: 0 };
+        let out = AtomicFile::create(path).map_err(StoreError::io(path))?;
+        let mut writer = Self { path: path.to_owned(), out, header, written: 0 };
         let line = serde_json::to_string(&writer.header).map_err(|e| StoreError::field(path, "header", e))?;
         writer.put(&line)?;
         Ok(writer)
@@ -227,32 +223,14 @@ impl MaskWriter {
     ///
     /// # Errors
     /// [`StoreError::Io`].
-    pub fn finish(mut self) -> Result<u64, StoreError> {
-        if let Some(out) = self.out.take() {
-            let moved = out
-                .into_inner()
-                .map_err(io::IntoInnerError::into_error)
-                .and_then(|file| file.sync_all())
-                .and_then(|()| std::fs::rename(&self.temporary, &self.path));
-            if moved.is_err() {
-                let _ = std::fs::remove_file(&self.temporary);
-            }
-            moved.map_err(StoreError::io(&self.path))?;
-        }
+    pub fn finish(self) -> Result<u64, StoreError> {
+        self.out.commit().map_err(StoreError::io(&self.path))?;
         Ok(self.written)
     }
 
     fn put(&mut self, line: &str) -> Result<(), StoreError> {
-        let Some(out) = &mut self.out else { return Ok(()) };
-        out.write_all(line.as_bytes()).and_then(|()| out.write_all(b"\n")).map_err(StoreError::io(&self.temporary))
-    }
-}
-
-impl Drop for MaskWriter {
-    fn drop(&mut self) {
-        if self.out.take().is_some() {
-            let _ = std::fs::remove_file(&self.temporary);
-        }
+        let out = &mut self.out;
+        out.write_all(line.as_bytes()).and_then(|()| out.write_all(b"\n")).map_err(StoreError::io(&self.path))
     }
 }
 

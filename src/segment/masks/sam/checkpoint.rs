@@ -51,7 +51,7 @@ mod tests {
         let find = |cache: Option<&Path>| locate_in(None, cache.map(Into::into), Some(home.clone().into()));
         let error = find(Some(&xdg)).unwrap_err().to_string();
         assert!(error.contains(&xdg.join("volseggs/mobile_sam.safetensors").display().to_string()), "{error}");
-        for part in ["--sam-checkpoint", "mobile_sam.pt", "Apache-2.0", "ChaoningZhang/MobileSAM", "save_file"] {
+        for part in ["--sam-weights", "mobile_sam.pt", "Apache-2.0", "ChaoningZhang/MobileSAM", "save_file"] {
             assert!(error.contains(part), "{part}: {error}");
         }
         let place = |folder: &Path| {

@@ -14,7 +14,7 @@ fn list(paths: &[PathBuf]) -> String {
 pub enum SamError {
     /// There is no weights file.
     #[error(
-        "no MobileSAM checkpoint; looked for {looked}. Give one with --sam-checkpoint PATH or put {FILE_NAME} there. \
+        "no MobileSAM checkpoint; looked for {looked}. Give one with --sam-weights PATH or put {FILE_NAME} there. \
          It is made of the published {SOURCE} by: {CONVERT}",
         looked = list(looked)
     )]

@@ -14,7 +14,7 @@ pub mod image;
 mod layers;
 mod prompt;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 mod tiny_vit;
 mod tiny_vit_block;
 mod transformer;

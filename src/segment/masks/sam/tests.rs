@@ -8,7 +8,7 @@ use safetensors::{Dtype, SafeTensors, serialize_to_file};
 use std::path::PathBuf;
 
 /// The network of the fixture; no two dimensions that could be mixed up are equal.
-fn small() -> SamConfig {
+pub(in super::super) fn small() -> SamConfig {
     SamConfig {
         image_size: 64,
         embed_dims: [8, 16, 16, 24],
@@ -28,7 +28,7 @@ fn small() -> SamConfig {
     }
 }
 
-fn fixture() -> PathBuf {
+pub(in super::super) fn fixture() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/sam.safetensors")
 }
 

@@ -1,0 +1,196 @@
+//! From the arguments of `segment masks` to what is drawn and what is asked for masks.
+
+use super::{Kind, MasksArgs};
+use crate::cli::CliError;
+use crate::cli::run_folder::RunFolder;
+use crate::data::Truth;
+use crate::data::paths::training_cameras;
+use crate::data::truth::LabelledView;
+use crate::model::GaussiansAt;
+use crate::segment::masks::RegionOptions;
+use crate::segment::masks::handout::{FILE, Handout};
+use crate::segment::masks::make::{MaskJob, Shot};
+use crate::segment::masks::sam::checkpoint;
+use crate::segment::masks::source::foreign::Foreign;
+use crate::segment::masks::source::labels::Labels;
+use crate::segment::masks::source::regions::Regions;
+use crate::segment::masks::source::sam::SamSource;
+use crate::segment::masks::source::{Group, MaskSource};
+use burn::tensor::Device;
+use std::path::{Path, PathBuf};
+
+/// Views if not told otherwise.
+const VIEWS: usize = 30;
+/// Points along a side of the grid, as published.
+const POINTS: usize = 32;
+
+/// What is drawn.
+pub(super) struct Plan {
+    pub groups: Vec<Group>,
+    pub shots: Vec<Shot>,
+    pub time: f64,
+    /// The truth, of the same views, where that is the source.
+    labels: Option<(Truth, Vec<LabelledView>)>,
+}
+
+impl Plan {
+    pub fn job<'a>(&'a self, run: &RunFolder, at: &'a GaussiansAt, device: &'a Device) -> MaskJob<'a> {
+        let spec = &run.scene.spec;
+        MaskJob {
+            at,
+            groups: &self.groups,
+            shots: &self.shots,
+            time: self.time,
+            background: spec.background,
+            sh_degree: spec.sh_degree,
+            device,
+        }
+    }
+}
+
+/// Where pictures for other programs lie.
+pub(super) fn pictures_folder(run: &RunFolder) -> PathBuf {
+    run.path.join("segments/pictures")
+}
+
+impl MasksArgs {
+    /// The weights file, if one is needed; asked for first, so that a missing one shows at once.
+    pub(super) fn weights(&self) -> Result<Option<PathBuf>, CliError> {
+        let needed = self.source == Kind::Sam;
+        needed.then(|| checkpoint::locate(self.sam_weights.as_deref())).transpose().map_err(CliError::input)
+    }
+
+    pub(super) fn plan(&self, run: &RunFolder) -> Result<Plan, CliError> {
+        let all = run.segments()?;
+        let handout = (self.source == Kind::Dir).then(|| read_handout(run)).transpose()?;
+        let names: Vec<String> = match &handout {
+            _ if !self.segments.is_empty() => self.segments.clone(),
+            Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
+            None => all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.clone()).collect(),
+        };
+        let segments = names.iter().map(|n| all.get(n)).collect::<Result<Vec<_>, _>>().map_err(CliError::input)?;
+        let first =
+            segments.first().ok_or_else(|| CliError::input("no segments yet: run `volseggs segment coarse`"))?;
+        let time = self.time.unwrap_or(first.time);
+        let groups: Vec<Group> =
+            segments.iter().map(|s| Group { name: s.name.clone(), members: s.members.clone() }).collect();
+        if let Some(list) = handout {
+            check_groups(run, &list, &groups)?;
+            return Ok(Plan { groups, shots: list.views, time: list.time, labels: None });
+        }
+        if self.source == Kind::Labels {
+            return self.labels_plan(run, groups, time);
+        }
+        let (lens, radius) = run.lens(self.size);
+        let shots = Shot::numbered(training_cameras(self.views.unwrap_or(VIEWS), radius, lens));
+        Ok(Plan { groups, shots, time, labels: None })
+    }
+
+    /// The views of the dataset that have a label image, of the time nearest to `time`.
+    fn labels_plan(&self, run: &RunFolder, groups: Vec<Group>, time: f64) -> Result<Plan, CliError> {
+        let root = self.data.as_deref().unwrap_or(&run.record.dataset);
+        if !root.is_dir() {
+            return Err(CliError::input(format!(
+                "{}: the dataset is not there any more; point to it with --data",
+                root.display()
+            )));
+        }
+        let truth = Truth::read(root)?;
+        let mut views = truth.views_near(time, self.views.unwrap_or(VIEWS), run.config.data.downscale)?;
+        if let Some(count) = self.views.filter(|n| *n < views.len()) {
+            views = (0..count).map(|i| views[i * views.len() / count].clone()).collect();
+        }
+        let found = views.first().map_or(time, |v| v.time);
+        if found != time {
+            eprintln!("label images are of time {found}, the nearest to {time} that has any");
+        }
+        let shots = views.iter().map(|v| Shot { file: v.name.clone(), camera: v.camera.clone() }).collect();
+        Ok(Plan { groups, shots, time: found, labels: Some((truth, views)) })
+    }
+
+    pub(super) fn source(
+        &self,
+        run: &RunFolder,
+        plan: &Plan,
+        weights: Option<&Path>,
+        device: &Device,
+    ) -> Result<Box<dyn MaskSource>, CliError> {
+        if let Some((truth, views)) = &plan.labels {
+            return Ok(Box::new(Labels::new(truth.clone(), views.clone())));
+        }
+        if let Some(path) = &self.masks {
+            let groups: Vec<String> = plan.groups.iter().map(|g| g.name.clone()).collect();
+            let views: Vec<String> = plan.shots.iter().map(|s| format!("{}.png", s.file)).collect();
+            let size = plan.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
+            let found = Foreign::open(path, &groups, &views, size.0, size.1).map_err(CliError::input)?;
+            return Ok(Box::new(found));
+        }
+        if let Some(weights) = weights {
+            let points = self.points.unwrap_or(POINTS);
+            let source = SamSource::load(weights, points, device).map_err(CliError::input)?;
+            let pictures = plan.shots.len() * plan.groups.len();
+            eprintln!(
+                "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
+                 are quicker",
+                duration(SamSource::seconds(pictures, points))
+            );
+            return Ok(Box::new(source));
+        }
+        Ok(Box::new(Regions::new(run.scene.spec.background, RegionOptions::default())))
+    }
+}
+
+fn read_handout(run: &RunFolder) -> Result<Handout, CliError> {
+    let folder = pictures_folder(run);
+    if !folder.join(FILE).exists() {
+        return Err(CliError::input(format!(
+            "{}: no pictures yet, so there can be no masks of them; run `volseggs segment masks {} --pictures` first, then \
+             your program on them",
+            folder.display(),
+            run.path.display()
+        )));
+    }
+    Handout::read(&folder).map_err(CliError::input)
+}
+
+/// Whether the pictures still show these segments.
+fn check_groups(run: &RunFolder, list: &Handout, groups: &[Group]) -> Result<(), CliError> {
+    let path = pictures_folder(run).join(FILE);
+    let again = "remove the folder, write them again with --pictures and make new masks";
+    if list.scene != run.scene.fingerprint() {
+        let why = "the pictures are of another state of this scene (it was trained on since)";
+        return Err(CliError::input(format!("{}: {why}; {again}", path.display())));
+    }
+    for group in groups {
+        match list.groups.iter().find(|g| g.name == group.name) {
+            None => {
+                let names: Vec<&str> = list.groups.iter().map(|g| g.name.as_str()).collect();
+                let names = names.join(", ");
+                return Err(CliError::input(format!(
+                    "{}: there are no pictures of {}, only of {names}; {again}",
+                    path.display(),
+                    group.name
+                )));
+            }
+            Some(drawn) if drawn.gaussians != group.members.len() => {
+                return Err(CliError::input(format!(
+                    "{}: segment {} had {} Gaussians when the pictures were written and has {} now; {again}",
+                    path.display(),
+                    group.name,
+                    drawn.gaussians,
+                    group.members.len()
+                )));
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}

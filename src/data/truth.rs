@@ -1,0 +1,195 @@
+//! What a dataset tells of its segments: `segments.json` and the label images beside its views. Making them is
+//! `prepare`'s.
+
+use std::path::{Path, PathBuf};
+
+use image::DynamicImage;
+use serde::{Deserialize, Serialize};
+
+use super::camera::Camera;
+use super::dataset::SplitName;
+use super::error::DataError;
+use super::images::downscaled_size;
+use super::transforms::Transforms;
+
+/// Name of the file in a dataset's folder.
+pub const FILE: &str = "segments.json";
+
+/// Times no further apart than this are one.
+const SAME_TIME: f64 = 1e-9;
+
+/// `segments.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentFile {
+    /// `labels` (a label volume or a synthetic scene) or `transfer-function` (its named ranges).
+    pub source: String,
+    /// Least alpha of a pixel of a mask or label image.
+    pub mask_alpha: f32,
+    /// Whole horizontal field of view of all frames, radians.
+    pub camera_angle_x: f64,
+    /// Width and height of all images, pixels.
+    pub size: [u32; 2],
+    /// Folder of label images by split, grey level = id; empty if there are none.
+    pub label_images: Vec<String>,
+    /// The segments, by ascending id.
+    pub segments: Vec<SegmentEntry>,
+}
+
+/// One segment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentEntry {
+    /// Its id in label images, from 1.
+    pub id: u16,
+    /// Its name, also of its folder.
+    pub name: String,
+    /// Renders of it alone.
+    pub frames: Vec<SegmentFrame>,
+}
+
+/// One render of a segment alone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentFrame {
+    /// The image, RGBA with straight alpha.
+    pub file_path: String,
+    /// The binary mask.
+    pub mask_path: String,
+    /// Camera-to-world, rows, NeRF/OpenGL axes.
+    pub transform_matrix: [[f64; 4]; 4],
+    /// Time in [0, 1].
+    pub time: f64,
+    /// Pixels of the mask.
+    pub pixels: usize,
+}
+
+/// The truth about a dataset's segments.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Truth {
+    /// The dataset's folder.
+    pub root: PathBuf,
+    /// What its `segments.json` says.
+    pub file: SegmentFile,
+}
+
+/// A view with a label image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LabelledView {
+    /// Split and name, as in `train/r_3`.
+    pub name: String,
+    /// The label image.
+    pub path: PathBuf,
+    /// The camera, after downscaling.
+    pub camera: Camera,
+    /// Time in [0, 1].
+    pub time: f64,
+}
+
+impl Truth {
+    /// Reads `segments.json` of the dataset at `root`.
+    ///
+    /// # Errors
+    /// If the file is missing or not what it should be.
+    pub fn read(root: &Path) -> Result<Self, DataError> {
+        let path = root.join(FILE);
+        let text = std::fs::read_to_string(&path).map_err(|source| DataError::Io {
+            path: path.clone(),
+            action: "read what is known of segments",
+            source,
+            hint:
+                "only datasets that `volseggs prepare` made with --labels, --synthetic or named ranges of a transfer \
+                   function have it"
+                    .to_owned(),
+        })?;
+        let file: SegmentFile = serde_json::from_str(&text).map_err(|e| DataError::Syntax {
+            path: path.clone(),
+            frame: None,
+            line: e.line(),
+            column: e.column(),
+            problem: e.to_string(),
+            hint: "make the dataset again with `volseggs prepare`".to_owned(),
+        })?;
+        if file.size.contains(&0) {
+            let [w, h] = file.size;
+            let hint = "make the dataset again with `volseggs prepare`";
+            return Err(DataError::field_error(&path, None, "size", format!("{w}x{h} is no image size"), hint));
+        }
+        Ok(Self { root: root.to_owned(), file })
+    }
+
+    /// The training views with a label image of the one time that is nearest to `time`; if they are fewer than
+    /// `enough`, also the test views of that very time. Images count as made smaller by the integer `downscale`.
+    ///
+    /// # Errors
+    /// If there are no label images of training views, `downscale` does not divide the images' size, or a
+    /// `transforms_*.json` is wrong.
+    pub fn views_near(&self, time: f64, enough: usize, downscale: u32) -> Result<Vec<LabelledView>, DataError> {
+        let mut views = self.views(SplitName::Train, downscale)?;
+        let away = |v: &LabelledView| (v.time - time).abs();
+        let Some(nearest) = views.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|v| v.time) else {
+            let hint = "make the dataset again with `volseggs prepare`, without --no-label-images";
+            let problem = "there is no label image of a training view";
+            return Err(DataError::field_error(&self.root.join(FILE), None, "label_images", problem, hint));
+        };
+        let same = |v: &LabelledView| (v.time - nearest).abs() <= SAME_TIME;
+        views.retain(same);
+        if views.len() < enough && SplitName::Test.json_path(&self.root).is_file() {
+            views.extend(self.views(SplitName::Test, downscale)?.into_iter().filter(same));
+        }
+        Ok(views)
+    }
+
+    /// The views of a split that have a label image.
+    fn views(&self, split: SplitName, downscale: u32) -> Result<Vec<LabelledView>, DataError> {
+        let of_split = |f: &&String| f.rsplit('/').next() == Some(split.as_str());
+        let Some(folder) = self.file.label_images.iter().find(of_split) else { return Ok(Vec::new()) };
+        let folder = self.root.join(folder.strip_prefix("./").unwrap_or(folder));
+        let [width, height] = self.file.size;
+        downscaled_size(&self.root.join(FILE), (width, height), downscale)?;
+        let json = Transforms::read(&split.json_path(&self.root))?;
+        let labelled = json.frames.iter().filter_map(|frame| {
+            let path = folder.join(format!("{}.png", frame.name()));
+            let camera = json.intrinsics.camera(width, height, frame.camera_to_world).downscaled(downscale);
+            let name = format!("{split}/{}", frame.name());
+            path.is_file().then_some(LabelledView { name, path, camera, time: frame.time })
+        });
+        Ok(labelled.collect())
+    }
+
+    /// The ids of a view's pixels `[H, W]` at its camera's size, 0 for none. Of pixels that are one after downscaling
+    /// the middle one counts.
+    ///
+    /// # Errors
+    /// If the image cannot be read, is not grey or not of the size that `segments.json` says.
+    pub fn labels(&self, view: &LabelledView) -> Result<Vec<u16>, DataError> {
+        let hint = "make the dataset again with `volseggs prepare`";
+        let fail = |field: &str, problem: String| DataError::field_error(&view.path, None, field, problem, hint);
+        let bytes = std::fs::read(&view.path).map_err(|source| DataError::Io {
+            path: view.path.clone(),
+            action: "read the label image",
+            source,
+            hint: hint.to_owned(),
+        })?;
+        let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
+            .map_err(|e| fail("pixels", format!("not a readable PNG: {e}")))?;
+        let (width, height) = (image.width(), image.height());
+        if [width, height] != self.file.size {
+            let [w, h] = self.file.size;
+            return Err(fail("size", format!("the label image is {width}x{height}, {FILE} says {w}x{h}")));
+        }
+        let ids: Vec<u16> = match image {
+            DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
+            DynamicImage::ImageLuma16(grey) => grey.into_raw(),
+            other => return Err(fail("pixels", format!("are {:?}; grey of 8 or 16 bits is read", other.color()))),
+        };
+        let (across, down) = (view.camera.width as usize, view.camera.height as usize);
+        let factor = (width as usize).checked_div(across).unwrap_or(0);
+        if factor * across != width as usize || factor * down != height as usize {
+            return Err(fail("size", format!("{width}x{height} is no multiple of the view's {across}x{down}")));
+        }
+        let place = |x: usize, y: usize| (y * factor + factor / 2) * width as usize + x * factor + factor / 2;
+        Ok((0..down).flat_map(|y| (0..across).map(move |x| (x, y))).map(|(x, y)| ids[place(x, y)]).collect())
+    }
+}
+
+#[cfg(test)]
+#[path = "truth_tests.rs"]
+mod tests;

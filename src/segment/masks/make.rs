@@ -1,0 +1,190 @@
+//! Groups of Gaussians and cameras -> a mask file: draws each group alone, asks a source, writes what it finds.
+//!
+//! What is known of masks, and where they come from, is the source's.
+
+use super::source::{Found, Group, MaskSource, Seen, SourceError};
+use super::store::{Annotation, Header, MaskWriter, StoreError, View};
+use crate::data::Camera;
+use crate::model::GaussiansAt;
+use crate::segment::pictures::{Picture, picture, share};
+use burn::tensor::Device;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use thiserror::Error;
+
+/// A group is in front where more than this of the whole scene's colour is its own ...
+const MOST: f32 = 0.5;
+/// ... and alone it has more than this alpha.
+const LEAST_ALPHA: f32 = 0.3;
+
+/// A view to draw.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shot {
+    /// What the mask file calls it.
+    pub file: String,
+    /// Where from.
+    pub camera: Camera,
+}
+
+impl Shot {
+    /// `view-000`, `view-001`, ...
+    #[must_use]
+    pub fn numbered(cameras: Vec<Camera>) -> Vec<Self> {
+        cameras.into_iter().enumerate().map(|(i, camera)| Self { file: format!("view-{i:03}"), camera }).collect()
+    }
+}
+
+/// What to draw.
+#[derive(Clone, Copy, Debug)]
+pub struct MaskJob<'a> {
+    /// All Gaussians of the scene at `time`.
+    pub at: &'a GaussiansAt,
+    /// Those drawn alone.
+    pub groups: &'a [Group],
+    /// From where, all of one size.
+    pub shots: &'a [Shot],
+    /// Time in [0, 1], as the mask file says it.
+    pub time: f64,
+    /// Colour behind the Gaussians.
+    pub background: [f32; 3],
+    /// Spherical-harmonics degree in use.
+    pub sh_degree: usize,
+    /// Where to draw.
+    pub device: &'a Device,
+}
+
+/// Why there is no mask file. An older one is then as it was.
+#[derive(Debug, Error)]
+pub enum MakeError {
+    /// The cameras cannot be those of one mask file.
+    #[error("view {file}: {problem}")]
+    Camera {
+        /// The shot's name.
+        file: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Nothing to draw.
+    #[error("there are no views to make masks of")]
+    NoViews,
+    /// A group of other Gaussians.
+    #[error("group {name}: Gaussian {gaussian} where the scene has {count}")]
+    Member {
+        /// The group.
+        name: String,
+        /// Its member.
+        gaussian: u32,
+        /// Number of Gaussians.
+        count: usize,
+    },
+    /// The source failed.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The file cannot be written.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// `progress` said so.
+    #[error("stopped; the masks of before, if any, are as they were")]
+    Stopped,
+}
+
+impl MaskJob<'_> {
+    /// Width and height of all pictures, pixels.
+    ///
+    /// # Errors
+    /// [`MakeError::NoViews`]; [`MakeError::Camera`] for cameras of different sizes and those that a mask file, which
+    /// knows the horizontal field of view alone, cannot hold; [`MakeError::Member`].
+    pub fn check(&self) -> Result<[u32; 2], MakeError> {
+        let first = &self.shots.first().ok_or(MakeError::NoViews)?.camera;
+        for Shot { file, camera: c } in self.shots {
+            let fail = |problem: String| Err(MakeError::Camera { file: file.clone(), problem });
+            if (c.width, c.height) != (first.width, first.height) {
+                return fail(format!("{}x{} where the first is {}x{}", c.width, c.height, first.width, first.height));
+            }
+            let off = (c.cx - 0.5 * f64::from(c.width)).abs().max((c.cy - 0.5 * f64::from(c.height)).abs());
+            if off > 0.01 || (c.fx - c.fy).abs() > 1e-4 * c.fx {
+                return fail("only square pixels and a principal point in the middle fit a mask file".to_owned());
+            }
+        }
+        let count = self.at.len();
+        for group in self.groups {
+            if let Some(&gaussian) = group.members.iter().find(|m| **m as usize >= count) {
+                return Err(MakeError::Member { name: group.name.clone(), gaussian, count });
+            }
+        }
+        Ok([first.width, first.height])
+    }
+
+    fn header(&self, [width, height]: [u32; 2], source: &dyn MaskSource) -> Header {
+        let views = self.shots.iter().map(|s| View {
+            file: s.file.clone(),
+            camera_to_world: s.camera.camera_to_world.transpose().to_cols_array().map(|v| v as f32),
+            fov_x: s.camera.fov_x() as f32,
+        });
+        let names = self.groups.iter().map(|g| g.name.clone()).collect();
+        Header::new(width, height, self.time, views.collect(), names, source.name().to_owned())
+    }
+
+    /// Where `members` are what one sees in the whole scene; `picture` is of them alone.
+    fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
+        let share = share(self.at, members, camera.to_kernel(), self.device);
+        share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MOST && p[3] > LEAST_ALPHA).collect()
+    }
+}
+
+/// Draws each group alone from each view, asks `source` for masks and writes them to `path` as they come. Returns how
+/// many there are. The same file for any number of threads.
+///
+/// `progress` is told of each view of each group in order, with what was found, and says whether to go on.
+///
+/// # Errors
+/// As [`MakeError`].
+pub fn make_masks(
+    job: &MaskJob<'_>,
+    source: &dyn MaskSource,
+    path: &Path,
+    mut progress: impl FnMut(&Seen<'_>, &[Found]) -> bool,
+) -> Result<u64, MakeError> {
+    let size = job.check()?;
+    let mut writer = MaskWriter::create(path, job.header(size, source))?;
+    let batch = source.side_by_side().max(1);
+    for (group, Group { members, .. }) in job.groups.iter().enumerate() {
+        let alone = job.at.subset(members);
+        // pictures one after the other (each uses all threads), then their masks side by side, a few at a time
+        for (start, shots) in (0..).step_by(batch).zip(job.shots.chunks(batch)) {
+            let draw = |shot: &Shot| {
+                let drawn = picture(&alone, shot.camera.to_kernel(), job.background, job.sh_degree, job.device);
+                let front = source.needs_front().then(|| job.front(members, &drawn, &shot.camera));
+                (drawn, front)
+            };
+            let drawn: Vec<(Picture, Option<Vec<bool>>)> = shots.iter().map(draw).collect();
+            let see = |(i, (picture, front)): (usize, &'_ (Picture, Option<Vec<bool>>))| {
+                let found = source.find(&Seen { view: start + i, group, picture, front: front.as_deref() })?;
+                Ok::<_, SourceError>(found)
+            };
+            let all = drawn.par_iter().enumerate().map(see).collect::<Vec<_>>();
+            for (i, ((picture, front), found)) in drawn.iter().zip(all).enumerate() {
+                let found = found?;
+                if !progress(&Seen { view: start + i, group, picture, front: front.as_deref() }, &found) {
+                    return Err(MakeError::Stopped);
+                }
+                for f in found {
+                    writer.write(&Annotation {
+                        image_id: (start + i) as u32,
+                        segment: group as u32,
+                        mask: f.mask,
+                        predicted_iou: f.predicted_iou,
+                        stability_score: f.stability_score,
+                        scale: 0.0,
+                    })?;
+                }
+            }
+        }
+    }
+    Ok(writer.finish()?)
+}
+
+#[cfg(test)]
+#[path = "make_tests.rs"]
+mod tests;

@@ -1,0 +1,184 @@
+//! Masks of other programs as a source: a folder of PNGs or a COCO file, matched to pictures `GROUP/NAME.png`.
+
+use super::super::coco::CocoFile;
+use super::super::png_folder::PngFolder;
+use super::super::store::StoreError;
+use super::{Found, MaskSource, Seen, SourceError};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Masks made elsewhere of the pictures of some groups.
+#[derive(Debug)]
+pub struct Foreign {
+    name: String,
+    masks: Masks,
+}
+
+#[derive(Debug)]
+enum Masks {
+    /// By group.
+    Folders(Vec<PngFolder>),
+    /// The file, and by group and view which of its images that is.
+    Coco(CocoFile, HashMap<(usize, usize), usize>),
+}
+
+impl Foreign {
+    /// Opens `path`: a COCO file, whose images are called `GROUP/VIEW.png`, or a folder with one of PNGs for each group
+    /// in it, see [`PngFolder`]. Of a single group, the folder itself may hold the PNGs and COCO's names may leave the
+    /// group out. Endings of file names do not matter; all pictures are `width` by `height` pixels.
+    ///
+    /// # Errors
+    /// As [`PngFolder::open`] and [`CocoFile::open`]; [`StoreError::Field`] where a group's folder is missing, an image
+    /// is none of the pictures or of another size, and where there is nothing for any picture.
+    pub fn open(path: &Path, groups: &[String], views: &[String], width: u32, height: u32) -> Result<Self, StoreError> {
+        let name = format!("dir {}", path.file_name().unwrap_or_default().to_string_lossy());
+        let masks = if path.is_dir() {
+            let mut folders = Vec::new();
+            for group in groups {
+                let folder = path.join(group);
+                let folder = if groups.len() == 1 && !folder.is_dir() { path.to_owned() } else { folder };
+                if !folder.is_dir() {
+                    let problem =
+                        format!("there is no such folder; it should hold the masks of the pictures of {group}");
+                    return Err(StoreError::field(path, group.as_str(), problem));
+                }
+                folders.push(PngFolder::open(&folder, views, width, height)?);
+            }
+            if folders.iter().all(PngFolder::is_empty) {
+                let problem = "there are none; name masks GROUP/VIEW_NUMBER.png, or GROUP/VIEW.png for a label image";
+                return Err(StoreError::field(path, "masks", problem));
+            }
+            Masks::Folders(folders)
+        } else {
+            let file = CocoFile::open(path)?;
+            let places = places(path, &file, groups, views, [width, height])?;
+            Masks::Coco(file, places)
+        };
+        Ok(Self { name, masks })
+    }
+}
+
+/// Which image of the file is which view of which group.
+fn places(
+    path: &Path,
+    file: &CocoFile,
+    groups: &[String],
+    views: &[String],
+    size: [u32; 2],
+) -> Result<HashMap<(usize, usize), usize>, StoreError> {
+    let mut places = HashMap::new();
+    for (index, image) in file.images().iter().enumerate() {
+        let fail =
+            |field: &str, problem: String| Err(StoreError::field(path, format!("images[{index}].{field}"), problem));
+        let name = Path::new(&image.file_name);
+        let folder = name.parent().and_then(Path::file_name);
+        let named = groups.iter().position(|g| folder.is_some_and(|f| f == g.as_str()));
+        let group = named.or((groups.len() == 1).then_some(0));
+        let view = views.iter().position(|v| Path::new(v).file_stem() == name.file_stem());
+        let (Some(group), Some(view)) = (group, view) else {
+            let problem = format!("{:?} is none of the pictures, which are called GROUP/VIEW.png", image.file_name);
+            return fail("file_name", problem);
+        };
+        if [image.width, image.height] != size {
+            let [w, h] = size;
+            let (width, height) = (image.width, image.height);
+            return fail("width, height", format!("{:?} is {width}x{height}, the picture {w}x{h}", image.file_name));
+        }
+        if places.insert((group, view), index).is_some() {
+            return fail("file_name", format!("{:?} is listed twice", image.file_name));
+        }
+    }
+    if places.is_empty() {
+        return Err(StoreError::field(path, "images", "is empty; list the pictures as GROUP/VIEW.png"));
+    }
+    Ok(places)
+}
+
+impl MaskSource for Foreign {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+        let masks = match &self.masks {
+            Masks::Folders(folders) => {
+                let unknown = SourceError::View { view: seen.view, group: seen.group };
+                folders.get(seen.group).ok_or(unknown)?.masks(seen.view)?
+            }
+            Masks::Coco(file, places) => match places.get(&(seen.group, seen.view)) {
+                Some(image) => file.masks(*image)?,
+                None => Vec::new(),
+            },
+        };
+        let found = masks.into_iter().map(|m| Found {
+            mask: m.mask,
+            predicted_iou: m.predicted_iou,
+            stability_score: m.stability_score,
+        });
+        Ok(found.collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::pictures::Picture;
+    use image::GrayImage;
+
+    fn picture() -> Picture {
+        Picture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
+    }
+
+    fn areas(source: &Foreign, group: usize, view: usize) -> Vec<u64> {
+        let picture = picture();
+        let found = source.find(&Seen { view, group, picture: &picture, front: None }).unwrap();
+        found.iter().map(|f| f.mask.area()).collect()
+    }
+
+    fn open(path: &Path, groups: &[&str]) -> Result<Foreign, StoreError> {
+        let groups: Vec<String> = groups.iter().map(|g| (*g).to_owned()).collect();
+        Foreign::open(path, &groups, &["view-000".into(), "view-001".into()], 4, 2)
+    }
+
+    #[test]
+    fn folders_by_group_or_one_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        assert!(open(root, &["a", "b"]).unwrap_err().to_string().contains("pictures of a"));
+        assert!(open(root, &["a"]).unwrap_err().to_string().contains("there are none"));
+        std::fs::create_dir_all(root.join("a")).unwrap();
+        std::fs::create_dir_all(root.join("b")).unwrap();
+        let labels = GrayImage::from_fn(4, 2, |x, _| image::Luma([if x < 3 { 1 } else { 9 }]));
+        labels.save(root.join("a/view-001.png")).unwrap();
+        let both = open(root, &["a", "b"]).unwrap();
+        assert_eq!(areas(&both, 0, 1), [6, 2]);
+        assert_eq!((areas(&both, 0, 0), areas(&both, 1, 1)), (vec![], vec![]));
+        assert_eq!(areas(&open(&root.join("a"), &["a"]).unwrap(), 0, 1), [6, 2]);
+        assert!(both.name().starts_with("dir "));
+    }
+
+    #[test]
+    fn a_coco_file_names_group_and_view() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("masks.json");
+        let write = |name: &str, width: u32| {
+            let text = serde_json::json!({
+                "images": [{ "id": 7, "file_name": name, "width": width, "height": 2 }],
+                "annotations": [{ "image_id": 7, "segmentation": { "size": [2, width], "counts": [1, 3, 2 * width - 4] } }],
+            });
+            std::fs::write(&path, text.to_string()).unwrap();
+        };
+        write("pictures/b/view-001.jpg", 4);
+        let both = open(&path, &["a", "b"]).unwrap();
+        assert_eq!((areas(&both, 1, 1), areas(&both, 0, 1)), (vec![3], vec![]));
+        write("view-000.png", 4);
+        assert_eq!(areas(&open(&path, &["a"]).unwrap(), 0, 0), [3]);
+        for (name, width, words) in
+            [("view-000.png", 4, "none of the pictures"), ("a/x.png", 4, "none of"), ("a/view-000.png", 5, "is 5x2")]
+        {
+            write(name, width);
+            let error = open(&path, &["a", "b"]).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("masks.json") && error.contains(name), "{error}");
+        }
+    }
+}

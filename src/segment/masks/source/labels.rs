@@ -1,0 +1,62 @@
+//! Masks of the truth: label images of a dataset, cut to where a group is what one sees.
+
+use super::{Found, MaskSource, Seen, SourceError};
+use crate::data::Truth;
+use crate::data::truth::LabelledView;
+use crate::segment::masks::Mask;
+use std::collections::BTreeMap;
+
+/// Fewer pixels of an id make no mask.
+const FEWEST_PIXELS: usize = 16;
+
+/// Label images, one a view.
+#[derive(Clone, Debug)]
+pub struct Labels {
+    name: String,
+    truth: Truth,
+    views: Vec<LabelledView>,
+}
+
+impl Labels {
+    /// Of `views`, which are those that are drawn, in that order.
+    #[must_use]
+    pub fn new(truth: Truth, views: Vec<LabelledView>) -> Self {
+        let dataset = truth.root.file_name().unwrap_or_default().to_string_lossy();
+        Self { name: format!("labels of {dataset}"), truth, views }
+    }
+}
+
+impl MaskSource for Labels {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// One mask for each id that shows in front, by ascending id.
+    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+        let (width, height) = (seen.picture.width, seen.picture.height);
+        let of_size = |v: &&LabelledView| (v.camera.width as usize, v.camera.height as usize) == (width, height);
+        let (Some(view), Some(front)) = (self.views.get(seen.view).filter(of_size), seen.front) else {
+            return Err(SourceError::View { view: seen.view, group: seen.group });
+        };
+        let mut ids = self.truth.labels(view)?;
+        let mut counts = BTreeMap::<u16, usize>::new();
+        for (id, front) in ids.iter_mut().zip(front) {
+            if !front {
+                *id = 0;
+            }
+            *counts.entry(*id).or_default() += 1;
+        }
+        let shown = counts.into_iter().filter(|(id, count)| *id > 0 && *count >= FEWEST_PIXELS);
+        shown
+            .map(|(id, _)| {
+                let rows: Vec<bool> = ids.iter().map(|i| *i == id).collect();
+                let mask = Mask::from_rows(width as u32, height as u32, &rows)?;
+                Ok(Found { mask, predicted_iou: 1.0, stability_score: 1.0 })
+            })
+            .collect()
+    }
+
+    fn needs_front(&self) -> bool {
+        true
+    }
+}

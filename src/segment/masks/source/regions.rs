@@ -1,0 +1,48 @@
+//! Masks of the picture alone: [`find_regions`] as a source.
+
+use super::super::regions::{RegionError, RegionImage, RegionOptions, find_regions};
+use super::{Found, MaskSource, Seen, SourceError};
+use crate::segment::pictures::Picture;
+
+/// The source that needs no network.
+#[derive(Clone, Debug)]
+pub struct Regions {
+    background: [f32; 3],
+    options: RegionOptions,
+}
+
+impl Regions {
+    /// For pictures over `background`.
+    #[must_use]
+    pub fn new(background: [f32; 3], options: RegionOptions) -> Self {
+        Self { background, options }
+    }
+}
+
+impl MaskSource for Regions {
+    fn name(&self) -> &str {
+        "regions"
+    }
+
+    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+        let masks = find_regions(&region_image(seen.picture, self.background)?, &self.options)?;
+        let found = masks.into_iter().map(|m| Found {
+            mask: m.mask,
+            predicted_iou: m.contrast,
+            stability_score: m.stability_score,
+        });
+        Ok(found.collect())
+    }
+}
+
+/// Straight colour and alpha, from what was drawn over the background.
+fn region_image(picture: &Picture, background: [f32; 3]) -> Result<RegionImage, RegionError> {
+    let mut rgba = picture.rgba.clone();
+    for p in rgba.chunks_exact_mut(4) {
+        let a = p[3].max(1e-3);
+        for c in 0..3 {
+            p[c] = ((p[c] - (1.0 - p[3]) * background[c]) / a).clamp(0.0, 1.0);
+        }
+    }
+    RegionImage::from_floats(picture.width as u32, picture.height as u32, &rgba, background, Some(&picture.depth))
+}

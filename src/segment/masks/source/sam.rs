@@ -1,0 +1,123 @@
+//! Masks of MobileSAM's automatic mode as a source.
+
+use super::super::sam::{AutomaticOptions, Sam, SamConfig, SamError, generate};
+use super::{Found, MaskSource, Seen, SourceError};
+use crate::segment::masks::Mask;
+use crate::segment::pictures::Picture;
+use burn::tensor::Device;
+use std::path::Path;
+
+/// Masks whose pixels have a lower alpha on average lie on the background.
+const LEAST_ALPHA: f64 = 0.5;
+/// Seconds that a picture and a point of the grid took on two cores.
+const SECONDS: [f64; 2] = [4.0, 0.12];
+
+/// A network that is asked at a grid of points.
+#[derive(Clone, Debug)]
+pub struct SamSource {
+    name: String,
+    sam: Sam,
+    options: AutomaticOptions,
+}
+
+impl SamSource {
+    /// Of a loaded network.
+    #[must_use]
+    pub fn new(sam: Sam, options: AutomaticOptions) -> Self {
+        let points = options.points_per_side;
+        Self { name: format!("sam, {points} by {points} points"), sam, options }
+    }
+
+    /// Loads MobileSAM's weights; `points` is the number of points along a side of the grid.
+    ///
+    /// # Errors
+    /// As [`Sam::load`].
+    pub fn load(weights: &Path, points: usize, device: &Device) -> Result<Self, SamError> {
+        let sam = Sam::load(weights, &SamConfig::default(), device)?;
+        Ok(Self::new(sam, AutomaticOptions { points_per_side: points, ..AutomaticOptions::default() }))
+    }
+
+    /// About how many seconds the full-size network takes for so many pictures on a CPU of two cores.
+    #[must_use]
+    pub fn seconds(pictures: usize, points: usize) -> f64 {
+        pictures as f64 * (SECONDS[0] + SECONDS[1] * (points * points) as f64)
+    }
+}
+
+impl MaskSource for SamSource {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+        let picture = seen.picture;
+        let byte = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
+        let rgb: Vec<u8> = picture.rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(byte).collect();
+        let mut masks = generate(&self.sam, &rgb, picture.width, picture.height, &self.options)?;
+        masks.retain(|m| mean_alpha(picture, &m.mask) >= LEAST_ALPHA);
+        let found = masks.into_iter().map(|m| Found {
+            mask: m.mask,
+            predicted_iou: m.predicted_iou,
+            stability_score: m.stability,
+        });
+        Ok(found.collect())
+    }
+
+    /// The network uses all threads for one picture.
+    fn side_by_side(&self) -> usize {
+        1
+    }
+}
+
+/// Mean alpha of the picture in a mask of its size; 0 for an empty one.
+fn mean_alpha(picture: &Picture, mask: &Mask) -> f64 {
+    let sum: f64 = mask.pixels().map(|p| f64::from(picture.rgba[4 * p as usize + 3])).sum();
+    sum / mask.area().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::sam::tests::{fixture, small};
+    use super::*;
+
+    fn picture(alpha: impl Fn(usize) -> f32) -> Picture {
+        let (width, height) = (40, 24);
+        let pixel = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            let inside = (10..30).contains(&x) && (6..18).contains(&y);
+            let [r, g, b] = if inside { [0.9, 0.3, 0.1] } else { [1.0; 3] };
+            [r, g, b, alpha(x)]
+        };
+        let rgba = (0..width * height).flat_map(pixel).collect();
+        Picture { width, height, rgba, depth: vec![1.0; width * height] }
+    }
+
+    #[test]
+    fn masks_on_the_background_are_left_out() {
+        let rows: Vec<bool> = (0..40 * 24).map(|i| i % 40 < 10).collect();
+        let mask = Mask::from_rows(40, 24, &rows).unwrap();
+        assert_eq!(mean_alpha(&picture(|x| if x < 5 { 1.0 } else { 0.0 }), &mask), 0.5);
+        assert_eq!(mean_alpha(&picture(|x| if x < 10 { 0.0 } else { 1.0 }), &mask), 0.0);
+        assert_eq!(mean_alpha(&picture(|_| 1.0), &Mask::empty(40, 24).unwrap()), 0.0);
+    }
+
+    #[test]
+    fn the_small_network_is_a_source() {
+        let device = crate::device::DeviceName::all()[0].open().unwrap();
+        let sam = Sam::load(fixture(), &small(), &device).unwrap();
+        // random weights are sure of nothing, so nothing is sorted out
+        let options = AutomaticOptions {
+            points_per_side: 3,
+            predicted_iou: f32::NEG_INFINITY,
+            stability: 0.0,
+            ..AutomaticOptions::default()
+        };
+        let source = SamSource::new(sam, options);
+        let find = |picture: &Picture| source.find(&Seen { view: 0, group: 0, picture, front: None }).unwrap();
+        let found = find(&picture(|_| 1.0));
+        assert!(!found.is_empty());
+        assert!(found.iter().all(|f| (f.mask.width, f.mask.height) == (40, 24) && f.mask.area() > 0));
+        assert!(find(&picture(|_| 0.0)).is_empty());
+        assert_eq!(source.name(), "sam, 3 by 3 points");
+    }
+}
