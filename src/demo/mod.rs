@@ -147,8 +147,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     eprintln!("4/5 segment and track");
     let started = Instant::now();
-    let segments =
-        segments::segments(options, &scene, &data, &run_folder).map_err(failed("segment"))?;
+    let segments = segments::segments(options, &scene, &data, &run_folder).map_err(failed("segment"))?;
     stages.push(("segment and track".to_owned(), started.elapsed().as_secs_f64()));
 
     eprintln!("5/5 report");

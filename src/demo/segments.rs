@@ -57,22 +57,14 @@ impl SegmentStory {
         let series: Vec<Series> = self
             .followed
             .iter()
-            .map(|f| Series {
-                name: f.name.clone(),
-                points: f.statistics.iter().map(|s| (s.time, s.volume)).collect(),
-            })
+            .map(|f| Series { name: f.name.clone(), points: f.statistics.iter().map(|s| (s.time, s.volume)).collect() })
             .collect();
         line_plot("Volume of each segment", "time", "cubic world units", &series)
     }
 }
 
 /// Segments, measures and follows; writes `segments/` and `eval/segments/` of the run.
-pub(super) fn segments(
-    options: &DemoOptions,
-    scene: &Scene,
-    data: &Path,
-    run: &Path,
-) -> Result<SegmentStory, String> {
+pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &Path) -> Result<SegmentStory, String> {
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
     let plan = SegmentOptions {
         time: 0.5,
@@ -86,8 +78,7 @@ pub(super) fn segments(
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.join("eval/masks")).map_err(|e| e.to_string())?;
-    let evaluation =
-        evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| eprintln!("    {what}"))?;
+    let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| eprintln!("    {what}"))?;
     write_results(&run.join("eval/segments"), &evaluation).map_err(|e| e.to_string())?;
 
     let mut found = Segmentation::new(scene.gaussians.count(), scene.fingerprint());
@@ -107,8 +98,7 @@ pub(super) fn segments(
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &GaussiansAt, members: &[u32]| {
-        let image =
-            draw(&at.subset(members), camera, scene.spec.background, scene.spec.sh_degree, &options.device.1);
+        let image = draw(&at.subset(members), camera, scene.spec.background, scene.spec.sh_degree, &options.device.1);
         to_rgb8(&image, WIDTH as usize, WIDTH as usize)
     };
     let mut frame = 0;

@@ -26,12 +26,11 @@ pub struct Picture {
 /// If a member is not below N.
 #[must_use]
 pub fn share(gaussians: &GaussiansAt, members: &[u32], camera: Camera, device: &Device) -> Vec<f32> {
+    let mut member = vec![false; gaussians.len()];
+    members.iter().for_each(|&m| member[m as usize] = true);
     // members white, others black
-    let mut sh = vec![-0.5 / SH_C0; 3 * gaussians.len()];
-    for &m in members {
-        sh[3 * m as usize..][..3].fill(0.5 / SH_C0);
-    }
-    let flat = GaussiansAt { sh, sh_stride: 1, ..gaussians.clone() };
+    let shades = member.into_iter().map(|m| if m { [1.0; 3] } else { [0.0; 3] });
+    let flat = flat(gaussians.clone(), shades);
     let drawn = draw(&flat, camera, [0.0; 3], 0, device);
     drawn.chunks_exact(4).map(|p| if p[3] > 1.0 / 255.0 { (p[0] / p[3]).clamp(0.0, 1.0) } else { 0.0 }).collect()
 }

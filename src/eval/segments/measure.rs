@@ -78,9 +78,7 @@ impl Judge<'_> {
             psnr: psnr(&render, &expected).map_err(|e| e.to_string())?,
             ssim: ssim_rgb(&render, &expected, w, h).map_err(|e| e.to_string())?,
             ssim_gray: ssim_gray(&render, &expected, w, h).map_err(|e| e.to_string())?,
-            lpips: network
-                .map(|n| n.distance(&render, &expected, h, w).map_err(|e| e.to_string()))
-                .transpose()?,
+            lpips: network.map(|n| n.distance(&render, &expected, h, w).map_err(|e| e.to_string())).transpose()?,
         };
         Ok((score, render))
     }
@@ -99,4 +97,3 @@ impl Judge<'_> {
 fn quantise(v: f32) -> f32 {
     (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
-

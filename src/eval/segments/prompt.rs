@@ -48,7 +48,8 @@ impl Prompt {
         // as many pixels of the segment as of the rest of what is seen, at most
         let mut rng = Rng::new(0, u64::from(id), Purpose::Clusters as u64 + 1000);
         let mut choose = |wanted: &dyn Fn(u16) -> bool| {
-            let mut all: Vec<u32> = (0..view.labels.len() as u32).filter(|&p| wanted(view.labels[p as usize])).collect();
+            let mut all: Vec<u32> =
+                (0..view.labels.len() as u32).filter(|&p| wanted(view.labels[p as usize])).collect();
             let total = all.len();
             rng.shuffle(&mut all);
             all.truncate(PIXELS);

@@ -186,13 +186,7 @@ struct Chosen {
     seconds: f64,
 }
 
-fn choose(
-    method: Method,
-    prompt: &Prompt,
-    at: &GaussiansAt,
-    trained: &Trained,
-    seed: u64,
-) -> Result<Chosen, String> {
+fn choose(method: Method, prompt: &Prompt, at: &GaussiansAt, trained: &Trained, seed: u64) -> Result<Chosen, String> {
     let mut best = Best::new(prompt, at.len());
     let coarse = &trained.coarse.labels;
     match method {
@@ -202,7 +196,8 @@ fn choose(
                 let label = coarse[clicked as usize];
                 let within: Vec<u32> = (0..at.len() as u32).filter(|&i| coarse[i as usize] == label).collect();
                 let setting = trained.coarse.palette[label as usize - 1].name.clone();
-                let whole = Selected { members: within.clone(), setting: format!("all {setting}"), ..Selected::default() };
+                let whole =
+                    Selected { members: within.clone(), setting: format!("all {setting}"), ..Selected::default() };
                 best.offer(whole, 0.0);
                 if let (Method::CoarseFine, Some((field, frame))) = (method, &trained.parts) {
                     best.seconds = f64::INFINITY;

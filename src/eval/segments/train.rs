@@ -4,8 +4,8 @@
 use super::methods::Method;
 use super::run::{MaskKind, SegmentOptions};
 use super::truth::Labelled;
-use crate::data::paths::{Lens, training_cameras};
 use crate::data::Truth;
+use crate::data::paths::{Lens, training_cameras};
 use crate::model::{GaussiansAt, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
@@ -125,7 +125,11 @@ impl Trainers<'_> {
                 (Shot::numbered(cameras), Box::new(Regions::new(self.scene.spec.background, RegionOptions::default())))
             }
         };
-        say(&format!("masks of {} in {} views", groups.iter().map(|g| g.name.as_str()).collect::<Vec<_>>().join(", "), shots.len()));
+        say(&format!(
+            "masks of {} in {} views",
+            groups.iter().map(|g| g.name.as_str()).collect::<Vec<_>>().join(", "),
+            shots.len()
+        ));
         let job = MaskJob {
             at: self.at,
             groups,

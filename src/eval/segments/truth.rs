@@ -78,7 +78,10 @@ impl TruthFrame {
         let image = image::open(path).map_err(|e| fail(e.to_string()))?;
         let size = (image.width(), image.height());
         if size != (self.camera.width, self.camera.height) {
-            return Err(fail(format!("{}x{}, segments.json says {}x{}", size.0, size.1, self.camera.width, self.camera.height)));
+            return Err(fail(format!(
+                "{}x{}, segments.json says {}x{}",
+                size.0, size.1, self.camera.width, self.camera.height
+            )));
         }
         Ok(image)
     }

@@ -31,14 +31,16 @@ pub struct MaskedView {
 pub struct FineView {
     /// Encoded positions of the M Gaussians that its pixels are made of, `[M, 24]`.
     pub(super) encoded: Vec<f32>,
-    /// A row for each kept pixel; indices count in `encoded`.
-    pub(super) pixels: Contributors,
+    /// Which Gaussians of the scene these are, `[M]`.
+    pub(in crate::segment) globals: Vec<u32>,
+    /// A row for each kept pixel; indices count in `encoded` and `globals`.
+    pub(in crate::segment) pixels: Contributors,
     /// Where each pixel's list of masks starts, `[P + 1]`.
     pub(super) offsets: Vec<u32>,
     /// Masks that cover a pixel, from small to large.
-    pub(super) covering: Vec<u32>,
+    pub(in crate::segment) covering: Vec<u32>,
     /// For each mask, the spread of its Gaussians, world units; then its place among all masks of all views, in [0, 1].
-    pub(super) scales: Vec<f32>,
+    pub(in crate::segment) scales: Vec<f32>,
 }
 
 impl FineView {
@@ -89,12 +91,18 @@ impl FineView {
             covering.extend(list);
             offsets.push(covering.len() as u32);
         }
-        Ok(Some(Self { encoded: frame.encode(&means), pixels: rows, offsets, covering, scales }))
+        let globals = local.iter().map(|&i| view.members[i as usize]).collect();
+        Ok(Some(Self { encoded: frame.encode(&means), globals, pixels: rows, offsets, covering, scales }))
+    }
+
+    /// Masks that cover pixel `p`, from small to large.
+    pub(in crate::segment) fn covering(&self, p: usize) -> &[u32] {
+        &self.covering[self.offsets[p] as usize..self.offsets[p + 1] as usize]
     }
 
     /// The mask of pixel `p` at `scale`: the smallest one not below it, or else the largest.
     pub(super) fn mask(&self, p: usize, scale: f32) -> u32 {
-        let list = &self.covering[self.offsets[p] as usize..self.offsets[p + 1] as usize];
+        let list = self.covering(p);
         let found = list.iter().find(|&&m| self.scales[m as usize] >= scale).or(list.last());
         found.copied().unwrap_or(0)
     }

@@ -1,0 +1,64 @@
+//! What training leaves: smoothed features and the gate, and what a click selects by them.
+
+use super::loss::{FEATURES, Feature, Gate, dot, unit};
+use super::smooth::{Neighbours, directions, means_of};
+use rayon::prelude::*;
+
+/// Trained features of N Gaussians. Smoothed once, so that a click costs one product a Gaussian.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SagaModel {
+    /// Unit features, smoothed over all neighbours, `[N]`.
+    features: Vec<Feature>,
+    gate: Gate,
+    /// Gaussians that have a place, `[N]`.
+    placed: Vec<bool>,
+}
+
+impl SagaModel {
+    /// From unit features `[N, 32]` before smoothing.
+    pub(super) fn new(own: &[f32], neighbours: &Neighbours, gate: Gate, means: &[f32]) -> Self {
+        let n = means.len() / 3;
+        let near = (0..n as u32).flat_map(|i| neighbours.of(i)).copied().collect();
+        let smooth = means_of(near, neighbours.per()).gather(own, FEATURES);
+        let features = directions(&smooth).into_iter().map(|row| row.0).collect();
+        let placed = means.chunks_exact(3).map(|m| m.iter().all(|v| v.is_finite())).collect();
+        Self { features, gate, placed }
+    }
+
+    /// Number of Gaussians, N.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.features.len()
+    }
+
+    /// True without any Gaussian.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.features.is_empty()
+    }
+
+    /// How alike each Gaussian is to number `clicked` at `scale` in [0, 1], from 0 to 1, `[N]`: `(cosine + 1) / 2` of
+    /// the gated features. NaN for Gaussians without a finite position, and for all if `clicked` has none.
+    ///
+    /// # Panics
+    /// If `clicked` is not below N.
+    #[must_use]
+    pub fn similarity(&self, clicked: u32, scale: f32) -> Vec<f32> {
+        let gate = self.gate.at(scale);
+        let gated = |f: &Feature| unit(std::array::from_fn(|k| f[k] * gate[k])).0;
+        let of = gated(&self.features[clicked as usize]);
+        let clicked = self.placed[clicked as usize];
+        let rows = self.features.par_iter().zip(&self.placed);
+        rows.map(|(f, &placed)| if placed && clicked { 0.5 * (dot(&gated(f), &of) + 1.0) } else { f32::NAN }).collect()
+    }
+
+    /// Which Gaussians are more alike to number `clicked` than `threshold`, at `scale` in [0, 1] from small parts to
+    /// large ones, `[N]`. Gaussians without a finite position never are.
+    ///
+    /// # Panics
+    /// If `clicked` is not below N.
+    #[must_use]
+    pub fn select(&self, clicked: u32, scale: f32, threshold: f32) -> Vec<bool> {
+        self.similarity(clicked, scale).into_iter().map(|s| s > threshold).collect()
+    }
+}

@@ -1,0 +1,192 @@
+//! One step: which pixels, scales and Gaussians; features to loss and back; Adam on what was touched.
+
+use super::loss::{FEATURES, Facts, Feature, Gate, Loss, Pixels, Rule, contrast, through_unit, unit};
+use super::model::SagaModel;
+use super::smooth::{Neighbours, directions, flat, means_of};
+use super::{SagaError, SagaOptions};
+use crate::rng::{Purpose, Rng};
+use crate::segment::fine::views::FineView;
+use rayon::prelude::*;
+use volseggs_kernels::contributors::Contributors;
+
+/// Decay of the moments of Adam, and its guard against division by zero.
+const BETAS: [f32; 2] = [0.9, 0.999];
+const EPSILON: f32 = 1e-15;
+/// The place of a Gaussian that the step does not touch.
+const NOWHERE: u32 = u32::MAX;
+
+/// A vector of parameters with its moments.
+#[derive(Clone, Debug)]
+pub(super) struct Parameter {
+    pub(super) value: Feature,
+    first: Feature,
+    second: Feature,
+    steps: i32,
+}
+
+impl Parameter {
+    fn new(value: Feature) -> Self {
+        Self { value, first: [0.0; FEATURES], second: [0.0; FEATURES], steps: 0 }
+    }
+
+    /// One step of Adam.
+    fn step(&mut self, slope: &Feature, rate: f32) {
+        self.steps += 1;
+        let [one, two] = BETAS.map(|b| 1.0 - b.powi(self.steps));
+        for (k, &g) in slope.iter().enumerate() {
+            self.first[k] = BETAS[0] * self.first[k] + (1.0 - BETAS[0]) * g;
+            self.second[k] = BETAS[1] * self.second[k] + (1.0 - BETAS[1]) * g * g;
+            self.value[k] -= rate * (self.first[k] / one) / ((self.second[k] / two).sqrt() + EPSILON);
+        }
+    }
+}
+
+/// What one step works on.
+pub(super) struct Batch {
+    /// Pixels and the T Gaussians that they are made of, counted anew from 0.
+    rows: Contributors,
+    /// How the features of these are made from those of S sources, `[T, S]`.
+    smoothing: Contributors,
+    /// The Gaussians that are the sources, `[S]`.
+    pub(super) sources: Vec<u32>,
+    pixels: Pixels,
+    /// Ascending.
+    scales: Vec<f32>,
+    rule: Rule,
+}
+
+/// A step's loss and gradients.
+pub(super) struct Slopes {
+    pub(super) loss: f64,
+    /// By the features of the sources, `[S]`.
+    pub(super) sources: Vec<Feature>,
+    pub(super) gate: Gate,
+}
+
+/// Parameters and what they are learnt from.
+pub(super) struct Trainer<'a> {
+    views: &'a [FineView],
+    facts: Vec<Facts>,
+    options: SagaOptions,
+    neighbours: Neighbours,
+    pub(super) features: Vec<Parameter>,
+    pub(super) gate: [Parameter; 2],
+    /// Where each Gaussian is among the sources of the step that is being made, `[N]`.
+    place: Vec<u32>,
+}
+
+impl<'a> Trainer<'a> {
+    pub(super) fn new(views: &'a [FineView], means: &[f32], options: &SagaOptions) -> Result<Self, SagaError> {
+        let neighbours = Neighbours::new(means, options.neighbours.max(1))?;
+        let n = means.len() / 3;
+        let shown = views.iter().flat_map(|v| &v.globals).max();
+        assert!(shown.is_none_or(|&g| (g as usize) < n), "a view shows Gaussian {shown:?} of {n}");
+        let mut rng = Rng::new(options.seed, 0, Purpose::GaussianFeatures as u64);
+        let features = (0..n).map(|_| Parameter::new(unit(std::array::from_fn(|_| rng.normal())).0)).collect();
+        let gate = [0; 2].map(|_| Parameter::new(std::array::from_fn(|_| 2.0 * rng.uniform() - 1.0)));
+        let facts = views.iter().map(Facts::of).collect();
+        Ok(Self { views, facts, options: *options, neighbours, features, gate, place: vec![NOWHERE; n] })
+    }
+
+    /// Draws the pixels, scales and neighbours of a step on view `v`.
+    pub(super) fn batch(&mut self, v: usize, rng: &mut Rng) -> Batch {
+        let (view, facts, options) = (&self.views[v], &self.facts[v], &self.options);
+        let all = view.pixels.len();
+        let chosen: Vec<usize> = if all <= options.pixels {
+            (0..all).collect()
+        } else {
+            (0..options.pixels).map(|_| rng.below(all)).collect()
+        };
+        // the largest scale is always there
+        let mut scales = vec![1.0];
+        if !facts.scales.is_empty() {
+            scales.extend((0..options.scales).map(|_| facts.scales[rng.below(facts.scales.len())]));
+        }
+        scales.sort_by(f32::total_cmp);
+        scales.dedup();
+        // which of the neighbours, the same ones of every Gaussian
+        let per = self.neighbours.per();
+        let kept = ((1.0 - options.dropout) * per as f32).round().clamp(1.0, per as f32) as usize;
+        let mut columns: Vec<usize> = (0..per).collect();
+        rng.shuffle(&mut columns);
+        columns.truncate(kept);
+
+        let mut rows = Contributors { offsets: vec![0], ..Contributors::default() };
+        let (mut local, mut touched) = (vec![NOWHERE; view.globals.len()], Vec::new());
+        for &p in &chosen {
+            let (indices, weights) = view.pixels.row(p);
+            for &i in indices {
+                rows.indices.push(number(&mut local, &mut touched, i));
+            }
+            rows.weights.extend_from_slice(weights);
+            rows.offsets.push(rows.indices.len() as u32);
+        }
+        let (mut sources, mut indices) = (Vec::new(), Vec::with_capacity(touched.len() * kept));
+        for &t in &touched {
+            let near = self.neighbours.of(view.globals[t as usize]);
+            indices.extend(columns.iter().map(|&c| number(&mut self.place, &mut sources, near[c])));
+        }
+        sources.iter().for_each(|&i| self.place[i as usize] = NOWHERE);
+        let rule = Rule { alike: options.hard_alike, apart: options.hard_apart, turn: rng.below(Rule::TURNS) };
+        Batch {
+            rows,
+            smoothing: means_of(indices, kept),
+            sources,
+            pixels: Pixels::new(view, facts, &chosen),
+            scales,
+            rule,
+        }
+    }
+
+    /// The loss of a batch and its gradients.
+    pub(super) fn loss(&self, batch: &Batch) -> Slopes {
+        let own: Vec<(Feature, f32)> =
+            batch.sources.par_iter().map(|&i| unit(self.features[i as usize].value)).collect();
+        let smooth = directions(&batch.smoothing.gather(&flat(&own), FEATURES));
+        let rendered = batch.rows.gather(&flat(&smooth), FEATURES);
+        let gate = self.gate();
+        let Loss { loss, features, gate } = contrast(&rendered, &batch.pixels, &batch.scales, &gate, batch.rule);
+        let by_smooth = back(&batch.rows.scatter(&features, smooth.len(), FEATURES), &smooth);
+        let by_smooth: Vec<f32> = by_smooth.into_iter().flatten().collect();
+        let sources = back(&batch.smoothing.scatter(&by_smooth, own.len(), FEATURES), &own);
+        Slopes { loss, sources, gate }
+    }
+
+    /// Steps what `batch` touched, and the gate.
+    pub(super) fn step(&mut self, batch: &Batch, slopes: &Slopes) {
+        let rate = self.options.rate;
+        batch.sources.iter().zip(0..).for_each(|(&i, s)| self.place[i as usize] = s);
+        self.features.par_iter_mut().zip(&self.place).filter(|(_, s)| **s != NOWHERE).for_each(|(feature, &s)| {
+            feature.step(&slopes.sources[s as usize], rate);
+        });
+        batch.sources.iter().for_each(|&i| self.place[i as usize] = NOWHERE);
+        self.gate[0].step(&slopes.gate.weight, rate);
+        self.gate[1].step(&slopes.gate.bias, rate);
+    }
+
+    /// What has been learnt.
+    pub(super) fn model(&self, means: &[f32]) -> SagaModel {
+        let own: Vec<(Feature, f32)> = self.features.par_iter().map(|f| unit(f.value)).collect();
+        SagaModel::new(&flat(&own), &self.neighbours, self.gate(), means)
+    }
+
+    fn gate(&self) -> Gate {
+        Gate { weight: self.gate[0].value, bias: self.gate[1].value }
+    }
+}
+
+/// The number of `i` in `list`, at whose end it is put if it is new; `place` knows where each is.
+fn number(place: &mut [u32], list: &mut Vec<u32>, i: u32) -> u32 {
+    let at = &mut place[i as usize];
+    if *at == NOWHERE {
+        *at = list.len() as u32;
+        list.push(i);
+    }
+    *at
+}
+
+/// Gradients by rows, from those by their directions `[R, 32]`.
+fn back(slopes: &[f32], rows: &[(Feature, f32)]) -> Vec<Feature> {
+    let slopes = slopes.par_chunks_exact(FEATURES).zip(rows);
+    slopes.map(|(slope, row)| through_unit(&std::array::from_fn(|k| slope[k]), row)).collect()
+}
