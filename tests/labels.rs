@@ -125,12 +125,12 @@ fn what_cannot_be_labelled_is_refused() {
         (&["--format", "vti", "--truth", "small.npy"], &["--like", "small.npy"]),
         (&["--format", "vti", "--truth", "jets", "--dims", "8,8,8"], &["--truth jets", "--dims"]),
         (&["--format", "vti", "--data", "nowhere"], &["nowhere", "prepare.json"]),
-        (&["--format", "nrrd", "--threshold", "-1"], &["threshold"]),
+        (&["--format", "nrrd", "--threshold", "-1"], &["--threshold -1"]),
         (&["--dims", "8,8,8", "--out", "x.ply"], &["--dims", "--format nrrd"]),
     ] {
         refused(&mut export(arguments), words);
     }
-    assert!(!root.join("x.ply").exists());
+    assert!(!root.join("x.ply").exists() && !root.join("run/labels").exists());
     // a dataset without a record: the box of the scene, and a note
     std::fs::remove_file(root.join("data/prepare.json")).unwrap();
     let output = export(&["--format", "vti", "--dims", "8,8,8", "--out", "box.vti"]).assert().success();

@@ -29,7 +29,7 @@ pub(super) struct LabelArgs {
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
     /// Density of Gaussians above which a voxel belongs to a segment; lower swells, higher wears off [default: 0.1].
-    #[arg(long, value_name = "DENSITY")]
+    #[arg(long, value_name = "DENSITY", allow_negative_numbers = true)]
     threshold: Option<f32>,
     /// Where the axes of the volume point to, for NRRD readers that care.
     #[arg(long, value_enum, value_name = "SPACE")]
@@ -105,6 +105,9 @@ struct Written {
 /// Segments, voxels or a truth that cannot be used; a file that cannot be written.
 pub(super) fn run(args: &ExportArgs, run: &RunFolder) -> Result<(), CliError> {
     let options = &args.labels;
+    if let Some(t) = options.threshold.filter(|t| !(t.is_finite() && *t >= 0.0)) {
+        return Err(CliError::input(format!("--threshold {t}: a density of at least 0")));
+    }
     let all = run.segments()?;
     let names = names(args, &all)?;
     let labels = all.labels(&names).map_err(CliError::input)?;
