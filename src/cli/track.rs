@@ -1,25 +1,29 @@
 //! `volseggs track`
 
 use super::run_folder::RunFolder;
+use super::shown::Shown;
 use super::{CliError, Common, print_json};
-use crate::data::paths::orbit;
-use crate::draw::plot::{Series, line_plot};
-use crate::draw::views::view_sheet;
-use crate::export::images::{encode_png, to_rgb8};
-use crate::files::AtomicDir;
+use crate::data::paths::{Lens, orbit};
+use crate::data::{Camera, SplitName, Transforms};
 use crate::log::progress;
+use crate::model::GaussiansAt;
 use crate::segment::pictures::draw;
 use crate::track::events::EventKind;
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
-use crate::track::tables::{events_csv, statistics_csv, to_json, tracks_csv};
+use crate::track::report::{PictureOptions, ReportFolder, SHEET_CELL};
+use burn::tensor::Device;
 use clap::Args;
-use image::RgbImage;
-use std::path::{Path, PathBuf};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// Pictures in the sheet.
+const SHEET: usize = 8;
 
 /// Follow segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n\nWrites RUN/track/NAME/: statistics.csv and .json, events.csv, tracks.csv, over-time.svg, times.png."
+    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; all else is measured on the scene as trained."
 )]
 pub struct TrackArgs {
     /// Folder of the run.
@@ -39,25 +43,103 @@ pub struct TrackArgs {
     /// Times, evenly spaced.
     #[arg(long, default_value_t = 51)]
     frames: usize,
+    /// A time in [0, 1] in place of evenly spaced ones; may be given many times, in any order.
+    #[arg(long, value_name = "T", conflicts_with_all = ["from", "to", "frames"])]
+    at: Vec<f64>,
+    /// Write a picture and a mask of each segment alone at each time.
+    #[arg(long)]
+    renders: bool,
+    /// Least alpha of a pixel of a mask.
+    #[arg(long, default_value_t = 0.5, value_name = "ALPHA")]
+    mask_alpha: f32,
+    /// Camera of the pictures at x,y,z, looking at the centre; one beside the scene if not given.
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+    camera: Option<Vec<f64>>,
+    /// Take the camera of this test view of the dataset, counted from 0.
+    #[arg(long, value_name = "N", conflicts_with = "camera")]
+    view: Option<usize>,
+    /// Width of the pictures in pixels; the training images' with --renders, else at most 320.
+    #[arg(long, value_name = "PIXELS")]
+    size: Option<u32>,
+    /// Leave out the edits of the run.
+    #[arg(long)]
+    no_edits: bool,
     #[command(flatten)]
     common: Common,
 }
 
 impl TrackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        for (flag, t) in [("--from", self.from), ("--to", self.to)] {
+        let times = self.times()?;
+        if !(self.mask_alpha > 0.0 && self.mask_alpha <= 1.0) {
+            return Err(CliError::input(format!("--mask-alpha {}: above 0, at most 1", self.mask_alpha)));
+        }
+        let (_, device) = self.common.device()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let wanted = self.wanted(&run)?;
+        let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
+        let camera = self.picture_camera(&run)?;
+        let edited = Shown { segments: Vec::new(), no_edits: self.no_edits }.select(&run)?;
+
+        let bar = progress::bar(times.len(), "times followed");
+        let scene = |time: f64| {
+            bar.inc(1);
+            run.scene.host_at(time as f32)
+        };
+        let mut found = follow(scene, &segments, &times, &FollowOptions::default()).map_err(CliError::input)?;
+        bar.finish_and_clear();
+
+        let options = PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha };
+        let folder = |s: &Followed<'_>| ReportFolder::create(&run.path.join("track").join(s.name), options);
+        let mut reports = segments.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(CliError::failure)?;
+        let bar = progress::bar(times.len(), "times drawn");
+        for (i, &time) in times.iter().enumerate() {
+            let at = edited.edited(&run.scene, time as f32)?;
+            // one after the other: drawing one picture takes all threads
+            let pictures: Vec<Vec<f32>> =
+                segments.iter().map(|s| alone(&run, &at.subset(s.members), &camera, &device)).collect();
+            let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
+            let size = [camera.width as usize, camera.height as usize];
+            let add = |(report, rgba): (&mut ReportFolder, &Vec<f32>)| report.add(rgba, size, label.clone());
+            reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(CliError::failure)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        for (report, followup) in reports.into_iter().zip(&mut found) {
+            report.finish(followup).map_err(CliError::failure)?;
+        }
+        self.print(&run, &camera, &found)
+    }
+
+    /// The times in the order in which they are followed.
+    fn times(&self) -> Result<Vec<f64>, CliError> {
+        let given = [("--from", self.from), ("--to", self.to)].into_iter().chain(self.at.iter().map(|t| ("--at", *t)));
+        for (flag, t) in given {
             if !(0.0..=1.0).contains(&t) {
                 return Err(CliError::input(format!("{flag} {t}: between 0 and 1")));
             }
         }
-        if self.frames < 2 {
-            return Err(CliError::input(format!("--frames {}: at least 2", self.frames)));
+        if !self.at.is_empty() {
+            let mut times = self.at.clone();
+            times.sort_by(f64::total_cmp);
+            times.dedup();
+            return Ok(times);
         }
-        let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        if self.frames < 2 {
+            return Err(CliError::input(format!("--frames {}: at least 2; or give a time with --at", self.frames)));
+        }
+        let step = (self.to - self.from) / (self.frames - 1) as f64;
+        Ok((0..self.frames).map(|i| self.from + step * i as f64).collect())
+    }
+
+    /// Names and members of what is followed.
+    fn wanted(&self, run: &RunFolder) -> Result<Vec<(String, Vec<u32>)>, CliError> {
         let all = run.segments()?;
         let mut wanted: Vec<(String, Vec<u32>)> = Vec::new();
         for name in &self.segments {
+            if wanted.iter().any(|(n, _)| n == name) {
+                continue;
+            }
             wanted.push((name.clone(), all.get(name).map_err(CliError::input)?.members.clone()));
         }
         if let Some(group) = &self.group {
@@ -69,41 +151,52 @@ impl TrackArgs {
         if let Some((name, _)) = wanted.iter().find(|(_, m)| m.is_empty()) {
             return Err(CliError::input(format!("segment \"{name}\" is empty: there is nothing to follow")));
         }
+        Ok(wanted)
+    }
 
-        let step = (self.to - self.from) / (self.frames - 1) as f64;
-        let times: Vec<f64> = (0..self.frames).map(|i| self.from + step * i as f64).collect();
-        let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
-        let (lens, radius) = run.lens(None);
-        let camera = orbit(8, radius, 20f64.to_radians(), lens)[0].to_kernel();
-        let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
-        let count = self.frames.min(8);
-        let shown: Vec<usize> = (0..count).map(|k| k * (self.frames - 1) / (count - 1)).collect();
-        let mut pictures: Vec<Vec<(String, RgbImage)>> = vec![Vec::new(); segments.len()];
-        let bar = progress::bar(self.frames, "times");
-        let mut frame = 0;
-        let scene = |time: f64| {
-            let at = run.scene.host_at(time as f32);
-            if shown.contains(&frame) {
-                for (segment, pictures) in segments.iter().zip(&mut pictures) {
-                    let image = draw(&at.subset(segment.members), camera, background, degree, &device);
-                    pictures.push((format!("t = {time:.2}"), to_rgb8(&image, camera.width, camera.height)));
-                }
-            }
-            frame += 1;
-            bar.inc(1);
-            at
-        };
-        let found = follow(scene, &segments, &times, &FollowOptions::default()).map_err(CliError::input)?;
-        bar.finish_and_clear();
-        for (followup, pictures) in found.iter().zip(&pictures) {
-            let folder = run.path.join("track").join(&followup.name);
-            write(&folder, followup, pictures).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
+    /// The camera of the pictures.
+    fn picture_camera(&self, run: &RunFolder) -> Result<Camera, CliError> {
+        if self.size == Some(0) {
+            return Err(CliError::input("--size 0: at least 1 pixel"));
         }
+        let (full, radius) = run.lens(None);
+        let width = self.size.unwrap_or(if self.renders { full.width } else { full.width.min(SHEET_CELL) });
+        let height = (f64::from(full.height) * f64::from(width) / f64::from(full.width)).round().max(1.0) as u32;
+        let lens = Lens { width, height, ..full };
+        if let Some(position) = &self.camera {
+            let centre = DVec3::from_array(run.scene.spec.centre.map(f64::from));
+            let [x, y, z] = position[..] else {
+                return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5"));
+            };
+            let eye = DVec3::new(x, y, z);
+            if !(eye.is_finite() && eye.distance(centre) > 0.0) {
+                return Err(CliError::input(format!("--camera {x},{y},{z}: away from the centre {centre}")));
+            }
+            return Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, width, height));
+        }
+        if let Some(n) = self.view {
+            let path = SplitName::Test.json_path(&run.record.dataset);
+            let json = Transforms::read(&path)?;
+            let Some(frame) = json.frames.get(n) else {
+                let last = json.frames.len().saturating_sub(1);
+                return Err(CliError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
+            };
+            return Ok(json.intrinsics.camera(width, height, frame.camera_to_world));
+        }
+        Ok(orbit(SHEET, radius, 20f64.to_radians(), lens).swap_remove(0))
+    }
+
+    fn print(&self, run: &RunFolder, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
         if self.common.json {
-            let report = |f: &Followup| serde_json::json!({ "segment": f.name, "statistics": f.statistics, "events": f.tracking.events });
+            let report = |f: &Followup| {
+                serde_json::json!({
+                    "segment": f.name, "size": [camera.width, camera.height],
+                    "statistics": f.statistics, "events": f.tracking.events,
+                })
+            };
             return print_json(&found.iter().map(report).collect::<Vec<_>>());
         }
-        for followup in &found {
+        for followup in found {
             println!("{}", followup.name);
             for event in followup.tracking.events.iter().filter(|e| e.kind != EventKind::Continue) {
                 let list = |v: &[u32]| v.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ");
@@ -117,28 +210,14 @@ impl TrackArgs {
     }
 }
 
-fn write(folder: &Path, f: &Followup, pictures: &[(String, RgbImage)]) -> Result<(), Box<dyn std::error::Error>> {
-    if let Some(parent) = folder.parent() {
-        std::fs::create_dir_all(parent)?;
-    }
-    let out = AtomicDir::create(folder)?;
-    let put = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes);
-    put("statistics.csv", statistics_csv(&f.statistics).as_bytes())?;
-    put("statistics.json", to_json(&f.statistics)?.as_bytes())?;
-    put("events.csv", events_csv(&f.name, &f.tracking.events).as_bytes())?;
-    put("tracks.csv", tracks_csv(&f.name, &f.tracking.points).as_bytes())?;
-    put("times.png", &encode_png(&view_sheet(pictures, 4, 320))?)?;
-    let share = |name: &str, value: &dyn Fn(usize) -> f64| {
-        let largest = (0..f.statistics.len()).map(value).fold(0.0, f64::max).max(1e-12);
-        let points = f.statistics.iter().enumerate().map(|(i, s)| (s.time, value(i) / largest)).collect();
-        Series { name: name.into(), points }
-    };
-    let series = [
-        share("opacity", &|i| f.statistics[i].opacity),
-        share("volume", &|i| f.statistics[i].volume),
-        share("visible", &|i| f.statistics[i].visible as f64),
-    ];
-    put("over-time.svg", line_plot(&f.name, "time", "of the largest", &series).as_bytes())?;
-    out.commit_replacing()?;
-    Ok(())
+/// Colour over the background and alpha, `[H, W, 4]`.
+fn alone(run: &RunFolder, segment: &GaussiansAt, camera: &Camera, device: &Device) -> Vec<f32> {
+    let spec = &run.scene.spec;
+    draw(segment, camera.to_kernel(), spec.background, spec.sh_degree, device)
+}
+
+/// Whether the picture of time `i` of `n` is one of those in the sheet, which are spread evenly.
+fn in_sheet(i: usize, n: usize) -> bool {
+    let count = n.min(SHEET);
+    (0..count).any(|k| i == k * (n - 1) / (count - 1).max(1))
 }

@@ -87,7 +87,7 @@ pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>, space: Space) -> Result
 }
 
 /// Writes VTK image data (`.vti`) with the point array `labels`, zlib-compressed, 8-bit where the labels allow. The
-/// field arrays `label_values` and `label_names` say what the values mean.
+/// field arrays `label_values`, `label_names` and `label_colours` say what the values mean.
 ///
 /// # Errors
 /// [`LabelsError`]; nothing is then written.

@@ -63,6 +63,12 @@ pub struct PrepareRecord {
     pub dims: [usize; 3],
     /// Half the size of the volume's box around the origin, scene units.
     pub half_size: [f64; 3],
+    /// Distance of voxel centres along x, y, z, in the units of the files; not in records of old versions.
+    #[serde(default)]
+    pub spacing: Option<[f64; 3]>,
+    /// Position of the centre of the first voxel, in the units of the files; not in records of old versions.
+    #[serde(default)]
+    pub origin: Option<[f64; 3]>,
     /// Number of steps of the series.
     pub steps: usize,
     /// Distance of samples, in voxels.
@@ -204,6 +210,8 @@ pub fn prepare(
         span,
         dims: grid.dims,
         half_size: placement.half.to_array(),
+        spacing: Some(grid.spacing),
+        origin: Some(grid.origin),
         steps: source.len(),
         step: options.step,
         train_views,

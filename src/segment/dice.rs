@@ -86,6 +86,18 @@ impl Confusion {
         Ok(table)
     }
 
+    /// Adds the pairs of another table, as of another time.
+    pub fn merge(&mut self, other: &Self) {
+        for (pair, n) in &other.pairs {
+            *self.pairs.entry(*pair).or_default() += n;
+        }
+        for (mine, theirs) in [(&mut self.truth, &other.truth), (&mut self.predicted, &other.predicted)] {
+            for (label, n) in theirs {
+                *mine.entry(*label).or_default() += n;
+            }
+        }
+    }
+
     fn count(&mut self, truth: u32, predicted: u32, n: u64) {
         if truth != 0 {
             *self.truth.entry(truth).or_default() += n;

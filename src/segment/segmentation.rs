@@ -162,6 +162,13 @@ impl Segmentation {
         });
     }
 
+    /// Names of the segments that have no parts, in their order.
+    #[must_use]
+    pub fn leaves(&self) -> Vec<String> {
+        let whole = |name: &str| self.segments.iter().any(|s| s.parent.as_deref() == Some(name));
+        self.segments.iter().map(|s| s.name.clone()).filter(|name| !whole(name)).collect()
+    }
+
     /// A label for each Gaussian: the position + 1 of the last of `names` that holds it, 0 for none.
     ///
     /// # Errors
@@ -283,6 +290,7 @@ mod tests {
         assert!(all.get("green").unwrap_err().to_string().contains("red, red.1, blue"));
         assert_eq!(all.depths(), [0, 1, 0]);
         assert_eq!(all.labels(&["red".into(), "red.1".into()]).unwrap(), [0, 2, 0, 2, 0, 1, 0, 0, 0, 0]);
+        assert_eq!(all.leaves(), ["red.1", "blue"]);
         all.remove(|s| s.name == "red");
         assert_eq!(all.segments.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["blue"]);
     }

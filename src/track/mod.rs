@@ -6,6 +6,7 @@ pub(crate) mod event;
 pub mod events;
 pub mod follow;
 pub(crate) mod overlap;
+pub mod report;
 pub mod statistics;
 pub mod tables;
 pub mod velocity;

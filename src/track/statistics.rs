@@ -75,6 +75,12 @@ pub struct SegmentStatistics {
     pub volume_cell: f64,
     /// Opacity-weighted mean colour.
     pub colour: Option<[f64; 3]>,
+    /// Pixels that the segment alone covers in a picture; `None` where none was drawn.
+    #[serde(default)]
+    pub projected_area: Option<u64>,
+    /// The same as a share of the picture.
+    #[serde(default)]
+    pub projected_share: Option<f64>,
 }
 
 /// One visible Gaussian.
@@ -132,6 +138,8 @@ pub fn segment_statistics(
         volume: 0.0,
         volume_cell: f64::from(config.volume_cell.unwrap_or(0.0)),
         colour: (sums.colour_weight > 0.0).then(|| sums.colour.map(|c| c / sums.colour_weight)),
+        projected_area: None,
+        projected_share: None,
     };
     if sums.count == 0 {
         return Ok(out);

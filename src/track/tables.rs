@@ -9,7 +9,7 @@ use std::fmt::Write;
 pub const STATISTICS_COLUMNS: &str = "segment,time,gaussians,visible,opacity,centroid_x,centroid_y,centroid_z,\
 velocity_x,velocity_y,velocity_z,box_min_x,box_min_y,box_min_z,box_max_x,box_max_y,box_max_z,\
 axis1_x,axis1_y,axis1_z,axis2_x,axis2_y,axis2_z,axis3_x,axis3_y,axis3_z,extent_1,extent_2,extent_3,\
-volume,volume_cell,colour_r,colour_g,colour_b";
+volume,volume_cell,colour_r,colour_g,colour_b,projected_area,projected_share";
 
 /// Columns of [`events_csv`]; lists are separated by spaces within their field.
 pub const EVENT_COLUMNS: &str = "segment,time_from,time_to,kind,parents,children,parent_weights,child_weights";
@@ -45,6 +45,11 @@ pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
         number(&mut out, Some(row.volume));
         number(&mut out, Some(row.volume_cell));
         triple(&mut out, row.colour);
+        out.push(',');
+        if let Some(area) = row.projected_area {
+            let _ = write!(out, "{area}");
+        }
+        number(&mut out, row.projected_share);
         out.push('\n');
     }
     out
@@ -124,6 +129,8 @@ mod tests {
             volume: 0.25,
             volume_cell: 0.1,
             colour: None,
+            projected_area: Some(12),
+            projected_share: None,
         }
     }
 
@@ -148,10 +155,11 @@ mod tests {
         let csv = statistics_csv(&[statistics()]);
         let lines: Vec<&str> = csv.lines().collect();
         let (names, values) = (split(lines[0]), split(lines[1]));
-        assert_eq!((names.len(), values.len()), (34, 34));
+        assert_eq!((names.len(), values.len()), (36, 36));
         let get = |name: &str| values[names.iter().position(|n| n == name).unwrap()].as_str();
         assert_eq!(get("segment"), "light \"blue\", 2");
         assert_eq!((get("centroid_z"), get("opacity"), get("velocity_x")), ("0.000000001", "", ""));
+        assert_eq!((get("projected_area"), get("projected_share")), ("12", ""));
         assert_eq!((get("axis2_y"), get("volume"), get("volume_cell")), ("1", "0.25", "0.1"));
     }
 

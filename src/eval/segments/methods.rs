@@ -14,7 +14,7 @@ use std::time::Instant;
 /// Cosines, or shares, from which a Gaussian is selected.
 const THRESHOLDS: [f32; 8] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98];
 /// Scales that are tried, from large to small.
-const SCALES: usize = 11;
+const SCALES: usize = 6;
 
 /// A way to turn a click into a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -154,7 +154,7 @@ pub fn offer_field(
             let seconds = seconds + started.elapsed().as_secs_f64();
             best.offer(Selected { members, setting, ..Selected::default() }, seconds);
         }
-        let kinds = [Clustering::Density].into_iter().chain((2..=8).map(Clustering::KMeans));
+        let kinds = [Clustering::Density].into_iter().chain([2, 4, 8].map(Clustering::KMeans));
         for kind in kinds.filter(|k| !matches!(k, Clustering::KMeans(k) if *k > within.len())) {
             let started = Instant::now();
             let labels = cluster(field, frame, &means, scale, kind, seed).map_err(|e| e.to_string())?;

@@ -16,6 +16,7 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     let extent = format!("0 {nx} 0 {ny} 0 {nz}");
     let n = volume.names.len();
     let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
+    let colours: Vec<String> = volume.names.iter().flat_map(|l| l.colour).map(|c| c.to_string()).collect();
     let mut file = format!(
         r#"<?xml version="1.0"?>
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
@@ -23,6 +24,7 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     <FieldData>
       <DataArray type="UInt16" Name="label_values" NumberOfTuples="{n}" format="ascii">{}</DataArray>
       <DataArray type="String" Name="label_names" NumberOfTuples="{n}" format="ascii">{}</DataArray>
+      <DataArray type="Float32" Name="label_colours" NumberOfComponents="3" NumberOfTuples="{n}" format="ascii">{}</DataArray>
     </FieldData>
     <Piece Extent="{extent}">
       <PointData Scalars="labels">
@@ -35,6 +37,7 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
    _"#,
         values.join(" "),
         codes(volume),
+        colours.join(" "),
     )
     .into_bytes();
     append(&mut file, &cells.bytes)?;

@@ -17,6 +17,14 @@ fn dice_and_iou_of_known_sets() {
 }
 
 #[test]
+fn tables_of_two_halves_make_that_of_the_whole() {
+    let (truth, predicted) = ([1u8, 1, 0, 2, 2, 1], [4u8, 0, 3, 4, 4, 4]);
+    let mut sum = Confusion::new(&truth[..2], &predicted[..2]).unwrap();
+    sum.merge(&Confusion::new(&truth[2..], &predicted[2..]).unwrap());
+    assert_eq!(sum, Confusion::new(&truth, &predicted).unwrap());
+}
+
+#[test]
 fn pieces_of_an_object_are_matched_together() {
     // Label 1 is cut in 5 and 6; 7 spills mostly outside of it; 8 is elsewhere.
     let truth = [[1u8; 10].as_slice(), &[0; 10], &[2; 4]].concat();

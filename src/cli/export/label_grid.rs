@@ -1,0 +1,174 @@
+//! The voxels that labels fall on: where they lie in the scene, and what the file says of them. Labels themselves are
+//! in `labels`.
+
+use super::super::CliError;
+use super::super::run_folder::RunFolder;
+use crate::prepare::PrepareRecord;
+use crate::volume::formats;
+use crate::volume::grid::Grid;
+use crate::volume::placement::{Placement, published_side};
+use std::path::Path;
+
+/// Voxels along the longest side where nothing says how many.
+const VOXELS: f64 = 128.0;
+/// Largest relative difference between the proportions of a volume and of the one the dataset was prepared from.
+const TOLERANCE: f64 = 1e-3;
+
+/// One set of voxels in two systems of coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LabelGrid {
+    /// In scene units, where the Gaussians are.
+    pub scene: Grid,
+    /// In the units of the volume file, where they are known; else as `scene`.
+    pub file: Grid,
+    /// True if these are the very voxels that the dataset was prepared from.
+    pub is_source: bool,
+}
+
+/// The record of the run's dataset, or of the one at `data` in its place; none if it was not prepared here.
+///
+/// # Errors
+/// A record that cannot be read, or none where `data` was given.
+pub(super) fn record(run: &RunFolder, data: Option<&Path>) -> Result<Option<PrepareRecord>, CliError> {
+    let path = data.unwrap_or(&run.record.dataset).join("prepare.json");
+    let fault = |e: &dyn std::fmt::Display| CliError::input(format!("{}: {e}", path.display()));
+    match std::fs::read_to_string(&path) {
+        Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| fault(&e)),
+        Err(_) if data.is_none() => Ok(None),
+        Err(e) => Err(fault(&e)),
+    }
+}
+
+/// Chooses the voxels: those of the file `like`; else those that the dataset was prepared from (`record`), or `dims`
+/// voxels over the same box; else over the box of the scene.
+///
+/// # Errors
+/// A file that cannot be read or is of other proportions than the prepared volume; fewer than 2 voxels along an axis.
+pub(super) fn choose(
+    run: &RunFolder,
+    record: Option<&PrepareRecord>,
+    dims: Option<[usize; 3]>,
+    like: Option<&Path>,
+) -> Result<LabelGrid, CliError> {
+    if dims.is_some_and(|d| d.iter().any(|n| *n < 2)) {
+        return Err(CliError::input("--dims: at least 2 voxels along each axis"));
+    }
+    let missing = || format!("{} has no prepare.json", run.record.dataset.display());
+    if let Some(path) = like {
+        let file = formats::open(path).map_err(CliError::input)?.header().grid;
+        if record.is_none() {
+            eprintln!(
+                "note: {}: the volume is taken to be centred, its longest side half as wide as the frame",
+                missing()
+            );
+        }
+        return alike(file, record).map_err(|e| CliError::input(format!("--like {}: {e}", path.display())));
+    }
+    if let Some(record) = record {
+        return Ok(prepared(record, dims));
+    }
+    eprintln!("note: {}: labels fall on the box of the scene; give the volume with --like", missing());
+    Ok(around(run.scene.spec.centre, run.scene.spec.half_size, dims))
+}
+
+fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String> {
+    if file.dims.iter().any(|n| *n < 2) {
+        return Err(format!("{:?} voxels; at least 2 are needed along each axis", file.dims));
+    }
+    let side = record.map_or(published_side(), |r| 2.0 * r.half_size.into_iter().fold(0.0, f64::max));
+    let placement = Placement::new(&file, side);
+    let half = placement.half.to_array();
+    if let Some(record) = record
+        && (0..3).any(|a| (half[a] - record.half_size[a]).abs() > TOLERANCE * side)
+    {
+        return Err(format!(
+            "half sides of {half:.4?} in the scene, the dataset was prepared from a volume of {:.4?}; give one of the \
+             same proportions",
+            record.half_size
+        ));
+    }
+    let origin = half.map(|h| -h);
+    let scene = Grid { dims: file.dims, spacing: placement.spacing().to_array(), origin };
+    let is_source = record.is_some_and(|r| r.dims == file.dims);
+    Ok(LabelGrid { scene, file, is_source })
+}
+
+fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
+    let dims = dims.unwrap_or(record.dims);
+    let scene = over_box(record.half_size.map(|h| -h), record.half_size, dims);
+    let file = match (record.spacing, record.origin) {
+        (Some(spacing), Some(origin)) => {
+            let source = Grid { dims: record.dims, spacing, origin };
+            let (size, same) = (source.size(), dims == record.dims);
+            let spacing = if same { spacing } else { std::array::from_fn(|a| size[a] / (dims[a] - 1) as f64) };
+            Grid { dims, spacing, origin }
+        }
+        _ => scene,
+    };
+    LabelGrid { scene, file, is_source: dims == record.dims }
+}
+
+fn around(centre: [f32; 3], half: [f32; 3], dims: Option<[usize; 3]>) -> LabelGrid {
+    let (centre, half) = (centre.map(f64::from), half.map(f64::from));
+    let corner = |sign: f64| std::array::from_fn(|a| centre[a] + sign * half[a]);
+    let longest = half.into_iter().fold(0.0, f64::max);
+    let dims = dims.unwrap_or_else(|| half.map(|h| ((h / longest * VOXELS).round() as usize).max(2)));
+    let scene = over_box(corner(-1.0), corner(1.0), dims);
+    LabelGrid { scene, file: scene, is_source: false }
+}
+
+/// The outermost voxel centres lie on the faces of the box.
+fn over_box(low: [f64; 3], high: [f64; 3], dims: [usize; 3]) -> Grid {
+    Grid { dims, spacing: std::array::from_fn(|a| (high[a] - low[a]) / (dims[a] - 1) as f64), origin: low }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    /// What `prepare` records of a grid.
+    fn recorded(grid: Grid, known: bool) -> PrepareRecord {
+        let half = Placement::new(&grid, 1.5).half.to_array();
+        let json = serde_json::json!({
+            "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": grid.dims, "half_size": half,
+            "steps": 1, "step": 1, "train_views": 1, "test_views": 1, "size": [8, 8], "segments": [],
+            "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0,
+        });
+        let mut record: PrepareRecord = serde_json::from_value(json).unwrap();
+        if known {
+            (record.spacing, record.origin) = (Some(grid.spacing), Some(grid.origin));
+        }
+        record
+    }
+
+    #[test]
+    fn voxels_lie_where_the_ray_caster_puts_them() {
+        let grid = Grid { dims: [5, 9, 3], spacing: [1.0, 0.25, 4.0], origin: [10.0, -3.0, 0.5] };
+        let placement = Placement::new(&grid, 1.5);
+        let source = prepared(&recorded(grid, true), None);
+        assert_eq!((source.file, source.is_source), (grid, true));
+        let same = alike(grid, Some(&recorded(grid, false))).unwrap();
+        for labels in [source, same] {
+            for voxel in [[0usize, 0, 0], [4, 8, 2], [1, 5, 2]] {
+                let at = |a: usize| labels.scene.origin[a] + labels.scene.spacing[a] * voxel[a] as f64;
+                let back = placement.to_voxel(DVec3::new(at(0), at(1), at(2)));
+                assert!((back - DVec3::from_array(voxel.map(|v| v as f64))).length() < 1e-9, "{back}");
+            }
+        }
+        assert_eq!(prepared(&recorded(grid, false), None).file, source.scene, "an old record: scene units");
+    }
+
+    #[test]
+    fn other_dims_cover_the_same_box_and_other_proportions_are_refused() {
+        let grid = Grid { dims: [5, 9, 3], spacing: [1.0, 0.25, 4.0], origin: [10.0, -3.0, 0.5] };
+        let fine = prepared(&recorded(grid, true), Some([9, 9, 5]));
+        assert_eq!((fine.file.spacing, fine.file.origin, fine.is_source), ([0.5, 0.25, 2.0], grid.origin, false));
+        assert_eq!(fine.file.size(), grid.size());
+        let other = Grid { spacing: [1.0, 0.5, 4.0], ..grid };
+        assert!(alike(other, Some(&recorded(grid, true))).unwrap_err().contains("proportions"));
+        assert!(alike(Grid { dims: [5, 9, 1], ..grid }, None).unwrap_err().contains("at least 2"));
+        let scene = around([1.0, 0.0, 0.0], [2.0, 1.0, 0.5], None);
+        assert_eq!((scene.scene.dims, scene.scene.origin), ([128, 64, 32], [-1.0, -1.0, -0.5]));
+    }
+}

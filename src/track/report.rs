@@ -1,0 +1,176 @@
+//! The folder of a segment that was followed: tables, plots, and pictures of it alone. The pictures come in one at a
+//! time, as drawn by the caller, and go out at once; nothing is there before [`ReportFolder::finish`].
+
+use super::follow::Followup;
+use super::statistics::SegmentStatistics;
+use super::tables::{events_csv, statistics_csv, to_json, tracks_csv};
+use crate::draw::plot::{Series, line_plot};
+use crate::draw::views::view_sheet;
+use crate::export::images::{encode_gray_png, encode_png, to_rgb8};
+use crate::files::AtomicDir;
+use image::{GrayImage, ImageError, RgbImage};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Width of a picture in `times.png` in pixels.
+pub const SHEET_CELL: u32 = 320;
+
+/// What pictures to keep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PictureOptions {
+    /// Write every picture to `renders/` and its mask to `masks/`.
+    pub keep: bool,
+    /// Least alpha of a pixel of the mask.
+    pub mask_alpha: f32,
+}
+
+/// Why a report cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The file system said no.
+    #[error("{path}: {source}; check the folder and the space on the disk")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What happened.
+        source: io::Error,
+    },
+    /// A picture cannot be encoded.
+    #[error("{path}: {source}")]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        source: ImageError,
+    },
+    /// A table cannot be encoded.
+    #[error("{path}: {source}")]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        source: serde_json::Error,
+    },
+}
+
+/// A segment's folder that is being made.
+#[derive(Debug)]
+pub struct ReportFolder {
+    path: PathBuf,
+    folder: AtomicDir,
+    options: PictureOptions,
+    /// Labelled pictures of the sheet.
+    sheet: Vec<(String, RgbImage)>,
+    /// Pixels of the mask, and their share of the picture, at each time.
+    areas: Vec<(u64, f64)>,
+}
+
+impl ReportFolder {
+    /// Begins the folder `path`; its parent is made if it is not there.
+    ///
+    /// # Errors
+    /// [`ReportError::Io`].
+    pub fn create(path: &Path, options: PictureOptions) -> Result<Self, ReportError> {
+        let io = |source| ReportError::Io { path: path.into(), source };
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent).map_err(io)?;
+        }
+        let folder = AtomicDir::create(path).map_err(io)?;
+        let kept = if options.keep { &["renders", "masks"][..] } else { &[] };
+        for name in kept {
+            std::fs::create_dir(folder.dir().join(name)).map_err(io)?;
+        }
+        Ok(Self { path: path.into(), folder, options, sheet: Vec::new(), areas: Vec::new() })
+    }
+
+    /// Adds the picture of the next time: `rgba` is colour over the background, and alpha, `[H, W, 4]`. With a
+    /// `label` it goes to the sheet too.
+    ///
+    /// # Errors
+    /// [`ReportError`].
+    pub fn add(&mut self, rgba: &[f32], [width, height]: [usize; 2], label: Option<String>) -> Result<(), ReportError> {
+        let inside = |p: &[f32]| p[3] >= self.options.mask_alpha;
+        let area = rgba.chunks_exact(4).filter(|p| inside(p)).count();
+        let name = format!("{:03}.png", self.areas.len());
+        self.areas.push((area as u64, area as f64 / (width * height) as f64));
+        if !self.options.keep && label.is_none() {
+            return Ok(());
+        }
+        let picture = to_rgb8(rgba, width, height);
+        if self.options.keep {
+            let mask = GrayImage::from_fn(width as u32, height as u32, |x, y| {
+                image::Luma([if inside(&rgba[4 * (y as usize * width + x as usize)..][..4]) { 255 } else { 0 }])
+            });
+            self.put_png(&format!("renders/{name}"), encode_png(&picture))?;
+            self.put_png(&format!("masks/{name}"), encode_gray_png(&mask))?;
+        }
+        self.sheet.extend(label.map(|label| (label, picture)));
+        Ok(())
+    }
+
+    /// Writes tables and plots and publishes the folder in place of one that is there. The areas of the pictures, which
+    /// are of the same times, go into the statistics.
+    ///
+    /// # Errors
+    /// [`ReportError`]; a folder that was there then stays.
+    pub fn finish(self, found: &mut Followup) -> Result<(), ReportError> {
+        for (row, (area, share)) in found.statistics.iter_mut().zip(&self.areas) {
+            (row.projected_area, row.projected_share) = (Some(*area), Some(*share));
+        }
+        let json = to_json(&found.statistics).map_err(|source| self.json("statistics.json", source))?;
+        self.put("statistics.json", json.as_bytes())?;
+        self.put("statistics.csv", statistics_csv(&found.statistics).as_bytes())?;
+        self.put("events.csv", events_csv(&found.name, &found.tracking.events).as_bytes())?;
+        self.put("tracks.csv", tracks_csv(&found.name, &found.tracking.points).as_bytes())?;
+        self.put("over-time.svg", over_time(found).as_bytes())?;
+        self.put("velocity-over-time.svg", velocity_over_time(found).as_bytes())?;
+        self.put_png("times.png", encode_png(&view_sheet(&self.sheet, 4, SHEET_CELL)))?;
+        let Self { path, folder, .. } = self;
+        folder.commit_replacing().map_err(|source| ReportError::Io { path, source })
+    }
+
+    fn put(&self, name: &str, bytes: &[u8]) -> Result<(), ReportError> {
+        let write = std::fs::write(self.folder.dir().join(name), bytes);
+        write.map_err(|source| ReportError::Io { path: self.path.join(name), source })
+    }
+
+    fn put_png(&self, name: &str, encoded: Result<Vec<u8>, ImageError>) -> Result<(), ReportError> {
+        let image = |source| ReportError::Image { path: self.path.join(name), source };
+        self.put(name, &encoded.map_err(image)?)
+    }
+
+    fn json(&self, name: &str, source: serde_json::Error) -> ReportError {
+        ReportError::Json { path: self.path.join(name), source }
+    }
+}
+
+/// How much of the segment there is, each measure as a share of its largest value.
+fn over_time(found: &Followup) -> String {
+    let share = |name: &str, value: &dyn Fn(&SegmentStatistics) -> f64| {
+        let largest = found.statistics.iter().map(value).fold(0.0, f64::max).max(1e-12);
+        let points = found.statistics.iter().map(|s| (s.time, value(s) / largest)).collect();
+        Series { name: name.into(), points }
+    };
+    let series = [
+        share("opacity", &|s| s.opacity),
+        share("volume", &|s| s.volume),
+        share("visible", &|s| s.visible as f64),
+        share("projected area", &|s| s.projected_share.unwrap_or(f64::NAN)),
+    ];
+    line_plot(&found.name, "time", "of the largest", &series)
+}
+
+/// The velocity of the centroid and its length.
+fn velocity_over_time(found: &Followup) -> String {
+    let curve = |name: &str, value: &dyn Fn([f64; 3]) -> f64| {
+        let points = found.statistics.iter().map(|s| (s.time, s.velocity.map_or(f64::NAN, value))).collect();
+        Series { name: name.into(), points }
+    };
+    let series = [
+        curve("speed", &|v| v.iter().map(|c| c * c).sum::<f64>().sqrt()),
+        curve("x", &|v| v[0]),
+        curve("y", &|v| v[1]),
+        curve("z", &|v| v[2]),
+    ];
+    line_plot(&found.name, "time", "world units per unit time", &series)
+}
