@@ -23,6 +23,9 @@ pub(super) struct SegmentFlags {
     /// Methods: sagd, saga, coarse, fine, coarse+fine.
     #[arg(long, value_delimiter = ',', default_value = "sagd,saga,coarse,fine,coarse+fine", requires = "segments")]
     methods: Vec<Method>,
+    /// Clicks on each segment at most, each further one on what is still missing in the clicked view.
+    #[arg(long, default_value_t = 3, requires = "segments")]
+    clicks: usize,
     /// Source of the masks: regions of rendered views, or the dataset's label images (an upper bound).
     #[arg(long, value_enum, default_value_t = Masks::Regions, requires = "segments")]
     masks: Masks,
@@ -72,8 +75,8 @@ impl SegmentFlags {
         json: bool,
     ) -> Result<(), CliError> {
         super::segment::check_time(self.time)?;
-        if self.mask_views == 0 || self.fine_steps == 0 || self.saga_steps == 0 {
-            return Err(CliError::input("--mask-views, --fine-steps and --saga-steps: at least 1"));
+        if [self.mask_views, self.fine_steps, self.saga_steps, self.clicks].contains(&0) {
+            return Err(CliError::input("--mask-views, --fine-steps, --saga-steps and --clicks: at least 1"));
         }
         if let Some(alpha) = self.mask_alpha.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
             return Err(CliError::input(format!("--mask-alpha {alpha}: above 0, up to 1")));
@@ -91,6 +94,7 @@ impl SegmentFlags {
             time: self.time,
             methods: Method::ALL.into_iter().filter(|m| self.methods.contains(m)).collect(),
             segments: self.only.clone(),
+            clicks: self.clicks,
             masks: if self.masks == Masks::Labels { MaskKind::Labels } else { MaskKind::Regions },
             views: self.mask_views,
             coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },

@@ -100,5 +100,5 @@ fn piece<const ABSOLUTE: bool>(
 /// -1, 0 or 1; NaN stays.
 #[inline(always)]
 fn sign(v: f32) -> f32 {
-    if v == 0.0 { 0.0 } else { 1.0f32.copysign(v) + (v - v) }
+    if v == 0.0 { 0.0 } else { 1.0f32.copysign(v) + v * 0.0 }
 }

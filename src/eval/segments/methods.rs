@@ -1,6 +1,6 @@
 //! Selections of one click by each method, for every setting that a user could try.
 
-use super::prompt::Prompt;
+use super::prompt::{Click, Prompt};
 use crate::model::GaussiansAt;
 use crate::segment::baselines::saga::SagaModel;
 use crate::segment::baselines::sagd::{self, MaskChoice, SagdOptions, SagdView};
@@ -15,6 +15,8 @@ use std::time::Instant;
 const THRESHOLDS: [f32; 8] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98];
 /// Scales that are tried, from large to small.
 const SCALES: usize = 6;
+/// What a further click has to add to the fit.
+const WORTH: f64 = 0.005;
 
 /// A way to turn a click into a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -88,13 +90,38 @@ impl Selected {
         alone.log_scales.iter_mut().zip(&self.moved.1).for_each(|(s, d)| *s += d);
         alone
     }
+
+    /// All of both; where both have a Gaussian, as this one has it.
+    fn with(&self, other: &Self) -> Self {
+        let mut rows: Vec<(u32, bool, usize)> = self.members.iter().enumerate().map(|(r, &m)| (m, false, r)).collect();
+        rows.extend(other.members.iter().enumerate().map(|(r, &m)| (m, true, r)));
+        rows.sort_unstable();
+        rows.dedup_by_key(|row| row.0);
+        let joined = |of: &dyn Fn(&Self) -> &[f32]| -> Vec<f32> {
+            if of(self).is_empty() && of(other).is_empty() {
+                return Vec::new();
+            }
+            let row = |(_, second, r): &(u32, bool, usize)| {
+                let from = of(if *second { other } else { self });
+                [0, 1, 2].map(|k| from.get(3 * r + k).copied().unwrap_or(0.0))
+            };
+            rows.iter().flat_map(row).collect()
+        };
+        Self {
+            moved: (joined(&|s| &s.moved.0), joined(&|s| &s.moved.1)),
+            setting: format!("{}; {}", self.setting, other.setting),
+            members: rows.iter().map(|row| row.0).collect(),
+        }
+    }
 }
 
-/// The best of many selections by how they fit where they were clicked, the first of equals.
+/// The best of many selections by how they fit where they were clicked, the first of equals; each is taken together with
+/// what earlier clicks selected.
 pub struct Best<'a> {
     prompt: &'a Prompt,
     flags: Vec<bool>,
-    /// The best so far.
+    before: Option<Selected>,
+    /// The best so far, with what was selected before.
     pub selected: Option<Selected>,
     /// Its fit in the clicked view.
     pub fit: f64,
@@ -105,16 +132,34 @@ pub struct Best<'a> {
 impl<'a> Best<'a> {
     /// None yet, of `gaussians`.
     pub fn new(prompt: &'a Prompt, gaussians: usize) -> Self {
-        Self { prompt, flags: vec![false; gaussians], selected: None, fit: -1.0, seconds: f64::INFINITY }
+        let flags = vec![false; gaussians];
+        Self { prompt, flags, before: None, selected: None, fit: -1.0, seconds: f64::INFINITY }
+    }
+
+    /// The next click: on what the best so far leaves out. `None` where nothing is left out, or nothing is selected.
+    pub fn next_click(&mut self) -> Option<Click> {
+        let selected = self.selected.as_ref()?;
+        self.flags.fill(false);
+        selected.members.iter().for_each(|&i| self.flags[i as usize] = true);
+        let click = self.prompt.next(&self.flags)?;
+        self.before.clone_from(&self.selected);
+        Some(click)
     }
 
     /// Tries a selection that took `seconds` to make.
     pub fn offer(&mut self, selected: Selected, seconds: f64) {
         self.flags.fill(false);
-        selected.members.iter().for_each(|&i| self.flags[i as usize] = true);
+        let before = self.before.iter().flat_map(|s| &s.members);
+        selected.members.iter().chain(before).for_each(|&i| self.flags[i as usize] = true);
         self.seconds = self.seconds.min(seconds);
         let fit = self.prompt.fit(&self.flags);
-        if fit > self.fit {
+        // a further click must be worth its while
+        let least = if self.before.is_some() { WORTH } else { 0.0 };
+        if fit > self.fit + least {
+            let selected = match &self.before {
+                Some(before) => before.with(&selected),
+                None => selected,
+            };
             (self.fit, self.selected) = (fit, Some(selected));
         }
     }

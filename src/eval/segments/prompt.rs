@@ -1,6 +1,6 @@
-//! The click that stands for a user's choice, and how well what it selects fits in the view that was clicked. A method's
-//! settings are chosen by that one view alone, as a user moves a slider until the picture looks right; the views that
-//! are measured are others.
+//! The clicks that stand for a user's choice, and how well what they select fits in the view that was clicked. A method's
+//! settings are chosen by that one view alone, as a user moves a slider until the picture looks right, and so is each
+//! further click, on what is still missing there; the views that are measured are others.
 
 use super::truth::Labelled;
 use crate::model::GaussiansAt;
@@ -13,18 +13,35 @@ use volseggs_kernels::contributors::{Contributors, ContributorsError};
 const PIXELS: usize = 6000;
 /// Part of a pixel's colour from which it counts as covered by a selection.
 const SHARE: f32 = 0.5;
+/// Least alpha of a pixel that can be covered.
+const LEAST: f32 = 0.02;
 
 /// A click on a segment, and what is needed to judge what it selects.
 #[derive(Clone, Debug)]
 pub struct Prompt {
     /// Name of the view.
     pub view: String,
-    /// Column and row that were clicked.
+    /// Column and row of the first click.
     pub pixel: [u32; 2],
-    /// What the clicked pixel is made of: Gaussians and weights, nearest first.
-    pub under: Vec<(u32, f32)>,
+    size: [usize; 2],
+    /// The pixels by which selections are judged (`y * width + x`), the clicked one first.
+    chosen: Vec<u32>,
     pixels: Contributors,
     inside: Vec<bool>,
+}
+
+/// What a clicked pixel is made of.
+#[derive(Clone, Debug)]
+pub struct Click {
+    under: Vec<(u32, f32)>,
+}
+
+impl Click {
+    /// The clicked Gaussian: the one that shows most, of those that are `wanted`.
+    #[must_use]
+    pub fn on(&self, wanted: impl Fn(u32) -> bool) -> Option<u32> {
+        heaviest(&self.under, wanted)
+    }
 }
 
 impl Prompt {
@@ -66,17 +83,45 @@ impl Prompt {
         chosen.extend(&inner[..((rate * inner_total as f64) as usize).min(inner.len())]);
         chosen.extend(&outer[..((rate * outer_total as f64) as usize).min(outer.len())]);
         let found = seen(at, camera, &chosen, device)?;
-        let (indices, weights) = found.row(0);
-        let under = indices.iter().copied().zip(weights.iter().copied()).collect();
         let inside = chosen.iter().map(|&p| view.labels[p as usize] == id).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
-        Ok(Some(Self { view: view.view.name.clone(), pixel, under, pixels: found, inside }))
+        let view = view.view.name.clone();
+        Ok(Some(Self { view, pixel, size: [width, height], chosen, pixels: found, inside }))
     }
 
-    /// The clicked Gaussian: the one that shows most, of those that are `wanted`.
+    /// The first click.
     #[must_use]
-    pub fn clicked(&self, wanted: impl Fn(u32) -> bool) -> Option<u32> {
-        heaviest(&self.under, wanted)
+    pub fn first(&self) -> Click {
+        self.click(0)
+    }
+
+    /// A click on the pixel that lies deepest in what `selected` leaves out of the segment; `None` if it leaves out none.
+    #[must_use]
+    pub fn next(&self, selected: &[bool]) -> Option<Click> {
+        let [width, height] = self.size;
+        let mut left_out = vec![0u16; width * height];
+        for (p, &pixel) in self.chosen.iter().enumerate() {
+            left_out[pixel as usize] = u16::from(self.inside[p] && !self.covered(p, selected));
+        }
+        let pixel = deepest(&left_out, 1, width, height);
+        let missing = left_out[pixel] == 1;
+        missing.then(|| self.chosen.iter().position(|&c| c as usize == pixel).map(|p| self.click(p))).flatten()
+    }
+
+    fn click(&self, p: usize) -> Click {
+        let (indices, weights) = self.pixels.row(p);
+        Click { under: indices.iter().copied().zip(weights.iter().copied()).collect() }
+    }
+
+    /// Whether the selected Gaussians make up most of what is seen at judged pixel `p`.
+    fn covered(&self, p: usize, selected: &[bool]) -> bool {
+        let (indices, weights) = self.pixels.row(p);
+        let (mut part, mut whole) = (0.0, 0.0);
+        for (&i, &w) in indices.iter().zip(weights) {
+            whole += w;
+            part += if selected[i as usize] { w } else { 0.0 };
+        }
+        whole > LEAST && part > SHARE * whole
     }
 
     /// Intersection over union, in the clicked view, of where the selected Gaussians make up most of what is seen and of
@@ -85,13 +130,7 @@ impl Prompt {
     pub fn fit(&self, selected: &[bool]) -> f64 {
         let (mut both, mut either) = (0usize, 0usize);
         for (p, &inside) in self.inside.iter().enumerate() {
-            let (indices, weights) = self.pixels.row(p);
-            let (mut part, mut whole) = (0.0, 0.0);
-            for (&i, &w) in indices.iter().zip(weights) {
-                whole += w;
-                part += if selected[i as usize] { w } else { 0.0 };
-            }
-            let covered = whole > 0.02 && part > SHARE * whole;
+            let covered = self.covered(p, selected);
             both += usize::from(covered && inside);
             either += usize::from(covered || inside);
         }

@@ -3,7 +3,7 @@
 
 use super::measure::{FrameScore, Judge};
 use super::methods::{Best, Method, Selected, offer_field, offer_saga, offer_sagd};
-use super::prompt::Prompt;
+use super::prompt::{Click, Prompt};
 use super::table::Row;
 use super::train::{Trained, Trainers};
 use super::truth::{TruthFrame, frames, labelled};
@@ -38,6 +38,8 @@ pub struct SegmentOptions {
     pub methods: Vec<Method>,
     /// Known segments to measure; all if empty.
     pub segments: Vec<String>,
+    /// Clicks on a segment at most, each further one on what is still missing.
+    pub clicks: usize,
     /// Source of the masks.
     pub masks: MaskKind,
     /// Views with masks; not for [`MaskKind::Labels`], whose views are those of the dataset.
@@ -59,14 +61,16 @@ pub struct SegmentResult {
     pub segment: String,
     /// The method.
     pub method: Method,
-    /// The view that was clicked; none if the segment cannot be seen.
-    pub view: Option<String>,
-    /// Column and row that were clicked.
-    pub pixel: Option<[u32; 2]>,
+    /// The view that was clicked.
+    pub view: String,
+    /// Column and row of the first click.
+    pub pixel: [u32; 2],
     /// The setting that fits best in that view.
     pub setting: Option<String>,
     /// Its intersection over union there.
     pub fit: f64,
+    /// Clicks that it took.
+    pub clicks: usize,
     /// Gaussians selected.
     pub gaussians: usize,
     /// Their indices, ascending.
@@ -145,14 +149,16 @@ pub fn evaluate_segments(
         say(&format!("segment {}", entry.name));
         let frames = frames(truth, entry.id);
         let prompt = Prompt::new(&views, entry.id, &at, &device).map_err(|e| e.to_string())?;
-        let best: Vec<Chosen> = options
-            .methods
-            .iter()
-            .map(|&method| match &prompt {
-                Some(prompt) => choose(method, prompt, &at, &trained, options.fine.seed),
-                None => Ok(Chosen::default()),
-            })
-            .collect::<Result<_, _>>()?;
+        let Some(prompt) = prompt else {
+            say(&format!(
+                "segment {}: cannot be seen at time {time:.3}, so not be clicked; try another --time",
+                entry.name
+            ));
+            continue;
+        };
+        let methods = options.methods.iter();
+        let best: Vec<Chosen> =
+            methods.map(|&method| choose(method, &prompt, &at, &trained, options)).collect::<Result<_, _>>()?;
         let scores = measure(&judge, &mut deformed, &frames, &best, time, (&entry.name, options), &mut evaluation)?;
         let near = nearest(&frames, time);
         for ((&method, chosen), scores) in options.methods.iter().zip(best).zip(scores) {
@@ -163,10 +169,11 @@ pub fn evaluate_segments(
             evaluation.results.push(SegmentResult {
                 segment: entry.name.clone(),
                 method,
-                view: prompt.as_ref().map(|p| p.view.clone()),
-                pixel: prompt.as_ref().map(|p| p.pixel),
+                view: prompt.view.clone(),
+                pixel: prompt.pixel,
                 setting: chosen.selected.as_ref().map(|s| s.setting.clone()),
                 fit: chosen.fit,
+                clicks: chosen.clicks,
                 gaussians: chosen.selected.as_ref().map_or(0, |s| s.members.len()),
                 members: chosen.selected.map(|s| s.members).unwrap_or_default(),
                 click_seconds: chosen.seconds,
@@ -178,52 +185,80 @@ pub fn evaluate_segments(
     Ok(evaluation)
 }
 
-/// What a method makes of a click.
-#[derive(Default)]
+/// What a method makes of the clicks on a segment.
 struct Chosen {
     selected: Option<Selected>,
     fit: f64,
     seconds: f64,
+    clicks: usize,
 }
 
-fn choose(method: Method, prompt: &Prompt, at: &GaussiansAt, trained: &Trained, seed: u64) -> Result<Chosen, String> {
+fn choose(
+    method: Method,
+    prompt: &Prompt,
+    at: &GaussiansAt,
+    trained: &Trained,
+    options: &SegmentOptions,
+) -> Result<Chosen, String> {
     let mut best = Best::new(prompt, at.len());
+    let mut click = Some(prompt.first());
+    let mut clicks = 0;
+    while let Some(place) = click.take().filter(|_| clicks < options.clicks.max(1)) {
+        let fit = best.fit;
+        offer(method, &mut best, &place, at, trained, options.fine.seed)?;
+        if best.fit <= fit {
+            break;
+        }
+        clicks += 1;
+        click = best.next_click();
+    }
+    let seconds = if best.seconds.is_finite() { best.seconds } else { 0.0 };
+    Ok(Chosen { fit: best.fit.max(0.0), selected: best.selected, seconds, clicks })
+}
+
+/// Offers what a method makes of one click.
+fn offer(
+    method: Method,
+    best: &mut Best<'_>,
+    click: &Click,
+    at: &GaussiansAt,
+    trained: &Trained,
+    seed: u64,
+) -> Result<(), String> {
     let coarse = &trained.coarse.labels;
     match method {
         Method::Coarse | Method::CoarseFine => {
             // a click on an outlier or on haze goes to what lies behind it
-            if let Some(clicked) = prompt.clicked(|i| coarse[i as usize] > 0) {
-                let label = coarse[clicked as usize];
-                let within: Vec<u32> = (0..at.len() as u32).filter(|&i| coarse[i as usize] == label).collect();
-                let setting = trained.coarse.palette[label as usize - 1].name.clone();
-                let whole =
-                    Selected { members: within.clone(), setting: format!("all {setting}"), ..Selected::default() };
-                best.offer(whole, 0.0);
-                if let (Method::CoarseFine, Some((field, frame))) = (method, &trained.parts) {
-                    best.seconds = f64::INFINITY;
-                    offer_field(&mut best, (field, frame), at, &within, clicked, seed)?;
+            let Some(clicked) = click.on(|i| coarse[i as usize] > 0) else { return Ok(()) };
+            let label = coarse[clicked as usize];
+            let within: Vec<u32> = (0..at.len() as u32).filter(|&i| coarse[i as usize] == label).collect();
+            let setting = format!("all {}", trained.coarse.palette[label as usize - 1].name);
+            best.offer(Selected { members: within.clone(), setting, ..Selected::default() }, f64::INFINITY);
+            match (method, &trained.parts) {
+                (Method::CoarseFine, Some((field, frame))) => {
+                    offer_field(best, (field, frame), at, &within, clicked, seed)?;
                 }
+                _ => best.seconds = 0.0,
             }
         }
         Method::Fine => {
-            if let (Some((field, frame)), Some(clicked)) = (&trained.whole, prompt.clicked(|_| true)) {
+            if let (Some((field, frame)), Some(clicked)) = (&trained.whole, click.on(|_| true)) {
                 let all: Vec<u32> = (0..at.len() as u32).collect();
-                offer_field(&mut best, (field, frame), at, &all, clicked, seed)?;
+                offer_field(best, (field, frame), at, &all, clicked, seed)?;
             }
         }
         Method::Saga => {
-            if let (Some(model), Some(clicked)) = (&trained.saga, prompt.clicked(|_| true)) {
-                offer_saga(&mut best, model, clicked);
+            if let (Some(model), Some(clicked)) = (&trained.saga, click.on(|_| true)) {
+                offer_saga(best, model, clicked);
             }
         }
         Method::Sagd => {
-            if let (Some(views), Some(clicked)) = (&trained.votes, prompt.clicked(|_| true)) {
-                offer_sagd(&mut best, at, views, clicked)?;
+            if let (Some(views), Some(clicked)) = (&trained.votes, click.on(|_| true)) {
+                offer_sagd(best, at, views, clicked)?;
             }
         }
     }
-    let seconds = if best.seconds.is_finite() { best.seconds } else { 0.0 };
-    Ok(Chosen { fit: best.fit.max(0.0), selected: best.selected, seconds })
+    Ok(())
 }
 
 /// Scores of each method in each frame; adds a row of pictures to the sheet.

@@ -36,9 +36,11 @@ pub struct Row {
 }
 
 impl Row {
-    /// The means of `scores`; `None` if there are none.
+    /// The means of `scores`; `None` if the segment is nowhere, and nothing was shown.
     #[must_use]
     pub fn mean(segment: &str, method: Method, time: Option<f64>, scores: &[&FrameScore]) -> Option<Self> {
+        // a view in which the segment is not there, and nothing is shown, says nothing
+        let scores: Vec<&FrameScore> = scores.iter().copied().filter(|s| s.iou.is_some()).collect();
         if scores.is_empty() {
             return None;
         }
