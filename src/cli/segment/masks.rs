@@ -23,7 +23,7 @@ use std::sync::atomic::Ordering;
 /// 2D masks of each segment rendered alone from views all around.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n  volseggs segment masks RUN --source labels                      # the truth, where the dataset has it\n  volseggs segment masks RUN --source sam --points 12 --views 10  # MobileSAM\n\nMasks of another program, in three steps:\n  1. volseggs segment masks RUN --pictures     writes RUN/segments/pictures/SEGMENT/view-000.png, ...\n  2. run the program on them; let it write MASKS/SEGMENT/view-000_1.png, view-000_2.png, ... (one mask each, not\n     0 where it is), or MASKS/SEGMENT/view-000.png (grey, each value but 0 a mask), or one COCO file with run\n     lengths whose images are called SEGMENT/view-000.png\n  3. volseggs segment masks RUN --source dir --masks MASKS     (or the COCO file)\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
+    after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n  volseggs segment masks RUN --source labels           # the truth, if the dataset has it\n  volseggs segment masks RUN --source sam --points 12  # MobileSAM\n\nMasks of another program, in three steps:\n  1. volseggs segment masks RUN --pictures\n     writes RUN/segments/pictures/SEGMENT/view-000.png and so on\n  2. run the program on them and let it write one of\n     MASKS/SEGMENT/view-000_1.png, view-000_2.png, ...: grey, not 0 in the mask\n     MASKS/SEGMENT/view-000.png: grey, each value but 0 a mask\n     a COCO file with run lengths, its images called SEGMENT/view-000.png\n  3. volseggs segment masks RUN --source dir --masks MASKS (or the COCO file)\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
 )]
 pub struct MasksArgs {
     /// Folder of the run.
@@ -34,7 +34,8 @@ pub struct MasksArgs {
     /// What finds the masks.
     #[arg(long, value_enum, default_value_t = Kind::Regions)]
     source: Kind,
-    /// Views on a Fibonacci sphere [default: 30]; of labels, at most so many of the dataset's.
+    /// Views on a Fibonacci sphere [default: 30]; for labels: so many of the dataset's training views of the time, all
+    /// if not given, and its test views of the time where they are fewer.
     #[arg(long)]
     views: Option<usize>,
     /// Pixels a side; those of the training images if not given.
