@@ -152,21 +152,25 @@ impl Look<'_> {
             Kind::Colour => return None,
             Kind::Depth { range: None } => Legend { legend: "depth: nothing shows in any frame".into(), range: None },
             Kind::Depth { range: Some([near, far]) } => Legend {
-                legend: format!("depth in world units: yellow is {near:.4} or nearer, dark blue {far:.4} or farther"),
+                legend: format!(
+                    "depth in world units: yellow is {} or nearer, dark blue {} or farther",
+                    short(*near),
+                    short(*far)
+                ),
                 range: Some([*near, *far]),
             },
             Kind::Velocity { scale: None, .. } => {
                 Legend { legend: "velocity: nothing moves in any frame".into(), range: None }
             }
             Kind::Velocity { component: Component::Speed, scale: Some(full) } => Legend {
-                legend: format!("speed in {SPEED}: black is 0, light yellow {full:.4} or more"),
+                legend: format!("speed in {SPEED}: black is 0, light yellow {} or more", short(*full)),
                 range: Some([0.0, *full]),
             },
             Kind::Velocity { component, scale: Some(full) } => Legend {
                 legend: format!(
-                    "velocity along {} in {SPEED}: bright red is {full:.4} or more, black 0, bright green -{full:.4} or \
-                     less",
-                    format!("{component:?}").to_lowercase()
+                    "velocity along {} in {SPEED}: bright red is {full} or more, black 0, bright green -{full} or less",
+                    format!("{component:?}").to_lowercase(),
+                    full = short(*full)
                 ),
                 range: Some([-full, *full]),
             },
@@ -175,5 +179,22 @@ impl Look<'_> {
                 Legend { legend: format!("segments: {}", names.collect::<Vec<_>>().join(", ")), range: None }
             }
         })
+    }
+}
+
+/// A number above 0 with four digits that count.
+fn short(v: f32) -> String {
+    let decimals = (3.0 - v.log10().floor()).clamp(0.0, 12.0);
+    format!("{v:.*}", decimals as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn small_numbers_keep_their_digits() {
+        assert_eq!(
+            [0.000_123_46, 0.5, 4.123_456, 12_345.6].map(super::short),
+            ["0.0001235", "0.5000", "4.123", "12346"]
+        );
     }
 }
