@@ -8,7 +8,7 @@ use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::log::progress;
 use crate::model::GaussiansAt;
-use crate::segment::fine::extract::{Clustering, cluster};
+use crate::segment::fine::extract::{Clustering, cluster, without_strays};
 use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{FineOptions, train};
@@ -141,6 +141,9 @@ pub struct SplitArgs {
     /// Into so many parts; as many as the density of the features shows if not given.
     #[arg(long, value_name = "K")]
     clusters: Option<usize>,
+    /// Keep small pieces that do not touch the rest of their part.
+    #[arg(long)]
+    keep_strays: bool,
     /// Seed of the clustering.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -169,8 +172,11 @@ impl SplitArgs {
         let mut painted = alone.clone();
         for label in 1..=count {
             let colour = distinct_colour(label as usize - 1).map(|c| f32::from(c) / 255.0);
-            let members: Vec<u32> =
+            let mut members: Vec<u32> =
                 whole.members.iter().zip(&labels).filter(|(_, l)| **l == label).map(|(m, _)| *m).collect();
+            if !self.keep_strays {
+                members = without_strays(&at, &members).map_err(CliError::failure)?;
+            }
             let origin = Origin::Fine { scale: self.scale };
             let (name, parent) = (format!("{}.{label}", whole.name), Some(whole.name.clone()));
             all.add(Segment { name, parent, colour, time: spec.time, origin, members }).map_err(CliError::failure)?;

@@ -5,7 +5,7 @@ use super::super::{CliError, Common, print_json};
 use super::{affinity, check_time};
 use crate::data::{Camera, SplitName};
 use crate::segment::click::{heaviest, under};
-use crate::segment::fine::extract::similar;
+use crate::segment::fine::extract::{similar, without_strays};
 use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::segmentation::{Origin, Segment};
 use clap::Args;
@@ -49,6 +49,9 @@ pub struct PickArgs {
     /// Cosine of the affinity features that what is like the click has at least.
     #[arg(long, default_value_t = 0.8, allow_negative_numbers = true)]
     threshold: f32,
+    /// Keep small pieces that do not touch the rest.
+    #[arg(long)]
+    keep_strays: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -113,7 +116,10 @@ impl PickArgs {
             // the field knows the places of the time that it was trained at
             let means = run.scene.host_at(spec.time as f32).subset(&candidates).means;
             let like = similar(&field, &spec.frame, &means, position, self.scale, self.threshold);
-            let members: Vec<u32> = candidates.iter().zip(like).filter(|(_, l)| *l).map(|(m, _)| *m).collect();
+            let mut members: Vec<u32> = candidates.iter().zip(like).filter(|(_, l)| *l).map(|(m, _)| *m).collect();
+            if !self.keep_strays {
+                members = without_strays(&at, &members).map_err(CliError::failure)?;
+            }
             made = Some((name.clone(), members.len()));
             let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
             let origin = Origin::Pick { scale: self.scale, threshold: self.threshold };

@@ -4,7 +4,7 @@ use super::prompt::{Click, Prompt};
 use crate::model::GaussiansAt;
 use crate::segment::baselines::saga::SagaModel;
 use crate::segment::baselines::sagd::{self, MaskChoice, SagdOptions, SagdView};
-use crate::segment::fine::extract::{Clustering, cluster};
+use crate::segment::fine::extract::{Clustering, cluster, without_strays};
 use crate::segment::fine::network::{AffinityField, FEATURES, Frame};
 use serde::Serialize;
 use std::fmt;
@@ -196,8 +196,7 @@ pub fn offer_field(
             let started = Instant::now();
             let members = chosen(&|i| cosines[i] >= threshold);
             let setting = format!("scale {scale:.1}, cosine {threshold}");
-            let seconds = seconds + started.elapsed().as_secs_f64();
-            best.offer(Selected { members, setting, ..Selected::default() }, seconds);
+            offer_both(best, at, members, setting, seconds, started)?;
         }
         let kinds = [Clustering::Density].into_iter().chain([2, 4, 8].map(Clustering::KMeans));
         for kind in kinds.filter(|k| !matches!(k, Clustering::KMeans(k) if *k > within.len())) {
@@ -212,9 +211,26 @@ pub fn offer_field(
                 Clustering::Density => format!("scale {scale:.1}, clusters by density"),
                 Clustering::KMeans(k) => format!("scale {scale:.1}, {k} clusters"),
             };
-            best.offer(Selected { members, setting, ..Selected::default() }, started.elapsed().as_secs_f64());
+            offer_both(best, at, members, setting, 0.0, started)?;
         }
     }
+    Ok(())
+}
+
+/// Offers the members without strays, as `segment split` and `pick` take them, and then all of them.
+fn offer_both(
+    best: &mut Best<'_>,
+    at: &GaussiansAt,
+    members: Vec<u32>,
+    setting: String,
+    seconds: f64,
+    started: Instant,
+) -> Result<(), String> {
+    let kept = without_strays(at, &members).map_err(|e| e.to_string())?;
+    let seconds = seconds + started.elapsed().as_secs_f64();
+    best.offer(Selected { members: kept, setting: setting.clone(), ..Selected::default() }, seconds);
+    let setting = format!("{setting}, with strays");
+    best.offer(Selected { members, setting, ..Selected::default() }, seconds);
     Ok(())
 }
 
