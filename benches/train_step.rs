@@ -5,7 +5,8 @@
 //! Markdown tables. The whole step reads a dataset of two views from a temporary folder, removed at the end.
 //!
 //! `cargo bench --bench train_step -- --scene SCENE.safetensors --data DATASET` takes a trained scene and the
-//! images that it was trained on instead. A scene of degree 3 it must be.
+//! images that it was trained on instead. A scene of degree 3 it must be. With `--gpu` the whole step and frames are
+//! measured on the adapter that wgpu prefers, and the single stages left out.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 #[path = "../kernels/benches/common/mod.rs"]
@@ -18,6 +19,7 @@ mod whole;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, Samples, Scene, Splatter, measure};
 use volseggs::config::types::{Config, DecoderKind, ModelConfig};
+use volseggs::device::DeviceName;
 use volseggs::model::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 use volseggs::model::encoder::field_shape;
 use volseggs::model::gaussians::HostGaussians;
@@ -45,6 +47,8 @@ fn main() {
     let repeats = repeats.max(5);
     let after = |flag: &str| words.iter().position(|w| w == flag).and_then(|i| words.get(i + 1));
     let trained = after("--scene").zip(after("--data"));
+    let on_gpu = words.iter().any(|w| w == "--gpu");
+    let device = if on_gpu { DeviceName::Wgpu.open().unwrap() } else { Device::flex() };
     let mut sizes: Vec<usize> = words.iter().filter_map(|w| w.parse().ok()).collect();
     if sizes.is_empty() {
         sizes = vec![10_000, 50_000, 150_000];
@@ -57,14 +61,19 @@ fn main() {
     if let Some((scene, data)) = trained {
         let (host, points) = whole::trained_scene(scene.as_ref());
         let sizes = [host.opacity_logits.len()];
-        table("stage, alone", &sizes, &[stages(host, Some(&points), repeats)]);
-        table("part of `Trainer::step`", &sizes, &[whole::trained_step(scene.as_ref(), data.as_ref(), repeats)]);
-        table("frame", &sizes, &[whole::frames(scene.as_ref(), 3 * repeats)]);
+        if !on_gpu {
+            table("stage, alone", &sizes, &[stages(host, Some(&points), repeats)]);
+        }
+        let step = whole::trained_step(scene.as_ref(), data.as_ref(), repeats, &device);
+        table("part of `Trainer::step`", &sizes, &[step]);
+        table("frame", &sizes, &[whole::frames(scene.as_ref(), 3 * repeats, &device)]);
         return;
     }
-    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| stages(common::scene(n, 7), None, repeats)).collect();
-    table("stage, alone", &sizes, &columns);
-    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| whole::whole_step(n, repeats)).collect();
+    if !on_gpu {
+        let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| stages(common::scene(n, 7), None, repeats)).collect();
+        table("stage, alone", &sizes, &columns);
+    }
+    let columns: Vec<Vec<Stage>> = sizes.iter().map(|&n| whole::whole_step(n, repeats, &device)).collect();
     table("part of `Trainer::step`", &sizes, &columns);
 }
 

@@ -11,12 +11,31 @@ pub enum DeviceName {
     Flex,
     /// The CPU backend on the `ndarray` crate.
     NdArray,
+    /// A GPU through wgpu: Vulkan, Metal, DX12, WebGPU.
+    Wgpu,
+    /// An NVIDIA GPU through CUDA.
+    Cuda,
+    /// LibTorch on the CPU.
+    Tch,
 }
 
 /// A device that is not there.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("no device \"{0}\" in this build; there is {list}", list = DeviceName::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
-pub struct UnknownDevice(String);
+pub enum DeviceError {
+    /// No such name, or not compiled in.
+    #[error("no device \"{0}\" in this build; there is {list}", list = DeviceName::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
+    Unknown(String),
+    /// Compiled in, but this machine has none.
+    #[error(
+        "device \"{name}\" does not start: {reason}. `volseggs doctor` shows what there is; --device flex always works"
+    )]
+    Absent {
+        /// The device.
+        name: DeviceName,
+        /// What the runtime says.
+        reason: String,
+    },
+}
 
 impl DeviceName {
     /// The devices compiled in, the default first.
@@ -26,7 +45,18 @@ impl DeviceName {
             Self::Flex,
             #[cfg(feature = "ndarray")]
             Self::NdArray,
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu,
+            #[cfg(feature = "cuda")]
+            Self::Cuda,
+            #[cfg(feature = "tch")]
+            Self::Tch,
         ]
+    }
+
+    /// All that can be compiled in.
+    pub fn every() -> [Self; 5] {
+        [Self::Flex, Self::NdArray, Self::Wgpu, Self::Cuda, Self::Tch]
     }
 
     /// What it is, in a line.
@@ -34,23 +64,74 @@ impl DeviceName {
         match self {
             Self::Flex => "CPU, burn-flex; splatting and field by our own SIMD kernels on all cores",
             Self::NdArray => "CPU, burn-ndarray; the same kernels, tensor operations by ndarray",
+            Self::Wgpu => "GPU through wgpu (Vulkan, Metal, DX12); the kernels in CubeCL, compiled when first used",
+            Self::Cuda => "NVIDIA GPU through CUDA; the same CubeCL kernels",
+            Self::Tch => "CPU, LibTorch; our SIMD kernels, tensor operations by LibTorch",
         }
     }
 
     /// Opens the device.
     ///
     /// # Errors
-    /// If the backend is not compiled in.
-    #[allow(deprecated)] // burn deprecates ndarray in favour of flex; we keep both
-    pub fn open(self) -> Result<Device, UnknownDevice> {
+    /// If the backend is not compiled in, or the machine has no such device.
+    #[allow(deprecated)] // burn deprecates ndarray and LibTorch in favour of its newer backends; we keep them
+    pub fn open(self) -> Result<Device, DeviceError> {
         match self {
             #[cfg(feature = "flex")]
             Self::Flex => Ok(Device::flex()),
             #[cfg(feature = "ndarray")]
             Self::NdArray => Ok(Device::ndarray()),
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu => wgpu(),
+            #[cfg(feature = "cuda")]
+            Self::Cuda => cuda(),
+            #[cfg(feature = "tch")]
+            Self::Tch => Ok(Device::libtorch()),
             #[allow(unreachable_patterns)]
-            other => Err(UnknownDevice(other.to_string())),
+            other => Err(DeviceError::Unknown(other.to_string())),
         }
+    }
+}
+
+/// The adapter that wgpu prefers, or the one that `CUBECL_WGPU_DEFAULT_DEVICE` names; started once.
+#[cfg(feature = "wgpu")]
+fn wgpu() -> Result<Device, DeviceError> {
+    static STARTED: std::sync::OnceLock<Result<Device, String>> = std::sync::OnceLock::new();
+    let started = STARTED.get_or_init(|| Device::wgpu_options().init().map_err(|e| e.to_string()));
+    started.clone().map_err(|reason| DeviceError::Absent { name: DeviceName::Wgpu, reason })
+}
+
+/// The first CUDA device. The runtime says by a panic that there is none.
+#[cfg(feature = "cuda")]
+fn cuda() -> Result<Device, DeviceError> {
+    let start = || {
+        let device = Device::cuda(0);
+        burn::tensor::Tensor::<1>::zeros([1], &device).into_data();
+        device
+    };
+    std::panic::catch_unwind(start)
+        .map_err(|_| DeviceError::Absent { name: DeviceName::Cuda, reason: "no CUDA device or driver".into() })
+}
+
+/// Whether the device runs ahead of the host, so that asking it for a number makes everything wait.
+pub fn runs_ahead(device: &Device) -> bool {
+    #[cfg(any(feature = "wgpu", feature = "cuda"))]
+    return volseggs_kernels::is_gpu(device);
+    #[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+    {
+        let _ = device;
+        false
+    }
+}
+
+/// The largest buffer that a GPU binds, bytes; `None` for devices in host memory.
+pub fn largest_buffer(device: &Device) -> Option<u64> {
+    #[cfg(any(feature = "wgpu", feature = "cuda"))]
+    return volseggs_kernels::gpu_paths(device).map(|paths| paths.max_binding);
+    #[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+    {
+        let _ = device;
+        None
     }
 }
 
@@ -59,14 +140,17 @@ impl fmt::Display for DeviceName {
         f.write_str(match self {
             Self::Flex => "flex",
             Self::NdArray => "ndarray",
+            Self::Wgpu => "wgpu",
+            Self::Cuda => "cuda",
+            Self::Tch => "tch",
         })
     }
 }
 
 impl FromStr for DeviceName {
-    type Err = UnknownDevice;
+    type Err = DeviceError;
 
-    fn from_str(name: &str) -> Result<Self, UnknownDevice> {
-        Self::all().into_iter().find(|d| d.to_string() == name).ok_or_else(|| UnknownDevice(name.to_owned()))
+    fn from_str(name: &str) -> Result<Self, DeviceError> {
+        Self::all().into_iter().find(|d| d.to_string() == name).ok_or_else(|| DeviceError::Unknown(name.to_owned()))
     }
 }

@@ -1,7 +1,8 @@
 //! Splatting, forward and forward with backward, on three translucent scenes, with one and two threads.
 //!
-//! `cargo bench -p volseggs-kernels --bench ops -- [S] [M] [L] [--repeats N]`. Prints a Markdown table and
-//! writes nothing. The gradient of the image (L2 against noise) is made beforehand and not timed.
+//! `cargo bench -p volseggs-kernels --bench ops -- [S] [M] [L] [--repeats N] [--gpu]`. Prints a Markdown table and
+//! writes nothing. The gradient of the image (L2 against noise) is made beforehand and not timed. With `--gpu` on the
+//! adapter that wgpu prefers, instead of on the CPU; each run then ends when the device has finished.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -13,11 +14,34 @@ use common::Splatter;
 const SCENES: [(&str, usize, usize, u64); 3] =
     [("S", 10_000, 200, 11), ("M", 50_000, 400, 12), ("L", 150_000, 800, 13)];
 
+/// Waits until the device has done all that was asked of it.
+fn finished<T>(device: &Device, value: T) -> T {
+    device.sync().unwrap();
+    value
+}
+
+#[cfg(feature = "wgpu")]
+fn gpu_device() -> Device {
+    Device::wgpu_options().init().unwrap()
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn gpu_device() -> Device {
+    panic!("built without the feature wgpu")
+}
+
 fn main() {
     let (names, repeats) = common::arguments(9);
+    let gpu = names.iter().any(|word| word == "--gpu");
+    let names: Vec<String> = names.into_iter().filter(|word| word != "--gpu").collect();
+    let (device, threads) = if gpu { (gpu_device(), vec![1]) } else { (Device::flex(), vec![1, 2]) };
     println!(
         "kernels: {}; milliseconds, {repeats} runs after one that is not counted\n",
-        volseggs_kernels::simd_level()
+        if gpu {
+            device.identity().map_or_else(|| "GPU".to_owned(), |d| d.name.to_string())
+        } else {
+            volseggs_kernels::simd_level()
+        }
     );
     println!("| scene | pass | threads | wall min | wall median | CPU min | CPU median |");
     println!("|---|---|--:|--:|--:|--:|--:|");
@@ -26,16 +50,16 @@ fn main() {
         if !names.is_empty() && !names.iter().any(|wanted| wanted == name) {
             continue;
         }
-        let device = Device::flex();
         let splatter = Splatter::new(&common::scene(n, seed), common::camera(size), &device);
         let image = common::image(&splatter.forward());
         let gradient = TensorData::new(common::l2_gradient(&image, seed), [size, size, 4]);
         let gradient = Tensor::<3>::from_data(gradient, &device);
-        for threads in [1, 2] {
+        for &threads in &threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let forward = common::measure(repeats, || splatter.forward());
-                let both = common::measure(repeats, || splatter.backward(&splatter.forward(), &gradient));
+                let forward = common::measure(repeats, || finished(&device, splatter.forward()));
+                let both =
+                    common::measure(repeats, || finished(&device, splatter.backward(&splatter.forward(), &gradient)));
                 for (pass, (wall, cpu)) in [("forward", forward), ("forward + backward", both)] {
                     let times = [wall.min(), wall.median(), cpu.min(), cpu.median()].map(|ms| format!("{ms:.1}"));
                     println!("| {name} | {pass} | {threads} | {} |", times.join(" | "));

@@ -1,7 +1,7 @@
 //! How the CPU backends lend their memory to the kernels and take results back.
 //!
-//! The kernels work on `&[f32]`; this file is the only one that knows how NdArray and Flex store
-//! a tensor. Results are handed over without a copy.
+//! The kernels work on `&[f32]`; this file is the only one that knows how NdArray, Flex and LibTorch
+//! store a tensor. Results are handed over without a copy.
 
 use burn::backend::Backend;
 use burn::backend::tensor::{FloatTensor, IntTensor};
@@ -70,6 +70,31 @@ mod flex {
                 let data = tensor.into_data();
                 return data.try_into_vec::<f32>().expect("a contiguous f32 tensor gives its vector");
             }
+            Self::values(&tensor).into_owned()
+        }
+    }
+}
+
+#[cfg(feature = "tch")]
+mod tch {
+    use super::*;
+    use burn_tch::{LibTorch, TchTensor};
+
+    impl CpuBackend for LibTorch {
+        fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]> {
+            assert_eq!(tensor.tensor.device(), ::tch::Device::Cpu, "the kernels take LibTorch tensors on the CPU");
+            assert_eq!(tensor.tensor.kind(), ::tch::Kind::Float, "the kernels take f32 tensors");
+            if tensor.tensor.is_contiguous() && tensor.tensor.numel() > 0 {
+                let start = tensor.tensor.data_ptr().cast::<f32>();
+                // SAFETY: a contiguous CPU tensor of f32 holds so many values from there on, and lives as long as the
+                // borrow; LibTorch writes in place only where nobody else holds the storage.
+                return Cow::Borrowed(unsafe { std::slice::from_raw_parts(start, tensor.tensor.numel()) });
+            }
+            let flat = tensor.tensor.contiguous().reshape(-1);
+            Cow::Owned(Vec::<f32>::try_from(&flat).expect("a flat f32 tensor gives its values"))
+        }
+
+        fn into_values(tensor: TchTensor) -> Vec<f32> {
             Self::values(&tensor).into_owned()
         }
     }

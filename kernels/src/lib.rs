@@ -9,6 +9,8 @@
 
 mod backend;
 mod camera;
+#[cfg(feature = "cube")]
+mod cube;
 
 pub mod adam;
 pub mod contrast;
@@ -21,6 +23,8 @@ pub mod ssim;
 pub mod tv;
 
 pub use camera::Camera;
+#[cfg(feature = "cube")]
+pub use cube::{GpuPaths, gpu_paths, is_gpu};
 
 /// The vector instructions that the kernels use: the widest of the machine, or none if `VOLSEGGS_SIMD` is `scalar`,
 /// by which tests reach the portable path and benches compare with it.

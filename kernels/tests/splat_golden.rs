@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{devices, relative_error};
+use common::{devices_and_gpu, relative_error};
 use safetensors::SafeTensors;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatSettings, reference};
@@ -104,7 +104,7 @@ fn the_reference_reproduces_the_golden_images() {
 fn image_and_alpha_match_on_every_device() {
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
-        for (device_name, device) in devices() {
+        for (device_name, device) in devices_and_gpu() {
             let out = volseggs_kernels::splat::splat(common::inputs(&g.scene, &device), g.settings);
             let image = common::to_vec(out.image);
             let db = psnr(
@@ -142,7 +142,7 @@ fn gradients_match_on_every_device() {
         for (v, o) in expected[3].iter_mut().zip(&g.opacities) {
             *v *= o * (1.0 - o);
         }
-        for (device_name, device) in devices() {
+        for (device_name, device) in devices_and_gpu() {
             let (_, ours) = common::gradients(&g.scene, g.settings, &weights, &device);
             let names = ["means", "rotations", "log_scales", "opacity_logits", "sh", "screen"];
             for ((what, ours), expected) in names.iter().zip(&ours).zip(&expected) {

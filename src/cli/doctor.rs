@@ -28,14 +28,60 @@ struct DeviceReport {
     name: String,
     description: &'static str,
     works: bool,
+    /// Why it does not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    problem: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    gpu: Option<Gpu>,
+}
+
+/// What a GPU can do, and which way the kernels take on it.
+#[derive(Serialize)]
+struct Gpu {
+    adapter: String,
+    runtime: String,
+    max_buffer_bytes: u64,
+    shared_memory_bytes: usize,
+    max_units: u32,
+    plane: [u32; 2],
+    atomics: &'static str,
+    because: String,
+}
+
+#[cfg(any(feature = "wgpu", feature = "cuda"))]
+fn gpu(device: &burn::tensor::Device) -> Option<Gpu> {
+    let p = volseggs_kernels::gpu_paths(device)?;
+    Some(Gpu {
+        adapter: p.adapter,
+        runtime: p.runtime,
+        max_buffer_bytes: p.max_binding,
+        shared_memory_bytes: p.shared_memory,
+        max_units: p.max_units,
+        plane: p.plane,
+        atomics: if p.native_float_atomics { "native" } else { "compare and exchange" },
+        because: p.reason,
+    })
+}
+
+#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+fn gpu(_: &burn::tensor::Device) -> Option<Gpu> {
+    None
+}
+
+fn device(name: DeviceName) -> DeviceReport {
+    let opened = name.open();
+    DeviceReport {
+        name: name.to_string(),
+        description: name.describe(),
+        works: opened.is_ok(),
+        problem: opened.as_ref().err().map(ToString::to_string),
+        gpu: opened.ok().as_ref().and_then(gpu),
+    }
 }
 
 impl DoctorArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let devices = DeviceName::all()
-            .into_iter()
-            .map(|d| DeviceReport { name: d.to_string(), description: d.describe(), works: d.open().is_ok() })
-            .collect();
+        let devices = DeviceName::all().into_iter().map(device).collect();
         let report = Report {
             version: env!("CARGO_PKG_VERSION"),
             devices,
@@ -51,12 +97,31 @@ impl DoctorArgs {
         for (i, d) in report.devices.iter().enumerate() {
             let default = if i == 0 { " (default)" } else { "" };
             println!("device {}{default}: {}", d.name, d.description);
+            if let Some(problem) = &d.problem {
+                println!("  not on this machine: {problem}");
+            }
+            if let Some(g) = &d.gpu {
+                println!("  {} ({})", g.adapter, g.runtime);
+                let (gb, kib) = (g.max_buffer_bytes as f64 / 1e9, g.shared_memory_bytes / 1024);
+                println!(
+                    "  buffers up to {gb:.1} GB, {kib} KiB shared memory, {} units, planes of {} to {} (not needed)",
+                    g.max_units, g.plane[0], g.plane[1]
+                );
+                println!(
+                    "  gradients of the field: {} float atomics ({}); every other sum without atomics",
+                    g.atomics, g.because
+                );
+            }
         }
         println!("kernels: {}, {} threads (RAYON_NUM_THREADS sets them)", report.simd, report.threads);
         if let (Some(total), Some(free)) = (report.memory_total_bytes, report.memory_available_bytes) {
             println!("memory: {:.1} GB, {:.1} GB available", total as f64 / 1e9, free as f64 / 1e9);
         }
-        println!("not in this build: wgpu, cuda, tch");
+        let missing: Vec<String> =
+            DeviceName::every().iter().filter(|d| !DeviceName::all().contains(d)).map(ToString::to_string).collect();
+        if !missing.is_empty() {
+            println!("not in this build: {} (cargo features)", missing.join(", "));
+        }
         Ok(())
     }
 }

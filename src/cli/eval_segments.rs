@@ -23,8 +23,8 @@ pub(super) struct SegmentFlags {
     /// Methods: sagd, saga, coarse, fine, coarse+fine.
     #[arg(long, value_delimiter = ',', default_value = "sagd,saga,coarse,fine,coarse+fine", requires = "segments")]
     methods: Vec<Method>,
-    /// Clicks on each segment at most, each further one on what is still missing in the clicked view.
-    #[arg(long, default_value_t = 3, requires = "segments")]
+    /// Clicks on each segment at most; those after the first on what is still missing in the clicked view.
+    #[arg(long, default_value_t = 1, requires = "segments")]
     clicks: usize,
     /// Source of the masks: regions of rendered views, or the dataset's label images (an upper bound).
     #[arg(long, value_enum, default_value_t = Masks::Regions, requires = "segments")]

@@ -56,7 +56,7 @@ enum Command {
 /// Options that every command has.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
-    /// Device to run on: flex or ndarray (those compiled in; see `volseggs doctor`).
+    /// Device to run on: flex, ndarray or wgpu (and cuda, tch if compiled in; see `volseggs doctor`).
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub device: String,
     /// Print one JSON object on standard output; logs stay on standard error.

@@ -70,7 +70,7 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         time: 0.5,
         methods: vec![Method::Coarse, Method::CoarseFine],
         segments: Vec::new(),
-        clicks: 3,
+        clicks: 1,
         masks: MaskKind::Regions,
         views: MASK_VIEWS,
         coarse: CoarseOptions::default(),

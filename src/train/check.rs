@@ -2,6 +2,7 @@
 
 use super::TrainError;
 use crate::config::types::{Config, EncoderKind};
+use burn::tensor::Device;
 
 /// What lies behind the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +38,34 @@ pub(super) fn parse_background(text: &str) -> Result<Background, TrainError> {
             TrainError::Config(format!("data.background = \"{other}\": use white, black, random or #rrggbb"))
         }),
     }
+}
+
+/// Refuses a run whose largest buffers the device cannot bind; says nothing of devices in host memory.
+pub(super) fn check_device(
+    config: &Config,
+    start: usize,
+    images: [usize; 2],
+    device: &Device,
+) -> Result<(), TrainError> {
+    let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
+    let n = config.densify.budget.max(start) as u64;
+    let pixels = (images[0] * images[1]) as u64;
+    let m = &config.model;
+    let needs = [
+        ("spherical harmonics of densify.budget Gaussians", n * 4 * 3 * (m.sh_degree as u64 + 1).pow(2)),
+        ("hidden layers of the decoder for densify.budget Gaussians", n * 4 * 4 * m.width as u64),
+        ("statistics of DSSIM at this image size", pixels * 4 * 15),
+    ];
+    let (what, bytes) = needs.into_iter().max_by_key(|(_, bytes)| *bytes).unwrap_or_default();
+    if bytes > limit {
+        return Err(TrainError::Config(format!(
+            "the {what} take {} MB in one buffer, this GPU binds {} MB at most: fewer Gaussians, a smaller model or \
+             smaller images, or --device flex",
+            bytes / 1_000_000,
+            limit / 1_000_000
+        )));
+    }
+    Ok(())
 }
 
 /// Refuses values that no training can start with.

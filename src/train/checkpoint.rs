@@ -87,7 +87,7 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
     trainer.scene().save(&dir.dir().join("scene.safetensors"))?;
     let mut tensors = trainer.optimizer.to_tensors();
     tensors.extend(trainer.sleep.to_tensors());
-    let s = &trainer.statistics;
+    let s = trainer.statistics.to_host();
     for (name, values) in [("gradient", &s.gradient), ("views", &s.views), ("opacity", &s.opacity)] {
         let tensor = HostTensor { shape: vec![values.len()], values: values.clone() };
         tensors.insert(format!("statistics.{name}"), tensor);
@@ -135,8 +135,9 @@ pub fn restore(path: &Path, trainer: &mut Trainer, config: &str, dataset: &str) 
             reason: format!("statistics.{name} is missing or has not {n} entries"),
         })
     };
-    trainer.statistics =
+    let statistics =
         Statistics { gradient: statistic("gradient")?, views: statistic("views")?, opacity: statistic("opacity")? };
+    trainer.statistics.replace(|_| statistics);
     trainer.optimizer.load(&tensors, &device.inner());
     trainer.sleep.load(&tensors, n);
     trainer.scene = Some(scene);

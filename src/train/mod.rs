@@ -6,6 +6,7 @@
 mod check;
 pub mod checkpoint;
 pub mod densify;
+pub mod gather;
 pub mod init;
 pub mod losses;
 pub mod optimizer;

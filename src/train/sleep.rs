@@ -32,9 +32,14 @@ impl Sleep {
         (*visits < self.every).then(|| asleep.clone())
     }
 
+    /// Whether anybody is ever passed over.
+    pub fn is_on(&self) -> bool {
+        self.every > 1
+    }
+
     /// Notes who is transparent at `time`, after a visit in which all were looked at.
     pub fn note(&mut self, time: f64, opacity_logits: &[f32]) {
-        if self.every > 1 {
+        if self.is_on() {
             let limit = (ALPHA_MIN / (1.0 - ALPHA_MIN)).ln();
             self.times.insert(time.to_bits(), (0, opacity_logits.iter().map(|&o| o < limit).collect()));
         }

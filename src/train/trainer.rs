@@ -1,7 +1,8 @@
 //! One training step at a time: view, forward, loss, backward, optimiser, densification.
 
-use super::check::{Background, check, evaluation_background, parse_background};
+use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::densify::{self, Statistics};
+use super::gather::{Gathered, View};
 use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
 use super::sleep::Sleep;
@@ -53,6 +54,9 @@ pub enum TrainError {
     },
 }
 
+/// Steps between two looks at the loss on a device that runs ahead of the host.
+const LOOK_EVERY: usize = 20;
+
 /// Where the time of a step went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepTimes {
@@ -79,9 +83,9 @@ pub struct StepReport {
     pub step: usize,
     /// Its stage.
     pub stage: Stage,
-    /// The whole loss.
+    /// The whole loss; on a device that runs ahead of the host, of the last step that was looked at.
     pub loss: f64,
-    /// PSNR of the step's training view, decibels.
+    /// PSNR of that step's training view, decibels.
     pub psnr: f64,
     /// Gaussians after the step.
     pub gaussians: usize,
@@ -96,7 +100,7 @@ pub struct Trainer {
     /// Absent only while the optimiser holds it.
     pub(super) scene: Option<Scene>,
     pub(super) optimizer: Optimizer,
-    pub(super) statistics: Statistics,
+    pub(super) statistics: Gathered,
     pub(super) sleep: Sleep,
     pub(super) step: usize,
     /// Gaussians at the start: the foot of the line towards the budget.
@@ -107,6 +111,10 @@ pub struct Trainer {
     /// The training views reduced, for the first steps.
     pub(super) coarse: Option<Split>,
     device: Device,
+    /// Whether asking the device for a number makes it wait.
+    runs_ahead: bool,
+    /// Loss and PSNR when they were last looked at.
+    last: (f64, f64),
 }
 
 impl Trainer {
@@ -137,10 +145,16 @@ impl Trainer {
         let is_coarse = config.speed.coarse_steps > 0 && config.speed.coarse_factor > 1;
         let coarse = is_coarse.then(|| dataset.train.reduced(config.speed.coarse_factor)).transpose()?;
         let initial = scene.gaussians.count();
+        let device = scene.gaussians.means.val().device();
+        let runs_ahead = crate::device::runs_ahead(&device);
+        let images = &dataset.train.images;
+        check_device(&config, initial, [images.width as usize, images.height as usize], &device)?;
         Ok(Self {
-            device: scene.gaussians.means.val().device(),
+            runs_ahead,
+            last: (f64::NAN, f64::NAN),
+            device,
             optimizer: Optimizer::new(constants),
-            statistics: Statistics::new(initial),
+            statistics: Gathered::new(initial, runs_ahead),
             sleep: Sleep::new(config.speed.cull_visits),
             step: 0,
             initial,
@@ -181,6 +195,19 @@ impl Trainer {
     /// The device with gradients that the scene lives on.
     pub fn device(&self) -> &Device {
         &self.device
+    }
+
+    /// Whether the loss of `step` is brought to the host: always, but on a device that runs ahead only in the first steps,
+    /// every [`LOOK_EVERY`]th, and before a checkpoint.
+    fn looks(&self, step: usize) -> bool {
+        let done = step + 1;
+        let every = |n: usize| n > 0 && done.is_multiple_of(n);
+        !self.runs_ahead
+            || self.last.0.is_nan()
+            || done <= LOOK_EVERY
+            || every(LOOK_EVERY)
+            || every(self.config.output.checkpoint_every)
+            || done == self.total_steps()
     }
 
     fn view(&self, stage: Stage, views: usize) -> usize {
@@ -251,24 +278,29 @@ impl Trainer {
         {
             loss = loss + tv;
         }
-        let value = f64::from(loss.clone().into_scalar::<f32>());
-        if !value.is_finite() {
-            return Err(TrainError::NotFinite { step, what: format!("the loss ({value})") });
+        if self.looks(step) {
+            let value = f64::from(loss.clone().into_scalar::<f32>());
+            if !value.is_finite() {
+                return Err(TrainError::NotFinite { step, what: format!("the loss ({value})") });
+            }
+            let psnr = -10.0 * f64::from(distance.squared.into_scalar::<f32>()).max(1e-12).log10();
+            self.last = (value, psnr);
         }
-        let psnr = -10.0 * f64::from(distance.squared.into_scalar::<f32>()).max(1e-12).log10();
         lap(&mut times.loss);
         let mut gradients = loss.backward();
         lap(&mut times.backward);
 
         let due = densify::due(stage, &self.config, self.initial);
-        let screen = offsets.grad_remove(&mut gradients).map(to_vec).unwrap_or_default();
-        let radii: Vec<i32> = drawn.radii.into_data().convert::<i32>().try_into_vec().unwrap_or_default();
-        self.statistics.add_view(&screen, &radii, split.images.width as usize, split.images.height as usize);
-        let logits = to_vec(logits.inner());
-        self.statistics.add_opacity(&logits);
-        if stage.is_joint() && asleep.is_none() {
-            self.sleep.note(frame.time, &logits);
+        let logits = logits.inner();
+        if stage.is_joint() && asleep.is_none() && self.sleep.is_on() {
+            self.sleep.note(frame.time, &to_vec(logits.clone()));
         }
+        self.statistics.add(View {
+            screen: offsets.grad_remove(&mut gradients),
+            radii: drawn.radii,
+            logits,
+            size: [split.images.width as usize, split.images.height as usize],
+        });
         lap(&mut times.densify);
 
         let (config, extent) = (&self.config, self.extent);
@@ -291,12 +323,14 @@ impl Trainer {
         }
         lap(&mut times.densify);
         self.step += 1;
-        Ok(StepReport { step, stage, loss: value, psnr, gaussians: self.scene().gaussians.count(), times })
+        let (loss, psnr) = self.last;
+        Ok(StepReport { step, stage, loss, psnr, gaussians: self.scene().gaussians.count(), times })
     }
 
     fn densify(&mut self, due: densify::Due) {
         let host = self.scene().gaussians.to_host();
-        let rows = densify::plan(due, &self.statistics, &host, &self.config, self.extent);
+        let statistics = self.statistics.to_host();
+        let rows = densify::plan(due, &statistics, &host, &self.config, self.extent);
         let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
         if due.reset {
@@ -304,11 +338,13 @@ impl Trainer {
             new.opacity_logits.iter_mut().for_each(|o| *o = o.min(ceiling));
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
-        let opacity = densify::gather(&self.statistics.opacity, &rows, 1);
-        self.statistics = Statistics::new(rows.len());
-        if !due.prune && !due.reset {
-            self.statistics.opacity = opacity;
-        }
+        self.statistics.replace(|_| {
+            let mut new = Statistics::new(rows.len());
+            if !due.prune && !due.reset {
+                new.opacity = densify::gather(&statistics.opacity, &rows, 1);
+            }
+            new
+        });
         self.replace_gaussians(new);
     }
 
@@ -318,10 +354,12 @@ impl Trainer {
         let rows = spatial::curve_order(&host.means);
         let new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
-        let s = &mut self.statistics;
-        for values in [&mut s.gradient, &mut s.views, &mut s.opacity] {
-            *values = densify::gather(values, &rows, 1);
-        }
+        self.statistics.replace(|mut s| {
+            for values in [&mut s.gradient, &mut s.views, &mut s.opacity] {
+                *values = densify::gather(values, &rows, 1);
+            }
+            s
+        });
         self.replace_gaussians(new);
     }
 

@@ -139,6 +139,7 @@ impl Splatter {
             self.sh.clone().into_dispatch(),
             self.offsets.clone().into_dispatch(),
             self.settings,
+            true,
         )
     }
 

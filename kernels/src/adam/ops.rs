@@ -31,7 +31,7 @@ pub enum NonFinite {
 }
 
 /// The backend side of [`adam`].
-#[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait AdamOps: Backend {
     /// One step.
     fn adam(
@@ -123,3 +123,5 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);

@@ -30,7 +30,8 @@ pub(crate) fn contributors(
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
     let (width, height) = (settings.camera.width, settings.camera.height);
-    let groups = Groups::new(pixels, width, height)?;
+    super::check_pixels(pixels, settings)?;
+    let groups = Groups::new(pixels, width, height);
     let arch = crate::arch();
     let tasks: Vec<usize> = (0..bins.tile_count()).filter(|&t| !groups.tile(t).is_empty()).collect();
     let lists: Vec<TileLists> = tasks
@@ -79,13 +80,7 @@ struct Groups {
 }
 
 impl Groups {
-    fn new(pixels: &[u32], width: usize, height: usize) -> Result<Self, ContributorsError> {
-        if u32::try_from(pixels.len()).is_err() {
-            return Err(ContributorsError::TooMany { count: pixels.len() as u64 });
-        }
-        if let Some(position) = pixels.iter().position(|&p| p as usize >= width * height) {
-            return Err(ContributorsError::PixelOutOfImage { position, pixel: pixels[position], width, height });
-        }
+    fn new(pixels: &[u32], width: usize, height: usize) -> Self {
         let tiles_x = width.div_ceil(TILE);
         let tile_of = |pixel: u32| (pixel as usize / width / TILE) * tiles_x + pixel as usize % width / TILE;
         let tiles: Vec<u32> = pixels.par_iter().map(|&p| tile_of(p) as u32).collect();
@@ -102,7 +97,7 @@ impl Groups {
             members[next[t as usize] as usize] = list as u32;
             next[t as usize] += 1;
         }
-        Ok(Self { starts, members })
+        Self { starts, members }
     }
 
     fn tile(&self, t: usize) -> &[u32] {

@@ -3,15 +3,20 @@
 //! A rendered pixel is `sum_i w_i c_i` with `w_i = alpha_i T_i` (3DGS, Kerbl et al. 2023, eq. 3). Here the
 //! `w_i` themselves are listed, for chosen pixels and frozen geometry: for picking, for votes of masks and
 //! for training features on sampled pixels. This file holds the lists; how they are found is in `cpu`,
-//! products with them in `products`. Nothing here is differentiable with respect to the geometry.
+//! products with them in `products`, the op on tensors in `ops`. Nothing here is differentiable with respect to the geometry.
 
 pub(crate) mod cpu;
+mod ops;
 mod products;
 pub mod reference;
 
 use crate::splat::{SplatInputs, SplatSettings};
+use burn::backend::Dispatch;
+use burn::backend::tensor::FloatTensor;
 use burn::tensor::Tensor;
 use thiserror::Error;
+
+pub use ops::{ContributorsOps, ContributorsOutput};
 
 /// Why no lists came back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -39,7 +44,7 @@ pub enum ContributorsError {
 }
 
 /// Which Gaussians are blended into each of `pixels` (`y * width + x`, any order, repeats allowed), nearest first,
-/// with the weights `alpha * T` that the image is made of. The work is done on the host, whatever the device.
+/// with the weights `alpha * T` that the image is made of. The work is done on the device, the lists are on the host.
 ///
 /// # Errors
 /// A pixel that the image does not have, or more contributions than 32 bits count.
@@ -51,20 +56,34 @@ pub fn contributors(
     settings: &SplatSettings,
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
-    fn host<const D: usize>(tensor: &Tensor<D>) -> Vec<f32> {
-        tensor.to_data().convert::<f32>().into_vec().expect("a float tensor converts to f32")
+    fn plain<const D: usize>(tensor: &Tensor<D>) -> FloatTensor<Dispatch> {
+        let tensor = tensor.clone();
+        if tensor.device().is_autodiff() { tensor.inner() } else { tensor }.into_dispatch()
     }
-    let sh_stride = inputs.sh.dims()[1];
-    let values = [
-        host(&inputs.means),
-        host(&inputs.rotations),
-        host(&inputs.log_scales),
-        host(&inputs.opacity_logits),
-        host(&inputs.sh),
-    ];
-    let zeros = || vec![0.0; 2 * inputs.opacity_logits.dims()[0]];
-    let offsets = inputs.screen_offsets.as_ref().map_or_else(zeros, host);
-    crate::splat::cpu::contributors(&values, sh_stride, &offsets, settings, pixels)
+    let zeros = || Tensor::zeros([inputs.opacity_logits.dims()[0], 2], &inputs.means.device());
+    let out = Dispatch::contributors(
+        plain(&inputs.means),
+        plain(&inputs.rotations),
+        plain(&inputs.log_scales),
+        plain(&inputs.opacity_logits),
+        plain(&inputs.sh),
+        plain(&inputs.screen_offsets.clone().unwrap_or_else(zeros)),
+        *settings,
+        pixels.to_vec(),
+    );
+    out.lists
+}
+
+/// The first pixel that the image does not have, or too many of them.
+pub(crate) fn check_pixels(pixels: &[u32], settings: &SplatSettings) -> Result<(), ContributorsError> {
+    let (width, height) = (settings.camera.width, settings.camera.height);
+    if u32::try_from(pixels.len()).is_err() {
+        return Err(ContributorsError::TooMany { count: pixels.len() as u64 });
+    }
+    match pixels.iter().position(|&p| p as usize >= width * height) {
+        Some(position) => Err(ContributorsError::PixelOutOfImage { position, pixel: pixels[position], width, height }),
+        None => Ok(()),
+    }
 }
 
 /// The Gaussians that contribute to each of P pixels, nearest first: a sparse `[P, N]` matrix in CSR form

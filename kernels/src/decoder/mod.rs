@@ -3,6 +3,8 @@
 
 mod backward;
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod kernel;
 mod ops;
 mod pack;

@@ -29,7 +29,7 @@ pub struct DecoderGradients<B: Backend> {
 }
 
 /// The backend side of [`decoder`].
-#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait DecoderOps: Backend {
     /// `[N, outputs]` for `x` `[N, inputs]`.
     fn decoder_forward(
@@ -154,6 +154,8 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);
 
 #[derive(Clone, Debug)]
 struct State<B: DecoderOps> {

@@ -3,6 +3,8 @@
 
 mod backward;
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod ops;
 pub mod reference;
 mod sample;

@@ -24,7 +24,7 @@ pub struct FieldGradients<B: Backend> {
 }
 
 /// The backend side of [`field`].
-#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait FieldOps: Backend {
     /// Features `[N, levels * R]`.
     fn field_forward(
@@ -147,6 +147,8 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);
 
 #[derive(Clone, Debug)]
 struct State<B: FieldOps> {

@@ -2,6 +2,8 @@
 //! over both images. Fast kernel in [`cpu`], oracle in [`mod@reference`].
 
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod ops;
 pub mod reference;
 

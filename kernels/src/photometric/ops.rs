@@ -21,7 +21,7 @@ pub struct PhotometricForward<B: Backend> {
 }
 
 /// The backend side of [`photometric_loss`].
-#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait PhotometricOps: Backend {
     /// The distance of two images `[H, W, 4]` with its gradient.
     fn photometric_forward(
@@ -87,6 +87,8 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);
 
 #[derive(Debug)]
 struct PhotometricBackward;

@@ -55,6 +55,7 @@ impl<B: SplatOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
         sh: FloatTensor<Self>,
         screen_offsets: FloatTensor<Self>,
         settings: SplatSettings,
+        _: bool,
     ) -> SplatForward<Self> {
         let (means, n_means) = means.into_parts();
         let (rotations, n_rotations) = rotations.into_parts();
@@ -62,25 +63,24 @@ impl<B: SplatOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
         let (opacity_logits, n_opacity) = opacity_logits.into_parts();
         let (sh, n_sh) = sh.into_parts();
         let (screen_offsets, n_offsets) = screen_offsets.into_parts();
-        let out = B::splat_forward(
-            means.clone(),
-            rotations.clone(),
-            log_scales.clone(),
-            opacity_logits.clone(),
-            sh.clone(),
-            screen_offsets,
-            settings,
-        );
+        let forward = |save| {
+            let [means, rotations, log_scales] = [means.clone(), rotations.clone(), log_scales.clone()];
+            let (logits, sh, offsets) = (opacity_logits.clone(), sh.clone(), screen_offsets.clone());
+            B::splat_forward(means, rotations, log_scales, logits, sh, offsets, settings, save)
+        };
         let nodes = [n_means, n_rotations, n_log_scales, n_opacity, n_sh, n_offsets];
-        let image = match SplatBackward.prepare::<C>(nodes).compute_bound().stateful() {
+        match SplatBackward.prepare::<C>(nodes).compute_bound().stateful() {
             OpsKind::Tracked(prep) => {
+                let out = forward(true);
                 let saved = out.saved.clone();
                 let state = State::<B> { means, rotations, log_scales, opacity_logits, sh, settings, saved };
-                prep.finish(state, out.image)
+                SplatForward { image: prep.finish(state, out.image), radii: out.radii, saved: out.saved }
             }
-            OpsKind::UnTracked(prep) => prep.finish(out.image),
-        };
-        SplatForward { image, radii: out.radii, saved: out.saved }
+            OpsKind::UnTracked(prep) => {
+                let out = forward(false);
+                SplatForward { image: prep.finish(out.image), radii: out.radii, saved: out.saved }
+            }
+        }
     }
 
     fn splat_backward(

@@ -16,6 +16,8 @@
 
 mod autodiff;
 pub(crate) mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 pub mod reference;
 
 use crate::Camera;
@@ -86,9 +88,9 @@ pub struct SplatGradients<B: Backend> {
 }
 
 /// The backend side of [`splat`].
-#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SplatOps: Backend {
-    /// Renders; shapes as in [`splat`].
+    /// Renders; shapes as in [`splat`]. With `save` a backward pass will follow.
     fn splat_forward(
         means: FloatTensor<Self>,
         rotations: FloatTensor<Self>,
@@ -97,6 +99,7 @@ pub trait SplatOps: Backend {
         sh: FloatTensor<Self>,
         screen_offsets: FloatTensor<Self>,
         settings: SplatSettings,
+        save: bool,
     ) -> SplatForward<Self>;
 
     /// Gradients of a loss whose gradient with respect to the image is `grad_image` `[H, W, 4]`.
@@ -171,6 +174,7 @@ pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
         inputs.sh.into_dispatch(),
         offsets.into_dispatch(),
         settings,
+        false,
     );
     Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
 }

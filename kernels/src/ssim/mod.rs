@@ -2,6 +2,8 @@
 //! Fast kernel in [`cpu`], oracle in [`mod@reference`].
 
 pub mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod ops;
 pub mod reference;
 

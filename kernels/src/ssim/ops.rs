@@ -21,7 +21,7 @@ pub struct SsimForward<B: Backend> {
 }
 
 /// The backend side of [`mean_ssim`].
-#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SsimOps: Backend {
     /// SSIM of two images `[H, W, 3]` or `[H, W, 4]`, with the gradient of the first if asked for.
     fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self>;
@@ -97,6 +97,8 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);
 
 #[derive(Debug)]
 struct SsimBackward;

@@ -24,7 +24,7 @@ pub struct TvForward<B: Backend> {
 }
 
 /// The backend side of [`total_variation`].
-#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"))]
+#[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait TvOps: Backend {
     /// The weighted penalty with its gradients.
     fn tv_forward(
@@ -95,6 +95,8 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);
 
 #[derive(Debug)]
 struct TvBackward;

@@ -15,6 +15,31 @@ pub fn devices() -> Vec<(&'static str, Device)> {
     ]
 }
 
+/// The GPU that wgpu would choose, software ones included. Without one a line says so and tests skip, unless
+/// `VOLSEGGS_REQUIRE_GPU` is set: then they fail.
+#[cfg(feature = "wgpu")]
+pub fn gpu() -> Option<Device> {
+    static GPU: std::sync::LazyLock<Result<Device, String>> =
+        std::sync::LazyLock::new(|| Device::wgpu_options().init().map_err(|e| e.to_string()));
+    match &*GPU {
+        Ok(device) => Some(device.clone()),
+        Err(error) => {
+            assert!(std::env::var_os("VOLSEGGS_REQUIRE_GPU").is_none(), "no GPU adapter: {error}");
+            eprintln!("skipped: no GPU adapter ({error})");
+            None
+        }
+    }
+}
+
+/// [`devices`] and the GPU, for tests that do not ask for the same bits.
+pub fn devices_and_gpu() -> Vec<(&'static str, Device)> {
+    #[allow(unused_mut)]
+    let mut all = devices();
+    #[cfg(feature = "wgpu")]
+    all.extend(gpu().map(|gpu| ("wgpu", gpu)));
+    all
+}
+
 /// A small pinhole camera at distance 4 on the -z axis, looking at the origin.
 pub fn camera(width: usize, height: usize) -> Camera {
     let f = 0.5 * width.max(height) as f32 / (15f32).to_radians().tan();

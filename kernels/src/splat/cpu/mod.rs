@@ -1,4 +1,4 @@
-//! The splat op on host memory: the stages in order, and the binding to NdArray and Flex.
+//! The splat op on host memory: the stages in order, and the binding to NdArray, Flex and LibTorch.
 //!
 //! project (per Gaussian) -> order (depth) -> list and blend (a task a row of tiles, slab by slab of depth); backward: blend again
 //! front to back with gradients, merge per Gaussian in a fixed order, then back through the projection.
@@ -69,19 +69,20 @@ fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings
     (image.clone(), radii, Saved { order, bins, image })
 }
 
-/// The contributors of chosen pixels; the five attribute arrays in the order of the op's inputs.
+/// The contributors of chosen pixels, and radii; the five attribute arrays in the order of the op's inputs.
 pub(crate) fn contributors(
-    [means, rotations, log_scales, opacity_logits, sh]: &[Vec<f32>; 5],
+    values: &[Cow<'_, [f32]>; 5],
     sh_stride: usize,
     offsets: &[f32],
     settings: &SplatSettings,
     pixels: &[u32],
-) -> Result<Contributors, ContributorsError> {
-    let attributes = Attributes { means, rotations, log_scales, opacity_logits, sh, sh_stride };
-    let order = Order::new(&project::project(attributes, offsets, settings), settings.camera.height);
+) -> (Result<Contributors, ContributorsError>, Vec<i32>) {
+    let splats = project::project(Attributes::new(values, sh_stride), offsets, settings);
+    let order = Order::new(&splats, settings.camera.height);
     // blending finds where each tile ends, and so which Gaussians matter
     let (_, bins) = blend::blend(&order, settings);
-    crate::contributors::cpu::contributors(&order, &bins, settings, pixels)
+    let lists = crate::contributors::cpu::contributors(&order, &bins, settings, pixels);
+    (lists, splats.iter().map(|s| s.radius).collect())
 }
 
 impl<B: CpuBackend> CpuSplat for B {}
@@ -142,6 +143,7 @@ macro_rules! bind {
                 sh: FloatTensor<Self>,
                 screen_offsets: FloatTensor<Self>,
                 settings: SplatSettings,
+                _: bool,
             ) -> SplatForward<Self> {
                 Self::cpu_forward([means, rotations, log_scales, opacity_logits, sh], screen_offsets, settings)
             }
@@ -166,3 +168,5 @@ macro_rules! bind {
 bind!(burn_ndarray::NdArray);
 #[cfg(feature = "flex")]
 bind!(burn_flex::Flex);
+#[cfg(feature = "tch")]
+bind!(burn_tch::LibTorch);

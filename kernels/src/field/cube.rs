@@ -1,0 +1,463 @@
+//! The field on a GPU. Forward: a unit a feature of a point. Backward: 32 units a point, each with every 32nd feature;
+//! gradients of points are reduced in shared memory, of time rows by cube and then in order, those of planes and lines
+//! are scattered with float atomics, so that their last bits vary from run to run.
+
+use super::ops::{FieldGradients, FieldOps};
+use super::shape::FieldShape;
+use crate::cube::atomic::{AddF32, Exchange, Native};
+use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, path, rows};
+use burn::backend::tensor::FloatTensor;
+use burn::tensor::DType;
+use burn_cubecl::CubeBackend;
+use burn_cubecl::cubecl;
+use burn_cubecl::cubecl::client::Client;
+use burn_cubecl::cubecl::prelude::*;
+use burn_cubecl::ops::numeric::zeros_client;
+use burn_cubecl::tensor::CubeTensor;
+
+/// Points that a unit of the backward pass visits one after the other.
+const VISITS: u32 = 16;
+/// Units of a point, and points side by side in a cube.
+const LANES: u32 = 32;
+const SIDE: u32 = UNITS / LANES;
+
+/// Words of a level: nodes along x, y, z; where its planes xy, xz, yz start; its lines x, y, z.
+const LEVEL: usize = 9;
+
+fn level_words(shape: &FieldShape) -> Vec<u32> {
+    let (planes, lines) = (shape.plane_spans(), shape.line_spans());
+    let mut words = Vec::with_capacity(LEVEL * shape.levels.len());
+    for (i, level) in shape.levels.iter().enumerate() {
+        words.extend(level.resolution.map(|n| n as u32));
+        words.extend((0..3).map(|k| planes[3 * i + k].offset as u32));
+        words.extend((0..3).map(|k| lines[3 * i + k].offset as u32));
+    }
+    words
+}
+
+/// Time knots around `time`: lower, upper, fraction.
+fn time_tap(shape: &FieldShape, time: f32) -> (u32, u32, f32) {
+    let last = (shape.time_knots - 1) as f32;
+    let grid = (time * last).max(0.0).min(last);
+    let low = (grid as usize).min(shape.time_knots.saturating_sub(2));
+    (low as u32, (low + 1).min(shape.time_knots - 1) as u32, grid - low as f32)
+}
+
+#[derive(CubeType)]
+struct Tap {
+    lo: usize,
+    hi: usize,
+    frac: f32,
+    /// d(grid coordinate) / d(normalised coordinate); 0 where clamped.
+    slope: f32,
+}
+
+#[cube]
+fn tap(coordinate: f32, n: u32) -> Tap {
+    let last = f32::cast_from(n - 1u32);
+    let raw = (coordinate * 0.5f32 + 0.5f32) * last;
+    let grid = clamp(raw, 0.0f32, last);
+    let mut lo = 0u32;
+    if n > 1u32 {
+        lo = min(u32::cast_from(grid), n - 2u32);
+    }
+    let inside = raw > 0.0f32 && raw < last;
+    Tap {
+        lo: lo as usize,
+        hi: min(lo + 1u32, n - 1u32) as usize,
+        frac: grid - f32::cast_from(lo),
+        slope: select(inside, 0.5f32 * last, 0.0f32),
+    }
+}
+
+#[cube]
+fn is_nan(x: f32) -> bool {
+    (u32::reinterpret(x) & 0x7FFF_FFFFu32) > 0x7F80_0000u32
+}
+
+/// A point with a NaN coordinate is nowhere.
+#[cube]
+fn is_somewhere(points: &[f32], i: usize) -> bool {
+    !(is_nan(points[3 * i]) || is_nan(points[3 * i + 1]) || is_nan(points[3 * i + 2]))
+}
+
+/// Four nodes of a plane: where they lie, value, slopes along the fast and the slow grid coordinate.
+#[derive(CubeType)]
+struct Quad {
+    at00: usize,
+    at01: usize,
+    at10: usize,
+    at11: usize,
+    value: f32,
+    fast: f32,
+    slow: f32,
+}
+
+#[cube]
+fn quad(planes: &[f32], base: usize, width: usize, fast: &Tap, slow: &Tap, channels: usize) -> Quad {
+    let at00 = base + (slow.lo * width + fast.lo) * channels;
+    let at01 = base + (slow.lo * width + fast.hi) * channels;
+    let at10 = base + (slow.hi * width + fast.lo) * channels;
+    let at11 = base + (slow.hi * width + fast.hi) * channels;
+    let a = planes[at00];
+    let c = planes[at10];
+    let near = planes[at01] - a;
+    let far = planes[at11] - c;
+    let first = near * fast.frac + a;
+    let by_slow = far * fast.frac + c - first;
+    Quad {
+        at00,
+        at01,
+        at10,
+        at11,
+        value: by_slow * slow.frac + first,
+        fast: (far - near) * slow.frac + near,
+        slow: by_slow,
+    }
+}
+
+/// Two nodes of a line: where they lie, value, slope along the grid coordinate.
+#[derive(CubeType)]
+struct Pair {
+    lo: usize,
+    hi: usize,
+    value: f32,
+    slope: f32,
+}
+
+#[cube]
+fn pair(lines: &[f32], base: usize, tap: &Tap, channels: usize) -> Pair {
+    let lo = base + tap.lo * channels;
+    let hi = base + tap.hi * channels;
+    let first = lines[lo];
+    let slope = lines[hi] - first;
+    Pair { lo, hi, value: slope * tap.frac + first, slope }
+}
+
+/// The time row of every level, `[levels * R]`.
+#[cube(launch)]
+fn time_row(times: &[f32], row: &mut [f32], knots: u32, channels: u32, features: u32, lo: u32, hi: u32, frac: f32) {
+    if ABSOLUTE_POS < features as usize {
+        let f = ABSOLUTE_POS as u32;
+        let base = (f / channels) * knots * channels + f % channels;
+        let first = times[(base + lo * channels) as usize];
+        row[f as usize] = first + frac * (times[(base + hi * channels) as usize] - first);
+    }
+}
+
+#[cube(launch)]
+fn forward(
+    planes: &[f32],
+    lines: &[f32],
+    row: &[f32],
+    points: &[f32],
+    levels: &[u32],
+    out: &mut [f32],
+    features: u32,
+    channels: u32,
+    total: u32,
+) {
+    if ABSOLUTE_POS < total as usize {
+        let i = ABSOLUTE_POS / features as usize;
+        let f = ABSOLUTE_POS % features as usize;
+        let mut value = 0.0f32;
+        if is_somewhere(points, i) {
+            let step = channels as usize;
+            let r = f % step;
+            let at = f / step * 9;
+            let (nx, ny, nz) = (levels[at], levels[at + 1], levels[at + 2]);
+            let tx = tap(points[3 * i], nx);
+            let ty = tap(points[3 * i + 1], ny);
+            let tz = tap(points[3 * i + 2], nz);
+            let xy = quad(planes, levels[at + 3] as usize + r, nx as usize, &tx, &ty, step);
+            let xz = quad(planes, levels[at + 4] as usize + r, nx as usize, &tx, &tz, step);
+            let yz = quad(planes, levels[at + 5] as usize + r, ny as usize, &ty, &tz, step);
+            let x = pair(lines, levels[at + 6] as usize + r, &tx, step);
+            let y = pair(lines, levels[at + 7] as usize + r, &ty, step);
+            let z = pair(lines, levels[at + 8] as usize + r, &tz, step);
+            value = (xy.value * z.value + (xz.value * y.value + yz.value * x.value)) * row[f];
+        }
+        out[ABSOLUTE_POS] = value;
+    }
+}
+
+/// Adds `value` times the bilinear weights to the four nodes.
+#[cube]
+fn scatter<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &Quad, fast: f32, slow: f32, value: f32) {
+    A::add(&out[nodes.at00], value * (1.0f32 - slow) * (1.0f32 - fast));
+    A::add(&out[nodes.at01], value * (1.0f32 - slow) * fast);
+    A::add(&out[nodes.at10], value * slow * (1.0f32 - fast));
+    A::add(&out[nodes.at11], value * slow * fast);
+}
+
+#[cube(launch)]
+fn backward<A: AddF32>(
+    planes: &[f32],
+    lines: &[f32],
+    row: &[f32],
+    points: &[f32],
+    grad: &[f32],
+    levels: &[u32],
+    out_planes: &mut [Atomic<A::Storage>],
+    out_lines: &mut [Atomic<A::Storage>],
+    out_points: &mut [f32],
+    time_parts: &mut [f32],
+    n: u32,
+    channels: u32,
+    #[comptime] features: u32,
+) {
+    let mut shared = Shared::<[f32]>::new_slice(768usize);
+    let lane = UNIT_POS % comptime!(LANES);
+    let side = UNIT_POS / comptime!(LANES);
+    let step = channels as usize;
+    let slots = comptime!(features.div_ceil(LANES));
+    let mut time_sums = Array::<f32>::new(comptime!(slots as usize));
+    #[unroll]
+    for slot in 0..slots {
+        time_sums[slot as usize] = 0.0f32;
+    }
+    for visit in 0..comptime!(VISITS) {
+        let i = ((CUBE_POS as u32 * comptime!(VISITS) + visit) * comptime!(SIDE) + side) as usize;
+        let mut gx = 0.0f32;
+        let mut gy = 0.0f32;
+        let mut gz = 0.0f32;
+        if i < n as usize {
+            if is_somewhere(points, i) {
+                #[unroll]
+                for slot in 0..slots {
+                    let f = (slot * comptime!(LANES) + lane) as usize;
+                    if f < comptime!(features as usize) {
+                        let g = grad[i * comptime!(features as usize) + f];
+                        // Gaussians that no pixel saw have a gradient of zero
+                        if g != 0.0f32 {
+                            let r = f % step;
+                            let at = f / step * 9;
+                            let (nx, ny, nz) = (levels[at], levels[at + 1], levels[at + 2]);
+                            let tx = tap(points[3 * i], nx);
+                            let ty = tap(points[3 * i + 1], ny);
+                            let tz = tap(points[3 * i + 2], nz);
+                            let xy = quad(planes, levels[at + 3] as usize + r, nx as usize, &tx, &ty, step);
+                            let xz = quad(planes, levels[at + 4] as usize + r, nx as usize, &tx, &tz, step);
+                            let yz = quad(planes, levels[at + 5] as usize + r, ny as usize, &ty, &tz, step);
+                            let x = pair(lines, levels[at + 6] as usize + r, &tx, step);
+                            let y = pair(lines, levels[at + 7] as usize + r, &ty, step);
+                            let z = pair(lines, levels[at + 8] as usize + r, &tz, step);
+                            time_sums[slot as usize] +=
+                                g * (xy.value * z.value + (xz.value * y.value + yz.value * x.value));
+                            let space = g * row[f];
+                            let (g_xy, g_xz, g_yz) = (space * z.value, space * y.value, space * x.value);
+                            let (g_x, g_y, g_z) = (space * yz.value, space * xz.value, space * xy.value);
+                            gx += (g_xy * xy.fast + g_xz * xz.fast + g_x * x.slope) * tx.slope;
+                            gy += (g_xy * xy.slow + g_yz * yz.fast + g_y * y.slope) * ty.slope;
+                            gz += (g_xz * xz.slow + g_yz * yz.slow + g_z * z.slope) * tz.slope;
+                            scatter::<A>(out_planes, &xy, tx.frac, ty.frac, g_xy);
+                            scatter::<A>(out_planes, &xz, tx.frac, tz.frac, g_xz);
+                            scatter::<A>(out_planes, &yz, ty.frac, tz.frac, g_yz);
+                            A::add(&out_lines[x.lo], g_x * (1.0f32 - tx.frac));
+                            A::add(&out_lines[x.hi], g_x * tx.frac);
+                            A::add(&out_lines[y.lo], g_y * (1.0f32 - ty.frac));
+                            A::add(&out_lines[y.hi], g_y * ty.frac);
+                            A::add(&out_lines[z.lo], g_z * (1.0f32 - tz.frac));
+                            A::add(&out_lines[z.hi], g_z * tz.frac);
+                        }
+                    }
+                }
+            }
+        }
+        // the 32 sums of each point
+        let at = (UNIT_POS * 3u32) as usize;
+        shared[at] = gx;
+        shared[at + 1] = gy;
+        shared[at + 2] = gz;
+        sync_cube();
+        let mut half = 16u32;
+        while half > 0u32 {
+            if lane < half {
+                let other = at + (half * 3u32) as usize;
+                #[unroll]
+                for k in 0..3usize {
+                    let more = shared[other + k];
+                    shared[at + k] += more;
+                }
+            }
+            sync_cube();
+            half /= 2u32;
+        }
+        if lane < 3u32 && i < n as usize {
+            out_points[3 * i + lane as usize] = shared[(side * comptime!(LANES) * 3u32 + lane) as usize];
+        }
+        sync_cube();
+    }
+    #[unroll]
+    for slot in 0..slots {
+        shared[UNIT_POS as usize] = time_sums[slot as usize];
+        sync_cube();
+        let f = slot * comptime!(LANES) + lane;
+        if side == 0u32 && f < comptime!(features) {
+            let mut sum = 0.0f32;
+            for other in 0..comptime!(SIDE) {
+                sum += shared[(other * comptime!(LANES) + lane) as usize];
+            }
+            time_parts[CUBE_POS * comptime!(features as usize) + f as usize] = sum;
+        }
+        sync_cube();
+    }
+}
+
+/// Adds the cubes' sums in order and spreads them over the two knots; a unit a feature, the rest of `out` is zero.
+#[cube(launch)]
+fn sum_times(
+    parts: &[f32],
+    out: &mut [f32],
+    count: u32,
+    knots: u32,
+    channels: u32,
+    features: u32,
+    lo: u32,
+    hi: u32,
+    frac: f32,
+) {
+    let f = CUBE_POS as u32;
+    let mut sum = 0.0f32;
+    if f < features {
+        let mut k = UNIT_POS;
+        while k < count {
+            sum += parts[(k * features + f) as usize];
+            k += 256u32;
+        }
+    }
+    let total = crate::cube::reduce::over_cube(sum);
+    if UNIT_POS == 0u32 && f < features {
+        let base = (f / channels) * knots * channels + f % channels;
+        out[(base + lo * channels) as usize] = total * (1.0f32 - frac);
+        if hi != lo {
+            out[(base + hi * channels) as usize] = total * frac;
+        }
+    }
+}
+
+fn row_at(client: &Client, times: &CubeTensor, shape: &FieldShape, time: f32) -> Words {
+    let features = shape.features_len();
+    let row = Words::empty(client, features);
+    let (lo, hi, frac) = time_tap(shape, time);
+    time_row::launch(
+        client,
+        cubes(features, UNITS),
+        CubeDim::new_1d(UNITS),
+        arg(times),
+        row.arg(),
+        shape.time_knots as u32,
+        shape.channels as u32,
+        features as u32,
+        lo,
+        hi,
+        frac,
+    );
+    row
+}
+
+fn zeros(like: &CubeTensor) -> CubeTensor {
+    zeros_client(like.client.clone(), like.device.clone(), like.meta.shape().clone(), DType::F32)
+}
+
+impl FieldOps for CubeBackend {
+    fn field_forward(
+        planes: FloatTensor<Self>,
+        lines: FloatTensor<Self>,
+        times: FloatTensor<Self>,
+        points: FloatTensor<Self>,
+        shape: FieldShape,
+        time: f32,
+    ) -> FloatTensor<Self> {
+        let [planes, lines, times, points] = [planes, lines, times, points].map(rows);
+        let client = points.client.clone();
+        let n = points.meta.shape()[0];
+        let features = shape.features_len();
+        let row = row_at(&client, &times, &shape, time);
+        let out = empty_f32(&points, [n, features]);
+        forward::launch(
+            &client,
+            cubes(n * features, UNITS),
+            CubeDim::new_1d(UNITS),
+            arg(&planes),
+            arg(&lines),
+            row.arg(),
+            arg(&points),
+            Words::u32s(&client, &level_words(&shape)).arg(),
+            arg(&out),
+            features as u32,
+            shape.channels as u32,
+            (n * features) as u32,
+        );
+        out
+    }
+
+    fn field_backward(
+        planes: FloatTensor<Self>,
+        lines: FloatTensor<Self>,
+        times: FloatTensor<Self>,
+        points: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        shape: FieldShape,
+        time: f32,
+    ) -> FieldGradients<Self> {
+        let [planes, lines, times, points, grad] = [planes, lines, times, points, grad].map(rows);
+        let client = points.client.clone();
+        let n = points.meta.shape()[0];
+        let features = shape.features_len();
+        let row = row_at(&client, &times, &shape, time);
+        let out = FieldGradients {
+            planes: zeros(&planes),
+            lines: zeros(&lines),
+            times: zeros(&times),
+            points: empty_f32(&points, [n, 3]),
+        };
+        let count = n.div_ceil((VISITS * SIDE) as usize).max(1);
+        let launched = launched(&cubes(count, 1));
+        let parts = Words::empty(&client, launched * features);
+        let levels = Words::u32s(&client, &level_words(&shape));
+        macro_rules! go {
+            ($add:ty) => {
+                backward::launch::<$add>(
+                    &client,
+                    cubes(count, 1),
+                    CubeDim::new_1d(UNITS),
+                    arg(&planes),
+                    arg(&lines),
+                    row.arg(),
+                    arg(&points),
+                    arg(&grad),
+                    levels.arg(),
+                    arg(&out.planes),
+                    arg(&out.lines),
+                    arg(&out.points),
+                    parts.arg(),
+                    n as u32,
+                    shape.channels as u32,
+                    features as u32,
+                )
+            };
+        }
+        if path::native_atomics(&client) {
+            go!(Native)
+        } else {
+            go!(Exchange)
+        }
+        let (lo, hi, frac) = time_tap(&shape, time);
+        sum_times::launch(
+            &client,
+            cubes(features, 1),
+            CubeDim::new_1d(UNITS),
+            parts.arg(),
+            arg(&out.times),
+            launched as u32,
+            shape.time_knots as u32,
+            shape.channels as u32,
+            features as u32,
+            lo,
+            hi,
+            frac,
+        );
+        out
+    }
+}

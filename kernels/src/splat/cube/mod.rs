@@ -1,0 +1,219 @@
+//! The splat op on a GPU: the stages in order, and the binding to the Cube backend.
+//!
+//! project -> sort by depth -> count, scan and list tile entries -> sort by tile -> blend; backward: replay segments of
+//! the tiles' lists, a unit a Gaussian -> sum each Gaussian's entries -> back through the projection. Every sum has one
+//! order, so the same device gives the same bits each time.
+//!
+//! The one thing that the host must know is how many entries to make room for; see [`room`].
+
+mod bin;
+mod blend;
+mod blend_backward;
+mod contributors;
+mod project;
+mod project_backward;
+mod room;
+mod sh;
+
+use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
+use bin::Bins;
+use burn::backend::tensor::FloatTensor;
+use burn_cubecl::CubeBackend;
+use burn_cubecl::cubecl::client::Client;
+use burn_cubecl::cubecl::prelude::*;
+use burn_cubecl::tensor::CubeTensor;
+use std::sync::Arc;
+
+/// Tile side in pixels.
+const TILE: usize = 16;
+/// Entries that are staged through shared memory together.
+const BATCH: u32 = 256;
+/// Entries between two saved states of a tile's pixels; divides [`BATCH`].
+const SEGMENT: u32 = 128;
+/// Gaussians that the backward pass replays side by side; divides [`SEGMENT`].
+const LINE: u32 = 32;
+
+/// What the forward pass leaves for the backward pass.
+#[derive(Debug)]
+struct Saved {
+    screen: Words,
+    bins: Bins,
+    used: Words,
+    states: Words,
+    image: CubeTensor,
+}
+
+/// Gaussians on screen, sorted into tiles.
+struct Binned {
+    screen: Words,
+    radii: CubeTensor,
+    bins: Bins,
+}
+
+fn tiles(settings: &SplatSettings) -> [usize; 2] {
+    [settings.camera.width.div_ceil(TILE), settings.camera.height.div_ceil(TILE)]
+}
+
+/// Projects and bins; with `patient`, the host waits to learn how many entries there are.
+fn binned(tensors: &[CubeTensor; 5], offsets: &CubeTensor, settings: &SplatSettings, patient: bool) -> Binned {
+    let [means, rotations, log_scales, logits, sh] = tensors;
+    let client = &means.client;
+    let n = means.meta.shape()[0];
+    let screen = Words::empty(client, n * project::SCREEN);
+    let (keys, indices) = (Words::empty(client, n), Words::empty(client, n));
+    let radii = empty_i32(means, [n]);
+    let camera = Words::f32s(client, &project::camera_words(&settings.camera));
+    project::project::launch(
+        client,
+        cubes(n, UNITS),
+        CubeDim::new_1d(UNITS),
+        arg(means),
+        arg(rotations),
+        arg(log_scales),
+        arg(logits),
+        arg(sh),
+        arg(offsets),
+        camera.arg(),
+        screen.arg(),
+        keys.arg(),
+        indices.arg(),
+        arg(&radii),
+        n as u32,
+        sh.meta.shape()[1] as u32,
+        settings.sh_degree as u32,
+    );
+    let tiles = tiles(settings);
+    let (order, starts) = bin::order(client, &screen, keys, indices, n, tiles);
+    let capacity = room::capacity(client, &starts, n, settings, patient);
+    let bins = bin::list(client, &screen, order, starts, n, tiles, capacity);
+    Binned { screen, radii, bins }
+}
+
+/// Segments that there is room for: each tile starts one of its own.
+fn segments(bins: &Bins, tile_count: usize) -> usize {
+    bins.capacity / SEGMENT as usize + tile_count + 1
+}
+
+fn blend(client: &Client, binned: &Binned, image: &CubeTensor, settings: &SplatSettings, save: bool) -> [Words; 2] {
+    let [tiles_x, tiles_y] = tiles(settings);
+    let tile_count = tiles_x * tiles_y;
+    let bins = &binned.bins;
+    let states = Words::empty(client, if save { 1024 * segments(bins, tile_count) } else { 1 });
+    let used = Words::empty(client, if save { tile_count } else { 1 });
+    blend::blend::launch(
+        client,
+        cubes(tile_count, 1),
+        CubeDim::new_1d((TILE * TILE) as u32),
+        binned.screen.arg(),
+        bins.gaussians.arg(),
+        bins.sorted.arg(),
+        bins.tiles.arg(),
+        arg(image),
+        states.arg(),
+        used.arg(),
+        settings.camera.width as u32,
+        settings.camera.height as u32,
+        tiles_x as u32,
+        tile_count as u32,
+        settings.background[0],
+        settings.background[1],
+        settings.background[2],
+        save,
+    );
+    [states, used]
+}
+
+impl SplatOps for CubeBackend {
+    fn splat_forward(
+        means: FloatTensor<Self>,
+        rotations: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        opacity_logits: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        screen_offsets: FloatTensor<Self>,
+        settings: SplatSettings,
+        save: bool,
+    ) -> SplatForward<Self> {
+        let tensors = [means, rotations, log_scales, opacity_logits, sh].map(rows);
+        let binned = binned(&tensors, &rows(screen_offsets), &settings, !save);
+        let client = tensors[0].client.clone();
+        let image = empty_f32(&tensors[0], [settings.camera.height, settings.camera.width, 4]);
+        let [states, used] = blend(&client, &binned, &image, &settings, save);
+        let Binned { screen, radii, bins } = binned;
+        let saved = SplatSaved(Arc::new(Saved { screen, bins, used, states, image: image.clone() }));
+        SplatForward { image, radii, saved }
+    }
+
+    fn splat_backward(
+        means: FloatTensor<Self>,
+        rotations: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        _: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        grad_image: FloatTensor<Self>,
+        settings: SplatSettings,
+        saved: SplatSaved,
+    ) -> SplatGradients<Self> {
+        let [means, rotations, log_scales, sh] = [means, rotations, log_scales, sh].map(rows);
+        let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
+        let client = means.client.clone();
+        let n = means.meta.shape()[0];
+        let sh_stride = sh.meta.shape()[1];
+        let [tiles_x, tiles_y] = tiles(&settings);
+        let bins = &saved.bins;
+        let sums = Words::empty(&client, 9 * bins.capacity);
+        blend_backward::blend_backward::launch(
+            &client,
+            cubes(segments(bins, tiles_x * tiles_y), 1),
+            CubeDim::new_1d(LINE),
+            saved.screen.arg(),
+            bins.gaussians.arg(),
+            bins.sorted.arg(),
+            bins.tiles.arg(),
+            saved.used.arg(),
+            saved.states.arg(),
+            arg(&saved.image),
+            arg(&rows(grad_image)),
+            sums.arg(),
+            settings.camera.width as u32,
+            settings.camera.height as u32,
+            tiles_x as u32,
+            (tiles_x * tiles_y) as u32,
+        );
+        let out = SplatGradients {
+            means: empty_f32(&means, [n, 3]),
+            rotations: empty_f32(&means, [n, 4]),
+            log_scales: empty_f32(&means, [n, 3]),
+            opacity_logits: empty_f32(&means, [n]),
+            sh: empty_f32(&means, [n, sh_stride, 3]),
+            screen_offsets: empty_f32(&means, [n, 2]),
+        };
+        let camera = Words::f32s(&client, &project::camera_words(&settings.camera));
+        project_backward::project_backward::launch(
+            &client,
+            cubes(n, UNITS),
+            CubeDim::new_1d(UNITS),
+            arg(&means),
+            arg(&rotations),
+            arg(&log_scales),
+            arg(&sh),
+            camera.arg(),
+            saved.screen.arg(),
+            bins.order.arg(),
+            bins.starts.arg(),
+            sums.arg(),
+            arg(&out.means),
+            arg(&out.rotations),
+            arg(&out.log_scales),
+            arg(&out.opacity_logits),
+            arg(&out.sh),
+            arg(&out.screen_offsets),
+            n as u32,
+            bins.capacity as u32,
+            sh_stride as u32,
+            settings.sh_degree as u32,
+        );
+        out
+    }
+}

@@ -1,0 +1,126 @@
+//! Statistics for densification, gathered where they are cheap: on the host for devices in its memory, on the device
+//! for one that runs ahead, where they wait until somebody asks.
+
+use super::densify::Statistics;
+use crate::model::params::to_vec;
+use burn::tensor::activation::sigmoid;
+use burn::tensor::{Int, Tensor};
+
+/// Sums on the device since the last time they were asked for; each `[N]`.
+#[derive(Clone, Debug)]
+struct Waiting {
+    gradient: Tensor<1>,
+    views: Tensor<1>,
+    opacity: Tensor<1>,
+}
+
+/// Statistics on both sides.
+#[derive(Clone, Debug)]
+pub struct Gathered {
+    host: Statistics,
+    on_device: bool,
+    waiting: Option<Waiting>,
+}
+
+/// What a step tells, without gradients.
+pub struct View {
+    /// Gradient of the screen positions `[N, 2]`, if there was one.
+    pub screen: Option<Tensor<2>>,
+    /// Radii `[N]`, 0 if not drawn.
+    pub radii: Tensor<1, Int>,
+    /// Opacity logits `[N]` as drawn.
+    pub logits: Tensor<1>,
+    /// Width and height of the image.
+    pub size: [usize; 2],
+}
+
+impl Gathered {
+    /// Nothing yet, for `n` Gaussians.
+    pub fn new(n: usize, on_device: bool) -> Self {
+        Self::from(Statistics::new(n), on_device)
+    }
+
+    /// Goes on from `host`.
+    pub fn from(host: Statistics, on_device: bool) -> Self {
+        Self { host, on_device, waiting: None }
+    }
+
+    /// Adds a view.
+    pub fn add(&mut self, view: View) {
+        if !self.on_device {
+            let screen = view.screen.map(to_vec).unwrap_or_default();
+            let radii: Vec<i32> = view.radii.into_data().convert::<i32>().try_into_vec().unwrap_or_default();
+            self.host.add_view(&screen, &radii, view.size[0], view.size[1]);
+            self.host.add_opacity(&to_vec(view.logits));
+            return;
+        }
+        let n = view.radii.dims()[0];
+        let opacity = sigmoid(view.logits);
+        let seen = view.radii.greater_elem(0).float();
+        let gradient = match view.screen {
+            Some(screen) => {
+                let scale = Tensor::<1>::from_floats(view.size.map(|s| 0.5 * s as f32), &screen.device());
+                let scaled = screen * scale.reshape([1, 2]);
+                (scaled.clone() * scaled).sum_dim(1).sqrt().reshape([n]) * seen.clone()
+            }
+            None => seen.zeros_like(),
+        };
+        self.waiting = Some(match self.waiting.take() {
+            Some(w) => {
+                Waiting { gradient: w.gradient + gradient, views: w.views + seen, opacity: w.opacity.max_pair(opacity) }
+            }
+            None => Waiting { gradient, views: seen, opacity },
+        });
+    }
+
+    /// All that was gathered; waits for the device if it has some.
+    pub fn to_host(&self) -> Statistics {
+        let mut host = self.host.clone();
+        if let Some(w) = &self.waiting {
+            let add = |to: &mut Vec<f32>, from: &Tensor<1>, join: fn(f32, f32) -> f32| {
+                to.iter_mut().zip(to_vec(from.clone())).for_each(|(a, b)| *a = join(*a, b));
+            };
+            add(&mut host.gradient, &w.gradient, |a, b| a + b);
+            add(&mut host.views, &w.views, |a, b| a + b);
+            add(&mut host.opacity, &w.opacity, f32::max);
+        }
+        host
+    }
+
+    /// Replaces all by what `f` makes of it.
+    pub fn replace(&mut self, f: impl FnOnce(Statistics) -> Statistics) {
+        self.host = f(self.to_host());
+        self.waiting = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::DeviceName;
+
+    #[test]
+    fn both_sides_gather_the_same() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let view = |k: f32| View {
+            screen: Some(Tensor::from_floats([[3.0 * k, 4.0], [1.0, k]], &device)),
+            radii: Tensor::from_ints([2, i32::from(k > 1.0)], &device),
+            logits: Tensor::from_floats([k - 1.0, -k], &device),
+            size: [20, 10],
+        };
+        let run = |on_device| {
+            let mut g = Gathered::new(2, on_device);
+            for k in 0..4 {
+                g.add(view(k as f32));
+                if k == 1 {
+                    g.replace(|s| s);
+                }
+            }
+            g.to_host()
+        };
+        let (host, device) = (run(false), run(true));
+        assert_eq!(host.views, device.views);
+        let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5 * a.abs().max(1.0));
+        assert!(near(&host.gradient, &device.gradient) && near(&host.opacity, &device.opacity), "{host:?} {device:?}");
+    }
+}
