@@ -133,11 +133,15 @@ pub struct AtomicDir {
 }
 
 impl AtomicDir {
-    /// Makes the temporary folder beside `path`, whose own parent must exist.
+    /// Makes the temporary folder beside `path`, whose own parent must exist. Where `path` is there already, temporaries
+    /// beside it that a killed process left are removed.
     ///
     /// # Errors
     /// `path` has no file name, or the temporary cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
+        if path.exists() {
+            clean_stale(parent_of(path))?;
+        }
         let temporary = temporary_for(path)?;
         if let Err(error) = fs::create_dir(&temporary) {
             live().remove(&temporary);
@@ -166,11 +170,9 @@ impl AtomicDir {
         self.publish()
     }
 
-    /// Like [`AtomicDir::commit`], but a folder that stands at the final path is moved aside and
-    /// removed after the new one is in place.
-    ///
-    /// A crash between the two renames leaves the old folder under a temporary name, so keep
-    /// another copy of what must never be missing.
+    /// Like [`AtomicDir::commit`], but a folder that stands at the final path gives way, in one step where the system can
+    /// exchange two names (Linux, macOS). Elsewhere it is moved aside first, and a crash between the two renames leaves
+    /// it under a temporary name.
     ///
     /// # Errors
     /// Any error of syncing or renaming; the old folder is put back where that is possible.
@@ -178,17 +180,21 @@ impl AtomicDir {
         if self.path.symlink_metadata().is_err() {
             return self.publish();
         }
+        sync_tree(&self.temporary)?;
+        if exchange(&self.temporary, &self.path)? {
+            // the old folder now has the temporary's name, and goes with it
+            return sync_dir(parent_of(&self.path));
+        }
         let aside = temporary_for(&self.path)?;
-        let (path, kept) = (self.path.clone(), aside.clone());
-        let outcome = sync_tree(&self.temporary)
-            .and_then(|()| fs::rename(&self.path, &aside))
-            .and_then(|()| self.publish().inspect_err(|_| drop(fs::rename(&aside, &path))));
+        let outcome = fs::rename(&self.path, &aside).and_then(|()| {
+            fs::rename(&self.temporary, &self.path).inspect_err(|_| drop(fs::rename(&aside, &self.path)))
+        });
         if outcome.is_ok() {
             // The new folder is in place; what is left of the old one is a stale temporary.
-            let _ = fs::remove_dir_all(&kept);
+            let _ = fs::remove_dir_all(&aside);
         }
-        live().remove(&kept);
-        outcome
+        live().remove(&aside);
+        outcome.and_then(|()| sync_dir(parent_of(&self.path)))
     }
 
     fn publish(self) -> io::Result<()> {
@@ -203,6 +209,23 @@ impl Drop for AtomicDir {
         let _ = fs::remove_dir_all(&self.temporary);
         live().remove(&self.temporary);
     }
+}
+
+/// Exchanges what two names stand for; false where the system or the file system cannot.
+#[cfg(any(target_os = "linux", target_os = "macos"))]
+fn exchange(a: &Path, b: &Path) -> io::Result<bool> {
+    use rustix::fs::{CWD, RenameFlags, renameat_with};
+    use rustix::io::Errno;
+    match renameat_with(CWD, a, CWD, b, RenameFlags::EXCHANGE) {
+        Ok(()) => Ok(true),
+        Err(Errno::INVAL | Errno::NOSYS | Errno::NOTSUP) => Ok(false),
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(not(any(target_os = "linux", target_os = "macos")))]
+fn exchange(_: &Path, _: &Path) -> io::Result<bool> {
+    Ok(false)
 }
 
 fn sync_tree(dir: &Path) -> io::Result<()> {

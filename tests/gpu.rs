@@ -6,6 +6,7 @@
 mod common;
 
 use common::{dataset, json, metrics, train};
+use std::io::Write;
 use std::path::Path;
 use volseggs::device::DeviceName;
 
@@ -23,7 +24,8 @@ fn is_there() -> bool {
         Ok(_) => true,
         Err(error) => {
             assert!(std::env::var_os("VOLSEGGS_REQUIRE_GPU").is_none(), "{error}");
-            eprintln!("skipped: {error}");
+            // past the capture of tests, so that it is seen
+            let _ = writeln!(std::io::stderr(), "skipped: {error}");
             false
         }
     }

@@ -60,6 +60,35 @@ fn a_folder_appears_complete_and_is_not_overwritten_unasked() {
 }
 
 #[test]
+#[cfg(any(target_os = "linux", target_os = "macos"))]
+fn a_folder_that_is_replaced_is_there_at_every_moment() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("track");
+    let write = |k: usize| {
+        let folder = AtomicDir::create(&path).unwrap();
+        fs::write(folder.dir().join("x"), k.to_string()).unwrap();
+        folder.commit_replacing().unwrap();
+    };
+    write(0);
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let watcher = scope.spawn(|| {
+            let mut missing = 0;
+            while !done.load(Ordering::Relaxed) {
+                missing += usize::from(path.symlink_metadata().is_err());
+            }
+            missing
+        });
+        (1..40).for_each(write);
+        done.store(true, Ordering::Relaxed);
+        assert_eq!(watcher.join().unwrap(), 0);
+    });
+    assert_eq!(fs::read_to_string(path.join("x")).unwrap(), "39");
+    assert_eq!(names(dir.path()), ["track"]);
+}
+
+#[test]
 fn only_stale_temporaries_are_cleaned() {
     let dir = tempfile::tempdir().unwrap();
     let open = AtomicFile::create(&dir.path().join("a")).unwrap();

@@ -87,6 +87,18 @@ impl GaussiansAt {
 }
 
 impl Scene {
+    /// The largest opacity of each Gaussian over evenly spaced times, `[N]`.
+    #[must_use]
+    pub fn largest_opacity(&self) -> Vec<f32> {
+        const TIMES: usize = 11;
+        let mut largest = vec![f32::NEG_INFINITY; self.gaussians.count()];
+        for k in 0..TIMES {
+            let logits = to_vec(self.at(k as f32 / (TIMES - 1) as f32).opacity_logits);
+            largest.iter_mut().zip(logits).for_each(|(a, b)| *a = a.max(b));
+        }
+        largest.into_iter().map(|logit| 1.0 / (1.0 + (-logit).exp())).collect()
+    }
+
     /// The Gaussians at `time` in [0, 1], on the host.
     #[must_use]
     pub fn host_at(&self, time: f32) -> GaussiansAt {

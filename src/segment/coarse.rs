@@ -5,7 +5,7 @@ use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::palette::{PaletteEntry, name_colours};
 use crate::model::GaussiansAt;
 use crate::points::PointsError;
-use crate::points::kmeans::{KMeansConfig, kmeans};
+use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
 use crate::points::outliers::{OutlierConfig, keep_mask};
 use crate::points::suggest::suggest_clusters;
 use crate::rng::{Purpose, Rng};
@@ -29,7 +29,7 @@ pub struct CoarseOptions {
     pub clusters: Option<usize>,
     /// Space of the colours.
     pub space: ColourSpace,
-    /// Gaussians less opaque than this at the chosen time belong to no segment.
+    /// Gaussians less opaque than this at the chosen time make no colours, and those that always are belong to none.
     pub min_opacity: f32,
     /// How Gaussians without neighbours are found; `None` keeps them.
     pub outliers: Option<OutlierConfig>,
@@ -54,7 +54,7 @@ impl Default for CoarseOptions {
 pub struct Coarse {
     /// The colours, the one with most opacity first.
     pub palette: Vec<PaletteEntry>,
-    /// `[N]`: position in the palette + 1; 0 for transparent Gaussians and outliers.
+    /// `[N]`: position in the palette + 1; 0 for Gaussians that are always transparent, and outliers.
     pub labels: Vec<u32>,
     /// Gaussians removed as outliers.
     pub outliers: usize,
@@ -62,27 +62,32 @@ pub struct Coarse {
     pub colours: Vec<f32>,
 }
 
-/// Groups Gaussians at a time by colour, each weighted by its opacity.
+/// Groups Gaussians at a time by colour, each weighted by its opacity. With `largest_opacity` `[N]`, the largest of each
+/// over all times, those that are transparent now but not always join the colour next to theirs: at another time they may
+/// be what a segment consists of.
 ///
 /// # Errors
 /// If an option is out of range.
-pub fn coarse(gaussians: &GaussiansAt, options: &CoarseOptions) -> Result<Coarse, PointsError> {
+///
+/// # Panics
+/// If `largest_opacity` has another length.
+pub fn coarse(
+    gaussians: &GaussiansAt,
+    largest_opacity: Option<&[f32]>,
+    options: &CoarseOptions,
+) -> Result<Coarse, PointsError> {
     let colours = mean_colour(&gaussians.sh, gaussians.sh_stride, &fibonacci_sphere(DIRECTIONS))?;
     let opacity = gaussians.opacity();
-    let shown: Vec<u32> = (0..gaussians.len() as u32)
-        .filter(|&i| {
-            let (i, finite) = (i as usize, |v: &[f32]| v.iter().all(|v| v.is_finite()));
-            opacity[i] >= options.min_opacity
-                && finite(&gaussians.means[3 * i..][..3])
-                && finite(&colours[3 * i..][..3])
-        })
-        .collect();
-    let rows = |values: &[f32]| shown.iter().flat_map(|&i| &values[3 * i as usize..][..3]).copied().collect::<Vec<_>>();
-    let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
-    let points = match options.space {
-        ColourSpace::Rgb => rows(&colours),
-        ColourSpace::Lab => rgb_to_lab_all(&rows(&colours)),
+    let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
+    let (shown, hidden): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
+        .filter(|&i| finite(&gaussians.means[3 * i as usize..][..3]) && finite(&colours[3 * i as usize..][..3]))
+        .partition(|&i| opacity[i as usize] >= options.min_opacity);
+    let points_of = |which: &[u32]| {
+        let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
+        if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
     };
+    let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
+    let points = points_of(&shown);
     let mut rng = Rng::new(options.seed, 0, Purpose::Clusters as u64);
     let mut uniform = || rng.uniform();
     let clusters = match options.clusters {
@@ -109,6 +114,13 @@ pub fn coarse(gaussians: &GaussiansAt, options: &CoarseOptions) -> Result<Coarse
                 labels[i] = 0;
                 removed += 1;
             }
+        }
+    }
+    if let Some(largest) = largest_opacity.filter(|_| found.clusters() > 0) {
+        assert_eq!(largest.len(), gaussians.len(), "largest_opacity: [N]");
+        let later: Vec<u32> = hidden.into_iter().filter(|&i| largest[i as usize] >= options.min_opacity).collect();
+        for (&i, colour) in later.iter().zip(points_of(&later).chunks_exact(3)) {
+            labels[i as usize] = nearest(colour, &found.centroids, 3).0 as u32 + 1;
         }
     }
     Ok(Coarse { palette: name_colours(&centroids), labels, outliers: removed, colours })
@@ -148,28 +160,35 @@ mod tests {
     fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
         let (g, truth) = two_balls();
         for space in [ColourSpace::Rgb, ColourSpace::Lab] {
-            let out = coarse(&g, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
+            let out = coarse(&g, None, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
             let names: Vec<&str> = out.palette.iter().map(|p| p.name.as_str()).collect();
             assert_eq!(names, ["blue", "red"], "{space:?}");
             let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
             assert!(wrong <= 9, "{wrong} wrong in {space:?}: at most the rim of the balls may go with the stray");
             assert_eq!(out.labels.last(), Some(&0), "the stray");
         }
+        // a part of the haze that is opaque at another time joins the colour next to it
+        let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.9 } else { 0.0 }).collect();
+        let with = coarse(&g, Some(&later), &CoarseOptions::default()).unwrap();
+        let without = coarse(&g, None, &CoarseOptions::default()).unwrap();
+        for i in 0..900 {
+            assert_eq!(with.labels[i] > 0, without.labels[i] > 0 || i % 6 == 2, "{i}");
+        }
         let kept = CoarseOptions { outliers: None, clusters: Some(2), ..CoarseOptions::default() };
-        let out = coarse(&g, &kept).unwrap();
+        let out = coarse(&g, None, &kept).unwrap();
         assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
-        assert_eq!(out.labels, coarse(&g, &kept).unwrap().labels, "the same twice");
+        assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same twice");
     }
 
     #[test]
     fn poison_and_nothing_are_taken() {
         let (mut g, _) = two_balls();
         (g.means[0], g.sh[20], g.opacity_logits[6]) = (f32::NAN, f32::INFINITY, f32::NAN);
-        let out = coarse(&g, &CoarseOptions::default()).unwrap();
+        let out = coarse(&g, None, &CoarseOptions::default()).unwrap();
         assert_eq!((out.labels[0], out.labels[6]), (0, 0));
         let none = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
-        let out = coarse(&none, &CoarseOptions { clusters: Some(3), ..CoarseOptions::default() });
+        let out = coarse(&none, None, &CoarseOptions { clusters: Some(3), ..CoarseOptions::default() });
         assert!(out.is_err() || out.unwrap().palette.is_empty());
-        assert!(coarse(&g, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
+        assert!(coarse(&g, None, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
     }
 }

@@ -14,6 +14,7 @@ pub mod run;
 pub mod schedule;
 pub mod sleep;
 pub mod spatial;
+mod target;
 #[cfg(test)]
 mod tests;
 mod trainer;

@@ -7,6 +7,7 @@ use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
 use super::sleep::Sleep;
 use super::spatial;
+use super::target::target;
 use super::{init, losses};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::error::DataError;
@@ -15,7 +16,7 @@ use crate::model::gaussians::HostGaussians;
 use crate::model::params::to_vec;
 use crate::model::{Gaussians, Scene};
 use crate::rng::{Purpose, Rng};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use std::time::{Duration, Instant};
 
 /// Why training stops.
@@ -254,7 +255,7 @@ impl Trainer {
                 std::array::from_fn(|_| rng.uniform())
             }
         };
-        let target = target(split, view, background, &self.device);
+        let target = target(split, view, background, &self.device, self.runs_ahead);
         lap(&mut times.data);
 
         let n = self.scene().gaussians.count();
@@ -388,11 +389,4 @@ fn warmup_views(split: &Split, times: WarmupTimes) -> Vec<usize> {
     let all = split.times();
     let middle = all.get(all.len() / 2).copied();
     (0..split.frames.len()).filter(|&i| times == WarmupTimes::All || Some(split.frames[i].time) == middle).collect()
-}
-
-/// The view over the background, with its alpha: `[H, W, 4]`.
-fn target(split: &Split, view: usize, background: [f32; 3], device: &Device) -> Tensor<3> {
-    let (h, w) = (split.images.height as usize, split.images.width as usize);
-    let values = split.images.composite_with_alpha(view, background);
-    Tensor::from_data(TensorData::new(values, [h, w, 4]), device)
 }

@@ -1,6 +1,7 @@
 //! The field on a GPU. Forward: a unit a feature of a point. Backward: 32 units a point, each with every 32nd feature;
 //! gradients of points are reduced in shared memory, of time rows by cube and then in order, those of planes and lines
 //! are scattered with float atomics, so that their last bits vary from run to run.
+#![allow(clippy::collapsible_if)] // only what stands inside may be read
 
 use super::ops::{FieldGradients, FieldOps};
 use super::shape::FieldShape;

@@ -12,6 +12,8 @@ pub fn devices() -> Vec<(&'static str, Device)> {
         ("flex", Device::flex()),
         #[cfg(feature = "ndarray")]
         ("ndarray", Device::ndarray()),
+        #[cfg(feature = "tch")]
+        ("tch", Device::libtorch()),
     ]
 }
 
@@ -19,16 +21,19 @@ pub fn devices() -> Vec<(&'static str, Device)> {
 /// `VOLSEGGS_REQUIRE_GPU` is set: then they fail.
 #[cfg(feature = "wgpu")]
 pub fn gpu() -> Option<Device> {
-    static GPU: std::sync::LazyLock<Result<Device, String>> =
-        std::sync::LazyLock::new(|| Device::wgpu_options().init().map_err(|e| e.to_string()));
-    match &*GPU {
-        Ok(device) => Some(device.clone()),
-        Err(error) => {
-            assert!(std::env::var_os("VOLSEGGS_REQUIRE_GPU").is_none(), "no GPU adapter: {error}");
-            eprintln!("skipped: no GPU adapter ({error})");
-            None
+    static GPU: std::sync::LazyLock<Result<Device, String>> = std::sync::LazyLock::new(|| {
+        let device = Device::wgpu_options().init().map_err(|e| e.to_string());
+        if let Err(error) = &device {
+            use std::io::Write;
+            // past the capture of tests, so that it is seen
+            let _ = writeln!(std::io::stderr(), "skipped: the GPU tests, as there is no adapter ({error})");
         }
+        device
+    });
+    if let Err(error) = &*GPU {
+        assert!(std::env::var_os("VOLSEGGS_REQUIRE_GPU").is_none(), "no GPU adapter: {error}");
     }
+    GPU.clone().ok()
 }
 
 /// [`devices`] and the GPU, for tests that do not ask for the same bits.

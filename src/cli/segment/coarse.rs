@@ -30,7 +30,7 @@ pub struct CoarseArgs {
     /// Space in which colours are near or far.
     #[arg(long, value_enum, default_value_t = Space::Rgb)]
     space: Space,
-    /// Gaussians less opaque than this belong to no segment.
+    /// Gaussians less opaque than this make no colours; those that never are more opaque belong to no segment.
     #[arg(long, default_value_t = 0.02, value_name = "ALPHA")]
     min_opacity: f32,
     /// Keep Gaussians without neighbours.
@@ -84,7 +84,7 @@ impl CoarseArgs {
             seed: self.seed,
         };
         let at = run.scene.host_at(self.time as f32);
-        let found = coarse(&at, &options).map_err(CliError::input)?;
+        let found = coarse(&at, Some(&run.scene.largest_opacity()), &options).map_err(CliError::input)?;
         for (label, entry) in (1..).zip(&found.palette) {
             let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
             let segment = Segment {

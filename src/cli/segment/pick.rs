@@ -4,6 +4,7 @@ use super::super::run_folder::RunFolder;
 use super::super::{CliError, Common, print_json};
 use super::{affinity, check_time};
 use crate::data::{Camera, SplitName};
+use crate::model::params::to_vec;
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::extract::{similar, without_strays};
 use crate::segment::masks::sheet::distinct_colour;
@@ -96,6 +97,11 @@ impl PickArgs {
         };
 
         let at = run.scene.host_at(time as f32);
+        // the field knows the places of the time that it was trained at
+        let places = match &field {
+            Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
+            _ => at.means.clone(),
+        };
         let started = Instant::now();
         let shown = within.as_ref().map(|s| at.subset(&s.members));
         let beneath = under(shown.as_ref().unwrap_or(&at), camera.to_kernel(), [x, y], &device).map_err(|_| {
@@ -113,8 +119,7 @@ impl PickArgs {
             let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
             let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
             let position = candidates.binary_search(&gaussian).map_err(CliError::failure)?;
-            // the field knows the places of the time that it was trained at
-            let means = run.scene.host_at(spec.time as f32).subset(&candidates).means;
+            let means: Vec<f32> = candidates.iter().flat_map(|&i| &places[3 * i as usize..][..3]).copied().collect();
             let like = similar(&field, &spec.frame, &means, position, self.scale, self.threshold);
             let mut members: Vec<u32> = candidates.iter().zip(like).filter(|(_, l)| *l).map(|(m, _)| *m).collect();
             if !self.keep_strays {

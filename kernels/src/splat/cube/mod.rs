@@ -5,6 +5,8 @@
 //! order, so the same device gives the same bits each time.
 //!
 //! The one thing that the host must know is how many entries to make room for; see [`room`].
+// conditions known when a kernel is compiled stand apart from those of its units
+#![allow(clippy::collapsible_if)]
 
 mod bin;
 mod blend;
@@ -86,6 +88,14 @@ fn binned(tensors: &[CubeTensor; 5], offsets: &CubeTensor, settings: &SplatSetti
     let tiles = tiles(settings);
     let (order, starts) = bin::order(client, &screen, keys, indices, n, tiles);
     let capacity = room::capacity(client, &starts, n, settings, patient);
+    let (needs, limit) = (4 * 9 * capacity as u64, client.properties().memory.max_page_size);
+    assert!(
+        needs <= limit,
+        "splat: {capacity} entries of tiles need {} MB in one buffer, this GPU binds {} MB: smaller images, fewer or \
+         smaller Gaussians, or a CPU device",
+        needs / 1_000_000,
+        limit / 1_000_000
+    );
     let bins = bin::list(client, &screen, order, starts, n, tiles, capacity);
     Binned { screen, radii, bins }
 }
