@@ -2,7 +2,8 @@
 //!
 //! One folder an op, each with the same rooms: `mod.rs` (the public function on tensors and the
 //! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `autodiff.rs`
-//! (gradient registration) and `cpu` (the fast kernels over slices, shared by every CPU backend).
+//! (gradient registration), `cpu` (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels,
+//! with the feature `wgpu` or `cuda`).
 //!
 //! This crate knows nothing of files, configurations or the command line.
 #![allow(deprecated)] // burn deprecates the NdArray backend in favour of Flex; both are supported here.

@@ -27,15 +27,15 @@ pub(crate) fn exclusive(client: &Client, data: &Words) {
     scan_blocks::launch(client, count, CubeDim::new_1d(UNITS), data.arg(), sums.arg(), len as u32);
 }
 
-/// The sum of `mine` over the units before this one; all units of a cube of [`UNITS`] must call it.
+/// The sum of `mine` over the units before this one; all `units` of the cube must call it.
 #[cube]
-fn before_me(mine: u32) -> u32 {
-    let mut sums = Shared::<[u32]>::new_slice(256usize);
+pub(crate) fn before_me(mine: u32, #[comptime] units: u32) -> u32 {
+    let mut sums = Shared::<[u32]>::new_slice(comptime!(units as usize));
     let unit = UNIT_POS as usize;
     sums[unit] = mine;
     sync_cube();
     let mut step = 1u32;
-    while step < 256u32 {
+    while step < units {
         let mut value = sums[unit];
         if UNIT_POS >= step {
             value += sums[(UNIT_POS - step) as usize];
@@ -58,7 +58,7 @@ fn scan_range(data: &mut [u32], from: u32, to: u32, start: u32) {
     for i in first..last {
         sum += data[i as usize];
     }
-    let mut running = before_me(sum) + start;
+    let mut running = before_me(sum, UNITS) + start;
     for i in first..last {
         let value = data[i as usize];
         data[i as usize] = running;
@@ -82,7 +82,7 @@ fn sum_blocks(data: &[u32], sums: &mut [u32], len: u32) {
         sum += data[i as usize];
         i += 256u32;
     }
-    let before = before_me(sum);
+    let before = before_me(sum, UNITS);
     if UNIT_POS == 255u32 && from < len {
         sums[block as usize] = before + sum;
     }

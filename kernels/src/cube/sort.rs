@@ -112,7 +112,6 @@ fn scatter(
     shift: u32,
 ) {
     let mut counters = Shared::<[u32]>::new_slice(2048usize);
-    let mut sums = Shared::<[u32]>::new_slice(128usize);
     let mut firsts = Shared::<[u32]>::new_slice(16usize);
     let n = min(len[0], capacity);
     let block = CUBE_POS as u32;
@@ -125,20 +124,7 @@ fn scatter(
     for k in 0..16u32 {
         sum += counters[(UNIT_POS * 16u32 + k) as usize];
     }
-    sums[UNIT_POS as usize] = sum;
-    sync_cube();
-    let mut step = 1u32;
-    while step < 128u32 {
-        let mut value = sums[UNIT_POS as usize];
-        if UNIT_POS >= step {
-            value += sums[(UNIT_POS - step) as usize];
-        }
-        sync_cube();
-        sums[UNIT_POS as usize] = value;
-        sync_cube();
-        step *= 2u32;
-    }
-    let mut running = sums[UNIT_POS as usize] - sum;
+    let mut running = scan::before_me(sum, UNITS);
     for k in 0..16u32 {
         let at = (UNIT_POS * 16u32 + k) as usize;
         let value = counters[at];

@@ -3,6 +3,8 @@
 //! are scattered with float atomics, so that their last bits vary from run to run.
 #![allow(clippy::collapsible_if)] // only what stands inside may be read
 
+mod sample;
+
 use super::ops::{FieldGradients, FieldOps};
 use super::shape::FieldShape;
 use crate::cube::atomic::{AddF32, Exchange, Native};
@@ -15,6 +17,7 @@ use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::ops::numeric::zeros_client;
 use burn_cubecl::tensor::CubeTensor;
+use sample::{Pair, Quad, is_somewhere, read};
 
 /// Points that a unit of the backward pass visits one after the other.
 const VISITS: u32 = 16;
@@ -42,97 +45,6 @@ fn time_tap(shape: &FieldShape, time: f32) -> (u32, u32, f32) {
     let grid = (time * last).max(0.0).min(last);
     let low = (grid as usize).min(shape.time_knots.saturating_sub(2));
     (low as u32, (low + 1).min(shape.time_knots - 1) as u32, grid - low as f32)
-}
-
-#[derive(CubeType)]
-struct Tap {
-    lo: usize,
-    hi: usize,
-    frac: f32,
-    /// d(grid coordinate) / d(normalised coordinate); 0 where clamped.
-    slope: f32,
-}
-
-#[cube]
-fn tap(coordinate: f32, n: u32) -> Tap {
-    let last = f32::cast_from(n - 1u32);
-    let raw = (coordinate * 0.5f32 + 0.5f32) * last;
-    let grid = clamp(raw, 0.0f32, last);
-    let mut lo = 0u32;
-    if n > 1u32 {
-        lo = min(u32::cast_from(grid), n - 2u32);
-    }
-    let inside = raw > 0.0f32 && raw < last;
-    Tap {
-        lo: lo as usize,
-        hi: min(lo + 1u32, n - 1u32) as usize,
-        frac: grid - f32::cast_from(lo),
-        slope: select(inside, 0.5f32 * last, 0.0f32),
-    }
-}
-
-#[cube]
-fn is_nan(x: f32) -> bool {
-    (u32::reinterpret(x) & 0x7FFF_FFFFu32) > 0x7F80_0000u32
-}
-
-/// A point with a NaN coordinate is nowhere.
-#[cube]
-fn is_somewhere(points: &[f32], i: usize) -> bool {
-    !(is_nan(points[3 * i]) || is_nan(points[3 * i + 1]) || is_nan(points[3 * i + 2]))
-}
-
-/// Four nodes of a plane: where they lie, value, slopes along the fast and the slow grid coordinate.
-#[derive(CubeType)]
-struct Quad {
-    at00: usize,
-    at01: usize,
-    at10: usize,
-    at11: usize,
-    value: f32,
-    fast: f32,
-    slow: f32,
-}
-
-#[cube]
-fn quad(planes: &[f32], base: usize, width: usize, fast: &Tap, slow: &Tap, channels: usize) -> Quad {
-    let at00 = base + (slow.lo * width + fast.lo) * channels;
-    let at01 = base + (slow.lo * width + fast.hi) * channels;
-    let at10 = base + (slow.hi * width + fast.lo) * channels;
-    let at11 = base + (slow.hi * width + fast.hi) * channels;
-    let a = planes[at00];
-    let c = planes[at10];
-    let near = planes[at01] - a;
-    let far = planes[at11] - c;
-    let first = near * fast.frac + a;
-    let by_slow = far * fast.frac + c - first;
-    Quad {
-        at00,
-        at01,
-        at10,
-        at11,
-        value: by_slow * slow.frac + first,
-        fast: (far - near) * slow.frac + near,
-        slow: by_slow,
-    }
-}
-
-/// Two nodes of a line: where they lie, value, slope along the grid coordinate.
-#[derive(CubeType)]
-struct Pair {
-    lo: usize,
-    hi: usize,
-    value: f32,
-    slope: f32,
-}
-
-#[cube]
-fn pair(lines: &[f32], base: usize, tap: &Tap, channels: usize) -> Pair {
-    let lo = base + tap.lo * channels;
-    let hi = base + tap.hi * channels;
-    let first = lines[lo];
-    let slope = lines[hi] - first;
-    Pair { lo, hi, value: slope * tap.frac + first, slope }
 }
 
 /// The time row of every level, `[levels * R]`.
@@ -163,20 +75,8 @@ fn forward(
         let f = ABSOLUTE_POS % features as usize;
         let mut value = 0.0f32;
         if is_somewhere(points, i) {
-            let step = channels as usize;
-            let r = f % step;
-            let at = f / step * 9;
-            let (nx, ny, nz) = (levels[at], levels[at + 1], levels[at + 2]);
-            let tx = tap(points[3 * i], nx);
-            let ty = tap(points[3 * i + 1], ny);
-            let tz = tap(points[3 * i + 2], nz);
-            let xy = quad(planes, levels[at + 3] as usize + r, nx as usize, &tx, &ty, step);
-            let xz = quad(planes, levels[at + 4] as usize + r, nx as usize, &tx, &tz, step);
-            let yz = quad(planes, levels[at + 5] as usize + r, ny as usize, &ty, &tz, step);
-            let x = pair(lines, levels[at + 6] as usize + r, &tx, step);
-            let y = pair(lines, levels[at + 7] as usize + r, &ty, step);
-            let z = pair(lines, levels[at + 8] as usize + r, &tz, step);
-            value = (xy.value * z.value + (xz.value * y.value + yz.value * x.value)) * row[f];
+            let s = read(planes, lines, points, levels, i, f, channels as usize);
+            value = s.sum() * row[f];
         }
         out[ABSOLUTE_POS] = value;
     }
@@ -189,6 +89,13 @@ fn scatter<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &Quad, fast: f32, s
     A::add(&out[nodes.at01], value * (1.0f32 - slow) * fast);
     A::add(&out[nodes.at10], value * slow * (1.0f32 - fast));
     A::add(&out[nodes.at11], value * slow * fast);
+}
+
+/// Adds `value` times the linear weights to the two nodes.
+#[cube]
+fn spread<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &Pair, frac: f32, value: f32) {
+    A::add(&out[nodes.lo], value * (1.0f32 - frac));
+    A::add(&out[nodes.hi], value * frac);
 }
 
 #[cube(launch)]
@@ -210,7 +117,6 @@ fn backward<A: AddF32>(
     let mut shared = Shared::<[f32]>::new_slice(768usize);
     let lane = UNIT_POS % comptime!(LANES);
     let side = UNIT_POS / comptime!(LANES);
-    let step = channels as usize;
     let slots = comptime!(features.div_ceil(LANES));
     let mut time_sums = Array::<f32>::new(comptime!(slots as usize));
     #[unroll]
@@ -231,35 +137,20 @@ fn backward<A: AddF32>(
                         let g = grad[i * comptime!(features as usize) + f];
                         // Gaussians that no pixel saw have a gradient of zero
                         if g != 0.0f32 {
-                            let r = f % step;
-                            let at = f / step * 9;
-                            let (nx, ny, nz) = (levels[at], levels[at + 1], levels[at + 2]);
-                            let tx = tap(points[3 * i], nx);
-                            let ty = tap(points[3 * i + 1], ny);
-                            let tz = tap(points[3 * i + 2], nz);
-                            let xy = quad(planes, levels[at + 3] as usize + r, nx as usize, &tx, &ty, step);
-                            let xz = quad(planes, levels[at + 4] as usize + r, nx as usize, &tx, &tz, step);
-                            let yz = quad(planes, levels[at + 5] as usize + r, ny as usize, &ty, &tz, step);
-                            let x = pair(lines, levels[at + 6] as usize + r, &tx, step);
-                            let y = pair(lines, levels[at + 7] as usize + r, &ty, step);
-                            let z = pair(lines, levels[at + 8] as usize + r, &tz, step);
-                            time_sums[slot as usize] +=
-                                g * (xy.value * z.value + (xz.value * y.value + yz.value * x.value));
+                            let s = read(planes, lines, points, levels, i, f, channels as usize);
+                            time_sums[slot as usize] += g * s.sum();
                             let space = g * row[f];
-                            let (g_xy, g_xz, g_yz) = (space * z.value, space * y.value, space * x.value);
-                            let (g_x, g_y, g_z) = (space * yz.value, space * xz.value, space * xy.value);
-                            gx += (g_xy * xy.fast + g_xz * xz.fast + g_x * x.slope) * tx.slope;
-                            gy += (g_xy * xy.slow + g_yz * yz.fast + g_y * y.slope) * ty.slope;
-                            gz += (g_xz * xz.slow + g_yz * yz.slow + g_z * z.slope) * tz.slope;
-                            scatter::<A>(out_planes, &xy, tx.frac, ty.frac, g_xy);
-                            scatter::<A>(out_planes, &xz, tx.frac, tz.frac, g_xz);
-                            scatter::<A>(out_planes, &yz, ty.frac, tz.frac, g_yz);
-                            A::add(&out_lines[x.lo], g_x * (1.0f32 - tx.frac));
-                            A::add(&out_lines[x.hi], g_x * tx.frac);
-                            A::add(&out_lines[y.lo], g_y * (1.0f32 - ty.frac));
-                            A::add(&out_lines[y.hi], g_y * ty.frac);
-                            A::add(&out_lines[z.lo], g_z * (1.0f32 - tz.frac));
-                            A::add(&out_lines[z.hi], g_z * tz.frac);
+                            let (g_xy, g_xz, g_yz) = (space * s.z.value, space * s.y.value, space * s.x.value);
+                            let (g_x, g_y, g_z) = (space * s.yz.value, space * s.xz.value, space * s.xy.value);
+                            gx += (g_xy * s.xy.fast + g_xz * s.xz.fast + g_x * s.x.slope) * s.tx.slope;
+                            gy += (g_xy * s.xy.slow + g_yz * s.yz.fast + g_y * s.y.slope) * s.ty.slope;
+                            gz += (g_xz * s.xz.slow + g_yz * s.yz.slow + g_z * s.z.slope) * s.tz.slope;
+                            scatter::<A>(out_planes, &s.xy, s.tx.frac, s.ty.frac, g_xy);
+                            scatter::<A>(out_planes, &s.xz, s.tx.frac, s.tz.frac, g_xz);
+                            scatter::<A>(out_planes, &s.yz, s.ty.frac, s.tz.frac, g_yz);
+                            spread::<A>(out_lines, &s.x, s.tx.frac, g_x);
+                            spread::<A>(out_lines, &s.y, s.ty.frac, g_y);
+                            spread::<A>(out_lines, &s.z, s.tz.frac, g_z);
                         }
                     }
                 }
