@@ -1,7 +1,6 @@
 //! The whole story on a synthetic scene: prepare, train, evaluate, segment and track, and a report of it all. Every stage is the
 //! library call behind the command of the same name; a demo that was stopped goes on where it was.
 
-pub mod report;
 mod segments;
 mod story;
 

@@ -73,6 +73,7 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         clicks: 1,
         masks: MaskKind::Regions,
         views: MASK_VIEWS,
+        bias: None,
         coarse: CoarseOptions::default(),
         fine: FineOptions { steps: STEPS, pixels: PIXELS, ..FineOptions::default() },
         saga: SagaOptions::default(),

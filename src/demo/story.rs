@@ -1,12 +1,12 @@
 //! What the demo's report says: which pictures, which figures, in which order.
 
-use super::report::{Block, Number, Report, Section};
 use super::{FOV, Results};
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
+use crate::report::{Block, Number, Report, Section};
 use image::RgbImage;
 use std::path::Path;
 

@@ -1,5 +1,9 @@
-//! Drawing on pictures and plots as SVG: letters, line plots, sheets of views. Knows nothing of what is drawn.
+//! Drawing on pictures and plots as SVG: letters, lines, scatter, parallel coordinates, sheets of views. Knows nothing
+//! of what is drawn.
 
 pub mod font;
+mod frame;
+pub mod parallel;
 pub mod plot;
+pub mod scatter;
 pub mod views;

@@ -1,14 +1,14 @@
 //! Small line plots as SVG text.
 
+use super::frame::{Axis, Frame, WIDTH, color, round, shortened, text};
 use std::fmt::Write as _;
 
-const WIDTH: f64 = 640.0;
-const HEIGHT: f64 = 400.0;
-/// Left, right, top and bottom edges of the area of the curves.
-const AREA: [f64; 4] = [70.0, 620.0, 58.0, 345.0];
-/// Height of the row of names, between the title and the curves.
-const LEGEND: f64 = 43.0;
-const COLORS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
+/// Height of the first row of names, between the title and the curves, and from one row to the next.
+const LEGEND: (f64, f64) = (43.0, 17.0);
+/// Most names in the legend.
+const NAMES: usize = 12;
+/// Curves beyond the colours are told apart by their dashes.
+const DASHES: [&str; 3] = ["", " stroke-dasharray=\"8 5\"", " stroke-dasharray=\"2 5\""];
 
 /// One curve. Points that are not finite break it.
 #[derive(Debug, Clone, Default)]
@@ -19,7 +19,7 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// A line plot with linear axes.
+/// A line plot with linear axes. The legend names at most 12 curves.
 #[must_use]
 pub fn line_plot(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
     plot(title, x_label, y_label, series, false)
@@ -31,63 +31,30 @@ pub fn line_plot_log_y(title: &str, x_label: &str, y_label: &str, series: &[Seri
     plot(title, x_label, y_label, series, true)
 }
 
-/// Range of an axis, in log10 where the axis is logarithmic.
-struct Axis {
-    low: f64,
-    high: f64,
-    log: bool,
+/// A name in the legend: its curve, if it stands for one, and where.
+struct Entry {
+    curve: Option<usize>,
+    name: String,
+    x: f64,
+    row: usize,
 }
 
-impl Axis {
-    fn of(values: impl Iterator<Item = f64>, log: bool) -> Self {
-        let start = (f64::INFINITY, f64::NEG_INFINITY);
-        let (low, high) = values.fold(start, |(low, high), v| (low.min(v), high.max(v)));
-        let (low, high) = match (low, high) {
-            (low, high) if low > high => (0.0, 1.0),
-            (low, high) if high - low <= low.abs().max(high.abs()) * 1e-9 => {
-                let half = if log { 0.5 } else { (low.abs() * 0.1).max(0.5) };
-                (low - half, high + half)
-            }
-            range => range,
-        };
-        Self { low, high, log }
-    }
-
-    /// Part of the axis, 0 at the low end and 1 at the high.
-    fn part(&self, value: f64) -> f64 {
-        // Halved first, so that a range wider than the largest number does not overflow.
-        (value / 2.0 - self.low / 2.0) / (self.high / 2.0 - self.low / 2.0)
-    }
-
-    /// Round positions of the ticks, about five.
-    fn ticks(&self) -> Vec<f64> {
-        let raw = self.high / 5.0 - self.low / 5.0;
-        let power = 10f64.powf(raw.log10().floor());
-        let nice = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power);
-        let mut step = nice.into_iter().find(|s| *s >= raw * 0.999).unwrap_or(raw);
-        if self.log && self.high - self.low >= 1.0 {
-            step = step.max(1.0).round();
+/// The names from `left` on, in rows that end before the picture does.
+fn legend(series: &[Series], left: f64) -> Vec<Entry> {
+    let shown = if series.len() > NAMES { NAMES - 1 } else { series.len() };
+    let names = series[..shown].iter().enumerate().map(|(index, s)| (Some(index), s.name.as_str()));
+    let (mut x, mut row) = (left, 0);
+    let mut entries = Vec::new();
+    for (curve, name) in names.chain((shown < series.len()).then_some((None, "..."))) {
+        let name = shortened(name, WIDTH - left - 38.0, 7.0);
+        let width = 28.0 + 7.0 * name.chars().count() as f64;
+        if x + width > WIDTH - 8.0 && x > left {
+            (x, row) = (left, row + 1);
         }
-        let first = (self.low / step).ceil();
-        (0..12).map(|i| (first + f64::from(i)) * step).take_while(|tick| *tick <= self.high + step * 1e-9).collect()
+        entries.push(Entry { curve, name, x, row });
+        x += width + 20.0;
     }
-
-    fn label(&self, tick: f64) -> String {
-        if self.log && tick.fract() == 0.0 && !(-3.0..5.0).contains(&tick) {
-            return format!("1e{tick}");
-        }
-        let value = if self.log { 10f64.powf(tick) } else { tick };
-        let size = value.abs();
-        let span = self.high - self.low;
-        if size < span * 1e-9 && !self.log {
-            return "0".to_owned();
-        }
-        if !(1e-3..1e5).contains(&size) {
-            return format!("{value:.1e}");
-        }
-        let text = format!("{value:.4}");
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    }
+    entries
 }
 
 fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool) -> String {
@@ -98,41 +65,15 @@ fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool)
     let points = || curves.iter().flatten().filter(drawn);
     let x_axis = Axis::of(points().map(|p| p.0), false);
     let y_axis = Axis::of(points().map(|p| p.1), log);
-    let [left, right, top, bottom] = AREA;
-    let to_x = |x: f64| left + x_axis.part(x) * (right - left);
-    let to_y = |y: f64| bottom - y_axis.part(y) * (bottom - top);
+    let names = legend(series, Frame::LEFT);
+    let frame = Frame::new(x_axis, y_axis, LEGEND.1 * names.last().map_or(0.0, |entry| entry.row as f64));
 
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" \
-         font-family=\"sans-serif\" font-size=\"12\">\n\
-         <rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"white\"/>\n"
-    );
-    let text = |x: f64, y: f64, anchor: &str, more: &str, content: &str| {
-        let content = escape(content);
-        format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{content}</text>\n")
+    let mut svg = frame.begin(title, x_label, y_label);
+    let style = |index: usize| {
+        let dashes = DASHES[round(index) % DASHES.len()];
+        format!("stroke=\"{}\" stroke-width=\"1.8\" fill=\"none\"{dashes}", color(index))
     };
-    let middle = (left + right) / 2.0;
-    svg += &text(middle, 24.0, "middle", " font-size=\"15\"", title);
-    svg += &text(middle, HEIGHT - 14.0, "middle", "", x_label);
-    let center = (top + bottom) / 2.0;
-    let turned = format!(" transform=\"rotate(-90 16 {center})\"");
-    svg += &text(16.0, center, "middle", &turned, y_label);
-    let mut grid = String::new();
-    for tick in x_axis.ticks() {
-        let x = to_x(tick);
-        grid += &format!("M{x:.1} {top}V{bottom}");
-        svg += &text(x, bottom + 18.0, "middle", "", &x_axis.label(tick));
-    }
-    for tick in y_axis.ticks() {
-        let y = to_y(tick);
-        grid += &format!("M{left} {y:.1}H{right}");
-        svg += &text(left - 6.0, y + 4.0, "end", "", &y_axis.label(tick));
-    }
-    svg += &format!("<path d=\"{grid}\" stroke=\"#ddd\" fill=\"none\"/>\n");
-    svg += &format!("<path d=\"M{left} {top}V{bottom}H{right}\" stroke=\"#333\" fill=\"none\"/>\n");
-    let mut legend = left;
-    for (index, (entry, curve)) in series.iter().zip(&curves).enumerate() {
-        let color = COLORS[index % COLORS.len()];
+    for (index, curve) in curves.iter().enumerate() {
         let mut path = String::new();
         let mut pen = 'M';
         for (x, y) in curve {
@@ -141,36 +82,23 @@ fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool)
                 continue;
             }
             // Writing to a String cannot fail.
-            let _ = write!(path, "{pen}{:.1} {:.1}", to_x(*x), to_y(*y));
+            let _ = write!(path, "{pen}{:.1} {:.1}", frame.to_x(*x), frame.to_y(*y));
             // A lone point is drawn by the round cap of a line of no length.
             if pen == 'M' {
                 path.push_str("h0");
             }
             pen = 'L';
         }
-        let style = format!("stroke=\"{color}\" stroke-width=\"1.8\" fill=\"none\"");
-        svg += &format!("<path d=\"{path}\" {style} stroke-linecap=\"round\"/>\n");
-        svg += &format!("<path d=\"M{legend:.1} {LEGEND}h22\" {style}/>\n");
-        svg += &text(legend + 28.0, LEGEND + 4.0, "start", "", &entry.name);
-        // letters are some 7 units wide
-        legend += 48.0 + 7.0 * entry.name.chars().count() as f64;
+        svg += &format!("<path d=\"{path}\" {} stroke-linecap=\"round\"/>\n", style(index));
+    }
+    for Entry { curve, name, x, row } in names {
+        let y = LEGEND.0 + LEGEND.1 * row as f64;
+        if let Some(index) = curve {
+            svg += &format!("<path d=\"M{x:.1} {y:.1}h22\" {}/>\n", style(index));
+        }
+        svg += &text(x + 28.0, y + 4.0, "start", "", &name);
     }
     svg + "</svg>\n"
-}
-
-/// Text as it may stand in XML.
-fn escape(text: &str) -> String {
-    let mut out = String::new();
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            c if c.is_control() => out.push(' '),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 #[cfg(test)]
@@ -203,6 +131,23 @@ mod tests {
         let svg = line_plot_log_y("", "", "", &[series(&points)]);
         assert!(svg.contains(">100<") && svg.contains(">1<"), "{svg}");
         assert_eq!(svg.matches("h0").count(), 2);
+    }
+
+    #[test]
+    fn many_names_wrap_and_the_rest_is_dots() {
+        let named = |count: usize| -> Vec<Series> {
+            (0..count).map(|i| Series { name: format!("variant-{i}"), points: vec![(i as f64, 1.0)] }).collect()
+        };
+        let twelve = line_plot("", "", "", &named(12));
+        assert!(twelve.contains(">variant-11<") && !twelve.contains(">...<"));
+        let many = line_plot("", "", "", &named(13));
+        assert!(many.contains(">variant-10<") && !many.contains(">variant-11<") && many.contains(">...<"));
+        let entries = legend(&named(12), 70.0);
+        assert!(entries.iter().all(|e| e.x + 28.0 + 7.0 * e.name.len() as f64 <= WIDTH));
+        assert_eq!((entries[0].row, entries[11].row), (0, 2));
+        assert!(twelve.contains("viewBox=\"0 0 640 434\"") && twelve.matches("stroke-dasharray").count() == 12);
+        let long = Series { name: "x".repeat(300), points: vec![] };
+        assert!(line_plot("", "", "", &[long]).contains("x…<"));
     }
 
     #[test]

@@ -1,6 +1,6 @@
-//! A sheet of pictures in a grid, each with a label: what was rendered, at a glance.
+//! Sheets of pictures in a grid, each with a label: what was rendered, at a glance.
 
-use super::font::{GLYPH_HEIGHT, draw_text};
+use super::font::{GLYPH_HEIGHT, draw_text, text_width};
 use image::imageops::{FilterType, resize};
 use image::{Rgb, RgbImage};
 
@@ -34,9 +34,94 @@ pub fn view_sheet(pictures: &[(String, RgbImage)], columns: usize, cell: u32) ->
     sheet
 }
 
+/// A picture of a [`pair_sheet`], with another one of the same size below it.
+#[derive(Clone, Debug, Default)]
+pub struct Pair {
+    /// First line above.
+    pub name: String,
+    /// Second line above.
+    pub note: String,
+    /// The picture.
+    pub picture: RgbImage,
+    /// What lies below; the ground shows where there is none.
+    pub below: Option<RgbImage>,
+}
+
+/// Lays out pairs in rows of `columns`, each no wider than `cell` pixels. As labels need room, small pictures are blown
+/// up by a whole factor to at least half of that.
+#[must_use]
+pub fn pair_sheet(pairs: &[Pair], columns: usize, cell: u32) -> RgbImage {
+    let (columns, cell) = (columns.clamp(1, pairs.len().max(1)), cell.max(1));
+    let (w, h) = pairs.first().map_or((1, 1), |p| (p.picture.width().max(1), p.picture.height().max(1)));
+    let (cw, ch) = if w > cell {
+        (cell, (u64::from(h) * u64::from(cell) / u64::from(w)).max(1) as u32)
+    } else {
+        let times = (cell / 2).div_ceil(w).clamp(1, cell / w);
+        (w * times, h * times)
+    };
+    let scale = if cw >= 240 { 2 } else { 1 };
+    let line = (GLYPH_HEIGHT + 3) * scale;
+    let row = 2 * line + 2 * ch + 3 + 2 * MARGIN;
+    let size = (MARGIN + columns as u32 * (cw + MARGIN), MARGIN + pairs.len().div_ceil(columns) as u32 * row);
+    let mut sheet = RgbImage::from_pixel(size.0, size.1, Rgb(PAPER));
+    for (i, pair) in pairs.iter().enumerate() {
+        let x = MARGIN + (i % columns) as u32 * (cw + MARGIN);
+        let y = MARGIN + (i / columns) as u32 * row;
+        for (k, label) in (0u32..).zip([&pair.name, &pair.note]) {
+            // a long name is rather small than cut
+            let (label, scale) = fitting(label, cw, scale);
+            draw_text(&mut sheet, x, y + k * line, scale, INK, &label);
+        }
+        for (k, picture) in (0u32..).zip([Some(&pair.picture), pair.below.as_ref()]) {
+            let Some(picture) = picture else { continue };
+            let filter = if cw > w { FilterType::Nearest } else { FilterType::Triangle };
+            let shown = resize(picture, cw, ch, filter);
+            image::imageops::replace(&mut sheet, &shown, i64::from(x), i64::from(y + 2 * line + k * (ch + 3)));
+        }
+    }
+    sheet
+}
+
+/// `label` at `scale` or smaller, cut if it is still wider than `width`.
+fn fitting(label: &str, width: u32, scale: u32) -> (String, u32) {
+    let scale = (1..=scale).rev().find(|s| text_width(label, *s) <= width).unwrap_or(1);
+    let mut label = label.to_owned();
+    if text_width(&label, scale) > width {
+        while text_width(&label, scale) + text_width("...", scale) > width && label.pop().is_some() {}
+        label += "..";
+    }
+    (label, scale)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pairs_lie_one_over_the_other_under_two_lines() {
+        let picture = |size: u32, shade: u8| RgbImage::from_pixel(size, size, Rgb([shade; 3]));
+        let pair = |size: u32| Pair {
+            name: "a name too long for the picture under it".to_owned(),
+            note: "30 dB".to_owned(),
+            picture: picture(size, 200),
+            below: Some(picture(size, 99)),
+        };
+        for (size, shown, scale) in [(400, 100, 1), (10, 50, 1), (90, 90, 1), (600, 300, 2)] {
+            let cell = if size == 600 { 300 } else { 100 };
+            let line = (GLYPH_HEIGHT + 3) * scale;
+            let row = 2 * line + 2 * shown + 3 + 2 * MARGIN;
+            let sheet = pair_sheet(&[pair(size), Pair { below: None, ..pair(size) }, pair(size)], 2, cell);
+            assert_eq!(sheet.dimensions(), (MARGIN + 2 * (shown + MARGIN), MARGIN + 2 * row), "{size}");
+            let top = MARGIN + 2 * line;
+            assert_eq!(sheet.get_pixel(MARGIN, top).0, [200; 3]);
+            assert_eq!(sheet.get_pixel(MARGIN, top + shown + 3).0, [99; 3]);
+            assert_eq!(sheet.get_pixel(2 * MARGIN + shown, top + shown + 3).0, PAPER);
+            assert_eq!(sheet.get_pixel(MARGIN + shown + 1, MARGIN + 3).0, PAPER, "labels end with their picture");
+        }
+        assert_eq!(pair_sheet(&[], 3, 100).height(), MARGIN);
+        assert_eq!(fitting("", 0, 2), (String::new(), 2));
+        assert_eq!(pair_sheet(&[Pair::default()], 0, 0).width(), 2 * MARGIN + 1);
+    }
 
     #[test]
     fn pictures_are_shrunk_into_rows() {

@@ -1,4 +1,4 @@
-//! The report of a demonstration as data, and its one self-contained HTML file.
+//! A report as data, and its one self-contained HTML file: text, tables, pictures, plots.
 //!
 //! Here is what a report consists of and how it is written; the page's skeleton is in `page`, its blocks in `blocks`.
 //! Nothing here renders pictures or measures anything: every part hands over finished text, PNGs and numbers.
@@ -95,7 +95,8 @@ pub enum Block {
     Table {
         /// Headings of the columns.
         head: Vec<String>,
-        /// Cells; short rows are filled with empty ones. The first cell names its row.
+        /// Cells; short rows are filled with empty ones. The first cell names its row. A cell between `**` and `**`
+        /// is bold.
         rows: Vec<Vec<String>>,
         /// Text above; may be empty.
         caption: String,

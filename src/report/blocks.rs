@@ -136,15 +136,27 @@ fn plot(svg: &str, caption: &str) -> String {
 
 /// True for `12`, `-0.5`, `30.1 dB`, `98 %`, and for what stands where there is no number.
 fn numeric(cell: &str) -> bool {
-    let first = cell.split_whitespace().next().unwrap_or("");
+    let first = bold(cell).unwrap_or(cell).split_whitespace().next().unwrap_or("");
     let number = first.trim_end_matches(['%', '×', 'x']).replace(['−', '–', '—'], "-").replace(',', "");
     matches!(number.as_str(), "" | "-" | "n/a")
         || number.trim_start_matches(['±', '<', '>', '≈']).parse::<f64>().is_ok()
 }
 
+/// What stands between `**` and `**`, if the cell is marked so.
+fn bold(cell: &str) -> Option<&str> {
+    let inner = cell.trim().strip_prefix("**")?.strip_suffix("**")?.trim();
+    (!inner.is_empty() && !inner.contains("**")).then_some(inner)
+}
+
 fn table(head: &[String], rows: &[Vec<String>], caption: &str, highlight: Option<usize>) -> String {
     let columns = rows.iter().map(Vec::len).chain([head.len()]).max().unwrap_or(0);
-    let cell = |row: &[String], column: usize| row.get(column).map_or_else(String::new, |text| escape(text));
+    let cell = |row: &[String], column: usize| match row.get(column) {
+        None => String::new(),
+        Some(text) => match bold(text) {
+            Some(inner) => format!("<strong>{}</strong>", escape(inner)),
+            None => escape(text),
+        },
+    };
     let classes: Vec<String> = (0..columns)
         .map(|column| {
             let cells = || rows.iter().filter_map(|row| row.get(column));

@@ -36,7 +36,7 @@ pub(super) fn render(report: &Report) -> String {
         }
         out += "</section>\n";
     }
-    out += "</main>\n<footer><p>Made by <code>volseggs demo</code>. This file holds all it shows and loads nothing \
+    out += "</main>\n<footer><p>Made by <code>volseggs</code>. This file holds all it shows and loads nothing \
             from a network.</p></footer>\n<p id=\"status\" class=\"unseen\" role=\"status\"></p>\n";
     out + &format!("<script>\n{JS}</script>\n</body>\n</html>\n")
 }

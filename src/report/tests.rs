@@ -219,6 +219,17 @@ fn columns_of_numbers_stand_to_the_right() {
 }
 
 #[test]
+fn cells_between_stars_are_bold_and_still_numbers() {
+    let row = |cells: [&str; 3]| cells.map(text).to_vec();
+    let rows = vec![row(["a", "**30.1 ± 0.2**", "** <b> **"]), row(["**", "29", "****"])];
+    let html = page(Block::Table { head: row(["v", "PSNR", "w"]), rows, caption: String::new(), highlight: None });
+    assert!(html.contains("<td class=\"number\"><strong>30.1 ± 0.2</strong></td>"));
+    assert!(html.contains("<strong>&lt;b&gt;</strong>"));
+    assert!(html.contains("<th scope=\"row\">**</th>") && html.contains("<td>****</td>"));
+    check_balance(&html).unwrap();
+}
+
+#[test]
 fn times_read_well_and_poison_does_not_spread() {
     let times = [0.0421, 3.11, 59.4, 59.7, 245.0, 7_199.0, f64::NAN, f64::INFINITY, -1.0];
     let stages = times.iter().enumerate().map(|(i, seconds)| (format!("stage {i}"), *seconds)).collect();
