@@ -5,6 +5,7 @@
 //! `export`. Data flows one way; no folder reaches back. The binary's commands live in `cli`.
 
 pub mod cli;
+pub mod compare;
 pub mod config;
 pub mod data;
 pub mod demo;
@@ -13,6 +14,7 @@ pub mod draw;
 pub mod edit;
 pub mod eval;
 pub mod export;
+pub mod extend;
 pub mod files;
 pub mod log;
 pub mod memory;
@@ -20,8 +22,26 @@ pub mod metrics;
 pub mod model;
 pub mod points;
 pub mod prepare;
+pub mod report;
 pub mod rng;
 pub mod segment;
+pub mod sweep;
 pub mod track;
 pub mod train;
 pub mod volume;
+
+/// The library of tensors that every signature here speaks of, in its version.
+pub use burn;
+
+/// The program: parses the command line, runs the command, prints an error. All that the binary does; a program of
+/// your own calls it after it has registered its extensions, see [`extend`].
+#[must_use]
+pub fn main() -> std::process::ExitCode {
+    match <cli::Cli as clap::Parser>::parse().run() {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            std::process::ExitCode::from(error.code())
+        }
+    }
+}

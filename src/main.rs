@@ -1,6 +1,5 @@
-//! Parses the command line, dispatches, prints errors; nothing else.
+//! The program without extensions of its own; all of it is in the library.
 
-use clap::Parser;
 use std::process::ExitCode;
 
 /// Training allocates and frees tensors of megabytes every step; the system's allocator would hand their
@@ -9,11 +8,5 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
-    match volseggs::cli::Cli::parse().run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::from(error.code())
-        }
-    }
+    volseggs::main()
 }

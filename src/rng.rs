@@ -135,6 +135,8 @@ pub enum Purpose {
     AffinityInit = 8,
     /// Views, scales and pixels of the affinity field's training.
     AffinitySteps = 9,
+    /// Points of random sweeps.
+    Sweep = 10,
     /// Features, views, scales and pixels of the per-Gaussian features (SAGA).
     GaussianFeatures = 40,
 }

@@ -46,7 +46,7 @@ fn is_png(path: &Path, width: u32, height: u32) {
 fn eval_writes_tables_and_pictures() {
     let summary: Value = serde_json::from_str(&output(&mut command(&["eval", "--json"]))).unwrap();
     let folder = root().join("run/eval/test");
-    assert_eq!(names(&folder), ["contact-sheet.png", "mean.json", "psnr-over-time.svg", "views.csv"]);
+    assert_eq!(names(&folder), ["contact-sheet.png", "mean.json", "pictures", "psnr-over-time.svg", "views.csv"]);
     assert_eq!(json(&folder.join("mean.json")), summary);
     for field in ["psnr", "ssim", "ssim_gray", "fps", "training_seconds", "model_bytes", "gaussians", "views"] {
         assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");

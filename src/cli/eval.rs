@@ -73,6 +73,9 @@ impl EvalArgs {
         println!("PSNR           {:.2} dB", s.psnr);
         println!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
         println!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
+        for (name, value) in &s.extra {
+            println!("{name:<14} {value:.4}");
+        }
         println!("frames/second  {:.1}", s.fps);
         println!("training       {:.1} min", s.training_seconds / 60.0);
         println!("model          {:.2} MB, {} Gaussians", s.model_bytes as f64 / 1e6, s.gaussians);

@@ -3,6 +3,7 @@
 use super::run_folder::RunFolder;
 use super::{CliError, print_json};
 use crate::data::Truth;
+use crate::data::paths::Axis;
 use crate::eval::segments::{MaskKind, Method, SegmentOptions, evaluate_segments, markdown, write_results};
 use crate::files::AtomicDir;
 use crate::metrics::lpips::Lpips;
@@ -10,6 +11,7 @@ use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
 use clap::{Args, ValueEnum};
+use std::f64::consts::FRAC_PI_4;
 use std::path::Path;
 use volseggs_kernels::contrast::Repulsion;
 
@@ -38,6 +40,9 @@ pub(super) struct SegmentFlags {
     /// Views with masks.
     #[arg(long, default_value_t = 30, requires = "segments")]
     mask_views: usize,
+    /// Take these views near an axis (x, y or z), within 45 degrees, in place of the whole sphere.
+    #[arg(long, value_name = "AXIS", requires = "segments")]
+    mask_bias: Option<Axis>,
     /// Number of colours; suggested from the data if not given.
     #[arg(long, value_name = "K", requires = "segments")]
     clusters: Option<usize>,
@@ -97,6 +102,7 @@ impl SegmentFlags {
             clicks: self.clicks,
             masks: if self.masks == Masks::Labels { MaskKind::Labels } else { MaskKind::Regions },
             views: self.mask_views,
+            bias: self.mask_bias.map(|axis| (axis, FRAC_PI_4)),
             coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },
             fine: FineOptions { steps, repulsion, seed, ..FineOptions::default() },
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },

@@ -1,7 +1,7 @@
 //! `volseggs train`
 
 use super::{CliError, Common, config::ConfigSource, print_json, stop_flag};
-use crate::data::{Dataset, OpenOptions, SplitName};
+use crate::train::open_dataset;
 use crate::train::run::{RunOptions, run};
 use clap::Args;
 use std::path::PathBuf;
@@ -35,13 +35,7 @@ impl TrainArgs {
         let (name, device) = self.common.device()?;
         let resolved = self.config.resolve()?;
         let config = resolved.value.clone();
-        let present = Dataset::present(&self.data);
-        let mut splits = vec![SplitName::Train];
-        if config.output.eval_every > 0 && present.contains(&SplitName::Test) {
-            splits.push(SplitName::Test);
-        }
-        let options = OpenOptions { downscale: config.data.downscale, splits: &splits, max_views: None };
-        let dataset = Dataset::open(&self.data, &options)?;
+        let dataset = open_dataset(&self.data, &config)?;
         eprintln!(
             "{}: {} training views of {}x{} at {} times; device {name}, {} threads",
             self.data.display(),

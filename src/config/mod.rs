@@ -13,5 +13,11 @@ pub const PRESETS: &[(&str, &str)] = &[
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys.
-pub const RESERVED_VARIABLES: &[&str] =
-    &["VOLSEGGS_TEST_DATA", "VOLSEGGS_REQUIRE_GPU", "VOLSEGGS_CACHE", "VOLSEGGS_SIMD"];
+pub const RESERVED_VARIABLES: &[&str] = &[
+    "VOLSEGGS_TEST_DATA",
+    "VOLSEGGS_REQUIRE_GPU",
+    "VOLSEGGS_REQUIRE_SLURM",
+    "VOLSEGGS_CACHE",
+    "VOLSEGGS_SIMD",
+    "VOLSEGGS_GPU_ATOMICS",
+];

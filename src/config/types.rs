@@ -2,8 +2,11 @@
 //!
 //! The defaults are the `best` preset. Each key that the paper ablates is here by name.
 
+mod defaults;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// A training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -39,6 +42,10 @@ pub struct DataConfig {
     pub downscale: u32,
     /// `white`, `black`, `random` (a new colour each step; white in evaluation) or `#rrggbb`.
     pub background: String,
+    /// Train on so many of the training times, evenly spread; 0 for all.
+    pub times: usize,
+    /// Train on so many views of each of them, as far apart as they can be chosen; 0 for all.
+    pub views_per_time: usize,
 }
 
 /// `init.*`
@@ -73,8 +80,11 @@ pub enum Placement {
 pub struct ModelConfig {
     /// Spherical-harmonics degree, 0 to 3.
     pub sh_degree: usize,
-    /// The space-time encoder: `factorised` (the paper's) or `implicit` (its ablation).
+    /// The space-time encoder: `factorised` (the paper's), `implicit` (its ablation) or `extra` (a registered one).
     pub encoder: EncoderKind,
+    /// Name of the registered encoder for `encoder = "extra"`, see `docs/research.md`; empty otherwise.
+    #[serde(default)] // a scene from before this key still loads
+    pub extra_encoder: String,
     /// Levels of the factorised encoder; level m has `m * resolution` nodes an axis.
     pub levels: usize,
     /// Nodes an axis of the first level.
@@ -111,6 +121,8 @@ pub enum EncoderKind {
     Factorised,
     /// A multi-layer perceptron on a positional encoding.
     Implicit,
+    /// The one registered as `model.extra_encoder`.
+    Extra,
 }
 
 /// How the grid starts.
@@ -199,6 +211,8 @@ pub struct LossConfig {
     pub tv_kind: TvOrder,
     /// Weight of mean |1 - g| over the grid (the reference code's prior).
     pub one_prior: f64,
+    /// Weights of registered loss terms by name, see `docs/research.md`; 0 leaves one out.
+    pub extra: BTreeMap<String, f64>,
 }
 
 /// Distance between colours.
@@ -225,7 +239,7 @@ pub enum TvOrder {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimConfig {
-    /// Means, as a multiple of the scene's extent, falling log-linearly over the joint stage.
+    /// Means, as a multiple of the scene's extent, falling over the joint stage as `schedule` says.
     pub means: f64,
     /// Rotations.
     pub rotations: f64,
@@ -237,7 +251,7 @@ pub struct OptimConfig {
     pub sh: f64,
     /// Learning rate of the others, as a fraction of `sh`.
     pub sh_rest: f64,
-    /// Planes, lines and temporal vectors (and the implicit encoder).
+    /// Planes, lines and temporal vectors (and the other encoders).
     pub encoder: f64,
     /// The decoder.
     pub decoder: f64,
@@ -245,6 +259,8 @@ pub struct OptimConfig {
     pub final_fraction: f64,
     /// Final rate of the other groups, as a fraction of the first.
     pub attributes_final_fraction: f64,
+    /// How means, encoder and decoder fall: `log-linear`, `cosine`, `constant` or a registered schedule.
+    pub schedule: String,
     /// First and second decay of Adam.
     pub betas: [f64; 2],
     /// Adam's epsilon.
@@ -320,83 +336,4 @@ pub struct OutputConfig {
     pub checkpoint_every: usize,
     /// Checkpoints kept.
     pub keep: usize,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            seed: 0,
-            data: DataConfig { downscale: 1, background: "white".into() },
-            init: InitConfig {
-                points: 60_000,
-                placement: Placement::Hull,
-                box_half_size: 1.3,
-                scale: 0.6,
-                opacity: 0.1,
-            },
-            model: ModelConfig {
-                sh_degree: 3,
-                encoder: EncoderKind::Factorised,
-                levels: 2,
-                resolution: 64,
-                time_knots: 25,
-                channels: 32,
-                grid_init: GridInit::Uniform,
-                time_range: TimeRange::Full,
-                bounds: Bounds::Hull,
-                bounds_margin: 0.05,
-                implicit_octaves: 4,
-                width: 64,
-                decoder: DecoderKind::Heads,
-                zero_init_heads: true,
-                deform_opacity: true,
-            },
-            stages: StagesConfig {
-                warmup_steps: 500,
-                warmup_times: WarmupTimes::Middle,
-                joint_steps: 20_000,
-                sh_every: 0,
-            },
-            loss: LossConfig {
-                kind: LossKind::L2,
-                dssim: 0.2,
-                dssim_last: 5000,
-                dssim_ramp: 500,
-                alpha: 0.1,
-                tv: 1e-4,
-                tv_time: 1e-4,
-                tv_kind: TvOrder::First,
-                one_prior: 0.0,
-            },
-            optim: OptimConfig {
-                means: 1.6e-4,
-                rotations: 1e-3,
-                log_scales: 5e-3,
-                opacity: 0.05,
-                sh: 2.5e-3,
-                sh_rest: 1.0,
-                encoder: 0.01,
-                decoder: 1.4e-3,
-                final_fraction: 0.01,
-                attributes_final_fraction: 0.1,
-                betas: [0.9, 0.999],
-                epsilon: 1e-15,
-            },
-            densify: DensifyConfig {
-                budget: 150_000,
-                mode: DensifyMode::Budget,
-                every: 100,
-                warmup_from: 300,
-                joint_from: 500,
-                joint_until: 12_000,
-                threshold: 2e-4,
-                split_above: 0.004,
-                prune_opacity: 0.005,
-                prune_every: 500,
-                opacity_reset: 0,
-            },
-            speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000, cull_visits: 0 },
-            output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
-        }
-    }
 }

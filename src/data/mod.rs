@@ -14,6 +14,7 @@ pub mod layout;
 mod lenient;
 pub mod paths;
 pub mod scan;
+pub mod thin;
 pub mod transforms;
 pub mod truth;
 

@@ -24,7 +24,8 @@ pub fn psnr_over_time(evaluation: &Evaluation) -> String {
     line_plot("PSNR over time", "time", "dB", &series)
 }
 
-/// Writes `views.csv`, `mean.json`, `psnr-over-time.svg` and `contact-sheet.png` into `folder`, which is made.
+/// Writes `views.csv`, `mean.json`, `psnr-over-time.svg`, `contact-sheet.png` and `pictures/VIEW-{truth,render}.png`
+/// into `folder`, which is made.
 ///
 /// # Errors
 /// The first file that cannot be written.
@@ -40,6 +41,15 @@ pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), Write
     write("psnr-over-time.svg", psnr_over_time(evaluation).as_bytes())?;
     if let Some(sheet) = &evaluation.sheet {
         write("contact-sheet.png", &encode_png(sheet).map_err(|e| error(folder, &e))?)?;
+    }
+    let pictures = folder.join("pictures");
+    std::fs::create_dir_all(&pictures).map_err(|e| error(&pictures, &e))?;
+    for picture in &evaluation.pictures {
+        // a view's name may hold folders
+        let name = picture.view.replace(['/', '\\'], "-");
+        for (kind, image) in [("truth", &picture.truth), ("render", &picture.render)] {
+            write(&format!("pictures/{name}-{kind}.png"), &encode_png(image).map_err(|e| error(&pictures, &e))?)?;
+        }
     }
     Ok(())
 }

@@ -2,12 +2,14 @@
 
 use super::sheet::{SheetRow, contact_sheet};
 use crate::data::Split;
+use crate::extend::{self, MetricInput};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::psnr;
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
 use crate::model::Scene;
 use image::RgbImage;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::time::Instant;
 
@@ -28,10 +30,13 @@ pub struct ViewMetrics {
     pub lpips_alex: Option<f64>,
     /// LPIPS, VGG-16.
     pub lpips_vgg: Option<f64>,
+    /// Registered metrics by name; those that are not finite in this view are absent.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub extra: BTreeMap<String, f64>,
 }
 
 /// Means over a split, and what the scene costs.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Summary {
     /// Split.
     pub split: String,
@@ -47,6 +52,9 @@ pub struct Summary {
     pub lpips_alex: Option<f64>,
     /// Mean LPIPS with VGG-16; null without weights.
     pub lpips_vgg: Option<f64>,
+    /// Means of registered metrics by name, over the views that have them.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub extra: BTreeMap<String, f64>,
     /// Frames per second of the test path, deformation recomputed for each frame, image on the host.
     pub fps: f64,
     /// Seconds of training.
@@ -74,6 +82,19 @@ pub struct Evaluation {
     pub summary: Summary,
     /// Truth, render and error of a few views.
     pub sheet: Option<RgbImage>,
+    /// The same views as pictures of their own.
+    pub pictures: Vec<ViewPicture>,
+}
+
+/// One view as it should be and as it is drawn.
+#[derive(Clone, Debug)]
+pub struct ViewPicture {
+    /// Name of the view.
+    pub view: String,
+    /// The photograph.
+    pub truth: RgbImage,
+    /// The render.
+    pub render: RgbImage,
 }
 
 /// What the evaluation cannot know itself.
@@ -105,9 +126,11 @@ pub fn evaluate(
     let n = split.frames.len();
     let background = scene.spec.background;
     let shown: Vec<usize> = (0..n.min(6)).map(|k| (2 * k + 1) * n / (2 * n.min(6))).collect();
-    let mut kept = Vec::new();
+    let (mut kept, mut pictures) = (Vec::new(), Vec::new());
     let mut views = Vec::with_capacity(n);
     let mut truth = vec![0.0; 3 * w * h];
+    let mut alpha = vec![0.0; w * h];
+    let registered = extend::metrics();
     let mut render_seconds = 0.0;
     for (i, frame) in split.frames.iter().enumerate() {
         let started = Instant::now();
@@ -121,6 +144,10 @@ pub fn evaluate(
             let network = networks.iter().find(|n| n.net() == net);
             network.map(|n| n.distance(&render, &truth, h, w).map_err(|e| e.to_string())).transpose()
         };
+        split.images.alpha(i, &mut alpha);
+        let time = frame.time;
+        let input =
+            MetricInput { render: &render, truth: &truth, alpha: &alpha, width: w, height: h, background, time };
         let metrics = ViewMetrics {
             view: frame.name.clone(),
             time: frame.time,
@@ -129,9 +156,16 @@ pub fn evaluate(
             ssim_gray: ssim_gray(&render, &truth, w, h).map_err(|e| e.to_string())?,
             lpips_alex: lpips(LpipsNet::Alex)?,
             lpips_vgg: lpips(LpipsNet::Vgg)?,
+            extra: extend::measure(&registered, &input),
         };
         progress(i + 1, metrics.psnr);
         if shown.contains(&i) {
+            let picture = |rgb: &[f32]| {
+                let bytes = rgb.iter().map(|v| (v * 255.0).round() as u8).collect();
+                RgbImage::from_raw(w as u32, h as u32, bytes).unwrap_or_default()
+            };
+            let (truth_picture, render_picture) = (picture(&truth), picture(&render));
+            pictures.push(ViewPicture { view: frame.name.clone(), truth: truth_picture, render: render_picture });
             kept.push((format!("{} t {:.2} {:.2} dB", frame.name, frame.time, metrics.psnr), truth.clone(), render));
         }
         views.push(metrics);
@@ -152,6 +186,7 @@ pub fn evaluate(
         ssim_gray: mean(&|v| v.ssim_gray),
         lpips_alex: mean_option(&|v| v.lpips_alex),
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
+        extra: extend::means(views.iter().map(|v| &v.extra)),
         fps: n as f64 / render_seconds,
         training_seconds: costs.training_seconds,
         model_bytes: costs.model_bytes,
@@ -164,17 +199,22 @@ pub fn evaluate(
     let rows: Vec<SheetRow<'_>> =
         kept.iter().map(|(label, truth, render)| SheetRow { label: label.clone(), truth, render }).collect();
     let sheet = contact_sheet(&rows, w, h).ok();
-    Ok(Evaluation { views, summary, sheet })
+    Ok(Evaluation { views, summary, sheet, pictures })
 }
 
-/// The metrics of each view as CSV; an absent LPIPS is an empty cell.
+/// The metrics of each view as CSV, registered ones last; one that is absent is an empty cell.
 pub fn to_csv(views: &[ViewMetrics]) -> String {
-    let mut out = String::from("view,time,psnr,ssim,ssim_gray,lpips_alex,lpips_vgg\n");
+    let mut out = String::from("view,time,psnr,ssim,ssim_gray,lpips_alex,lpips_vgg");
+    let names: BTreeSet<&String> = views.iter().flat_map(|v| v.extra.keys()).collect();
+    names.iter().for_each(|name| out.extend([",", name.as_str()]));
+    out.push('\n');
     let cell = |v: Option<f64>| v.map(|v| format!("{v:.6}")).unwrap_or_default();
     for v in views {
         let (alex, vgg) = (cell(v.lpips_alex), cell(v.lpips_vgg));
         // writing to a String cannot fail
-        let _ = writeln!(out, "{},{:.6},{:.4},{:.6},{:.6},{alex},{vgg}", v.view, v.time, v.psnr, v.ssim, v.ssim_gray);
+        let _ = write!(out, "{},{:.6},{:.4},{:.6},{:.6},{alex},{vgg}", v.view, v.time, v.psnr, v.ssim, v.ssim_gray);
+        names.iter().for_each(|name| out.extend([",", &cell(v.extra.get(*name).copied())]));
+        out.push('\n');
     }
     out
 }

@@ -3,6 +3,7 @@
 use super::Gaussians;
 use super::decoder::Decoder;
 use super::encoder::{Encoder, FactorisedEncoder, ImplicitEncoder};
+use super::extra_encoder::ExtraEncoder;
 use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -57,12 +58,23 @@ impl Deformed {
 
 impl DeformationField {
     /// A new field over the box `centre +- half_size`.
+    ///
+    /// # Panics
+    /// If the configuration names a registered encoder that [`ExtraEncoder::check`] refuses.
     pub fn new(config: &ModelConfig, centre: [f32; 3], half_size: [f32; 3], seed: u64, device: &Device) -> Self {
         let encoder = match config.encoder {
             EncoderKind::Factorised => Encoder::Factorised(FactorisedEncoder::new(config, seed, device)),
             EncoderKind::Implicit => Encoder::Implicit(ImplicitEncoder::new(config, seed, device)),
+            EncoderKind::Extra => match ExtraEncoder::new(config, seed, device) {
+                Ok(encoder) => Encoder::Extra(encoder),
+                Err(error) => panic!("{error}"),
+            },
         };
-        let decoder = Decoder::new(config, config.levels * config.channels, seed, device);
+        let features = match &encoder {
+            Encoder::Extra(e) => e.features(),
+            _ => config.levels * config.channels,
+        };
+        let decoder = Decoder::new(config, features, seed, device);
         let placing =
             Placing { centre, half_size, time_range: config.time_range, deform_opacity: config.deform_opacity };
         Self { encoder, decoder, placing }
@@ -89,6 +101,7 @@ impl DeformationField {
         let features = match &self.encoder {
             Encoder::Factorised(e) => e.forward(points, u),
             Encoder::Implicit(e) => e.forward(points, u),
+            Encoder::Extra(e) => e.forward(points, u),
         };
         let change = self.decoder.forward(features);
         let [n, _] = change.dims();

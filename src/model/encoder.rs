@@ -1,6 +1,7 @@
-//! Space-time encoders: a point and a time in, features out.
+//! Space-time encoders: a point and a time in, features out. Registered ones are in [`super::extra_encoder`].
 
 use super::decoder::linear;
+use super::extra_encoder::ExtraEncoder;
 use crate::config::types::{GridInit, ModelConfig};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
@@ -123,7 +124,7 @@ impl ImplicitEncoder {
     }
 }
 
-/// Either encoder.
+/// One of the encoders.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant)] // one of them exists per scene
 pub enum Encoder {
@@ -131,4 +132,6 @@ pub enum Encoder {
     Factorised(FactorisedEncoder),
     /// A multi-layer perceptron.
     Implicit(ImplicitEncoder),
+    /// A registered one.
+    Extra(ExtraEncoder),
 }

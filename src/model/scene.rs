@@ -1,9 +1,10 @@
 //! A scene: what training makes and everything after reads. Gaussians, their field, and where they lie.
 
+use super::extra_encoder::ExtraEncoder;
 use super::gaussians::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::{DeformationField, Deformed, Gaussians};
-use crate::config::types::ModelConfig;
+use crate::config::types::{EncoderKind, ModelConfig};
 use crate::files::write_atomic;
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
@@ -142,13 +143,17 @@ impl Scene {
     /// Reads what [`Scene::save`] wrote.
     ///
     /// # Errors
-    /// If the file is missing, damaged or does not fit its own spec.
+    /// If the file is missing, damaged or does not fit its own spec, or was trained with an encoder that is not
+    /// registered in this program.
     pub fn load(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let (tensors, metadata) = read_tensors(path)?;
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
         let spec =
             metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
         let spec: SceneSpec = serde_json::from_str(spec).map_err(|e| format(format!("header: {e}")))?;
+        if spec.model.encoder == EncoderKind::Extra {
+            ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
+        }
         let k = (spec.model.sh_degree + 1).pow(2);
         let empty = HostGaussians {
             sh: vec![0.0; 3 * k],

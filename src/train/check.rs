@@ -1,7 +1,9 @@
 //! What a configuration must hold before training may start, beyond its types.
 
-use super::TrainError;
+use super::{TrainError, losses, schedule};
 use crate::config::types::{Config, EncoderKind};
+use crate::extend::find_schedule;
+use crate::model::extra_encoder::ExtraEncoder;
 use burn::tensor::Device;
 
 /// What lies behind the Gaussians.
@@ -69,7 +71,10 @@ pub(super) fn check_device(
 }
 
 /// Refuses values that no training can start with.
-pub(super) fn check(config: &Config) -> Result<(), TrainError> {
+///
+/// # Errors
+/// The first such value, by its key.
+pub fn check(config: &Config) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
     if config.model.sh_degree > 3 {
         return bad(format!("model.sh_degree = {}: at most 3", config.model.sh_degree));
@@ -108,7 +113,29 @@ pub(super) fn check(config: &Config) -> Result<(), TrainError> {
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
     }
-    Ok(())
+    check_registered(config)
+}
+
+/// Refuses names of registered things that are not there, before hours of training and not after them.
+fn check_registered(config: &Config) -> Result<(), TrainError> {
+    let bad = |text: String| Err(TrainError::Config(text));
+    if let Err(error) = losses::ExtraTerms::new(&config.loss) {
+        return bad(format!("loss.extra: {error}"));
+    }
+    let (model, name) = (&config.model, &config.optim.schedule);
+    if model.encoder == EncoderKind::Extra {
+        ExtraEncoder::check(model).or_else(|error| bad(error.to_string()))?;
+    } else if !model.extra_encoder.is_empty() {
+        return bad(format!("model.extra_encoder = \"{}\": only with model.encoder = \"extra\"", model.extra_encoder));
+    }
+    if let (Err(error), false) = (find_schedule(name), schedule::SCHEDULES.contains(&name.as_str())) {
+        return bad(format!("optim.schedule: {error}; built in: {}", schedule::SCHEDULES.join(", ")));
+    }
+    let factors = (0..=100).map(|k| schedule::fall(&config.optim, f64::from(k) / 100.0));
+    match factors.into_iter().find(|f| !(f.is_finite() && *f >= 0.0)) {
+        Some(factor) => bad(format!("optim.schedule = \"{name}\" gives a factor of {factor}: finite, 0 or above")),
+        None => Ok(()),
+    }
 }
 
 /// The first number below 0 or not finite (which JSON writes as null): no key takes either.

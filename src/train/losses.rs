@@ -1,9 +1,12 @@
 //! What is minimised (the paper's equations 5 to 8). To add a term, write a function of tensors here,
-//! a weight in `config::types::LossConfig`, and add it in `Trainer::step`.
+//! a weight in `config::types::LossConfig`, and add it in `Trainer::step`; or register it, see [`crate::extend`].
 
 use crate::config::types::{LossConfig, LossKind, TvOrder};
+use crate::extend::{LossInput, LossTerm, NotRegistered, find_loss_term};
+use crate::model::Deformed;
 use crate::model::encoder::{Encoder, FactorisedEncoder};
 use burn::tensor::Tensor;
+use std::sync::Arc;
 use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};
 use volseggs_kernels::ssim::mean_ssim;
 use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
@@ -38,6 +41,39 @@ pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
     };
     let any = config.tv > 0.0 || config.tv_time > 0.0 || config.one_prior > 0.0;
     any.then(|| grid_smoothness(encoder, config.tv_kind, weights))
+}
+
+/// The registered loss terms that a configuration asks for, with their weights.
+#[derive(Clone, Default)]
+pub struct ExtraTerms(Vec<(String, f32, Arc<dyn LossTerm>)>);
+
+impl ExtraTerms {
+    /// The terms of `loss.extra`, in the order of their names; those of weight 0 are not taken in.
+    ///
+    /// # Errors
+    /// The first name that is not registered, whatever its weight.
+    pub fn new(config: &LossConfig) -> Result<Self, NotRegistered> {
+        let find = |(name, weight): (&String, &f64)| Ok((name.clone(), *weight as f32, find_loss_term(name)?));
+        let mut terms = config.extra.iter().map(find).collect::<Result<Vec<_>, _>>()?;
+        terms.retain(|(_, weight, _)| *weight != 0.0);
+        Ok(Self(terms))
+    }
+
+    /// The Gaussians at a time, kept for the terms; `None` if there are no terms.
+    pub fn keep(&self, at: &Deformed) -> Option<Deformed> {
+        (!self.0.is_empty()).then(|| at.clone())
+    }
+
+    /// `loss` with every term added.
+    pub fn add_to(&self, loss: Tensor<1>, input: &LossInput<'_>) -> Tensor<1> {
+        self.0.iter().fold(loss, |sum, (_, weight, term)| sum + term.loss(input).mul_scalar(*weight))
+    }
+}
+
+impl std::fmt::Debug for ExtraTerms {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_map().entries(self.0.iter().map(|(name, weight, _)| (name, weight))).finish()
+    }
 }
 
 fn grid_smoothness(encoder: &FactorisedEncoder, kind: TvOrder, weights: TvWeights) -> Tensor<1> {

@@ -9,6 +9,7 @@ pub mod densify;
 pub mod gather;
 pub mod init;
 pub mod losses;
+mod open;
 pub mod optimizer;
 pub mod run;
 pub mod schedule;
@@ -19,5 +20,6 @@ mod target;
 mod tests;
 mod trainer;
 
-pub use check::evaluation_background;
+pub use check::{check as check_config, evaluation_background};
+pub use open::open_dataset;
 pub use trainer::{StepReport, TrainError, Trainer};

@@ -9,6 +9,7 @@ use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
 use crate::metrics::psnr::psnr;
+use crate::model::Scene;
 use burn::tensor::Device;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
@@ -194,7 +195,7 @@ pub fn run(
         if every(config.output.eval_every)
             && let Some(test) = &dataset.test
         {
-            test_psnr = Some(quick_psnr(&trainer, test, config.output.eval_views));
+            test_psnr = Some(mean_psnr(trainer.scene(), test, config.output.eval_views));
         }
         if every(config.output.log_every) || every(config.output.eval_every) {
             let evaluated = test_psnr.filter(|_| every(config.output.eval_every));
@@ -284,11 +285,11 @@ fn log_events(events: &mut EventWriter, line: &Line) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Mean PSNR over a few evenly spaced views, decibels.
-fn quick_psnr(trainer: &Trainer, split: &Split, views: usize) -> f64 {
+/// Mean PSNR over `views` evenly spaced views of a split, decibels.
+#[must_use]
+pub fn mean_psnr(scene: &Scene, split: &Split, views: usize) -> f64 {
     let n = split.frames.len();
     let views = views.clamp(1, n);
-    let scene = trainer.scene();
     let mut truth = vec![0.0; 3 * split.images.width as usize * split.images.height as usize];
     let mut sum = 0.0;
     for k in 0..views {

@@ -1,6 +1,7 @@
 //! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
 
 use crate::config::types::{Config, OptimConfig};
+use crate::extend::find_schedule;
 use crate::rng::{Purpose, Rng};
 
 /// A stage and the number of the step within it, from 0.
@@ -57,10 +58,25 @@ impl Stage {
     }
 }
 
+/// The schedules that are built in.
+pub const SCHEDULES: [&str; 3] = ["log-linear", "cosine", "constant"];
+
+/// What the rates of means, encoder and decoder are multiplied by at `progress` in [0, 1]: as the registered schedule
+/// `optim.schedule` says, or the built-in one of that name, or else log-linearly.
+pub fn fall(config: &OptimConfig, progress: f64) -> f64 {
+    let last = config.final_fraction;
+    match (find_schedule(&config.schedule), config.schedule.as_str()) {
+        (Ok(schedule), _) => schedule.factor(progress),
+        (_, "cosine") => last + (1.0 - last) * 0.5 * (1.0 + (std::f64::consts::PI * progress).cos()),
+        (_, "constant") => 1.0,
+        _ => last.powf(progress),
+    }
+}
+
 /// Learning rate of a parameter by its name, `None` if it is not trained in this stage.
 pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> Option<f64> {
     let OptimConfig { means, rotations, log_scales, opacity, sh, encoder, decoder, .. } = config.optim;
-    let falling = |rate: f64| rate * config.optim.final_fraction.powf(stage.progress(config));
+    let falling = |rate: f64| rate * fall(&config.optim, stage.progress(config));
     let attribute = |rate: f64| {
         if stage.is_joint() { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
     };
@@ -105,6 +121,19 @@ mod tests {
         let start = rate("gaussians.means", Stage::Joint(0)).unwrap();
         let middle = rate("gaussians.means", Stage::Joint(10_000)).unwrap();
         assert!((start - 6.4e-4).abs() < 1e-9 && (middle / start - 0.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_built_in_schedules_end_where_they_say() {
+        let mut config = Config::default().optim;
+        let mut course = |name: &str| {
+            config.schedule = name.to_owned();
+            [0.0, 0.5, 1.0].map(|p| fall(&config, p))
+        };
+        assert_eq!(course("log-linear"), [1.0, 0.01f64.powf(0.5), 0.01]);
+        assert_eq!(course("constant"), [1.0; 3]);
+        let [start, middle, end] = course("cosine");
+        assert!((start - 1.0).abs() < 1e-12 && (middle - 0.505).abs() < 1e-12 && (end - 0.01).abs() < 1e-12);
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::{init, losses};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::error::DataError;
 use crate::data::{Dataset, Split};
+use crate::extend::LossInput;
 use crate::model::gaussians::HostGaussians;
 use crate::model::params::to_vec;
 use crate::model::{Gaussians, Scene};
@@ -109,6 +110,7 @@ pub struct Trainer {
     extent: f64,
     background: Background,
     warmup_views: Vec<usize>,
+    extra: losses::ExtraTerms,
     /// The training views reduced, for the first steps.
     pub(super) coarse: Option<Split>,
     device: Device,
@@ -162,6 +164,7 @@ impl Trainer {
             extent: dataset.scene_extent(),
             background: parse_background(&config.data.background)?,
             warmup_views: warmup_views(&dataset.train, config.stages.warmup_times),
+            extra: losses::ExtraTerms::new(&config.loss).map_err(|e| TrainError::Config(e.to_string()))?,
             coarse,
             scene: Some(scene),
             config,
@@ -262,6 +265,7 @@ impl Trainer {
         let asleep = if stage.is_joint() { self.sleep.visit(frame.time) } else { None };
         let at = self.scene().at_without(frame.time as f32, asleep.as_deref());
         let logits = at.opacity_logits.clone();
+        let kept = self.extra.keep(&at);
         lap(&mut times.deform);
         let offsets = Tensor::<2>::zeros([n, 2], &self.device).require_grad();
         let drawn = self.scene().draw(at, frame.camera.to_kernel(), background, Some(offsets.clone()));
@@ -270,6 +274,12 @@ impl Trainer {
         let config = &self.config.loss;
         let distance = losses::photometric(drawn.image.clone(), target.clone(), config);
         let mut loss = distance.loss;
+        if let Some(at) = &kept {
+            let (image, time, scene) = (&drawn.image, frame.time as f32, self.scene());
+            let camera = &frame.camera;
+            let input = LossInput { image, target: &target, scene, at, camera, stage, step, time };
+            loss = self.extra.add_to(loss, &input);
+        }
         let dssim = stage.dssim_weight(&self.config);
         if dssim > 0.0 {
             loss = loss + losses::dssim(drawn.image, target).mul_scalar(dssim as f32);

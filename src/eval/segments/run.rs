@@ -8,6 +8,7 @@ use super::table::Row;
 use super::train::{Trained, Trainers};
 use super::truth::{TruthFrame, frames, labelled};
 use crate::data::Truth;
+use crate::data::paths::Axis;
 use crate::export::images::to_rgb8;
 use crate::metrics::lpips::Lpips;
 use crate::model::{GaussiansAt, Scene};
@@ -44,6 +45,8 @@ pub struct SegmentOptions {
     pub masks: MaskKind,
     /// Views with masks; not for [`MaskKind::Labels`], whose views are those of the dataset.
     pub views: usize,
+    /// Take these views within an angle (radians) of an axis, in place of the whole sphere.
+    pub bias: Option<(Axis, f64)>,
     /// Colours.
     pub coarse: CoarseOptions,
     /// Training of the affinity field.

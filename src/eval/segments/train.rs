@@ -5,7 +5,7 @@ use super::methods::Method;
 use super::run::{MaskKind, SegmentOptions};
 use super::truth::Labelled;
 use crate::data::Truth;
-use crate::data::paths::{Lens, training_cameras};
+use crate::data::paths::{Lens, biased, training_cameras};
 use crate::model::{GaussiansAt, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
@@ -122,7 +122,11 @@ impl Trainers<'_> {
                 let camera = &first.view.camera;
                 let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
                 let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
-                let cameras = training_cameras(self.options.views, camera.position().distance(centre), lens);
+                let (views, radius) = (self.options.views, camera.position().distance(centre));
+                let cameras = match self.options.bias {
+                    Some((axis, angle)) => biased(views, radius, axis, angle, lens),
+                    None => training_cameras(views, radius, lens),
+                };
                 (Shot::numbered(cameras), Box::new(Regions::new(self.scene.spec.background, RegionOptions::default())))
             }
         };

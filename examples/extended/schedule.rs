@@ -1,0 +1,23 @@
+//! A schedule: rates rise at first, while Adam learns the size of the gradients, then fall by a cosine.
+
+use std::f64::consts::PI;
+use volseggs::extend::Schedule;
+
+/// Linear warm-up, then half a period of a cosine.
+pub struct WarmCosine {
+    /// Share of the stage in which the rates rise.
+    pub warm: f64,
+    /// Where they start and end, as a fraction of the full rate.
+    pub last: f64,
+}
+
+impl Schedule for WarmCosine {
+    fn factor(&self, progress: f64) -> f64 {
+        let height = if progress < self.warm {
+            progress / self.warm
+        } else {
+            0.5 * (1.0 + (PI * (progress - self.warm) / (1.0 - self.warm)).cos())
+        };
+        self.last + (1.0 - self.last) * height
+    }
+}

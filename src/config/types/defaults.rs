@@ -1,0 +1,85 @@
+//! The default of every key: the `best` preset.
+
+use super::*;
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            data: DataConfig { downscale: 1, background: "white".into(), times: 0, views_per_time: 0 },
+            init: InitConfig {
+                points: 60_000,
+                placement: Placement::Hull,
+                box_half_size: 1.3,
+                scale: 0.6,
+                opacity: 0.1,
+            },
+            model: ModelConfig {
+                sh_degree: 3,
+                encoder: EncoderKind::Factorised,
+                extra_encoder: String::new(),
+                levels: 2,
+                resolution: 64,
+                time_knots: 25,
+                channels: 32,
+                grid_init: GridInit::Uniform,
+                time_range: TimeRange::Full,
+                bounds: Bounds::Hull,
+                bounds_margin: 0.05,
+                implicit_octaves: 4,
+                width: 64,
+                decoder: DecoderKind::Heads,
+                zero_init_heads: true,
+                deform_opacity: true,
+            },
+            stages: StagesConfig {
+                warmup_steps: 500,
+                warmup_times: WarmupTimes::Middle,
+                joint_steps: 20_000,
+                sh_every: 0,
+            },
+            loss: LossConfig {
+                kind: LossKind::L2,
+                dssim: 0.2,
+                dssim_last: 5000,
+                dssim_ramp: 500,
+                alpha: 0.1,
+                tv: 1e-4,
+                tv_time: 1e-4,
+                tv_kind: TvOrder::First,
+                one_prior: 0.0,
+                extra: BTreeMap::new(),
+            },
+            optim: OptimConfig {
+                means: 1.6e-4,
+                rotations: 1e-3,
+                log_scales: 5e-3,
+                opacity: 0.05,
+                sh: 2.5e-3,
+                sh_rest: 1.0,
+                encoder: 0.01,
+                decoder: 1.4e-3,
+                final_fraction: 0.01,
+                attributes_final_fraction: 0.1,
+                schedule: "log-linear".into(),
+                betas: [0.9, 0.999],
+                epsilon: 1e-15,
+            },
+            densify: DensifyConfig {
+                budget: 150_000,
+                mode: DensifyMode::Budget,
+                every: 100,
+                warmup_from: 300,
+                joint_from: 500,
+                joint_until: 12_000,
+                threshold: 2e-4,
+                split_above: 0.004,
+                prune_opacity: 0.005,
+                prune_every: 500,
+                opacity_reset: 0,
+            },
+            speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000, cull_visits: 0 },
+            output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Fewer training views: some of the times, some of the views of each. For ablations of how much is seen.
+
+use super::dataset::{Frame, Split};
+use super::images::ImageSet;
+use super::paths::time_indices;
+
+/// Keeps `times` of the split's times, evenly spread, and `views` views of each, chosen one by one as far from those
+/// chosen before as can be; 0 keeps all. The order stays.
+#[must_use]
+pub fn thinned(split: Split, times: usize, views: usize) -> Split {
+    let all = split.times();
+    let times = if times == 0 { all.len() } else { times.min(all.len()) };
+    let kept_times: Vec<f64> = time_indices(times, all.len()).into_iter().map(|i| all[i]).collect();
+    let mut kept = Vec::new();
+    for time in kept_times {
+        let here: Vec<usize> = (0..split.frames.len()).filter(|&i| split.frames[i].time == time).collect();
+        kept.extend(apart(&split.frames, &here, if views == 0 { here.len() } else { views }));
+    }
+    if kept.len() == split.frames.len() {
+        return split;
+    }
+    kept.sort_unstable();
+    let frames = kept.iter().map(|&i| split.frames[i].clone()).collect();
+    let size = split.images.width as usize * split.images.height as usize * ImageSet::CHANNELS;
+    let pixels = if split.images.pixels.is_empty() {
+        Vec::new()
+    } else {
+        kept.iter().flat_map(|&i| &split.images.pixels[i * size..(i + 1) * size]).copied().collect()
+    };
+    Split { frames, images: ImageSet { pixels, ..split.images }, ..split }
+}
+
+/// `count` of the frames `among`, each the farthest in direction from those taken before.
+fn apart(frames: &[Frame], among: &[usize], count: usize) -> Vec<usize> {
+    if count >= among.len() {
+        return among.to_vec();
+    }
+    let place = |i: usize| frames[i].camera.position();
+    let mut taken = vec![among[0]];
+    while taken.len() < count {
+        let gap = |i: usize| taken.iter().map(|&t| place(i).distance(place(t))).fold(f64::INFINITY, f64::min);
+        let rest = among.iter().filter(|i| !taken.contains(i));
+        // the first of equals, so that the choice is one
+        let next = rest.fold(None::<(usize, f64)>, |best, &i| match best {
+            Some((_, d)) if d >= gap(i) => best,
+            _ => Some((i, gap(i))),
+        });
+        match next {
+            Some((i, _)) => taken.push(i),
+            None => break,
+        }
+    }
+    taken
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::SplitName;
+    use crate::data::paths::{Lens, training_cameras};
+
+    fn split(times: usize, views: usize) -> Split {
+        let lens = Lens { fov_x: 0.5, width: 2, height: 1 };
+        let frames: Vec<Frame> = (0..times)
+            .flat_map(|t| training_cameras(views, 4.0, lens).into_iter().map(move |camera| (t, camera)))
+            .enumerate()
+            .map(|(i, (t, camera))| Frame {
+                name: format!("{i}"),
+                path: format!("{i}.png").into(),
+                camera,
+                time: t as f64 / (times - 1) as f64,
+            })
+            .collect();
+        let pixels = (0..frames.len()).flat_map(|i| [i as u8; 8]).collect();
+        Split { name: SplitName::Train, frames, images: ImageSet { width: 2, height: 1, pixels } }
+    }
+
+    #[test]
+    fn times_are_spread_and_images_go_with_their_frames() {
+        let few = thinned(split(5, 12), 3, 4);
+        assert_eq!(few.times(), [0.0, 0.5, 1.0]);
+        assert_eq!((few.frames.len(), few.images.pixels.len()), (12, 12 * 8));
+        for (i, frame) in few.frames.iter().enumerate() {
+            assert_eq!(frame.name, few.images.pixels[8 * i].to_string());
+        }
+    }
+
+    #[test]
+    fn chosen_views_lie_apart() {
+        let few = thinned(split(2, 100), 1, 6);
+        let gap = |a: &Frame, b: &Frame| a.camera.position().distance(b.camera.position());
+        for (i, a) in few.frames.iter().enumerate() {
+            for b in &few.frames[..i] {
+                assert!(gap(a, b) > 2.5, "{} and {}", a.name, b.name);
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_asked_for_changes_nothing() {
+        let whole = split(3, 4);
+        assert_eq!(thinned(whole.clone(), 0, 0), whole);
+        assert_eq!(thinned(whole.clone(), 9, 9), whole);
+    }
+}

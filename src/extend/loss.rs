@@ -1,0 +1,37 @@
+//! Loss terms.
+
+use crate::data::Camera;
+use crate::model::{Deformed, Scene};
+use crate::train::schedule::Stage;
+use burn::tensor::Tensor;
+
+/// What a loss term sees of one training step. All tensors are on one device, those of the scene with gradients.
+#[derive(Clone, Copy, Debug)]
+pub struct LossInput<'a> {
+    /// The picture of the scene `[H, W, 4]`: colour over the background, and alpha; in [0, 1] or little beyond.
+    pub image: &'a Tensor<3>,
+    /// The training image in the same form, in [0, 1]; a constant.
+    pub target: &'a Tensor<3>,
+    /// The canonical Gaussians (`scene.gaussians`), the deformation field (`scene.field`).
+    pub scene: &'a Scene,
+    /// The N Gaussians at this time: means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]`, opacity logits `[N]`.
+    pub at: &'a Deformed,
+    /// The view's camera.
+    pub camera: &'a Camera,
+    /// Warm-up (the canonical Gaussians are drawn at every time) or joint training, with the step within it.
+    pub stage: Stage,
+    /// Step of the whole run, from 0.
+    pub step: usize,
+    /// The view's time in [0, 1].
+    pub time: f32,
+}
+
+/// A term that is added to the loss of every step, times its weight `loss.extra.NAME`.
+///
+/// The built-in loss is a mean over pixels, so a term that is one too keeps its weight when images or the number of
+/// Gaussians change. It must be differentiable by burn's tape: made of tensor operations, from `image`, `at` or the
+/// parameters of `scene`. A value that is not finite stops the run.
+pub trait LossTerm: Send + Sync {
+    /// The term's value before its weight, `[1]`.
+    fn loss(&self, seen: &LossInput<'_>) -> Tensor<1>;
+}

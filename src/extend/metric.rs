@@ -1,0 +1,75 @@
+//! Metrics of images.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// One view of an evaluation, on the host.
+#[derive(Clone, Copy, Debug)]
+pub struct MetricInput<'a> {
+    /// The rendered image `[H, W, 3]` in [0, 1], row by row from the top, rounded to 8 bits as in an image file.
+    pub render: &'a [f32],
+    /// The true image in the same form, over the same background.
+    pub truth: &'a [f32],
+    /// Alpha of the true image `[H, W]` in [0, 1].
+    pub alpha: &'a [f32],
+    /// W.
+    pub width: usize,
+    /// H.
+    pub height: usize,
+    /// What both images lie over.
+    pub background: [f32; 3],
+    /// Time of the view in [0, 1].
+    pub time: f64,
+}
+
+/// A measure of a rendered image, taken by `volseggs eval` for each view and as the mean over views.
+pub trait Metric: Send + Sync {
+    /// The value for one view; what is not finite counts as not measured and is left out of the mean.
+    fn value(&self, view: &MetricInput<'_>) -> f64;
+}
+
+/// The values of one view by name, those that are not finite left out.
+pub(crate) fn measure(metrics: &[(String, Arc<dyn Metric>)], view: &MetricInput<'_>) -> BTreeMap<String, f64> {
+    let values = metrics.iter().map(|(name, metric)| (name.clone(), metric.value(view)));
+    values.filter(|(_, value)| value.is_finite()).collect()
+}
+
+/// The mean of each name over the views that have it.
+pub(crate) fn means<'a>(views: impl Iterator<Item = &'a BTreeMap<String, f64>>) -> BTreeMap<String, f64> {
+    let mut sums: BTreeMap<String, (f64, usize)> = BTreeMap::new();
+    for (name, value) in views.flatten() {
+        let (sum, count) = sums.entry(name.clone()).or_default();
+        *sum += value;
+        *count += 1;
+    }
+    sums.into_iter().map(|(name, (sum, count))| (name, sum / count as f64)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tenth, where there is anything to look at.
+    struct Tenth;
+
+    impl Metric for Tenth {
+        fn value(&self, view: &MetricInput<'_>) -> f64 {
+            if view.alpha.is_empty() { f64::NAN } else { view.time / 10.0 }
+        }
+    }
+
+    #[test]
+    fn what_is_not_finite_is_left_out() {
+        let metrics: Vec<(String, Arc<dyn Metric>)> = vec![("tenth".into(), Arc::new(Tenth))];
+        let view = |alpha: &[f32], time: f64| {
+            let (width, height, background) = (1, alpha.len(), [1.0; 3]);
+            measure(&metrics, &MetricInput { render: &[], truth: &[], alpha, width, height, background, time })
+        };
+        let views = [view(&[1.0], 1.0), view(&[], 0.5), view(&[0.0], 3.0), view(&[0.0], f64::INFINITY)];
+        assert_eq!(views.iter().map(BTreeMap::len).collect::<Vec<_>>(), [1, 0, 1, 0]);
+        let mean = means(views.iter());
+        assert_eq!(mean.len(), 1);
+        assert!((mean["tenth"] - 0.2).abs() < 1e-12);
+        assert!(means(views[1..2].iter()).is_empty());
+    }
+}

@@ -1,0 +1,12 @@
+//! Learning-rate schedules.
+
+/// A course of the learning rates of means, encoder and decoder, in place of `optim.final_fraction ^ progress`.
+///
+/// The other groups keep `optim.attributes_final_fraction`.
+pub trait Schedule: Send + Sync {
+    /// What these rates are multiplied by; finite, 0 or above.
+    ///
+    /// `progress` in [0, 1] is the step within the stage over `stages.joint_steps`. It starts over with the joint
+    /// stage; in warm-up, where of these only the means are trained, it may end below 1 or stay at 1.
+    fn factor(&self, progress: f64) -> f64;
+}
