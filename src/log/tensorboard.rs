@@ -1,9 +1,10 @@
-//! Event files for TensorBoard: scalars and images.
+//! Event files for TensorBoard: scalars and images, and the hyperparameters of a run.
 //!
 //! A file is a row of TFRecords, each a length and a payload with masked CRC-32C checksums; a
 //! payload is a protobuf `Event`, encoded here by hand as only a few fields are used.
 
 mod crc;
+mod hparams;
 #[cfg(test)]
 mod tests;
 
@@ -13,6 +14,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+pub use hparams::{HyperParameter, SessionEnd};
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 static NUMBER: AtomicU64 = AtomicU64::new(0);

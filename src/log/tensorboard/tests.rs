@@ -1,5 +1,6 @@
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::process::Command;
+use std::process::{Command, Output};
 
 use super::*;
 
@@ -113,20 +114,23 @@ i = e.Images("view")[0]
 print(i.step, i.width, i.height, i.encoded_image_string[1:4].decode())
 "#;
 
-/// Needs the Python package `tensorboard`; `PYTHON` names another interpreter than `python3`.
+/// What a Python with TensorBoard says to `script`. Needs the Python package `tensorboard`; `PYTHON` names another
+/// interpreter than `python3`. None without the package.
+fn ask_tensorboard(script: &str, dir: &Path) -> Option<(String, String)> {
+    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let run = |script: &str| Command::new(&python).arg("-c").arg(script).arg(dir).output();
+    if !run("import tensorboard").is_ok_and(|o: Output| o.status.success()) {
+        println!("skipped: {python} has no package `tensorboard`");
+        return None;
+    }
+    let output = run(script).unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    Some((text(&output.stdout), text(&output.stderr)))
+}
+
 #[test]
 fn tensorboard_itself_reads_the_files() {
-    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let run = |script: &str, dir: &Path| {
-        let mut command = Command::new(&python);
-        command.arg("-c").arg(script).arg(dir).output()
-    };
     let dir = tempfile::tempdir().unwrap();
-    let found = run("import tensorboard", dir.path()).is_ok_and(|o| o.status.success());
-    if !found {
-        println!("skipped: {python} has no package `tensorboard`");
-        return;
-    }
     let mut writer = EventWriter::create(dir.path()).unwrap();
     for step in 0..5 {
         writer.scalar(step, "a/b", step as f32 * 0.5).unwrap();
@@ -137,8 +141,111 @@ fn tensorboard_itself_reads_the_files() {
     resumed.scalar(3, "a/b", 8.0).unwrap();
     resumed.image(5, "view", 3, 2, &RGB).unwrap();
     resumed.flush().unwrap();
-    let output = run(CHECK, dir.path()).unwrap();
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let errors = String::from_utf8_lossy(&output.stderr);
+    let Some((text, errors)) = ask_tensorboard(CHECK, dir.path()) else { return };
     assert!(text.contains("[(0, 0.0), (1, 0.5), (2, 1.0), (3, 8.0)]\n5 3 2 PNG"), "{text}\n{errors}");
+}
+
+/// Settings as a run has them, with numbers that JSON cannot hold and letters that are not ASCII.
+fn settings(rate: f64) -> BTreeMap<String, HyperParameter> {
+    [
+        ("loss.rate", HyperParameter::Number(rate)),
+        ("broken", HyperParameter::Number(f64::NAN)),
+        ("encoder", HyperParameter::Text("hexplane \u{3b1}".to_owned())),
+        ("late", HyperParameter::Flag(rate < 0.1)),
+    ]
+    .map(|(name, value)| (name.to_owned(), value))
+    .into()
+}
+
+fn session(dir: &Path, rate: f64, group: &str, psnr: f32, end: Option<SessionEnd>) {
+    let metrics = [("eval/psnr", "PSNR, dB"), ("eval/ssim", "SSIM")];
+    let mut writer = EventWriter::create(dir).unwrap();
+    writer.hparams(&settings(rate), &metrics, group).unwrap();
+    writer.scalar(10, "eval/psnr", psnr).unwrap();
+    writer.flush().unwrap();
+    if let Some(end) = end {
+        // A run that was stopped and resumed says its settings again.
+        let mut resumed = EventWriter::resume(dir, 20).unwrap();
+        resumed.hparams(&settings(rate), &metrics, group).unwrap();
+        resumed.scalar(20, "eval/psnr", psnr + 1.0).unwrap();
+        resumed.session_end(end).unwrap();
+        resumed.flush().unwrap();
+    }
+}
+
+#[test]
+fn hyperparameters_decode_to_what_was_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = EventWriter::create(dir.path()).unwrap();
+    writer.hparams(&settings(0.25), &[("psnr", "PSNR")], "base").unwrap();
+    writer.hparams(&BTreeMap::new(), &[], "").unwrap();
+    writer.flush().unwrap();
+    let records = records(&only_file(dir.path()));
+    assert_eq!(records.len(), 5);
+    let entry = |record: &[u8]| get(&get(record, field::SUMMARY), field::VALUE);
+    assert_eq!(get(&entry(&records[1]), field::TAG), b"_hparams_/experiment");
+    let start = entry(&records[2]);
+    assert_eq!(get(&start, field::TAG), b"_hparams_/session_start_info");
+    // The empty tensor, byte by byte as TensorBoard writes it.
+    assert_eq!(get(&start, 8), [8, 1, 18, 2, 18, 0]);
+    let plugin = get(&get(&start, 9), 1);
+    assert_eq!(get(&plugin, 1), b"hparams");
+    let session = get(&get(&plugin, 2), 3);
+    let entries = fields(&session).into_iter().filter(|(field, _)| *field == 1);
+    let values: Vec<_> = entries.map(|(_, entry)| (get(&entry, 1), fields(&get(&entry, 2)))).collect();
+    let expected = [
+        (b"broken".to_vec(), vec![(3, b"NaN".to_vec())]),
+        (b"encoder".to_vec(), vec![(3, "hexplane \u{3b1}".as_bytes().to_vec())]),
+        (b"late".to_vec(), vec![(4, 0u64.to_le_bytes().to_vec())]),
+        (b"loss.rate".to_vec(), vec![(2, 0.25f64.to_le_bytes().to_vec())]),
+    ];
+    assert_eq!(values, expected);
+    assert_eq!(get(&session, 4), b"base");
+}
+
+const CHECK_HPARAMS: &str = r#"
+import json, sys
+from google.protobuf import json_format
+from tensorboard import context
+from tensorboard.backend.event_processing import data_provider, plugin_event_multiplexer
+from tensorboard.plugins import base_plugin
+from tensorboard.plugins.hparams import api_pb2, backend_context, list_session_groups
+m = plugin_event_multiplexer.EventMultiplexer()
+m.AddRunsFromDirectory(sys.argv[1])
+m.Reload()
+tb = base_plugin.TBContext(data_provider=data_provider.MultiplexerDataProvider(m, sys.argv[1]))
+hp, ctx = backend_context.Context(tb), context.RequestContext()
+found = hp.hparams_metadata(ctx, "e")
+e = hp.experiment_from_metadata(ctx, "e", True, found, hp.hparams_from_data_provider(ctx, "e", None))
+print(sorted((i.name, i.type, i.differs) for i in e.hparam_infos))
+print([(i.name.tag, i.display_name) for i in e.metric_infos])
+r = api_pb2.ListSessionGroupsRequest(
+    experiment_name="e", allowed_statuses=[0, 1, 2, 3], start_index=0, slice_size=10, include_metrics=True,
+    aggregation_type=api_pb2.AGGREGATION_AVG,
+    col_params=[api_pb2.ColParams(hparam=i.name, include_in_result=True) for i in e.hparam_infos]
+    + [api_pb2.ColParams(metric=i.name) for i in e.metric_infos])
+groups = list_session_groups.Handler(ctx, hp, "e", r).run().session_groups
+for g in sorted(groups, key=lambda g: g.name):
+    print(g.name, json.dumps({k: json_format.MessageToDict(v) for k, v in sorted(g.hparams.items())}))
+    for s in sorted(g.sessions, key=lambda s: s.name):
+        print(" ", s.name, s.status, [(v.name.tag, v.value, v.training_step) for v in s.metric_values])
+"#;
+
+#[test]
+fn tensorboard_itself_shows_sessions_with_settings_and_metrics() {
+    let dir = tempfile::tempdir().unwrap();
+    session(&dir.path().join("a"), 0.01, "slow", 30.0, Some(SessionEnd::Success));
+    session(&dir.path().join("b"), 0.5, "fast", 20.0, Some(SessionEnd::Failure));
+    session(&dir.path().join("c"), 0.5, "fast", 22.0, None);
+    let Some((text, errors)) = ask_tensorboard(CHECK_HPARAMS, dir.path()) else { return };
+    let expected = [
+        "[('broken', 1, True), ('encoder', 1, True), ('late', 2, True), ('loss.rate', 3, True)]",
+        "[('eval/psnr', 'PSNR, dB'), ('eval/ssim', 'SSIM')]",
+        r#"fast {"broken": "NaN", "encoder": "hexplane \u03b1", "late": false, "loss.rate": 0.5}"#,
+        "  b 2 [('eval/psnr', 21.0, 20)]",
+        "  c 0 [('eval/psnr', 22.0, 10)]",
+        r#"slow {"broken": "NaN", "encoder": "hexplane \u03b1", "late": true, "loss.rate": 0.01}"#,
+        "  a 1 [('eval/psnr', 31.0, 20)]",
+    ];
+    assert_eq!(text.lines().collect::<Vec<_>>(), expected, "{errors}");
 }

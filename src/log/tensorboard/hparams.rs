@@ -1,0 +1,173 @@
+//! Hyperparameters for TensorBoard's `HPARAMS` page: which settings a run has, which metrics tell how good it is.
+//!
+//! The page reads three summaries without numbers, whose metadata holds a protobuf message of the plugin: what the
+//! experiment varies, what this session (run) has, and how it ended. Of each the first in a run's folder counts.
+
+use std::collections::BTreeMap;
+use std::io;
+
+use super::{EventWriter, Message, field::TAG, now};
+
+/// A setting of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum HyperParameter {
+    /// A number. One that is not finite is shown as text, as TensorBoard refuses it otherwise.
+    Number(f64),
+    /// A text.
+    Text(String),
+    /// True or false.
+    Flag(bool),
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SessionEnd {
+    /// As it should.
+    Success,
+    /// With an error.
+    Failure,
+}
+
+/// Field numbers of `Summary.Value` and below, and of the plugin's messages.
+mod field {
+    pub(super) const TENSOR: u32 = 8;
+    pub(super) const METADATA: u32 = 9;
+    pub(super) const PLUGIN_DATA: u32 = 1;
+    pub(super) const PLUGIN_NAME: u32 = 1;
+    pub(super) const CONTENT: u32 = 2;
+    pub(super) const DTYPE: u32 = 1;
+    pub(super) const SHAPE: u32 = 2;
+    pub(super) const DIM: u32 = 2;
+
+    pub(super) const EXPERIMENT: u32 = 2;
+    pub(super) const SESSION_START: u32 = 3;
+    pub(super) const SESSION_END: u32 = 4;
+
+    pub(super) const TIME_CREATED: u32 = 3;
+    pub(super) const HPARAM_INFOS: u32 = 4;
+    pub(super) const METRIC_INFOS: u32 = 5;
+    pub(super) const HPARAM_NAME: u32 = 1;
+    pub(super) const HPARAM_TYPE: u32 = 4;
+    pub(super) const HPARAM_DIFFERS: u32 = 7;
+    pub(super) const METRIC_NAME: u32 = 1;
+    pub(super) const METRIC_TAG: u32 = 2;
+    pub(super) const METRIC_DISPLAY_NAME: u32 = 3;
+
+    pub(super) const HPARAMS: u32 = 1;
+    pub(super) const GROUP_NAME: u32 = 4;
+    pub(super) const START_TIME: u32 = 5;
+    pub(super) const KEY: u32 = 1;
+    pub(super) const VALUE: u32 = 2;
+    pub(super) const NUMBER: u32 = 2;
+    pub(super) const STRING: u32 = 3;
+    pub(super) const BOOL: u32 = 4;
+
+    pub(super) const STATUS: u32 = 1;
+    pub(super) const END_TIME: u32 = 2;
+}
+
+const FLOAT: u64 = 1;
+const TYPE_STRING: u64 = 1;
+const TYPE_BOOL: u64 = 2;
+const TYPE_FLOAT64: u64 = 3;
+const SUCCESS: u64 = 1;
+const FAILURE: u64 = 2;
+
+impl HyperParameter {
+    fn kind(&self) -> u64 {
+        match self {
+            Self::Number(value) if value.is_finite() => TYPE_FLOAT64,
+            Self::Number(_) | Self::Text(_) => TYPE_STRING,
+            Self::Flag(_) => TYPE_BOOL,
+        }
+    }
+
+    /// A `google.protobuf.Value`.
+    fn value(&self) -> Message {
+        let mut value = Message::default();
+        match self {
+            Self::Number(number) if number.is_finite() => value.double(field::NUMBER, *number),
+            Self::Number(number) => value.bytes(field::STRING, number.to_string().as_bytes()),
+            Self::Text(text) => value.bytes(field::STRING, text.as_bytes()),
+            Self::Flag(flag) => value.varint(field::BOOL, u64::from(*flag)),
+        }
+        value
+    }
+}
+
+impl EventWriter {
+    /// Appends the settings of this run, and the experiment it belongs to: `settings` are those that runs differ in,
+    /// `metrics` the tags of scalars with the names that the page shows. Runs of the same `group` (a variant, whose
+    /// runs differ in their seeds) are one row of the page.
+    ///
+    /// Of several runs in one log folder TensorBoard takes the experiment of any: all should name the same settings
+    /// and metrics.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn hparams(
+        &mut self,
+        settings: &BTreeMap<String, HyperParameter>,
+        metrics: &[(&str, &str)],
+        group: &str,
+    ) -> io::Result<()> {
+        let (mut experiment, mut start) = (Message::default(), Message::default());
+        experiment.double(field::TIME_CREATED, now());
+        for (name, setting) in settings {
+            let (mut info, mut entry) = (Message::default(), Message::default());
+            info.bytes(field::HPARAM_NAME, name.as_bytes());
+            info.varint(field::HPARAM_TYPE, setting.kind());
+            // TensorBoard cannot know, and shows these first.
+            info.varint(field::HPARAM_DIFFERS, 1);
+            experiment.bytes(field::HPARAM_INFOS, &info.0);
+            entry.bytes(field::KEY, name.as_bytes());
+            entry.bytes(field::VALUE, &setting.value().0);
+            start.bytes(field::HPARAMS, &entry.0);
+        }
+        for (tag, shown) in metrics {
+            let (mut name, mut info) = (Message::default(), Message::default());
+            name.bytes(field::METRIC_TAG, tag.as_bytes());
+            info.bytes(field::METRIC_NAME, &name.0);
+            info.bytes(field::METRIC_DISPLAY_NAME, shown.as_bytes());
+            experiment.bytes(field::METRIC_INFOS, &info.0);
+        }
+        start.bytes(field::GROUP_NAME, group.as_bytes());
+        start.double(field::START_TIME, now());
+        self.plugin("_hparams_/experiment", field::EXPERIMENT, &experiment)?;
+        self.plugin("_hparams_/session_start_info", field::SESSION_START, &start)
+    }
+
+    /// Appends how the run ended.
+    ///
+    /// # Errors
+    /// Any error of the file system.
+    pub fn session_end(&mut self, end: SessionEnd) -> io::Result<()> {
+        let mut message = Message::default();
+        let status = match end {
+            SessionEnd::Success => SUCCESS,
+            SessionEnd::Failure => FAILURE,
+        };
+        message.varint(field::STATUS, status);
+        message.double(field::END_TIME, now());
+        self.plugin("_hparams_/session_end_info", field::SESSION_END, &message)
+    }
+
+    /// A summary whose metadata holds the plugin's `message` as its field `kind`. The tensor, which a summary must
+    /// have, is an empty vector of floats.
+    fn plugin(&mut self, tag: &str, kind: u32, message: &Message) -> io::Result<()> {
+        let (mut content, mut data) = (Message::default(), Message::default());
+        content.bytes(kind, &message.0);
+        data.bytes(field::PLUGIN_NAME, b"hparams");
+        data.bytes(field::CONTENT, &content.0);
+        let (mut metadata, mut shape, mut tensor) = (Message::default(), Message::default(), Message::default());
+        metadata.bytes(field::PLUGIN_DATA, &data.0);
+        shape.bytes(field::DIM, &[]);
+        tensor.varint(field::DTYPE, FLOAT);
+        tensor.bytes(field::SHAPE, &shape.0);
+        let mut entry = Message::default();
+        entry.bytes(TAG, tag.as_bytes());
+        entry.bytes(field::TENSOR, &tensor.0);
+        entry.bytes(field::METADATA, &metadata.0);
+        self.summary(0, &entry)
+    }
+}
