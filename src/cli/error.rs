@@ -22,6 +22,11 @@ impl CliError {
         Self { message: error.to_string(), code: 1 }
     }
 
+    /// With an exit code of its own.
+    pub(super) fn with_code(error: impl fmt::Display, code: u8) -> Self {
+        Self { message: error.to_string(), code }
+    }
+
     /// The exit code.
     pub fn code(&self) -> u8 {
         self.code

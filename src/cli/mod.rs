@@ -1,5 +1,6 @@
 //! The command line: one file a command, each turning arguments into a library call.
 
+mod compare;
 mod config;
 mod demo;
 mod doctor;
@@ -15,6 +16,7 @@ mod render;
 mod run_folder;
 mod segment;
 mod shown;
+mod sweep;
 mod track;
 mod train;
 
@@ -49,6 +51,8 @@ enum Command {
     Render(render::RenderArgs),
     Export(export::ExportArgs),
     Inspect(inspect::InspectArgs),
+    Sweep(Box<sweep::SweepArgs>),
+    Compare(compare::CompareArgs),
     Config(config::ConfigArgs),
     Doctor(doctor::DoctorArgs),
 }
@@ -73,13 +77,22 @@ impl Common {
 
 /// A flag that Ctrl-C or SIGTERM raises, saying `message`; asked twice, the program ends at once.
 fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
+    flag(message, true)
+}
+
+/// The same for a program that others ask: batch systems send SIGTERM to it and to its parent, which passes it on, so
+/// that being asked again says nothing.
+fn patient_stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
+    flag(message, false)
+}
+
+fn flag(message: &'static str, hasty: bool) -> Result<Arc<AtomicBool>, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(1);
-        }
-        eprintln!("{message}");
+    ctrlc::set_handler(move || match flag.swap(true, Ordering::Relaxed) {
+        true if hasty => std::process::exit(1),
+        true => {}
+        false => eprintln!("{message}"),
     })
     .map_err(CliError::failure)?;
     Ok(stop)
@@ -109,6 +122,8 @@ impl Cli {
             Command::Render(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Inspect(args) => args.run(),
+            Command::Sweep(args) => args.run(),
+            Command::Compare(args) => args.run(),
             Command::Config(args) => args.run(),
             Command::Doctor(args) => args.run(),
         }

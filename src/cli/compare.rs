@@ -1,0 +1,45 @@
+//! `volseggs compare`
+
+use super::{CliError, print_json};
+use crate::compare::runs::from_folders;
+use crate::compare::write::write_report;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Lay runs side by side: a table over seeds, learning curves, pictures with error maps.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  volseggs compare checkpoints/l1 checkpoints/l2\n  volseggs compare checkpoints/*-seed? --metrics psnr,ssim,fps --out comparison\n\nRuns must have been evaluated (`volseggs eval RUN`). Runs that differ in the seed alone are one row, with mean and\ndeviation; differences are to the first run."
+)]
+pub struct CompareArgs {
+    /// Folders of runs; the first is the base.
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Metrics to report.
+    #[arg(long, value_delimiter = ',', default_value = "psnr,ssim,lpips_alex,fps,training_minutes,model_mb")]
+    metrics: Vec<String>,
+    /// Folder for report.html, report.md, table.tex, results.csv and results.json; only the table is printed if not given.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print one JSON object on standard output.
+    #[arg(long)]
+    json: bool,
+}
+
+impl CompareArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let set = from_folders(&self.runs, &self.metrics).map_err(CliError::input)?;
+        let text = match &self.out {
+            Some(out) => write_report(out, &set).map_err(CliError::failure)?,
+            None => crate::compare::write::table_text(&set),
+        };
+        if self.json {
+            return print_json(&set);
+        }
+        print!("{text}");
+        if let Some(out) = &self.out {
+            eprintln!("report: {}", out.join("report.html").display());
+        }
+        Ok(())
+    }
+}

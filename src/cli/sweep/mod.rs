@@ -1,0 +1,97 @@
+//! `volseggs sweep`
+
+mod devices;
+mod results;
+mod start;
+mod worker;
+
+use super::CliError;
+use crate::sweep::{Plan, SweepError, file::name_of, slurm::SlurmError};
+use clap::{Args, Subcommand};
+use std::path::{Path, PathBuf};
+
+/// Folder of sweeps where `--out` does not say another.
+const OUT: &str = "checkpoints/sweeps";
+
+/// Run an ablation or a sweep: one file into runs, on this machine or on Slurm, and into one table.
+#[derive(Debug, Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true,
+    after_help = "Examples:\n  volseggs sweep configs/ablations/loss-small.toml --dry-run   # runs, differences, time and memory\n  volseggs sweep configs/ablations/loss-small.toml --jobs 2    # the same command goes on\n  volseggs sweep configs/ablations/loss-small.toml --data DATASET    # on your own images\n  volseggs sweep my.toml --only 'L1' --rerun-failed\n  volseggs sweep my.toml --slurm --profile cluster.toml        # one job array; then:\n  volseggs sweep status my.toml\n  volseggs sweep collect my.toml                               # the report, from whatever is done\n  volseggs sweep devices --data DATASET --config quick         # the same training on every device\n\nRuns lie in OUT/runs/KEY, keyed by configuration, dataset, device and version, and are shared by all sweeps of OUT.\nThe report is in OUT/NAME: report.html, report.md, table.tex, results.csv, results.json, tensorboard/."
+)]
+pub struct SweepArgs {
+    #[command(subcommand)]
+    action: Option<Action>,
+    #[command(flatten)]
+    start: start::StartArgs,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// How far the runs are, here and in Slurm's queue.
+    Status(results::StatusArgs),
+    /// Make the report from whatever is done.
+    Collect(results::CollectArgs),
+    /// Do one run of a planned sweep (what `sweep` and Slurm's tasks call).
+    Worker(worker::WorkerArgs),
+    /// Train the same configuration on every device: speed, quality, how far parameters drift.
+    Devices(devices::DevicesArgs),
+}
+
+impl SweepArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        match self.action {
+            Some(Action::Status(args)) => args.run(),
+            Some(Action::Collect(args)) => args.run(),
+            Some(Action::Worker(args)) => args.run(),
+            Some(Action::Devices(args)) => args.run(),
+            None => self.start.run(),
+        }
+    }
+}
+
+/// A sweep that was planned before.
+#[derive(Debug, Args)]
+struct Planned {
+    /// Sweep file, or the sweep's folder.
+    #[arg(value_name = "FILE")]
+    sweep: PathBuf,
+    /// Folder of sweeps, as it was given when it was started.
+    #[arg(long, default_value = OUT, value_name = "OUT")]
+    out: PathBuf,
+}
+
+impl Planned {
+    /// The sweep's folder and its plan.
+    fn open(&self) -> Result<(PathBuf, Plan), CliError> {
+        let dir =
+            if self.sweep.join("plan.json").is_file() { self.sweep.clone() } else { folder(&self.out, &self.sweep) };
+        let plan = Plan::load(&dir)
+            .map_err(|e| CliError::input(format!("{e}; start it by `volseggs sweep {}`", self.sweep.display())))?;
+        Ok((dir, plan))
+    }
+}
+
+/// The folder of the sweep of `file`.
+fn folder(out: &Path, file: &Path) -> PathBuf {
+    out.join(name_of(file))
+}
+
+impl From<SweepError> for CliError {
+    fn from(error: SweepError) -> Self {
+        match error {
+            SweepError::File { .. } | SweepError::Key { .. } | SweepError::Choice(_) => Self::input(error),
+            SweepError::Io { .. } | SweepError::Interrupted => Self::failure(error),
+        }
+    }
+}
+
+impl From<SlurmError> for CliError {
+    fn from(error: SlurmError) -> Self {
+        match error {
+            SlurmError::Refused { .. } | SlurmError::Answer { .. } | SlurmError::Start { .. } => Self::failure(error),
+            _ => Self::input(error),
+        }
+    }
+}

@@ -1,0 +1,215 @@
+//! `volseggs sweep FILE`: plan, then run here or submit to Slurm.
+
+use super::{CliError, OUT, folder, results};
+use crate::cli::{print_json, stop_flag};
+use crate::sweep::estimate::estimate;
+use crate::sweep::local::{self, LocalOptions};
+use crate::sweep::result::{Progress, failure_path, progress};
+use crate::sweep::slurm::{Job, Profile, Tools, queue, submit};
+use crate::sweep::{Plan, PlanOptions};
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, Args)]
+pub(super) struct StartArgs {
+    /// Sweep file (TOML); see configs/ablations, configs/sweeps and docs/sweeps.md.
+    #[arg(required = true, value_name = "FILE")]
+    file: Option<PathBuf>,
+    /// Processes at a time on this machine; the cores are shared out among them.
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    jobs: usize,
+    /// Folder of sweeps: OUT/NAME for this one, OUT/runs for the runs of all.
+    #[arg(long, default_value = OUT, value_name = "OUT")]
+    out: PathBuf,
+    /// Datasets in place of the file's; may be given many times.
+    #[arg(long, value_name = "DATASET")]
+    data: Vec<PathBuf>,
+    /// Set a key in every run, under what variants set; may be given many times.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Seeds in place of the file's.
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    seeds: Vec<u64>,
+    /// Devices in place of the file's.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    devices: Vec<String>,
+    /// LPIPS weights (safetensors); may be given twice.
+    #[arg(long, value_name = "FILE")]
+    lpips_weights: Vec<PathBuf>,
+    /// Only runs whose name or key has this text in it; may be given many times.
+    #[arg(long, value_name = "TEXT")]
+    only: Vec<String>,
+    /// Run again what failed.
+    #[arg(long)]
+    rerun_failed: bool,
+    /// Show the runs, how they differ and what they will take; start nothing.
+    #[arg(long)]
+    dry_run: bool,
+    /// Submit to Slurm as one job array, in place of running here.
+    #[arg(long)]
+    slurm: bool,
+    /// Partition, time, memory, modules, ... for Slurm (TOML; see configs/slurm.toml).
+    #[arg(long, value_name = "FILE", requires = "slurm")]
+    profile: Option<PathBuf>,
+    /// Print one JSON object on standard output; logs stay on standard error.
+    #[arg(long)]
+    json: bool,
+}
+
+impl StartArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let file = self.file.clone().ok_or_else(|| CliError::input("give a sweep file"))?;
+        if self.jobs == 0 {
+            return Err(CliError::input("--jobs 0: at least 1"));
+        }
+        let out = std::path::absolute(&self.out).map_err(CliError::failure)?;
+        let options = PlanOptions {
+            out: out.clone(),
+            data: self.data.clone(),
+            set: self.set.clone(),
+            seeds: self.seeds.clone(),
+            devices: self.devices.clone(),
+            lpips_weights: absolute(&self.lpips_weights)?,
+        };
+        let plan = Plan::new(&file, &options)?;
+        let dir = folder(&out, &file);
+        let runs = self.choose(&plan)?;
+        if self.dry_run {
+            return self.show(&plan, &runs);
+        }
+        if plan.halving.is_some() && self.slurm {
+            return Err(CliError::input(format!(
+                "{}: halving waits for all runs at each rung, which one job array cannot; leave out --slurm or [halving]",
+                file.display()
+            )));
+        }
+        // read before anything is written
+        let profile = self.profile.as_deref().map(Profile::read).transpose()?.unwrap_or_default();
+        let stop = stop_flag("stopping; runs save checkpoints first")?;
+        plan.save(&dir)?;
+        if self.rerun_failed {
+            for &run in &runs {
+                let _ = std::fs::remove_file(failure_path(&plan.run_folder(run)));
+            }
+        }
+        for data in plan.datasets.values() {
+            data.make(&stop)?;
+        }
+        if self.slurm {
+            return self.submit(&plan, &dir, &runs, profile);
+        }
+        let program = std::env::current_exe().map_err(CliError::failure)?;
+        let options = LocalOptions { dir: dir.clone(), jobs: self.jobs, runs, program };
+        let tally = local::run(&plan, &options, &stop)?;
+        let set = results::report(&plan, &dir)?;
+        if self.json {
+            print_json(&set)?;
+        }
+        if tally.failed + tally.died > 0 {
+            return Err(CliError::failure(format!(
+                "{} runs failed, {} died; logs are in {}; the same command goes on, --rerun-failed tries those that failed again",
+                tally.failed,
+                tally.died,
+                dir.join("logs").display()
+            )));
+        }
+        Ok(())
+    }
+
+    /// The runs that `--only` names.
+    fn choose(&self, plan: &Plan) -> Result<Vec<usize>, CliError> {
+        let wanted = |i: &usize| {
+            let run = &plan.runs[*i];
+            let of_it = plan.entries.iter().filter(|e| e.run == *i);
+            let names: Vec<&str> = of_it.map(|e| e.variant.as_str()).collect();
+            let has = |text: &String| {
+                run.label.contains(text) || run.key.starts_with(text) || names.iter().any(|n| n.contains(text))
+            };
+            self.only.is_empty() || self.only.iter().any(has)
+        };
+        let runs: Vec<usize> = (0..plan.runs.len()).filter(wanted).collect();
+        if runs.is_empty() {
+            let labels: Vec<&str> = plan.runs.iter().take(8).map(|r| r.label.as_str()).collect();
+            let text =
+                format!("--only {}: no run is called so; there is {}, ...", self.only.join(" "), labels.join(", "));
+            return Err(CliError::input(text));
+        }
+        Ok(runs)
+    }
+
+    fn show(&self, plan: &Plan, runs: &[usize]) -> Result<(), CliError> {
+        let total = estimate(plan, runs, self.jobs);
+        if self.json {
+            #[derive(Serialize)]
+            struct Shown<'a> {
+                plan: &'a Plan,
+                open_runs: usize,
+                seconds: f64,
+                memory_bytes: f64,
+            }
+            let shown = Shown { plan, open_runs: total.open, seconds: total.seconds, memory_bytes: total.memory };
+            return print_json(&shown);
+        }
+        println!("{}: {} entries, {} runs", plan.title, plan.entries.len(), plan.runs.len());
+        for (name, data) in &plan.datasets {
+            let there = if data.folder.is_dir() { "" } else { ", to be rendered" };
+            let [w, h] = data.size;
+            println!("data {name}: {} ({} views of {w}x{h}{there})", data.folder.display(), data.views);
+        }
+        let width = plan.runs.iter().map(|r| r.label.len()).max().unwrap_or(0).min(60);
+        for &i in runs {
+            let run = &plan.runs[i];
+            let state = match progress(plan, i) {
+                Progress::Done => "done",
+                Progress::Failed(_) => "failed",
+                Progress::Open => "to do",
+            };
+            let entries: Vec<_> = plan.entries.iter().filter(|e| e.run == i).collect();
+            let difference = |e: &&crate::sweep::Entry| {
+                let all: Vec<String> = e.settings.iter().map(|(k, v)| format!("{k} = {v}")).collect();
+                if all.is_empty() { "the base".to_owned() } else { all.join(", ") }
+            };
+            let differences: Vec<String> = entries.iter().map(difference).collect();
+            println!("{} {:width$} {state:6} {}", run.key, run.label, differences.join(" | "));
+        }
+        println!(
+            "left: {} runs, about {} with --jobs {}, {:.1} GB of memory (times measured so far: {:.2} of the model's)",
+            total.open,
+            results::duration(total.seconds),
+            self.jobs,
+            total.memory / 1e9,
+            total.correction
+        );
+        Ok(())
+    }
+
+    fn submit(&self, plan: &Plan, dir: &Path, runs: &[usize], profile: Profile) -> Result<(), CliError> {
+        let tools = Tools::default();
+        let job = Job::new(dir, profile)?;
+        let queued = if tools.have("squeue") { queue(&tools, dir)? } else { Default::default() };
+        let open = |i: &usize| progress(plan, *i) == Progress::Open && !queued.contains_key(i);
+        let tasks: Vec<usize> = runs.iter().copied().filter(open).collect();
+        if tasks.is_empty() {
+            eprintln!("nothing to submit: {} runs are done, failed or in the queue", runs.len());
+        }
+        let started = std::time::Instant::now();
+        let jobs = if tasks.is_empty() { Vec::new() } else { submit(&tools, &job, &tasks)? };
+        for j in &jobs {
+            eprintln!("job {}: {} tasks", j.job, j.tasks.len());
+        }
+        if !jobs.is_empty() {
+            eprintln!(
+                "submitted in {:.2} s; script: {}; next: volseggs sweep status {}",
+                started.elapsed().as_secs_f64(),
+                job.file().display(),
+                dir.display()
+            );
+        }
+        if self.json { print_json(&jobs) } else { Ok(()) }
+    }
+}
+
+fn absolute(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
+    paths.iter().map(|p| std::path::absolute(p).map_err(CliError::failure)).collect()
+}

@@ -1,0 +1,75 @@
+//! `volseggs sweep worker`: one run, in this process.
+
+use super::CliError;
+use crate::cli::patient_stop_flag;
+use crate::sweep::Plan;
+use crate::sweep::local::{HELD, INTERRUPTED};
+use crate::sweep::work::{Ended, work};
+use clap::Args;
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
+
+/// Exits 0 when the run is done (or was, or another process has it), 75 when it was interrupted and can go on.
+#[derive(Debug, Args)]
+pub(super) struct WorkerArgs {
+    /// Folder of the sweep, with plan.json.
+    dir: PathBuf,
+    /// Number of the run in the plan, from 0.
+    #[arg(long, value_name = "N")]
+    task: usize,
+    /// Pause training after this many steps in all.
+    #[arg(long, value_name = "STEPS")]
+    stop_after: Option<usize>,
+    /// End when this process does.
+    #[arg(long, value_name = "PID", hide = true)]
+    parent: Option<u32>,
+}
+
+impl WorkerArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let plan = Plan::load(&self.dir)?;
+        let Some(run) = plan.runs.get(self.task) else {
+            return Err(CliError::input(format!(
+                "--task {}: the plan has {} runs, from 0",
+                self.task,
+                plan.runs.len()
+            )));
+        };
+        let stop = patient_stop_flag("stopping after this step, with a checkpoint")?;
+        if let Some(parent) = self.parent {
+            end_with(parent, &stop);
+        }
+        eprintln!("run {} of {}: {} ({})", self.task, plan.runs.len(), run.label, run.key);
+        let ended = work(&plan, self.task, self.stop_after, &stop);
+        match ended.map_err(|e| CliError::failure(format!("{}: {e}", plan.run_folder(self.task).display())))? {
+            Ended::Done => eprintln!("done"),
+            Ended::WasDone => eprintln!("done before"),
+            Ended::Paused => eprintln!("paused"),
+            Ended::Held(holder) => {
+                eprintln!("{holder} has this run");
+                // a sweep on this machine asks again later; a task of Slurm is not needed
+                if self.parent.is_some() {
+                    return Err(CliError::with_code("another process has this run", HELD));
+                }
+            }
+            Ended::Interrupted => return Err(CliError::with_code("interrupted, with a checkpoint", INTERRUPTED)),
+            Ended::Failed(error) => return Err(CliError::failure(error)),
+        }
+        Ok(())
+    }
+}
+
+/// Has this process asked to end when process `parent` is gone.
+fn end_with(parent: u32, stop: &AtomicBool) {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+        let _ = set_parent_process_death_signal(Some(Signal::TERM));
+        // it may be gone already
+        if getppid().map(|p| p.as_raw_nonzero().get().unsigned_abs()) != Some(parent) {
+            stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        }
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = (parent, stop);
+}

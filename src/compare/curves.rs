@@ -1,0 +1,167 @@
+//! Learning curves from the `metrics.jsonl` of run folders, and their means over seeds.
+//!
+//! A curve is a picture of a run, so nothing here fails: a file that is not there or a line that a killed run left half
+//! written only means fewer points.
+
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// About so many points are left of a smoothed curve.
+const SMOOTHED: usize = 100;
+
+/// The curves of one run, or of several as their mean. Decibels; in the order of steps.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curves {
+    /// (step, PSNR on a few test views).
+    pub test: Vec<(f64, f64)>,
+    /// (step, PSNR on the view trained on).
+    pub train: Vec<(f64, f64)>,
+    /// (seconds of training, PSNR on a few test views).
+    pub test_by_seconds: Vec<(f64, f64)>,
+}
+
+/// What is read of a line.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+struct Line {
+    step: u64,
+    #[serde(default)]
+    seconds: Option<f64>,
+    #[serde(default)]
+    train_psnr: Option<f64>,
+    #[serde(default)]
+    test_psnr: Option<f64>,
+}
+
+/// The lines of a run by step; of lines with the same step the last counts.
+fn lines(run: &Path) -> BTreeMap<u64, Line> {
+    let bytes = std::fs::read(run.join("metrics.jsonl")).unwrap_or_default();
+    let parsed = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Line>(line).ok());
+    parsed.map(|line| (line.step, line)).collect()
+}
+
+/// The curves of the run in that folder.
+#[must_use]
+pub fn read(run: &Path) -> Curves {
+    mean(&[run])
+}
+
+/// Mean curves of runs that differ in the seed alone, at the steps that all runs with a curve have.
+#[must_use]
+pub fn mean(runs: &[&Path]) -> Curves {
+    let runs: Vec<BTreeMap<u64, Line>> = runs.iter().map(|run| lines(run)).collect();
+    let steps = |value: fn(&Line) -> Option<f64>| -> Vec<(u64, f64)> { mean_by_step(&runs, value) };
+    let test = steps(|line| line.test_psnr);
+    // Seconds only where there is a test, so that both have the same steps and runs.
+    let seconds = steps(|line| line.test_psnr.filter(|v| v.is_finite()).and(line.seconds));
+    let seconds: BTreeMap<u64, f64> = seconds.into_iter().collect();
+    let test_by_seconds = test.iter().filter_map(|(step, psnr)| Some((*seconds.get(step)?, *psnr))).collect();
+    let points = |curve: Vec<(u64, f64)>| curve.into_iter().map(|(step, v)| (step as f64, v)).collect();
+    Curves { test: points(test), train: points(steps(|line| line.train_psnr)), test_by_seconds }
+}
+
+fn mean_by_step(runs: &[BTreeMap<u64, Line>], value: fn(&Line) -> Option<f64>) -> Vec<(u64, f64)> {
+    let mut sums: BTreeMap<u64, (f64, usize)> = BTreeMap::new();
+    let mut with_curve = 0;
+    for run in runs {
+        let mut any = false;
+        for (step, v) in run.iter().filter_map(|(step, line)| Some((*step, value(line).filter(|v| v.is_finite())?))) {
+            let sum = sums.entry(step).or_default();
+            *sum = (sum.0 + v, sum.1 + 1);
+            any = true;
+        }
+        with_curve += usize::from(any);
+    }
+    // A step that one run lacks would make the mean jump.
+    let whole = sums.into_iter().filter(|(_, (_, count))| *count == with_curve);
+    whole.map(|(step, (sum, count))| (step, sum / count as f64)).collect()
+}
+
+/// The curve with each value that of a straight line through its neighbourhood, a twentieth of the curve, at about 100
+/// of its points.
+#[must_use]
+pub fn smooth(curve: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let half = curve.len() / 40;
+    let every = curve.len().div_ceil(SMOOTHED).max(1);
+    // Always with the end, where curves are compared.
+    let offset = curve.len().saturating_sub(1) % every;
+    let at =
+        |i: usize| (curve[i].0, line_at(&curve[i.saturating_sub(half)..(i + half + 1).min(curve.len())], curve[i].0));
+    (0..curve.len()).skip(offset).step_by(every).map(at).collect()
+}
+
+/// The value at `x` of the line of least squares through `near`. A mean would draw both ends of a curve inwards, where
+/// the neighbourhood lies to one side.
+fn line_at(near: &[(f64, f64)], x: f64) -> f64 {
+    let count = near.len() as f64;
+    let (mean_x, mean_y) =
+        (near.iter().map(|p| p.0).sum::<f64>() / count, near.iter().map(|p| p.1).sum::<f64>() / count);
+    let spread: f64 = near.iter().map(|p| (p.0 - mean_x).powi(2)).sum();
+    if spread == 0.0 {
+        return mean_y;
+    }
+    let slope = near.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum::<f64>() / spread;
+    let least = near.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let most = near.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+    (mean_y + slope * (x - mean_x)).clamp(least, most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::fs::write;
+
+    #[test]
+    fn a_run_is_read_and_broken_lines_are_passed_over() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(read(dir.path()), Curves::default());
+        let text = "{\"step\":10,\"seconds\":1.5,\"stage\":\"warmup\",\"loss\":0.1,\"train_psnr\":20.0}\n\
+                    nonsense\n{\"step\":20,\"seconds\":3.0,\"loss\":null,\"train_psnr\":null,\"test_psnr\":25.0}\n\
+                    {\"step\":-1,\"train_psnr\":3}\n\
+                    {\"step\":20,\"seconds\":4.0,\"train_psnr\":22.0,\"test_psnr\":26.0}\n\
+                    \u{fffd}\n{\"step\":30,\"seconds\":5";
+        write(dir.path().join("metrics.jsonl"), text).unwrap();
+        let curves = read(dir.path());
+        assert_eq!(curves.test, [(20.0, 26.0)], "the last of two lines of a step");
+        assert_eq!(curves.train, [(10.0, 20.0), (20.0, 22.0)]);
+        assert_eq!(curves.test_by_seconds, [(4.0, 26.0)]);
+    }
+
+    #[test]
+    fn the_mean_has_the_steps_that_all_have() {
+        let dirs: Vec<_> = (0..3).map(|_| tempfile::tempdir().unwrap()).collect();
+        let line = |step: u32, psnr: f64| {
+            format!("{{\"step\":{step},\"seconds\":{},\"test_psnr\":{psnr}}}\n", psnr * f64::from(step))
+        };
+        write(dirs[0].path().join("metrics.jsonl"), line(1, 10.0) + &line(2, 20.0) + &line(3, 90.0)).unwrap();
+        write(dirs[1].path().join("metrics.jsonl"), line(1, 30.0) + &line(2, 40.0)).unwrap();
+        let runs: Vec<&Path> = dirs.iter().map(tempfile::TempDir::path).collect();
+        let curves = mean(&runs);
+        assert_eq!(curves.test, [(1.0, 20.0), (2.0, 30.0)], "the third run has no file and does not count");
+        assert_eq!(curves.test_by_seconds, [(20.0, 20.0), (60.0, 30.0)]);
+        assert_eq!((curves.train.len(), mean(&[])), (0, Curves::default()));
+    }
+
+    #[test]
+    fn smoothing_keeps_lines_straight_and_the_end() {
+        let line: Vec<(f64, f64)> = (0..999).map(|i| (f64::from(i), 2.0 * f64::from(i))).collect();
+        let smoothed = smooth(&line);
+        assert!(smoothed.len() <= 100 && smoothed.last() == Some(&(998.0, 1996.0)));
+        assert!(smoothed.iter().all(|(x, y)| (y - 2.0 * x).abs() < 1e-9));
+        assert_eq!(smooth(&[]), []);
+        assert_eq!(smooth(&line[..1]), line[..1]);
+    }
+
+    proptest! {
+        #[test]
+        fn smoothing_stays_between_least_and_most(values in proptest::collection::vec(-50.0..50.0f64, 1..400)) {
+            let curve: Vec<(f64, f64)> = values.iter().enumerate().map(|(i, v)| (i as f64, *v)).collect();
+            let least = values.iter().copied().fold(f64::INFINITY, f64::min) - 1e-9;
+            let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max) + 1e-9;
+            for (_, v) in smooth(&curve) {
+                prop_assert!((least..=most).contains(&v));
+            }
+        }
+    }
+}

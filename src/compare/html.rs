@@ -1,0 +1,175 @@
+//! A comparison as one HTML page: headline figures, tables, curves, costs, settings, pictures, runs.
+//!
+//! Here are the sections and their order; plots are made in `plots`, lists of runs in `runs`. Tables come finished from
+//! the caller.
+
+mod plots;
+mod runs;
+#[cfg(test)]
+mod tests;
+
+use super::metric::{Better, Metric, metric};
+use super::results::{Outcome, OutcomeState, ResultSet};
+use super::sheet::{VariantSheet, sheets};
+use super::stats;
+use crate::export::images::encode_png;
+use crate::report::{Block, Report, Section};
+
+/// A table of finished texts.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PlainTable {
+    /// Text above; may be empty.
+    pub caption: String,
+    /// Headings of the columns.
+    pub head: Vec<String>,
+    /// Cells by row, the first of which names the row. A cell between `**` and `**` is bold.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// The page of `set` with `tables` in it, and `lines` (such as how the order of variants agrees with the paper's) below
+/// them. Curves, configurations and pictures are read from the run folders; what is not there is left out.
+#[must_use]
+pub fn report(set: &ResultSet, tables: &[PlainTable], lines: &[String]) -> Report {
+    let section = |id: &str, title: &str, intro: String, blocks: Vec<Block>| Section {
+        id: id.to_owned(),
+        title: title.to_owned(),
+        intro,
+        blocks,
+    };
+    let against = set.paper.as_ref().map_or_else(String::new, |paper| format!("The paper: {}.", paper.source));
+    let mut tables: Vec<Block> = tables.iter().map(table).collect();
+    if tables.is_empty() {
+        tables.push(Block::Missing { what: "the table".to_owned(), how: String::new() });
+    }
+    let order = if lines.is_empty() { Vec::new() } else { vec![Block::Text(lines.join("\n"))] };
+    let sections = vec![
+        section("summary", "At a glance", String::new(), vec![Block::Numbers(runs::headline(set))]),
+        section("table", "Table", String::new(), tables),
+        section("order", "Beside the paper", against, order),
+        section(
+            "curves",
+            "Learning curves",
+            "Means over seeds. Test PSNR is that of the few views that training evaluates on the way.".to_owned(),
+            plots::learning(set),
+        ),
+        section(
+            "cost",
+            "Quality against cost",
+            "Means over seeds; whiskers are one standard deviation.".to_owned(),
+            plots::cost(set),
+        ),
+        section(
+            "settings",
+            "Settings and outcome",
+            "A line for each run through the settings that vary.".to_owned(),
+            plots::settings(set),
+        ),
+        section(
+            "views",
+            "The same view",
+            "The truth, then each variant's first seed above a map of its errors.".to_owned(),
+            sheets(set).iter().map(view_sheet).collect(),
+        ),
+        section("runs", "Runs", String::new(), runs::list(set)),
+        section("failures", "Failures", String::new(), runs::failures(set)),
+    ];
+    let title = if set.title.trim().is_empty() { set.name.clone() } else { set.title.clone() };
+    let sections = sections.into_iter().filter(|section| !section.blocks.is_empty()).collect();
+    Report { title, subtitle: set.note.clone(), sections }
+}
+
+fn table(table: &PlainTable) -> Block {
+    let PlainTable { caption, head, rows } = table.clone();
+    Block::Table { head, rows, caption, highlight: None }
+}
+
+fn view_sheet(sheet: &VariantSheet) -> Block {
+    let VariantSheet { dataset, view, top_error, left_out, .. } = sheet;
+    let mut caption = format!(
+        "View {view} of {dataset}. Errors are the mean |difference| of the channels, 1 being full intensity; the \
+         brightest colour stands for {top_error} and more."
+    );
+    if !left_out.is_empty() {
+        caption += &format!(" Not shown: {}.", left_out.join(", "));
+    }
+    match encode_png(&sheet.image) {
+        Ok(png) => Block::Figure { png, alt: format!("Renders and error maps of {dataset}"), caption },
+        Err(e) => Block::Missing { what: format!("the pictures of {dataset}"), how: e.to_string() },
+    }
+}
+
+/// A dataset on a device, in which variants are laid side by side.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Place {
+    dataset: String,
+    device: String,
+    /// What tells it from the others, or the dataset where it is the only one.
+    name: String,
+}
+
+impl Place {
+    fn holds(&self, outcome: &Outcome) -> bool {
+        outcome.dataset == self.dataset && outcome.device == self.device
+    }
+}
+
+/// All places, in the order of the outcomes.
+fn places(set: &ResultSet) -> Vec<Place> {
+    let pairs = distinct(set.outcomes.iter().map(|o| (o.dataset.clone(), o.device.clone())));
+    let several_devices = pairs.iter().any(|(_, device)| *device != pairs[0].1);
+    let name = |dataset: &str, device: &str| match (several_devices, dataset.is_empty()) {
+        (false, _) => dataset.to_owned(),
+        (true, true) => device.to_owned(),
+        (true, false) => format!("{dataset}, {device}"),
+    };
+    pairs.into_iter().map(|(dataset, device)| Place { name: name(&dataset, &device), dataset, device }).collect()
+}
+
+/// The values, each once, in the order of their first.
+fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut out = Vec::new();
+    for value in values {
+        if !out.contains(&value) {
+            out.push(value);
+        }
+    }
+    out
+}
+
+/// All variants, in the order of the table.
+fn variants(set: &ResultSet) -> Vec<&str> {
+    distinct(set.outcomes.iter().map(|o| o.variant.as_str()))
+}
+
+/// What a row of the table is called.
+fn row_name(outcome: &Outcome) -> String {
+    if outcome.segment.is_empty() {
+        outcome.variant.clone()
+    } else {
+        format!("{}/{}", outcome.variant, outcome.segment)
+    }
+}
+
+/// The measured value, if it is a number.
+fn value(outcome: &Outcome, id: &str) -> Option<f64> {
+    let done = outcome.state == OutcomeState::Done;
+    outcome.metrics.get(id).copied().filter(|v| done && v.is_finite())
+}
+
+/// Mean over the seeds (and segments, if there are several) of a variant.
+fn variant_mean(set: &ResultSet, place: &Place, variant: &str, id: &str) -> Option<f64> {
+    let outcomes = set.outcomes.iter().filter(|o| place.holds(o) && o.variant == variant);
+    stats::mean(&outcomes.filter_map(|o| value(o, id)).collect::<Vec<_>>())
+}
+
+/// The metric that pages are about, with a heading even where it is not a known one.
+fn first_metric(set: &ResultSet) -> Option<(&str, &str, usize, Better)> {
+    let id = set.metrics.first()?;
+    let (head, digits, better) = shown(id);
+    Some((id, head, digits, better))
+}
+
+/// Heading, digits and direction of a metric.
+fn shown(id: &str) -> (&str, usize, Better) {
+    metric(id).map_or((id, 3, Better::Neither), |Metric { head, digits, better, .. }| (head, *digits, *better))
+}

@@ -1,0 +1,242 @@
+//! The plots of a comparison: learning curves, quality against cost, settings against outcome.
+
+use super::{Place, distinct, first_metric, places, row_name, value, variant_mean, variants};
+use crate::compare::curves::{Curves, mean, smooth};
+use crate::compare::metric::Better;
+use crate::compare::results::{Outcome, OutcomeState, ResultSet};
+use crate::compare::stats;
+use crate::draw::parallel::{ParallelAxis, ParallelLine, Ticks, parallel_plot};
+use crate::draw::plot::{Series, line_plot};
+use crate::draw::scatter::{Point, scatter_plot};
+use crate::report::Block;
+use std::path::Path;
+
+/// Most curves in a plot: as many as its legend names.
+const MOST_CURVES: usize = 12;
+/// Most settings in parallel coordinates.
+const MOST_SETTINGS: usize = 8;
+/// Cost in the scatter plots.
+const COST: (&str, &str) = ("training_minutes", "training, min");
+/// A numeric setting whose largest value is so many times its least has a logarithmic axis.
+const LOG_FROM: f64 = 15.0;
+
+/// Three plots for each place: test and training PSNR over steps, test PSNR over time.
+pub(super) fn learning(set: &ResultSet) -> Vec<Block> {
+    places(set).iter().flat_map(|place| learning_at(set, place)).collect()
+}
+
+fn learning_at(set: &ResultSet, place: &Place) -> Vec<Block> {
+    let mut curves: Vec<(&str, Curves)> = variants(set)
+        .into_iter()
+        .map(|variant| (variant, mean(&runs_of(set, place, variant))))
+        .filter(|(_, curves)| *curves != Curves::default())
+        .collect();
+    let all = curves.len();
+    if all > MOST_CURVES {
+        let names: Vec<&str> = curves.iter().map(|(variant, _)| *variant).collect();
+        let kept = best(set, place, &names, MOST_CURVES);
+        curves.retain(|(variant, _)| kept.contains(variant));
+    }
+    let note =
+        if all > curves.len() { format!(" The best {} of {all} variants.", curves.len()) } else { String::new() };
+    let plot = |title: &str, x: &str, points: fn(&Curves) -> Vec<(f64, f64)>| {
+        let series: Vec<Series> = curves
+            .iter()
+            .map(|(variant, c)| Series { name: (*variant).to_owned(), points: points(c) })
+            .filter(|s| !s.points.is_empty())
+            .collect();
+        (!series.is_empty()).then(|| Block::Svg {
+            svg: line_plot(&titled(title, place), x, "PSNR, dB", &series),
+            caption: format!("{title}.{note}"),
+        })
+    };
+    [
+        plot("Test PSNR over steps", "step", |c| c.test.clone()),
+        plot("Training PSNR over steps, smoothed", "step", |c| smooth(&c.train)),
+        plot("Test PSNR over time", "training, s", |c| c.test_by_seconds.clone()),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// A plot's title with the place, where places have names.
+fn titled(title: &str, place: &Place) -> String {
+    if place.name.is_empty() { title.to_owned() } else { format!("{title}: {}", place.name) }
+}
+
+/// Folders of the finished runs of a variant, or of all where none is finished.
+fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path> {
+    let of = |done: bool| {
+        let outcomes = set.outcomes.iter().filter(|o| place.holds(o) && o.variant == variant);
+        // Segments of a run share its folder.
+        distinct(outcomes.filter(|o| !done || o.state == OutcomeState::Done).map(|o| o.run.as_path()))
+    };
+    let done = of(true);
+    if done.is_empty() { of(false) } else { done }
+}
+
+/// The baseline and the variants that are best by the first metric.
+fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], most: usize) -> Vec<&'a str> {
+    let mut ranked = names.to_vec();
+    if let Some((id, _, _, better)) = first_metric(set) {
+        let rank = |name: &str| {
+            if name == set.baseline {
+                return f64::NEG_INFINITY;
+            }
+            let value = variant_mean(set, place, name, id).unwrap_or(f64::NAN);
+            let rank = if better == Better::Lower { value } else { -value };
+            if rank.is_nan() { f64::INFINITY } else { rank }
+        };
+        ranked.sort_by(|a, b| rank(a).total_cmp(&rank(b)));
+    }
+    ranked.truncate(most);
+    ranked
+}
+
+/// A plot of the first metric against training time for each place.
+pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
+    let Some((id, head, ..)) = first_metric(set).filter(|first| first.0 != COST.0) else { return Vec::new() };
+    let variants = variants(set);
+    let at = |place: &Place| {
+        let rows = distinct(set.outcomes.iter().filter(|o| place.holds(o)).map(row_name));
+        let points: Vec<Point> = rows
+            .into_iter()
+            .filter_map(|name| {
+                let outcomes = || set.outcomes.iter().filter(|o| place.holds(o) && row_name(o) == name);
+                let group = variants.iter().position(|v| outcomes().any(|o| o.variant == *v))?;
+                let both: Vec<(f64, f64)> =
+                    outcomes().filter_map(|o| Some((value(o, COST.0)?, value(o, id)?))).collect();
+                let (xs, ys): (Vec<f64>, Vec<f64>) = both.into_iter().unzip();
+                let (x_error, y_error) = (stats::deviation(&xs), stats::deviation(&ys));
+                Some(Point { x: stats::mean(&xs)?, y: stats::mean(&ys)?, x_error, y_error, group, name })
+            })
+            .collect();
+        // one point has nothing to be laid beside
+        (points.len() > 1).then(|| Block::Svg {
+            svg: scatter_plot(&titled(&format!("{} against cost", quantity(head)), place), COST.1, head, &points),
+            caption: format!("{head}, against minutes of training, of each variant."),
+        })
+    };
+    places(set).iter().filter_map(at).collect()
+}
+
+/// The heading of a metric without its unit.
+pub(super) fn quantity(head: &str) -> &str {
+    head.split_once(", ").map_or(head, |(quantity, _)| quantity)
+}
+
+/// Parallel coordinates for each place where two settings or more vary, in four ways or more.
+pub(super) fn settings(set: &ResultSet) -> Vec<Block> {
+    places(set).iter().filter_map(|place| settings_at(set, place)).collect()
+}
+
+/// A value of a setting.
+#[derive(Clone, Debug, PartialEq)]
+enum Setting {
+    Number(f64),
+    Text(String),
+}
+
+fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
+    let (id, head, ..) = first_metric(set)?;
+    let outcomes: Vec<(&Outcome, f64)> =
+        set.outcomes.iter().filter(|o| place.holds(o)).filter_map(|o| Some((o, value(o, id)?))).collect();
+    let configs: Vec<Option<toml::Table>> = outcomes.iter().map(|(o, _)| config(&o.run)).collect();
+    let mut keys = distinct(outcomes.iter().flat_map(|(o, _)| o.settings.keys()));
+    keys.sort();
+    let mut columns: Vec<(&String, Vec<Option<Setting>>, usize)> = keys
+        .into_iter()
+        .map(|key| {
+            let values: Vec<_> = outcomes.iter().zip(&configs).map(|((o, _), c)| setting(o, c.as_ref(), key)).collect();
+            let count = distinct(values.iter().flatten()).len();
+            (key, values, count)
+        })
+        .filter(|(_, _, count)| *count > 1)
+        .collect();
+    let ways = distinct((0..outcomes.len()).map(|i| columns.iter().map(|c| c.1[i].clone()).collect::<Vec<_>>()));
+    if columns.len() < 2 || ways.len() < 4 {
+        return None;
+    }
+    let mut left_out = Vec::new();
+    if columns.len() > MOST_SETTINGS {
+        let mut ranked: Vec<(usize, &String)> = columns.iter().map(|c| (c.2, c.0)).collect();
+        ranked.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(b.1)));
+        left_out = ranked.split_off(MOST_SETTINGS).into_iter().map(|(_, key)| key.clone()).collect();
+        columns.retain(|c| !left_out.contains(c.0));
+    }
+    let names: Vec<&str> = columns.iter().map(|c| c.0.as_str()).collect();
+    let last = |key: &str| key.rsplit('.').next().unwrap_or(key).to_owned();
+    let short = |key: &str| {
+        let unique = names.iter().filter(|k| last(k) == last(key)).count() == 1;
+        if unique { last(key) } else { key.to_owned() }
+    };
+    let mut lines: Vec<ParallelLine> = outcomes
+        .iter()
+        .map(|(o, _)| ParallelLine { name: format!("{}, seed {}", row_name(o), o.seed), values: Vec::new() })
+        .collect();
+    let mut axes = Vec::new();
+    for (key, values, _) in &columns {
+        let (ticks, numbers) = axis(values);
+        axes.push(ParallelAxis { name: short(key), ticks });
+        lines.iter_mut().zip(numbers).for_each(|(line, number)| line.values.push(number));
+    }
+    axes.push(ParallelAxis { name: head.to_owned(), ticks: Ticks::Linear });
+    lines.iter_mut().zip(&outcomes).for_each(|(line, (_, value))| line.values.push(Some(*value)));
+    let mut caption = format!("Settings of each run ({}) and {head}.", names.join(", "));
+    if !left_out.is_empty() {
+        caption += &format!(" Without {}.", left_out.join(", "));
+    }
+    Some(Block::Svg { svg: parallel_plot(&titled("Settings and outcome", place), &axes, &lines), caption })
+}
+
+/// How values lie along an axis, and their numbers there.
+fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
+    let number = |value: &Setting| match value {
+        Setting::Number(number) => Some(*number),
+        Setting::Text(_) => None,
+    };
+    let numbers: Option<Vec<f64>> = values.iter().flatten().map(number).collect();
+    if let Some(numbers) = numbers {
+        let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let ticks = if least > 0.0 && most / least >= LOG_FROM { Ticks::Log } else { Ticks::Linear };
+        return (ticks, values.iter().map(|v| v.as_ref().and_then(number)).collect());
+    }
+    let text = |value: &Setting| match value {
+        Setting::Number(number) => number.to_string(),
+        Setting::Text(text) => text.clone(),
+    };
+    let mut names = distinct(values.iter().flatten().map(text));
+    names.sort();
+    let place = |value: &Setting| names.iter().position(|n| *n == text(value)).map(|at| at as f64);
+    let places = values.iter().map(|v| v.as_ref().and_then(place)).collect();
+    (Ticks::Names(names), places)
+}
+
+/// The run's resolved configuration, in which settings stand that a variant leaves at the base's value.
+fn config(run: &Path) -> Option<toml::Table> {
+    std::fs::read_to_string(run.join("config.toml")).ok()?.parse().ok()
+}
+
+fn setting(outcome: &Outcome, config: Option<&toml::Table>, key: &str) -> Option<Setting> {
+    let Some(text) = outcome.settings.get(key) else {
+        let (folder, name) = key.rsplit_once('.').map_or((None, key), |(folder, name)| (Some(folder), name));
+        let mut table = config?;
+        for part in folder.into_iter().flat_map(|folder| folder.split('.')) {
+            table = table.get(part)?.as_table()?;
+        }
+        return table.get(name).map(of_value);
+    };
+    let parsed = format!("value = {text}").parse::<toml::Table>().ok();
+    Some(parsed.and_then(|t| t.get("value").map(of_value)).unwrap_or_else(|| Setting::Text(text.clone())))
+}
+
+fn of_value(value: &toml::Value) -> Setting {
+    match value {
+        toml::Value::Integer(number) => Setting::Number(*number as f64),
+        toml::Value::Float(number) if number.is_finite() => Setting::Number(*number),
+        toml::Value::String(text) => Setting::Text(text.clone()),
+        other => Setting::Text(other.to_string()),
+    }
+}

@@ -1,0 +1,129 @@
+//! The runs of a comparison: headline figures, a list, and why some failed.
+
+use super::plots::quantity;
+use super::{Place, distinct, first_metric, places, row_name, shown, value, variant_mean, variants};
+use crate::compare::metric::Better;
+use crate::compare::results::{Outcome, OutcomeState, ResultSet};
+use crate::report::{Block, Number};
+use std::path::{Path, PathBuf};
+
+/// Most places whose best variant is a headline.
+const MOST_PLACES: usize = 4;
+
+/// How many runs, the best variant of each place, the time it all took.
+pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
+    let count = |of: fn(&OutcomeState) -> bool| set.outcomes.iter().filter(|o| of(&o.state)).count();
+    let done = count(|state| *state == OutcomeState::Done);
+    let others = [
+        (count(|state| matches!(state, OutcomeState::Failed(_))), "failed"),
+        (count(|state| matches!(state, OutcomeState::Stopped(_))), "stopped early"),
+        (count(|state| *state == OutcomeState::Missing), "not finished"),
+    ];
+    let others = others.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+    let of_all = if done == set.outcomes.len() { String::new() } else { format!("of {}", set.outcomes.len()) };
+    let mut numbers = vec![Number {
+        value: done.to_string(),
+        unit: of_all,
+        name: "outcomes measured".to_owned(),
+        note: others.collect::<Vec<_>>().join(", "),
+    }];
+    numbers.extend(places(set).iter().take(MOST_PLACES).filter_map(|place| best(set, place)));
+    let minutes = distinct(set.outcomes.iter().map(|o| (&o.run, value(o, "training_minutes"))));
+    let minutes: f64 = minutes.into_iter().filter_map(|(_, minutes)| minutes).sum();
+    if minutes > 0.0 {
+        let (value, unit) =
+            if minutes < 120.0 { (format!("{minutes:.1}"), "min") } else { (format!("{:.1}", minutes / 60.0), "h") };
+        let name = "training in all".to_owned();
+        numbers.push(Number { value, unit: unit.to_owned(), name, note: String::new() });
+    }
+    numbers
+}
+
+/// The best variant by the first metric, and how far it is from the baseline.
+fn best(set: &ResultSet, place: &Place) -> Option<Number> {
+    let (id, head, digits, better) = first_metric(set)?;
+    let higher = match better {
+        Better::Higher => true,
+        Better::Lower => false,
+        Better::Neither => return None,
+    };
+    let means = variants(set).into_iter().filter_map(|v| Some((v, variant_mean(set, place, v, id)?)));
+    let (variant, mean) = means.reduce(|a, b| if (b.1 > a.1) == higher && b.1 != a.1 { b } else { a })?;
+    let unit = head.split_once(", ").map_or("", |(_, unit)| unit);
+    let mut note = if place.name.is_empty() { variant.to_owned() } else { format!("{variant}; {}", place.name) };
+    if let Some(base) = variant_mean(set, place, &set.baseline, id).filter(|_| variant != set.baseline) {
+        note += &format!("; {:+.digits$} to {}", mean - base, set.baseline);
+    }
+    let name = format!("best {}", quantity(head));
+    Some(Number { value: format!("{mean:.digits$}"), unit: unit.to_owned(), name, note })
+}
+
+/// Heading, whether it is shown, and its cells.
+type Column<'a> = (&'a str, bool, fn(&Outcome) -> &String);
+
+/// The list of all outcomes.
+pub(super) fn list(set: &ResultSet) -> Vec<Block> {
+    if set.outcomes.is_empty() {
+        return vec![Block::Missing { what: "any run".to_owned(), how: String::new() }];
+    }
+    let folder = common_folder(set.outcomes.iter().map(|o| o.run.as_path()));
+    let name = if set.head.is_empty() { "variant" } else { &set.head };
+    // Columns that hold nothing, or the same all along, only make the table wide.
+    let all = &set.outcomes;
+    let several = |of: fn(&Outcome) -> &String| all.iter().any(|o| of(o) != of(&all[0]));
+    let columns: [Column<'_>; 4] = [
+        (name, true, |o| &o.variant),
+        ("segment", several(|o| &o.segment) || !all[0].segment.is_empty(), |o| &o.segment),
+        ("dataset", several(|o| &o.dataset), |o| &o.dataset),
+        ("device", several(|o| &o.device), |o| &o.device),
+    ];
+    let columns: Vec<_> = columns.into_iter().filter(|(_, on, _)| *on).collect();
+    let mut head: Vec<String> = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
+    head.extend(["seed", "state"].map(String::from));
+    head.extend(set.metrics.iter().map(|id| shown(id).0.to_owned()));
+    head.push("run".to_owned());
+    let row = |o: &Outcome| {
+        let mut row: Vec<String> = columns.iter().map(|(_, _, of)| of(o).clone()).collect();
+        row.extend([o.seed.to_string(), state(&o.state)]);
+        row.extend(set.metrics.iter().map(|id| {
+            let digits = shown(id).1;
+            o.metrics.get(id).filter(|v| v.is_finite()).map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"))
+        }));
+        row.push(o.run.strip_prefix(&folder).unwrap_or(&o.run).display().to_string());
+        row
+    };
+    let caption = match folder.display().to_string() {
+        none if none.is_empty() => String::new(),
+        folder => format!("Folders of runs lie in {folder}."),
+    };
+    vec![Block::Table { head, rows: set.outcomes.iter().map(row).collect(), caption, highlight: None }]
+}
+
+fn state(state: &OutcomeState) -> String {
+    match state {
+        OutcomeState::Missing => "not finished".to_owned(),
+        OutcomeState::Done => "done".to_owned(),
+        OutcomeState::Stopped(steps) => format!("stopped at {steps}"),
+        OutcomeState::Failed(_) => "failed".to_owned(),
+    }
+}
+
+/// The folder that all `runs` lie in; empty where there is none.
+fn common_folder<'a>(runs: impl Iterator<Item = &'a Path>) -> PathBuf {
+    let parents = runs.map(|run| run.parent().unwrap_or(Path::new("")).to_owned());
+    let common = parents.reduce(|a, b| {
+        a.components().zip(b.components()).take_while(|(x, y)| x == y).map(|(x, _)| x).collect::<PathBuf>()
+    });
+    common.filter(|folder| folder.parent().is_some()).unwrap_or_default()
+}
+
+/// What each failed run said.
+pub(super) fn failures(set: &ResultSet) -> Vec<Block> {
+    let text = |o: &Outcome| {
+        let OutcomeState::Failed(error) = &o.state else { return None };
+        let of = [row_name(o), o.dataset.clone(), o.device.clone(), format!("seed {}", o.seed)];
+        let of: Vec<String> = of.into_iter().filter(|part| !part.is_empty()).collect();
+        Some(Block::Text(format!("{}\n{}\n{}", of.join(", "), o.run.display(), error.trim())))
+    };
+    set.outcomes.iter().filter_map(text).collect()
+}

@@ -1,0 +1,155 @@
+//! The metrics that tables know: heading, unit, digits, and which way is better. Ids that are not listed
+//! here can be shown too.
+
+use serde::Serialize;
+
+/// Which way a metric is better.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Better {
+    /// Larger is better.
+    Higher,
+    /// Smaller is better.
+    Lower,
+    /// Neither, such as a number of Gaussians.
+    Neither,
+}
+
+/// How a metric is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Metric {
+    /// The name in files, on the command line and in sweep files.
+    pub id: &'static str,
+    /// Heading, with its unit.
+    pub head: &'static str,
+    /// The paper's abbreviation, for LaTeX.
+    pub short: &'static str,
+    /// Digits after the point.
+    pub digits: usize,
+    /// Which way is better.
+    pub better: Better,
+}
+
+const fn row(id: &'static str, head: &'static str, short: &'static str, digits: usize, better: Better) -> Metric {
+    Metric { id, head, short, digits, better }
+}
+
+/// All metrics that can be reported.
+pub const METRICS: &[Metric] = &[
+    row("psnr", "PSNR, dB", "PSNR", 2, Better::Higher),
+    row("ssim", "SSIM", "SSIM", 4, Better::Higher),
+    row("ssim_gray", "SSIM (grey)", "SSIM", 4, Better::Higher),
+    row("lpips_alex", "LPIPS (AlexNet)", "LPIPS", 4, Better::Lower),
+    row("lpips_vgg", "LPIPS (VGG-16)", "LPIPS", 4, Better::Lower),
+    row("iou", "IoU, %", "IoU", 2, Better::Higher),
+    row("fps", "frames/s", "FPS", 1, Better::Higher),
+    row("training_minutes", "training, min", "TT", 2, Better::Lower),
+    row("model_mb", "model, MB", "MS", 2, Better::Lower),
+    row("gaussians", "Gaussians", "N", 0, Better::Neither),
+    row("peak_memory_gb", "memory, GB", "RAM", 2, Better::Lower),
+    row("segment_seconds", "segmentation, s", "ST", 1, Better::Lower),
+];
+
+/// The metric of that id.
+#[must_use]
+pub fn metric(id: &str) -> Option<&'static Metric> {
+    METRICS.iter().find(|m| m.id == id)
+}
+
+/// A metric as a column of a table. Unlike [`Metric`] it can be made for any id.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Column {
+    /// The name in files.
+    pub id: String,
+    /// Heading, with its unit.
+    pub head: String,
+    /// Heading in LaTeX.
+    pub short: String,
+    /// Digits after the point.
+    pub digits: usize,
+    /// Which way is better.
+    pub better: Better,
+}
+
+impl Column {
+    /// The column of that id. One that [`METRICS`] lacks is shown under its id with 4 digits; smaller is better where
+    /// it ends in `_loss` or `_error`.
+    #[must_use]
+    pub fn of(id: &str) -> Self {
+        let lower = id.ends_with("_loss") || id.ends_with("_error");
+        let better = if lower { Better::Lower } else { Better::Higher };
+        let (head, short, digits, better) =
+            metric(id).map_or((id, id, 4, better), |m| (m.head, m.short, m.digits, m.better));
+        Self { id: id.to_owned(), head: head.to_owned(), short: short.to_owned(), digits, better }
+    }
+
+    /// The heading without its unit.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.head.split(", ").next().unwrap_or(&self.head)
+    }
+
+    /// A value with the metric's digits; never a negative zero.
+    #[must_use]
+    pub fn format(&self, value: f64) -> String {
+        let text = format!("{value:.*}", self.digits);
+        match text.strip_prefix('-') {
+            Some(zero) if zero.chars().all(|c| c == '0' || c == '.') => zero.to_owned(),
+            _ => text,
+        }
+    }
+
+    /// A difference with its sign; none where it shows as zero.
+    #[must_use]
+    pub fn signed(&self, value: f64) -> String {
+        let text = self.format(value);
+        if value > 0.0 && !self.shows_zero(value) { format!("+{text}") } else { text }
+    }
+
+    /// Whether a value shows as zero.
+    #[must_use]
+    pub fn shows_zero(&self, value: f64) -> bool {
+        self.format(value) == self.format(0.0)
+    }
+
+    /// Whether two values look the same in the table.
+    #[must_use]
+    pub fn looks_same(&self, a: f64, b: f64) -> bool {
+        self.format(a) == self.format(b)
+    }
+
+    /// Order from best to worst; from large to small where neither is better.
+    #[must_use]
+    pub fn best_first(&self, a: f64, b: f64) -> std::cmp::Ordering {
+        match self.better {
+            Better::Lower => a.total_cmp(&b),
+            Better::Higher | Better::Neither => b.total_cmp(&a),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_ids_become_columns() {
+        let known = Column::of("psnr");
+        assert_eq!((known.head.as_str(), known.name(), known.digits), ("PSNR, dB", "PSNR", 2));
+        let extra = Column::of("edge_error");
+        assert_eq!((extra.head.as_str(), extra.digits, extra.better), ("edge_error", 4, Better::Lower));
+        assert_eq!(Column::of("alpha_loss").better, Better::Lower);
+        assert_eq!(Column::of("foreground_psnr").better, Better::Higher);
+    }
+
+    #[test]
+    fn zeros_have_no_sign() {
+        let psnr = Column::of("psnr");
+        assert_eq!(psnr.format(-0.001), "0.00");
+        assert_eq!(psnr.format(-0.01), "-0.01");
+        assert_eq!(psnr.signed(0.001), "0.00");
+        assert_eq!(psnr.signed(0.31), "+0.31");
+        assert_eq!(psnr.signed(-0.31), "-0.31");
+        assert_eq!(Column::of("gaussians").format(-0.2), "0");
+    }
+}

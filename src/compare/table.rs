@@ -1,0 +1,258 @@
+//! Outcomes as a table: a row for each variant, a cell for each metric with its mean over seeds, the best of each
+//! column, and differences to the baseline. How it compares with the paper is in `ordering`; writing it down is
+//! `text`'s.
+
+mod ordering;
+#[cfg(test)]
+pub(crate) mod tests;
+
+pub use ordering::{Ordering, Pair, Verdict, orderings};
+
+use super::metric::{Better, Column};
+use super::results::{Outcome, OutcomeState, ResultSet};
+use super::stats::{Difference, deviation, difference, mean};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// A table of results.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    /// Name in file names and labels.
+    pub name: String,
+    /// Heading.
+    pub title: String,
+    /// A sentence or two; may be empty.
+    pub note: String,
+    /// Heading of the column of variants.
+    pub head: String,
+    /// The variant that differences are taken to.
+    pub baseline: String,
+    /// The metrics, in the order of the cells.
+    pub metrics: Vec<Column>,
+    /// Which columns say something.
+    pub shows: Shows,
+    /// Those of one dataset, device and segment stand together.
+    pub rows: Vec<Row>,
+}
+
+/// Which of the columns before the variant have more than one value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Shows {
+    /// More than one dataset.
+    pub dataset: bool,
+    /// More than one device.
+    pub device: bool,
+    /// More than one segment.
+    pub segment: bool,
+}
+
+/// A variant on one dataset, device and segment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Name of the dataset.
+    pub dataset: String,
+    /// Name of the device.
+    pub device: String,
+    /// Name of the segment; empty for the whole scene.
+    pub segment: String,
+    /// Name of the variant.
+    pub variant: String,
+    /// One for each metric of the table.
+    pub cells: Vec<Cell>,
+    /// Outcomes that were measured; these alone are in the cells.
+    pub done: usize,
+    /// Outcomes that are not there yet.
+    pub missing: usize,
+    /// Outcomes given up as hopeless.
+    pub stopped: usize,
+    /// Outcomes that ended with an error.
+    pub failures: Vec<Failure>,
+}
+
+/// One metric of a row.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Values by seed; all are finite.
+    pub values: Vec<(u64, f64)>,
+    /// Their mean.
+    pub mean: Option<f64>,
+    /// Their sample standard deviation; none below two.
+    pub deviation: Option<f64>,
+    /// Whether it is the best of its column among the rows of its dataset, device and segment.
+    pub best: bool,
+    /// Difference to the baseline's row of the same dataset, device and segment.
+    pub difference: Option<Difference>,
+}
+
+/// A run that ended with an error.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Failure {
+    /// Its seed.
+    pub seed: u64,
+    /// Its folder.
+    pub run: PathBuf,
+    /// The error.
+    pub error: String,
+}
+
+impl Table {
+    /// The table of a set. Rows are ordered by dataset, device, segment and variant, each in the order of its first
+    /// appearance.
+    #[must_use]
+    pub fn new(set: &ResultSet) -> Self {
+        let metrics = columns(set);
+        let mut rows = rows(set, &metrics);
+        for group in rows.chunk_by_mut(Row::same_group) {
+            for (at, metric) in metrics.iter().enumerate() {
+                mark_best(group, at, metric);
+            }
+            compare(group, &set.baseline);
+        }
+        let varies = |of: fn(&Row) -> &str| rows.windows(2).any(|pair| of(&pair[0]) != of(&pair[1]));
+        let shows = Shows {
+            dataset: varies(|row| &row.dataset),
+            device: varies(|row| &row.device),
+            segment: varies(|row| &row.segment),
+        };
+        Self {
+            name: set.name.clone(),
+            title: set.title.clone(),
+            note: set.note.clone(),
+            head: set.head.clone(),
+            baseline: set.baseline.clone(),
+            metrics,
+            shows,
+            rows,
+        }
+    }
+
+    /// Whether any cell has a difference to the baseline.
+    #[must_use]
+    pub fn has_differences(&self) -> bool {
+        self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.difference.is_some())
+    }
+
+    /// The rows by dataset, device and segment.
+    pub fn groups(&self) -> impl Iterator<Item = &[Row]> {
+        self.rows.chunk_by(Row::same_group)
+    }
+}
+
+impl Row {
+    /// Whether both are of one dataset, device and segment.
+    #[must_use]
+    pub fn same_group(&self, other: &Self) -> bool {
+        (&self.dataset, &self.device, &self.segment) == (&other.dataset, &other.device, &other.segment)
+    }
+
+    /// Outcomes in all.
+    #[must_use]
+    pub fn outcomes(&self) -> usize {
+        self.done + self.missing + self.stopped + self.failures.len()
+    }
+
+    /// The first error, if any run failed.
+    #[must_use]
+    pub fn error(&self) -> Option<&str> {
+        self.failures.first().map(|f| f.error.as_str())
+    }
+
+    fn new(outcome: &Outcome, metrics: usize) -> Self {
+        Self {
+            dataset: outcome.dataset.clone(),
+            device: outcome.device.clone(),
+            segment: outcome.segment.clone(),
+            variant: outcome.variant.clone(),
+            cells: vec![Cell::default(); metrics],
+            ..Self::default()
+        }
+    }
+
+    fn add(&mut self, outcome: &Outcome, metrics: &[Column]) {
+        match &outcome.state {
+            OutcomeState::Missing => self.missing += 1,
+            OutcomeState::Stopped(_) => self.stopped += 1,
+            OutcomeState::Failed(error) => {
+                self.failures.push(Failure { seed: outcome.seed, run: outcome.run.clone(), error: error.clone() });
+            }
+            OutcomeState::Done => {
+                self.done += 1;
+                for (cell, metric) in self.cells.iter_mut().zip(metrics) {
+                    let value = outcome.metrics.get(&metric.id).copied().filter(|v| v.is_finite());
+                    cell.values.extend(value.map(|v| (outcome.seed, v)));
+                }
+            }
+        }
+    }
+}
+
+impl Cell {
+    /// How many values it has.
+    #[must_use]
+    pub fn n(&self) -> usize {
+        self.values.len()
+    }
+
+    fn summarise(&mut self) {
+        let values: Vec<f64> = self.values.iter().map(|v| v.1).collect();
+        self.mean = mean(&values);
+        self.deviation = deviation(&values);
+    }
+}
+
+/// The columns of the set's metrics, each once.
+fn columns(set: &ResultSet) -> Vec<Column> {
+    let mut out: Vec<Column> = Vec::new();
+    for id in &set.metrics {
+        if !out.iter().any(|column| column.id == *id) {
+            out.push(Column::of(id));
+        }
+    }
+    out
+}
+
+fn rows(set: &ResultSet, metrics: &[Column]) -> Vec<Row> {
+    let rank = |of: fn(&Outcome) -> &str| {
+        let mut ranks: BTreeMap<&str, usize> = BTreeMap::new();
+        for outcome in &set.outcomes {
+            let next = ranks.len();
+            ranks.entry(of(outcome)).or_insert(next);
+        }
+        move |outcome: &Outcome| ranks.get(of(outcome)).copied().unwrap_or(usize::MAX)
+    };
+    let (dataset, device, segment, variant) =
+        (rank(|o| &o.dataset), rank(|o| &o.device), rank(|o| &o.segment), rank(|o| &o.variant));
+    let mut rows: BTreeMap<[usize; 4], Row> = BTreeMap::new();
+    for outcome in &set.outcomes {
+        let key = [dataset(outcome), device(outcome), segment(outcome), variant(outcome)];
+        rows.entry(key).or_insert_with(|| Row::new(outcome, metrics.len())).add(outcome, metrics);
+    }
+    let mut rows: Vec<Row> = rows.into_values().collect();
+    rows.iter_mut().flat_map(|row| &mut row.cells).for_each(Cell::summarise);
+    rows
+}
+
+/// Marks all that look like the best, if there is a choice.
+fn mark_best(group: &mut [Row], at: usize, metric: &Column) {
+    let means = || group.iter().filter_map(|row| row.cells[at].mean);
+    let best = means().min_by(|a, b| metric.best_first(*a, *b));
+    let (Some(best), true) = (best, means().count() > 1 && metric.better != Better::Neither) else {
+        return;
+    };
+    for row in group {
+        let cell = &mut row.cells[at];
+        cell.best = cell.mean.is_some_and(|mean| metric.looks_same(mean, best));
+    }
+}
+
+/// Fills in the differences to the baseline, if the group has it.
+fn compare(group: &mut [Row], baseline: &str) {
+    let Some(base) = group.iter().find(|row| row.variant == baseline).map(|row| row.cells.clone()) else {
+        return;
+    };
+    for row in group.iter_mut().filter(|row| row.variant != baseline) {
+        for (cell, base) in row.cells.iter_mut().zip(&base) {
+            cell.difference = difference(&cell.values, &base.values);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! A table as rows of plain text, before any escaping: what Markdown and pages share.
+
+use crate::compare::metric::{Better, Column};
+use crate::compare::table::{Cell, Row, Table};
+
+/// Rows of text under a heading.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Grid {
+    /// Headings of the columns.
+    pub head: Vec<String>,
+    /// Rows as long as the heading.
+    pub rows: Vec<Vec<Entry>>,
+    /// How many columns from the left are words; the others are numbers.
+    pub words: usize,
+}
+
+/// The text of a cell.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Entry {
+    /// The text.
+    pub text: String,
+    /// Whether it is the best of its column.
+    pub bold: bool,
+}
+
+impl From<String> for Entry {
+    fn from(text: String) -> Self {
+        Self { text, bold: false }
+    }
+}
+
+impl Grid {
+    /// The rows with the best cells between `**` and `**`.
+    #[must_use]
+    pub fn starred(&self) -> Vec<Vec<String>> {
+        let star = |e: &Entry| if e.bold { format!("**{}**", e.text) } else { e.text.clone() };
+        self.rows.iter().map(|row| row.iter().map(star).collect()).collect()
+    }
+}
+
+/// Where there is no value.
+const NONE: &str = "–";
+
+/// Mean and deviation of each metric; and how many runs they are of, where that differs or some did not end well.
+#[must_use]
+pub fn results(table: &Table) -> Grid {
+    let complete = table.rows.iter().all(|row| row.done == row.outcomes() && row.done == table.rows[0].done);
+    let mut head = names_head(table);
+    let words = head.len();
+    head.extend(table.metrics.iter().map(heading));
+    if !complete {
+        head.push("runs".to_owned());
+    }
+    let rows = table.rows.iter().map(|row| {
+        let mut entries = names(table, row);
+        entries.extend(table.metrics.iter().zip(&row.cells).map(|(m, cell)| value(m, cell, row)));
+        if !complete {
+            entries.push(runs(row).into());
+        }
+        entries
+    });
+    Grid { head, rows: rows.collect(), words }
+}
+
+/// Differences to the baseline with their intervals; `None` where there are none.
+#[must_use]
+pub fn differences(table: &Table) -> Option<Grid> {
+    if !table.has_differences() {
+        return None;
+    }
+    let mut head = names_head(table);
+    let words = head.len();
+    head.extend(table.metrics.iter().map(heading));
+    let rows = table.rows.iter().filter(|row| row.variant != table.baseline).map(|row| {
+        let mut entries = names(table, row);
+        entries.extend(table.metrics.iter().zip(&row.cells).map(|(m, cell)| difference(m, cell).into()));
+        entries
+    });
+    Some(Grid { head, rows: rows.collect(), words })
+}
+
+/// Headings of the columns that name a row.
+pub(super) fn names_head(table: &Table) -> Vec<String> {
+    let shows = table.shows;
+    let variant = if table.head.is_empty() { "variant" } else { table.head.as_str() };
+    [(shows.dataset, "dataset"), (shows.device, "device"), (shows.segment, "segment"), (true, variant)]
+        .into_iter()
+        .filter(|(on, _)| *on)
+        .map(|(_, name)| name.to_owned())
+        .collect()
+}
+
+/// The same columns of a row.
+pub(super) fn names(table: &Table, row: &Row) -> Vec<Entry> {
+    let shows = table.shows;
+    let segment = if row.segment.is_empty() { "whole scene" } else { &row.segment };
+    [(shows.dataset, &*row.dataset), (shows.device, &*row.device), (shows.segment, segment), (true, &*row.variant)]
+        .into_iter()
+        .filter(|(on, _)| *on)
+        .map(|(_, name)| name.to_owned().into())
+        .collect()
+}
+
+fn heading(metric: &Column) -> String {
+    match metric.better {
+        Better::Higher => format!("{} ↑", metric.head),
+        Better::Lower => format!("{} ↓", metric.head),
+        Better::Neither => metric.head.clone(),
+    }
+}
+
+fn value(metric: &Column, cell: &Cell, row: &Row) -> Entry {
+    let Some(mean) = cell.mean else {
+        return NONE.to_owned().into();
+    };
+    let mut text = metric.format(mean);
+    if let Some(deviation) = cell.deviation {
+        text += &format!(" ± {}", metric.format(deviation));
+    }
+    if cell.n() != row.done {
+        text += &format!(" (n = {})", cell.n());
+    }
+    Entry { text, bold: cell.best }
+}
+
+fn difference(metric: &Column, cell: &Cell) -> String {
+    let Some(found) = cell.difference else {
+        return NONE.to_owned();
+    };
+    let value = metric.signed(found.value);
+    match found.interval {
+        Some([low, high]) => format!("{value} [{}, {}]", metric.format(low), metric.format(high)),
+        None => value,
+    }
+}
+
+fn runs(row: &Row) -> String {
+    if row.done == row.outcomes() {
+        return row.done.to_string();
+    }
+    let rest = [(row.failures.len(), "failed"), (row.stopped, "stopped"), (row.missing, "missing")];
+    let rest: Vec<String> = rest.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+    format!("{} of {} ({})", row.done, row.outcomes(), rest.join(", "))
+}

@@ -1,0 +1,134 @@
+//! The files of a comparison: report.md, report.html, table.tex, results.csv, results.json, and TensorBoard logs.
+
+use super::html::{PlainTable, report};
+use super::results::{Outcome, OutcomeState, ResultSet};
+use super::table::{Ordering, Table, orderings};
+use super::text;
+use super::{curves, metric::Column};
+use crate::files::{AtomicDir, write_atomic};
+use crate::log::tensorboard::{EventWriter, HyperParameter, SessionEnd};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A file that could not be written.
+#[derive(Debug, Error)]
+#[error("{}: {reason}", path.display())]
+pub struct WriteError {
+    path: PathBuf,
+    reason: String,
+}
+
+fn at<E: std::fmt::Display>(path: &Path) -> impl FnOnce(E) -> WriteError {
+    let path = path.to_owned();
+    move |e| WriteError { path, reason: e.to_string() }
+}
+
+/// The table of `set` as Markdown, with differences, orderings and failures.
+#[must_use]
+pub fn table_text(set: &ResultSet) -> String {
+    let table = Table::new(set);
+    text::markdown(&table, &orderings(set, &table))
+}
+
+/// Writes all files of a report into `folder`, which is made; gives the Markdown.
+///
+/// # Errors
+/// The first file that cannot be written.
+pub fn write_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError> {
+    std::fs::create_dir_all(folder).map_err(at(folder))?;
+    let table = Table::new(set);
+    let orderings = orderings(set, &table);
+    let markdown = text::markdown(&table, &orderings);
+    let put = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        write_atomic(&path, bytes).map_err(at(&path))
+    };
+    put("report.md", markdown.as_bytes())?;
+    put("table.tex", text::latex(&table).as_bytes())?;
+    put("results.csv", text::csv(set).as_bytes())?;
+    let json = serde_json::to_vec_pretty(&text::json(set, &table, &orderings)).map_err(at(folder))?;
+    put("results.json", &json)?;
+    tensorboard(folder, set)?;
+    let page = folder.join("report.html");
+    page_of(set, &table, &orderings).write(&page).map_err(at(&page))?;
+    Ok(markdown)
+}
+
+fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::report::Report {
+    let plain = |caption: String, grid: text::Grid| PlainTable { caption, rows: grid.starred(), head: grid.head };
+    let mut tables = vec![plain("Mean and deviation over seeds; the best is bold.".to_owned(), text::results(table))];
+    let caption = || format!("Difference to {}, with its 95 % confidence interval.", set.baseline);
+    tables.extend(text::differences(table).map(|grid| plain(caption(), grid)));
+    let lines: Vec<String> = orderings.iter().map(|o| o.text.clone()).collect();
+    report(set, &tables, &lines)
+}
+
+/// One log for each run that was begun: its settings and end figures for the hparams page, its curves as scalars.
+fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
+    let path = folder.join("tensorboard");
+    let out = AtomicDir::create(&path).map_err(at(&path))?;
+    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::of(id)).collect();
+    let tags: Vec<String> = set.metrics.iter().map(|id| format!("final/{id}")).collect();
+    let shown: Vec<(&str, &str)> = tags.iter().map(String::as_str).zip(metrics.iter().map(|m| &*m.head)).collect();
+    let several = |f: &dyn Fn(&Outcome) -> &str| set.outcomes.iter().map(f).collect::<BTreeSet<_>>().len() > 1;
+    let (datasets, devices) = (several(&|o| &o.dataset), several(&|o| &o.device));
+    let keys: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.settings.keys()).collect();
+    for outcome in set.outcomes.iter().filter(|o| o.state != OutcomeState::Missing) {
+        let mut settings: BTreeMap<String, HyperParameter> = keys
+            .iter()
+            .map(|k| {
+                (
+                    (*k).clone(),
+                    outcome.settings.get(*k).map_or_else(|| HyperParameter::Text("base".into()), |v| parameter(v)),
+                )
+            })
+            .collect();
+        settings.insert(set.head.clone(), HyperParameter::Text(outcome.variant.clone()));
+        settings.insert("seed".to_owned(), HyperParameter::Number(outcome.seed as f64));
+        let mut group = outcome.variant.clone();
+        for (on, name, value) in [(datasets, "dataset", &outcome.dataset), (devices, "device", &outcome.device)] {
+            if on {
+                settings.insert(name.to_owned(), HyperParameter::Text(value.clone()));
+                group = format!("{group} {value}");
+            }
+        }
+        if !outcome.segment.is_empty() {
+            settings.insert("segment".to_owned(), HyperParameter::Text(outcome.segment.clone()));
+            group = format!("{group} {}", outcome.segment);
+        }
+        let plain = |c: char| if c.is_alphanumeric() || "-_.+= ,".contains(c) { c } else { '-' };
+        let name: String = format!("{group} seed {}", outcome.seed).chars().map(plain).collect();
+        let dir = out.dir().join(name);
+        let mut events = EventWriter::create(&dir).map_err(at(&dir))?;
+        let curves = curves::read(&outcome.run);
+        let last = curves.train.last().or(curves.test.last()).map_or(0, |(s, _)| *s as u64);
+        events.hparams(&settings, &shown, &group).map_err(at(&dir))?;
+        for (tag, curve) in [("train/psnr", &curves.train), ("test/psnr", &curves.test)] {
+            for (step, value) in curve {
+                events.scalar(*step as u64, tag, *value as f32).map_err(at(&dir))?;
+            }
+        }
+        for (id, tag) in set.metrics.iter().zip(&tags) {
+            if let Some(value) = outcome.metrics.get(id) {
+                events.scalar(last, tag, *value as f32).map_err(at(&dir))?;
+            }
+        }
+        let failed = matches!(outcome.state, OutcomeState::Failed(_));
+        events.session_end(if failed { SessionEnd::Failure } else { SessionEnd::Success }).map_err(at(&dir))?;
+        events.flush().map_err(at(&dir))?;
+    }
+    out.commit_replacing().map_err(at(&path))
+}
+
+/// A setting's TOML text as a value.
+fn parameter(text: &str) -> HyperParameter {
+    if let Ok(number) = text.parse::<f64>() {
+        return HyperParameter::Number(number);
+    }
+    match text {
+        "true" => HyperParameter::Flag(true),
+        "false" => HyperParameter::Flag(false),
+        text => HyperParameter::Text(text.trim_matches('"').to_owned()),
+    }
+}

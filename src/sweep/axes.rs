@@ -1,0 +1,177 @@
+//! From a sweep file to its variants: named ones, grids, samples, and all their combinations.
+
+use super::SweepError;
+use super::file::{RandomSpec, RangeSpec, SampleMethod, SweepFile};
+use crate::rng::{Purpose, Rng};
+use std::collections::BTreeMap;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Keys set by a variant, by dotted name.
+pub type Settings = BTreeMap<String, Value>;
+
+/// A variant: what its column or row is called and what it sets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variant {
+    /// Name in tables.
+    pub name: String,
+    /// What it sets.
+    pub settings: Settings,
+}
+
+/// Takes sections apart: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` say the same.
+#[must_use]
+pub fn flatten(table: &Table) -> Settings {
+    fn walk(prefix: &str, table: &Table, out: &mut Settings) {
+        for (key, value) in table {
+            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            match value {
+                Value::Table(inner) => walk(&name, inner, out),
+                value => {
+                    out.insert(name, value.clone());
+                }
+            }
+        }
+    }
+    let mut out = Settings::new();
+    walk("", table, &mut out);
+    out
+}
+
+/// All variants of `file`, in order; the file's path is for messages.
+///
+/// # Errors
+/// An axis without values, a range that cannot be, two variants of one name, or none at all.
+pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepError> {
+    let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
+    let mut found = vec![Variant { name: String::new(), settings: Settings::new() }];
+    if !file.variant.is_empty() {
+        let mut named = Vec::new();
+        for (i, spec) in file.variant.iter().enumerate() {
+            if spec.name.trim().is_empty() {
+                return Err(bad(&format!("variant {}", i + 1), "the name is empty".into()));
+            }
+            if file.variant[..i].iter().any(|other| other.name == spec.name) {
+                return Err(bad(&format!("variant {}", i + 1), format!("there are two called \"{}\"", spec.name)));
+            }
+            named.push(Variant { name: spec.name.clone(), settings: flatten(&spec.set) });
+        }
+        found = named;
+    }
+    for (key, value) in flatten(&file.grid) {
+        let Value::Array(values) = value else {
+            return Err(bad(&format!("grid.{key}"), "not a list of values".into()));
+        };
+        if values.is_empty() {
+            return Err(bad(&format!("grid.{key}"), "an empty list leaves no run".into()));
+        }
+        let with = |variant: &Variant, value: &Value| variant.with(&[(key.clone(), value.clone())]);
+        found = found.iter().flat_map(|v| values.iter().map(|value| with(v, value)).collect::<Vec<_>>()).collect();
+    }
+    if let Some(random) = &file.random {
+        let points = samples(random).map_err(|(key, problem)| bad(&key, problem))?;
+        found = found.iter().flat_map(|v| points.iter().map(|p| v.with(p)).collect::<Vec<_>>()).collect();
+    }
+    for variant in &mut found {
+        if variant.name.is_empty() {
+            variant.name = "base".to_owned();
+        }
+    }
+    Ok(found)
+}
+
+impl Variant {
+    /// The same with more keys; its name says what they are.
+    fn with(&self, more: &[(String, Value)]) -> Self {
+        let mut new = self.clone();
+        for (key, value) in more {
+            let short = key.rsplit('.').next().unwrap_or(key);
+            let text = match value {
+                Value::String(text) => text.clone(),
+                value => value.to_string(),
+            };
+            let part = format!("{short}={text}");
+            new.name = if new.name.is_empty() { part } else { format!("{}, {part}", new.name) };
+            new.settings.insert(key.clone(), value.clone());
+        }
+        new
+    }
+}
+
+type Point = Vec<(String, Value)>;
+
+fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
+    if spec.count == 0 || spec.keys.is_empty() {
+        return Err(("random".into(), "needs a count of at least 1 and at least one key".into()));
+    }
+    if spec.method == SampleMethod::Sobol && spec.keys.len() > 256 {
+        return Err(("random.keys".into(), "Sobol points have at most 256 keys; use latin-hypercube".into()));
+    }
+    for (key, range) in &spec.keys {
+        range.check().map_err(|problem| (format!("random.keys.{key}"), problem))?;
+    }
+    let units: Vec<Vec<f64>> = (0..spec.keys.len()).map(|axis| unit_numbers(spec, axis)).collect();
+    let point =
+        |i: usize| spec.keys.iter().zip(&units).map(|((key, range), u)| (key.clone(), range.at(u[i]))).collect();
+    Ok((0..spec.count).map(point).collect())
+}
+
+/// Numbers in [0, 1) of one axis, one for each point.
+fn unit_numbers(spec: &RandomSpec, axis: usize) -> Vec<f64> {
+    let mut rng = Rng::new(u64::from(spec.seed), axis as u64, Purpose::Sweep as u64);
+    match spec.method {
+        SampleMethod::Sobol => {
+            (0..spec.count).map(|i| f64::from(sobol_burley::sample(i as u32, axis as u32, spec.seed))).collect()
+        }
+        SampleMethod::Uniform => (0..spec.count).map(|_| f64::from(rng.uniform())).collect(),
+        SampleMethod::LatinHypercube => {
+            let mut parts: Vec<usize> = (0..spec.count).collect();
+            rng.shuffle(&mut parts);
+            parts.into_iter().map(|p| (p as f64 + f64::from(rng.uniform())) / spec.count as f64).collect()
+        }
+    }
+}
+
+impl RangeSpec {
+    fn check(&self) -> Result<(), String> {
+        if !self.choices.is_empty() {
+            let mixed = self.low.is_some() || self.high.is_some() || self.log || self.integer;
+            return if mixed { Err("has choices and a range; keep one of them".into()) } else { Ok(()) };
+        }
+        let (Some(low), Some(high)) = (self.low, self.high) else {
+            return Err("needs low and high, or choices".into());
+        };
+        if !(low.is_finite() && high.is_finite() && low < high) {
+            return Err(format!("low = {low} is not below high = {high}"));
+        }
+        if self.log && low <= 0.0 {
+            return Err(format!("log asks for low above 0, not {low}"));
+        }
+        if self.integer && (low.fract() != 0.0 || high.fract() != 0.0) {
+            return Err("integer asks for whole ends".into());
+        }
+        Ok(())
+    }
+
+    /// The value at `u` in [0, 1).
+    fn at(&self, u: f64) -> Value {
+        if !self.choices.is_empty() {
+            let i = (u * self.choices.len() as f64) as usize;
+            return self.choices[i.min(self.choices.len() - 1)].clone();
+        }
+        let (low, mut high) = (self.low.unwrap_or(0.0), self.high.unwrap_or(1.0));
+        if self.integer {
+            high += 1.0;
+        }
+        let value = if self.log { (low.ln() + u * (high.ln() - low.ln())).exp() } else { low + u * (high - low) };
+        if self.integer {
+            return Value::Integer((value.floor() as i64).min(high as i64 - 1));
+        }
+        // four significant digits: what a person would have written, and the run's name stays short
+        Value::Float(format!("{value:.3e}").parse().unwrap_or(value))
+    }
+}
+
+#[cfg(test)]
+#[path = "axes_tests.rs"]
+mod tests;

@@ -1,0 +1,73 @@
+//! Tests of variants.
+
+use super::*;
+use proptest::prelude::*;
+
+fn file(text: &str) -> SweepFile {
+    toml::from_str(text).unwrap()
+}
+
+fn names(text: &str) -> Vec<String> {
+    variants(&file(text), Path::new("s.toml")).unwrap().into_iter().map(|v| v.name).collect()
+}
+
+fn error(text: &str) -> String {
+    variants(&file(text), Path::new("s.toml")).unwrap_err().to_string()
+}
+
+#[test]
+fn named_variants_and_grids_combine() {
+    let text = "[[variant]]\nname = 'L1'\nset = { 'loss.kind' = 'l1' }\n[[variant]]\nname = 'L2'\n[grid]\n\
+                'loss.tv' = [0.0, 1e-4]\nmodel = { levels = [1, 2] }";
+    let found = variants(&file(text), Path::new("s.toml")).unwrap();
+    assert_eq!(found.len(), 8);
+    assert_eq!(found[1].name, "L1, tv=0.0, levels=2");
+    assert_eq!(found[1].settings["loss.kind"], Value::String("l1".into()));
+    assert_eq!(found[1].settings["model.levels"], Value::Integer(2));
+    assert_eq!(names(""), ["base"]);
+}
+
+#[test]
+fn impossible_axes_are_named() {
+    assert!(error("[grid]\n'a.b' = []").contains("grid.a.b"));
+    assert!(error("[grid]\n'a.b' = 3").contains("not a list"));
+    assert!(error("[[variant]]\nname='x'\n[[variant]]\nname='x'").contains("two called \"x\""));
+    assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=0, high=1, log=true}").contains("above 0"));
+    assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2, high=1}").contains("not below"));
+    assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2}").contains("low and high"));
+}
+
+proptest! {
+    #[test]
+    fn samples_lie_in_their_ranges_and_repeat(
+        count in 1usize..40,
+        seed in any::<u32>(),
+        method in prop_oneof!["sobol", "latin-hypercube", "uniform"],
+    ) {
+        let text = format!(
+            "[random]\nmethod = '{method}'\ncount = {count}\nseed = {seed}\n[random.keys]\n\
+             'a' = {{ low = 1e-4, high = 1e-1, log = true }}\n'b' = {{ low = 3, high = 5, integer = true }}\n\
+             'c' = {{ choices = ['x', 'y'] }}"
+        );
+        let found = variants(&file(&text), Path::new("s.toml")).unwrap();
+        prop_assert_eq!(found.len(), count);
+        for v in &found {
+            let a = v.settings["a"].as_float().unwrap();
+            prop_assert!((1e-4 * 0.999..=1e-1).contains(&a), "{}", a);
+            prop_assert!((3..=5).contains(&v.settings["b"].as_integer().unwrap()));
+        }
+        prop_assert_eq!(variants(&file(&text), Path::new("s.toml")).unwrap(), found);
+    }
+}
+
+#[test]
+fn a_latin_hypercube_meets_each_part_once() {
+    let text = "[random]\nmethod = 'latin-hypercube'\ncount = 16\n[random.keys]\n'a' = { low = 0, high = 16 }\n\
+                'b' = { low = 0, high = 16 }";
+    let found = variants(&file(text), Path::new("s.toml")).unwrap();
+    for key in ["a", "b"] {
+        let mut parts: Vec<usize> = found.iter().map(|v| v.settings[key].as_float().unwrap() as usize).collect();
+        parts.sort_unstable();
+        assert_eq!(parts, (0..16).collect::<Vec<_>>());
+    }
+}

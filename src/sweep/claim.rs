@@ -1,0 +1,298 @@
+//! Who has a run: claims on a shared folder, with nothing but files.
+//!
+//! A claim is a file `claim-NNNN` in the run's folder, made by `create_new`, so that of two processes one has it. Its
+//! holder rewrites it with a rising beat; one that beats no more is dead, and its run is taken over by making the next
+//! number, which again only one can. The holder is whoever has the highest number and has not let go.
+//! Clocks are not compared: a beat is watched from here.
+
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two beats of a holder.
+const BEAT: Duration = Duration::from_secs(15);
+/// A holder elsewhere that has not beaten for so long is dead; longer than file systems keep attributes (60 s).
+const DEAD: Duration = Duration::from_secs(150);
+
+/// Who holds a run, as the claim file says it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Holder {
+    /// Name of the machine.
+    pub host: String,
+    /// What tells boots and containers of one name apart; process ids mean something only within it.
+    pub place: String,
+    /// Process.
+    pub pid: u32,
+    /// When the process began, in the system's ticks: ids are used again.
+    pub born: u64,
+    /// Slurm's job and task, if it runs there: one task runs once at a time.
+    pub task: Option<String>,
+    /// Rises while the holder lives.
+    pub beat: u64,
+    /// Whether the holder let go.
+    pub released: bool,
+}
+
+/// A run that is ours until this is dropped.
+#[derive(Debug)]
+pub struct Claim {
+    path: PathBuf,
+    holder: Holder,
+    stop: Option<Sender<()>>,
+    heart: Option<JoinHandle<u64>>,
+}
+
+/// The answer to asking for a run.
+#[derive(Debug)]
+pub enum Claimed {
+    /// It is ours.
+    Mine(Claim),
+    /// A living process has it.
+    Held(Holder),
+}
+
+/// Asks for the run in `folder`, which is made. Waits some minutes where only time can tell whether a holder lives.
+///
+/// # Errors
+/// Any error of the file system.
+pub fn claim(folder: &Path) -> io::Result<Claimed> {
+    fs::create_dir_all(folder)?;
+    let me = Holder::me();
+    let mut watched: Option<(u32, Holder, Instant)> = None;
+    loop {
+        let Some((number, holder)) = newest(folder)? else {
+            if let Some(claim) = take(folder, 1, &me)? {
+                return Ok(Claimed::Mine(claim));
+            }
+            continue;
+        };
+        let free = match holder {
+            Some(holder) if !holder.released => match (holder.is_gone(&me), &watched) {
+                (Some(true), _) => true,
+                (Some(false), _) => return Ok(Claimed::Held(holder)),
+                (None, Some((n, was, since))) if *n == number && *was == holder => since.elapsed() > DEAD,
+                // it beat while we watched
+                (None, Some((n, ..))) if *n == number => return Ok(Claimed::Held(holder)),
+                (None, _) => {
+                    watched = Some((number, holder, Instant::now()));
+                    false
+                }
+            },
+            Some(_) => true,
+            // made a moment ago, or its maker died in that moment
+            None => match &watched {
+                Some((n, _, since)) if *n == number => since.elapsed() > 2 * BEAT,
+                _ => {
+                    watched = Some((number, me.clone(), Instant::now()));
+                    false
+                }
+            },
+        };
+        if free {
+            if let Some(claim) = take(folder, number + 1, &me)? {
+                return Ok(Claimed::Mine(claim));
+            }
+            watched = None;
+        } else {
+            std::thread::sleep(Duration::from_millis(500));
+        }
+    }
+}
+
+/// Who has the run in `folder` as far as its files tell: none if nobody does, or its holder on this machine died.
+#[must_use]
+pub fn holder(folder: &Path) -> Option<Holder> {
+    let (_, holder) = newest(folder).ok()??;
+    holder.filter(|h| !h.released && h.is_gone(&Holder::me()) != Some(true))
+}
+
+/// The claim of the highest number; its content is absent where it is not (wholly) written.
+fn newest(folder: &Path) -> io::Result<Option<(u32, Option<Holder>)>> {
+    let mut best = None;
+    for entry in fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let number = name.to_str().and_then(|n| n.strip_prefix("claim-")).and_then(|n| n.parse::<u32>().ok());
+        best = best.max(number);
+    }
+    let Some(number) = best else { return Ok(None) };
+    let text = match fs::read_to_string(claim_path(folder, number)) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => String::new(),
+        text => text?,
+    };
+    Ok(Some((number, serde_json::from_str(&text).ok())))
+}
+
+fn claim_path(folder: &Path, number: u32) -> PathBuf {
+    folder.join(format!("claim-{number:04}"))
+}
+
+/// Makes claim `number`; none if somebody else was first.
+fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
+    let path = claim_path(folder, number);
+    let mut file = match fs::File::create_new(&path) {
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
+        file => file?,
+    };
+    file.write_all(&serde_json::to_vec(me).map_err(io::Error::other)?)?;
+    file.sync_all()?;
+    // a slow process may make a number that others have long passed and cleared away
+    if newest(folder)?.is_some_and(|(n, _)| n > number) {
+        fs::remove_file(&path)?;
+        return Ok(None);
+    }
+    for old in 1..number {
+        let _ = fs::remove_file(claim_path(folder, old));
+    }
+    let (stop, stopped) = channel();
+    let (folder, heart_path, mut beating) = (folder.to_owned(), path.clone(), me.clone());
+    let heart = std::thread::Builder::new().name("claim".into()).spawn(move || {
+        while stopped.recv_timeout(BEAT) == Err(RecvTimeoutError::Timeout) {
+            if matches!(newest(&folder), Ok(Some((n, _))) if n > number) {
+                eprintln!("another process took this run over, as this one was not heard of; ending");
+                std::process::exit(75);
+            }
+            beating.beat += 1;
+            // a file system that is away for a while comes back, or others take over
+            let _ = beating.write(&heart_path);
+        }
+        beating.beat
+    })?;
+    Ok(Some(Claim { path, holder: me.clone(), stop: Some(stop), heart: Some(heart) }))
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(Ok(beat)) = self.heart.take().map(JoinHandle::join) {
+            self.holder.beat = beat + 1;
+        }
+        self.holder.released = true;
+        let _ = self.holder.write(&self.path);
+    }
+}
+
+impl Holder {
+    /// This process.
+    fn me() -> Self {
+        let pid = std::process::id();
+        let read = |path: &str| fs::read_to_string(path).map(|t| t.trim().to_owned()).unwrap_or_default();
+        let link = fs::read_link("/proc/self/ns/pid").map(|p| p.display().to_string()).unwrap_or_default();
+        let variable = |name: &str| std::env::var(name).ok();
+        let task = variable("SLURM_JOB_ID").map(|job| {
+            match (variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_ARRAY_TASK_ID")) {
+                (Some(array), Some(task)) => format!("{array}_{task}"),
+                _ => job,
+            }
+        });
+        Self {
+            host: read("/proc/sys/kernel/hostname"),
+            place: format!("{} {link}", read("/proc/sys/kernel/random/boot_id")),
+            pid,
+            born: birth(pid).unwrap_or_default(),
+            task,
+            beat: 0,
+            released: false,
+        }
+    }
+
+    /// Whether the holder is dead, as seen by `me`; none where that cannot be told from here.
+    fn is_gone(&self, me: &Self) -> Option<bool> {
+        if !me.place.trim().is_empty() && (&self.host, &self.place) == (&me.host, &me.place) {
+            return Some(birth(self.pid) != Some(self.born));
+        }
+        // the same task of a batch system runs once at a time, so what it was before is over
+        (self.task.is_some() && self.task == me.task).then_some(true)
+    }
+
+    fn write(&self, path: &Path) -> io::Result<()> {
+        crate::files::write_atomic(path, &serde_json::to_vec(self).map_err(io::Error::other)?)
+    }
+}
+
+impl std::fmt::Display for Holder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "process {} on {}", self.pid, self.host)?;
+        self.task.as_ref().map_or(Ok(()), |task| write!(f, ", task {task}"))
+    }
+}
+
+/// When a process of this machine began; none if there is none of that id, or it is a dead one not yet waited for.
+fn birth(pid: u32) -> Option<u64> {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // the name in parentheses may hold spaces; the state comes after it, the start is the 22nd field
+    let (_, rest) = stat.rsplit_once(')')?;
+    let fields: Vec<&str> = rest.split_whitespace().collect();
+    (!matches!(fields.first(), Some(&("Z" | "X")))).then(|| fields.get(19)?.parse().ok())?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mine(claimed: io::Result<Claimed>) -> Claim {
+        match claimed.unwrap() {
+            Claimed::Mine(claim) => claim,
+            Claimed::Held(holder) => panic!("held by {holder}"),
+        }
+    }
+
+    #[test]
+    fn one_of_many_has_it_and_the_next_gets_it_when_it_lets_go() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("run");
+        let got: Vec<Claimed> = std::thread::scope(|s| {
+            let threads: Vec<_> = (0..8).map(|_| s.spawn(|| claim(&folder).unwrap())).collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        assert_eq!(got.iter().filter(|c| matches!(c, Claimed::Mine(_))).count(), 1);
+        assert!(holder(&folder).is_some());
+        drop(got);
+        assert!(holder(&folder).is_none());
+        let again = mine(claim(&folder));
+        assert_eq!(again.path, folder.join("claim-0002"));
+        assert!(!folder.join("claim-0001").exists());
+    }
+
+    #[test]
+    fn a_dead_process_of_this_machine_is_taken_over_at_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut dead = Holder::me();
+        dead.born += 1;
+        dead.write(&claim_path(dir.path(), 7)).unwrap();
+        assert!(holder(dir.path()).is_none());
+        let claim = mine(claim(dir.path()));
+        assert_eq!(claim.path, dir.path().join("claim-0008"));
+    }
+
+    #[test]
+    fn a_task_that_was_requeued_on_another_machine_goes_on_at_once() {
+        let (mut before, mut now) = (Holder::me(), Holder::me());
+        before.host = "other".into();
+        assert_eq!(before.is_gone(&now), None);
+        (before.task, now.task) = (Some("12_3".into()), Some("12_3".into()));
+        assert_eq!(before.is_gone(&now), Some(true));
+        now.task = Some("13_3".into());
+        assert_eq!(before.is_gone(&now), None);
+    }
+
+    #[test]
+    fn a_holder_elsewhere_that_beats_is_alive() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut other = Holder::me();
+        other.place = "elsewhere".into();
+        let path = claim_path(dir.path(), 1);
+        other.write(&path).unwrap();
+        let answer = std::thread::scope(|s| {
+            let asking = s.spawn(|| claim(dir.path()).unwrap());
+            std::thread::sleep(Duration::from_millis(1200));
+            other.beat += 1;
+            other.write(&path).unwrap();
+            asking.join().unwrap()
+        });
+        assert!(matches!(answer, Claimed::Held(h) if h.beat == 1));
+    }
+}

@@ -1,0 +1,83 @@
+//! From a plan and what its runs have left so far to a set of results.
+
+use super::halving;
+use super::plan::{Entry, Plan};
+use super::result::{Failure, Metrics, failure_path, live_psnr, metrics_path, read, segments_path};
+use crate::compare::{Outcome, OutcomeState, ResultSet};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What the runs of the sweep in `dir` have come to; those that are not done are there as missing, failed or stopped.
+#[must_use]
+pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
+    let stopped = halving::stopped(dir);
+    let mut outcomes = Vec::new();
+    for entry in in_table_order(plan) {
+        let run = &plan.runs[entry.run];
+        let folder = plan.run_folder(entry.run);
+        let base = Outcome {
+            variant: entry.variant.clone(),
+            dataset: run.dataset.clone(),
+            device: run.device.clone(),
+            seed: entry.seed,
+            settings: entry.settings.clone(),
+            run: folder.clone(),
+            ..Outcome::default()
+        };
+        let whole: Option<Metrics> = read(&metrics_path(&folder, &plan.eval));
+        let failure = || read::<Failure>(&failure_path(&folder)).map(|f| format!("{}: {}", f.stage, f.error));
+        let open = |metrics: Metrics| {
+            let state = match (failure(), stopped.get(&run.key)) {
+                (Some(error), _) => OutcomeState::Failed(error),
+                (None, Some(step)) => OutcomeState::Stopped(*step),
+                (None, None) => OutcomeState::Missing,
+            };
+            Outcome { state, metrics, ..base.clone() }
+        };
+        let Some(index) = entry.segments else {
+            outcomes.push(match whole {
+                Some(metrics) => Outcome { state: OutcomeState::Done, metrics, ..base.clone() },
+                None => {
+                    let live = stopped.get(&run.key).and_then(|step| live_psnr(&folder, *step));
+                    open(live.map(|(_, psnr)| ("psnr".to_owned(), psnr)).into_iter().collect())
+                }
+            });
+            continue;
+        };
+        let scores: Option<BTreeMap<String, Metrics>> = read(&segments_path(&folder, &plan.eval, &run.segments[index]));
+        match scores {
+            None => outcomes.push(open(Metrics::new())),
+            Some(scores) => outcomes.extend(scores.into_iter().map(|(segment, metrics)| Outcome {
+                segment,
+                metrics,
+                state: OutcomeState::Done,
+                ..base.clone()
+            })),
+        }
+    }
+    ResultSet {
+        name: plan.name.clone(),
+        title: plan.title.clone(),
+        note: plan.note.clone(),
+        head: plan.head.clone(),
+        metrics: plan.metrics.clone(),
+        baseline: plan.baseline.clone(),
+        outcomes,
+        paper: plan.paper.clone(),
+    }
+}
+
+/// The plan has the seeds outermost, a table has them side by side.
+fn in_table_order(plan: &Plan) -> Vec<&Entry> {
+    let mut entries: Vec<&Entry> = plan.entries.iter().collect();
+    let mut variants: Vec<&str> = Vec::new();
+    for entry in &plan.entries {
+        if !variants.contains(&entry.variant.as_str()) {
+            variants.push(&entry.variant);
+        }
+    }
+    let place = |e: &Entry| variants.iter().position(|v| *v == e.variant);
+    let run = |e: &Entry| (plan.runs[e.run].dataset.clone(), plan.runs[e.run].device.clone());
+    entries.sort_by_key(|e| (run(e), place(e)));
+    entries
+}

@@ -1,0 +1,160 @@
+//! The datasets of a sweep: folders that are there, and synthetic scenes that are rendered before the first run.
+
+use super::SweepError;
+use super::file::{DataSource, SweepFile, SyntheticSpec, name_of};
+use super::key::short_hash;
+use crate::data::paths::FOV_X;
+use crate::data::{Dataset, OpenOptions, SplitName, Transforms};
+use crate::log::progress;
+use crate::prepare::views::{Times, ViewOptions};
+use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
+use crate::volume::placement::published_side;
+use crate::volume::raycast::DEFAULT_STEP;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// Time steps of a synthetic series; training sees some of them, the test views all.
+const STEPS: usize = 60;
+
+/// A dataset of the plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DataPlan {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Where it comes from.
+    pub source: DataSource,
+    /// Training views.
+    pub views: usize,
+    /// Test views.
+    pub test_views: usize,
+    /// Width and height of the images as they lie on disk.
+    pub size: [u32; 2],
+}
+
+/// The datasets of `file`, or those `given` in their place; synthetic ones will lie below `out`.
+pub(super) fn datasets(
+    file: &SweepFile,
+    path: &Path,
+    given: &[PathBuf],
+    out: &Path,
+) -> Result<BTreeMap<String, DataPlan>, SweepError> {
+    let sources = if given.is_empty() {
+        file.datasets(path)?
+    } else {
+        given.iter().map(|d| (name_of(d), DataSource::Folder(d.clone()))).collect()
+    };
+    if sources.is_empty() {
+        let problem = "there is no dataset; add [data] with NAME = \"FOLDER\", or give --data FOLDER".to_owned();
+        return Err(SweepError::Key { path: path.to_owned(), key: "data".into(), problem });
+    }
+    let plan = |(name, source): (String, DataSource)| {
+        let bad = |e: &dyn std::fmt::Display| SweepError::Key {
+            path: path.to_owned(),
+            key: format!("data.{name}"),
+            problem: e.to_string(),
+        };
+        let planned = match &source {
+            DataSource::Folder(folder) => {
+                let open = OpenOptions { downscale: 1, splits: &[], max_views: None };
+                let dataset = Dataset::open(folder, &open).map_err(|e| bad(&e))?;
+                if !Dataset::present(folder).contains(&SplitName::Test) {
+                    let json = SplitName::Test.json_path(folder);
+                    return Err(bad(&format!("{} is missing; runs are measured on test views", json.display())));
+                }
+                let test = Transforms::read(&SplitName::Test.json_path(folder)).map_err(|e| bad(&e))?;
+                DataPlan {
+                    folder: std::fs::canonicalize(folder).map_err(|e| bad(&e))?,
+                    views: dataset.train.frames.len(),
+                    test_views: test.frames.len(),
+                    size: [dataset.train.images.width, dataset.train.images.height],
+                    source,
+                }
+            }
+            DataSource::Synthetic(spec) => {
+                let text = serde_json::to_string(spec).map_err(|e| bad(&e))?;
+                DataPlan {
+                    folder: out.join("datasets").join(format!("{name}-{}", short_hash(&text))),
+                    views: spec.times * spec.views,
+                    test_views: spec.test_views,
+                    size: [spec.size; 2],
+                    source,
+                }
+            }
+        };
+        Ok((name, planned))
+    };
+    sources.into_iter().map(plan).collect()
+}
+
+/// What tells one dataset from another in a key.
+pub(super) fn fingerprint(data: &DataPlan, downscale: u32, path: &Path, name: &str) -> Result<String, SweepError> {
+    let bad = |e: &dyn std::fmt::Display| SweepError::Key {
+        path: path.to_owned(),
+        key: format!("data.{name}"),
+        problem: e.to_string(),
+    };
+    match &data.source {
+        DataSource::Folder(folder) => {
+            let open = OpenOptions { downscale, splits: &[], max_views: None };
+            Ok(Dataset::open(folder, &open).map_err(|e| bad(&e))?.fingerprint())
+        }
+        DataSource::Synthetic(spec) => {
+            if downscale == 0 || spec.size % downscale != 0 {
+                return Err(bad(&format!("data.downscale = {downscale} does not divide size = {}", spec.size)));
+            }
+            serde_json::to_string(spec).map_err(|e| bad(&e))
+        }
+    }
+}
+
+impl DataPlan {
+    /// Renders the dataset if it is a synthetic scene that is not there yet.
+    ///
+    /// # Errors
+    /// If it cannot be rendered, or `stop` was raised.
+    pub fn make(&self, stop: &AtomicBool) -> Result<(), SweepError> {
+        let DataSource::Synthetic(spec) = &self.source else { return Ok(()) };
+        if SplitName::Test.json_path(&self.folder).is_file() {
+            return Ok(());
+        }
+        render(spec, &self.folder, stop)
+    }
+}
+
+fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), SweepError> {
+    let failed = |e: &dyn std::fmt::Display| SweepError::io(folder, e);
+    let scene = spec.scene().map_err(|e| failed(&e))?;
+    let source = Source::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS };
+    let options = PrepareOptions {
+        views: ViewOptions {
+            size: [spec.size; 2],
+            fov_x: FOV_X,
+            times: Times::Count(spec.times),
+            views_per_time: spec.views,
+            test_views: spec.test_views,
+            ..ViewOptions::default()
+        },
+        side: published_side(),
+        step: DEFAULT_STEP,
+        segments: SegmentOptions {
+            views: if spec.segments { 7 } else { 0 },
+            steps: Vec::new(),
+            label_images: spec.segments,
+        },
+        replace: false,
+    };
+    let transfer = scene.transfer_function().map_err(|e| failed(&e))?;
+    eprintln!("{}: rendering {} images", folder.display(), image_count(&source, &options));
+    let bar = progress::bar(image_count(&source, &options), "images");
+    let made = prepare(&source, &transfer, &options, folder, &|n| bar.set_position(n as u64), stop);
+    bar.finish_and_clear();
+    match made {
+        Ok(_) => Ok(()),
+        Err(PrepareError::Interrupted) => Err(SweepError::Interrupted),
+        // another process of the same sweep was faster
+        Err(_) if SplitName::Test.json_path(folder).is_file() => Ok(()),
+        Err(e) => Err(failed(&e)),
+    }
+}

@@ -1,0 +1,136 @@
+//! The same training on several devices, step by step side by side: speed, quality, and how far parameters drift apart.
+
+use crate::config::types::Config;
+use crate::data::Dataset;
+use crate::device::DeviceName;
+use crate::model::params::collect;
+use crate::train::run::mean_psnr;
+use crate::train::{TrainError, Trainer};
+use serde::Serialize;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// What was seen.
+#[derive(Clone, Debug, Serialize)]
+pub struct DeviceComparison {
+    /// Steps taken.
+    pub steps: usize,
+    /// One for each device, the reference first.
+    pub devices: Vec<DeviceResult>,
+}
+
+/// One device.
+#[derive(Clone, Debug, Serialize)]
+pub struct DeviceResult {
+    /// Its name.
+    pub device: String,
+    /// Mean milliseconds of a step, the first one left out.
+    pub step_milliseconds: f64,
+    /// PSNR on test views at the end (training views where there are none), decibels.
+    pub psnr: f64,
+    /// How far it is from the first device, at some steps.
+    pub drift: Vec<Drift>,
+}
+
+/// The largest difference of any parameter between two devices after a step.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Drift {
+    /// Steps taken.
+    pub step: usize,
+    /// Largest difference of two numbers; none once the devices have different numbers of Gaussians.
+    pub largest: Option<f64>,
+    /// The same over the largest number of that parameter.
+    pub relative: Option<f64>,
+    /// The parameter.
+    pub parameter: String,
+}
+
+/// Trains `config` on each of `devices` in step; `say` is told of each comparison. Ends early when `stop` is raised.
+///
+/// # Errors
+/// If a device cannot start, or training fails.
+pub fn compare_devices(
+    config: &Config,
+    dataset: &Dataset,
+    devices: &[DeviceName],
+    every: usize,
+    stop: &AtomicBool,
+    mut say: impl FnMut(&str),
+) -> Result<DeviceComparison, TrainError> {
+    let mut trainers = Vec::new();
+    for name in devices {
+        let device = name.open().map_err(|e| TrainError::Config(e.to_string()))?;
+        trainers.push(Trainer::new(config.clone(), dataset, &device)?);
+    }
+    let total = trainers.first().map_or(0, Trainer::total_steps);
+    let every = every.max(1);
+    let mut seconds = vec![0.0; devices.len()];
+    let mut drifts = vec![Vec::new(); devices.len()];
+    let mut done = 0;
+    while done < total && !stop.load(Ordering::Relaxed) {
+        // the first step alone, as it compiles kernels; then blocks of steps, so that no device waits for another
+        let to = if done == 0 { 1 } else { total.min((done / every + 1) * every) };
+        for (trainer, seconds) in trainers.iter_mut().zip(&mut seconds) {
+            let started = Instant::now();
+            for _ in done..to {
+                trainer.step(&dataset.train)?;
+            }
+            wait(trainer);
+            if done > 0 {
+                *seconds += started.elapsed().as_secs_f64();
+            }
+        }
+        done = to;
+        let reference = collect(trainers[0].scene());
+        for (i, trainer) in trainers.iter().enumerate().skip(1) {
+            let drift = drift(done, &reference, &collect(trainer.scene()));
+            say(&format!("{done}/{total} {} {drift}", devices[i]));
+            drifts[i].push(drift);
+        }
+    }
+    let split = dataset.test.as_ref().unwrap_or(&dataset.train);
+    let results =
+        devices.iter().zip(trainers).zip(seconds).zip(drifts).map(|(((name, trainer), seconds), drift)| DeviceResult {
+            device: name.to_string(),
+            step_milliseconds: 1e3 * seconds / done.saturating_sub(1).max(1) as f64,
+            psnr: mean_psnr(trainer.scene(), split, 12),
+            drift,
+        });
+    Ok(DeviceComparison { steps: done, devices: results.collect() })
+}
+
+/// Waits for a device that runs ahead of the host.
+fn wait(trainer: &Trainer) {
+    let _ = crate::model::params::to_vec(trainer.scene().gaussians.opacity_logits.val().inner());
+}
+
+type Tensors = std::collections::BTreeMap<String, crate::model::params::HostTensor>;
+
+fn drift(step: usize, a: &Tensors, b: &Tensors) -> Drift {
+    let mut worst = Drift { step, largest: Some(0.0), relative: Some(0.0), parameter: String::new() };
+    for (name, x) in a {
+        let Some(y) = b.get(name).filter(|y| y.shape == x.shape) else {
+            return Drift { step, largest: None, relative: None, parameter: name.clone() };
+        };
+        let size = x.values.iter().fold(0.0f64, |m, v| m.max(f64::from(v.abs())));
+        let pairs = x.values.iter().zip(&y.values);
+        let gap = pairs.fold(0.0f64, |m, (x, y)| m.max(f64::from((x - y).abs())));
+        let relative = gap / size.max(1e-12);
+        if Some(relative) > worst.relative {
+            worst = Drift { step, largest: Some(gap), relative: Some(relative), parameter: name.clone() };
+        }
+    }
+    worst
+}
+
+impl std::fmt::Display for Drift {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (self.largest, self.relative) {
+            (Some(largest), Some(relative)) if largest > 0.0 => {
+                write!(f, "largest difference {largest:.2e} ({relative:.1e} of the largest) in {}", self.parameter)
+            }
+            (Some(_), _) => f.write_str("the same bits"),
+            _ => write!(f, "another number of Gaussians ({})", self.parameter),
+        }
+    }
+}

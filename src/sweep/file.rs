@@ -1,0 +1,258 @@
+//! A sweep file as it stands: TOML, typed, nothing resolved yet.
+
+use super::SweepError;
+use crate::compare::PaperTable;
+use crate::volume::synthetic::Synthetic;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// What a sweep file may say.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SweepFile {
+    /// Heading of the report; the file's name if empty.
+    pub title: String,
+    /// A sentence or two for the report.
+    pub note: String,
+    /// Heading of the column of variants.
+    pub head: String,
+    /// Configuration that all start from: a file beside this one, or a preset; the defaults if not given.
+    pub config: Option<String>,
+    /// Keys set in every run; dotted, or in sections.
+    pub set: Table,
+    /// Seeds; each variant runs with each.
+    pub seeds: Vec<u64>,
+    /// Devices, as an axis.
+    pub devices: Vec<String>,
+    /// Metrics to report.
+    pub metrics: Vec<String>,
+    /// Variant that differences are taken to; the first if not given.
+    pub baseline: Option<String>,
+    /// Goes into the key of each run: change it to run again what a change of the code may have changed.
+    pub tag: String,
+    /// Datasets by name, as an axis: a folder, or a synthetic scene to be rendered.
+    pub data: BTreeMap<String, Value>,
+    /// How runs are measured.
+    pub eval: EvalSpec,
+    /// Named variants.
+    pub variant: Vec<VariantSpec>,
+    /// Values by key; all combinations.
+    pub grid: Table,
+    /// Samples of ranges.
+    pub random: Option<RandomSpec>,
+    /// Early stopping of hopeless variants.
+    pub halving: Option<HalvingSpec>,
+    /// Measure segmentation too.
+    pub segments: Option<Table>,
+    /// The paper's figures, to compare orderings with.
+    pub paper: Option<PaperTable>,
+}
+
+/// `[eval]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EvalSpec {
+    /// At most this many test views, evenly spaced; all if not given.
+    pub views: Option<usize>,
+    /// LPIPS weights; relative to the sweep file.
+    pub lpips_weights: Vec<PathBuf>,
+}
+
+/// `[[variant]]`
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VariantSpec {
+    /// Its name in the table.
+    pub name: String,
+    /// Keys it sets.
+    #[serde(default)]
+    pub set: Table,
+}
+
+/// `[random]`
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RandomSpec {
+    /// How points are drawn.
+    #[serde(default)]
+    pub method: SampleMethod,
+    /// Number of points.
+    pub count: usize,
+    /// Seed of the draw.
+    #[serde(default)]
+    pub seed: u32,
+    /// Range or choices by key.
+    pub keys: BTreeMap<String, RangeSpec>,
+}
+
+/// How points are drawn from ranges.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SampleMethod {
+    /// Owen-scrambled Sobol points: fill space evenly whatever their number.
+    #[default]
+    Sobol,
+    /// Latin hypercube: each axis is cut into as many parts as there are points, each met once.
+    LatinHypercube,
+    /// Independent uniform numbers.
+    Uniform,
+}
+
+/// A range, or choices.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RangeSpec {
+    /// Lower end.
+    pub low: Option<f64>,
+    /// Upper end.
+    pub high: Option<f64>,
+    /// Even in the logarithm.
+    pub log: bool,
+    /// Whole numbers, both ends among them.
+    pub integer: bool,
+    /// Choices, in place of a range.
+    pub choices: Vec<Value>,
+}
+
+/// `[halving]`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HalvingSpec {
+    /// Steps at which the worst are stopped, rising.
+    pub rungs: Vec<usize>,
+    /// Part that goes on, in (0, 1).
+    #[serde(default = "half")]
+    pub keep: f64,
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+/// A synthetic scene to be rendered as a dataset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SyntheticSpec {
+    /// Which: jets, vortices or shells.
+    pub synthetic: String,
+    /// Width and height of images in pixels.
+    #[serde(default = "side")]
+    pub size: u32,
+    /// Times that training sees.
+    #[serde(default = "times")]
+    pub times: usize,
+    /// Views of each.
+    #[serde(default = "views")]
+    pub views: usize,
+    /// Test views.
+    #[serde(default = "test_views")]
+    pub test_views: usize,
+    /// Voxels an axis; about one a pixel if not given.
+    pub voxels: Option<usize>,
+    /// Images of each segment alone and label images, for `[segments]`.
+    #[serde(default)]
+    pub segments: bool,
+}
+
+fn side() -> u32 {
+    200
+}
+fn times() -> usize {
+    20
+}
+fn views() -> usize {
+    10
+}
+fn test_views() -> usize {
+    61
+}
+
+/// Where a dataset comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum DataSource {
+    /// A folder.
+    Folder(PathBuf),
+    /// A scene that is rendered first.
+    Synthetic(SyntheticSpec),
+}
+
+impl SweepFile {
+    /// Reads a sweep file.
+    ///
+    /// # Errors
+    /// If it cannot be read, is no TOML, or has an unknown key or a value of another type.
+    pub fn read(path: &Path) -> Result<Self, SweepError> {
+        let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
+        let text = std::fs::read_to_string(path).map_err(|e| bad(e.to_string()))?;
+        let mut file: Self = toml::from_str(&text).map_err(|e| bad(e.to_string().trim_end().to_owned()))?;
+        if file.title.is_empty() {
+            file.title = name_of(path);
+        }
+        if file.head.is_empty() {
+            file.head = "variant".to_owned();
+        }
+        let dir = path.parent().unwrap_or(Path::new(""));
+        file.config = file.config.map(|name| beside(dir, &name));
+        for weights in &mut file.eval.lpips_weights {
+            *weights = dir.join(&*weights);
+        }
+        Ok(file)
+    }
+
+    /// The datasets by name.
+    ///
+    /// # Errors
+    /// A dataset that is neither a folder nor a synthetic scene.
+    pub fn datasets(&self, path: &Path) -> Result<Vec<(String, DataSource)>, SweepError> {
+        let dir = path.parent().unwrap_or(Path::new(""));
+        let read = |(name, value): (&String, &Value)| {
+            let bad = |problem: String| SweepError::Key { path: path.to_owned(), key: format!("data.{name}"), problem };
+            let source = match value {
+                Value::String(folder) => DataSource::Folder(dir.join(folder)),
+                Value::Table(table) => {
+                    let spec: SyntheticSpec =
+                        table.clone().try_into().map_err(|e: toml::de::Error| bad(e.message().to_owned()))?;
+                    spec.scene().map_err(bad)?;
+                    DataSource::Synthetic(spec)
+                }
+                _ => return Err(bad("neither a folder (text) nor a table such as { synthetic = \"jets\" }".into())),
+            };
+            Ok((name.clone(), source))
+        };
+        self.data.iter().map(read).collect()
+    }
+}
+
+impl SyntheticSpec {
+    /// The scene that is named.
+    ///
+    /// # Errors
+    /// A message: there is none of that name.
+    pub fn scene(&self) -> Result<Synthetic, String> {
+        self.synthetic.parse().map_err(|e| format!("{e}"))
+    }
+
+    /// Voxels an axis: a voxel is about as large as a pixel.
+    #[must_use]
+    pub fn voxels(&self) -> usize {
+        self.voxels.unwrap_or((self.size as usize * 12 / 25).clamp(24, 256))
+    }
+}
+
+/// The file's name without its extension, as it may stand in names of folders.
+#[must_use]
+pub fn name_of(path: &Path) -> String {
+    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+    let name: String = stem.chars().map(plain).collect();
+    if name.is_empty() { "sweep".to_owned() } else { name }
+}
+
+/// The file `name` beside the sweep file if there is one, else `name` itself: a preset, or a path from here.
+fn beside(dir: &Path, name: &str) -> String {
+    let found = [dir.join(name), dir.join(format!("{name}.toml"))].into_iter().find(|p| p.is_file());
+    found.map_or_else(|| name.to_owned(), |p| p.to_string_lossy().into_owned())
+}

@@ -1,0 +1,70 @@
+//! Successive halving: at each rung the worst variants are stopped.
+//!
+//! A variant is judged by its live test PSNR at the rung, the mean over its seeds, among those of its dataset and device.
+//! Nothing is kept but the logs of the runs, so a sweep that goes on decides as before.
+
+use super::SweepError;
+use super::plan::{Entry, Plan};
+use super::result::{live_psnr, read, write};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// A variant on one dataset and device.
+type Group<'a> = (&'a str, &'a str, &'a str);
+
+/// Those of `runs` that go on beyond `rung`: of each dataset and device the best `keep` of the variants, at least one.
+#[must_use]
+pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usize> {
+    let chosen: BTreeSet<usize> = runs.iter().copied().collect();
+    let mut scores: BTreeMap<Group<'_>, Vec<f64>> = BTreeMap::new();
+    for entry in plan.entries.iter().filter(|e| chosen.contains(&e.run)) {
+        // a run without a score (failed) counts as hopeless
+        let psnr = live_psnr(&plan.run_folder(entry.run), rung).map_or(f64::NEG_INFINITY, |(_, p)| p);
+        scores.entry(group(plan, entry)).or_default().push(psnr);
+    }
+    let mut fields: BTreeMap<(&str, &str), Vec<(f64, &str)>> = BTreeMap::new();
+    for ((variant, dataset, device), scores) in &scores {
+        let mean = scores.iter().sum::<f64>() / scores.len() as f64;
+        fields.entry((dataset, device)).or_default().push((mean, variant));
+    }
+    let mut on = BTreeSet::new();
+    for ((dataset, device), mut field) in fields {
+        field.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(b.1)));
+        let count = ((field.len() as f64 * keep).ceil() as usize).clamp(1, field.len());
+        on.extend(field[..count].iter().map(|(_, variant)| (*variant, dataset, device)));
+    }
+    let goes_on = |run: &usize| plan.entries.iter().any(|e| e.run == *run && on.contains(&group(plan, e)));
+    runs.iter().copied().filter(goes_on).collect()
+}
+
+fn group<'a>(plan: &'a Plan, entry: &'a Entry) -> Group<'a> {
+    let run = &plan.runs[entry.run];
+    (&entry.variant, &run.dataset, &run.device)
+}
+
+fn file(dir: &Path) -> PathBuf {
+    dir.join("halving.json")
+}
+
+/// Notes which runs were stopped at `rung`: those of `all` that are not in `on`.
+///
+/// # Errors
+/// If the note cannot be written.
+pub fn save(dir: &Path, plan: &Plan, all: &[usize], on: &[usize], rung: usize) -> Result<(), SweepError> {
+    let mut stopped = stopped(dir);
+    for run in all {
+        let key = &plan.runs[*run].key;
+        if on.contains(run) {
+            stopped.remove(key);
+        } else {
+            stopped.entry(key.clone()).or_insert(rung);
+        }
+    }
+    write(&file(dir), &stopped).map_err(|e| SweepError::io(dir, e))
+}
+
+/// The step at which each stopped run of the sweep was stopped, by key.
+#[must_use]
+pub fn stopped(dir: &Path) -> BTreeMap<String, usize> {
+    read(&file(dir)).unwrap_or_default()
+}

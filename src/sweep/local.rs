@@ -1,0 +1,300 @@
+//! Runs of a plan as processes of this machine: so many at a time, the cores shared out evenly among them, a line for
+//! each that ends.
+//!
+//! Each run is a process of its own (`sweep worker`), so that one that dies of memory or of a panic takes nobody along,
+//! and a sweep that is killed leaves whole checkpoints behind. Children end when this process does.
+
+use super::SweepError;
+use super::halving;
+use super::plan::Plan;
+use super::result::{Failure, Metrics, Progress, failure_path, live_psnr, metrics_path, progress, read, write};
+use crate::log::progress::bar;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Exit code of a worker that was interrupted and can go on.
+pub const INTERRUPTED: u8 = 75;
+/// Exit code of a worker whose run another process has.
+pub const HELD: u8 = 76;
+
+/// How to run.
+#[derive(Clone, Debug)]
+pub struct LocalOptions {
+    /// Folder of the sweep.
+    pub dir: PathBuf,
+    /// Processes at a time.
+    pub jobs: usize,
+    /// The runs to take, from 0.
+    pub runs: Vec<usize>,
+    /// The program and its first arguments; the worker's own are added.
+    pub program: PathBuf,
+}
+
+/// What became of the runs that were taken.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Done now.
+    pub done: usize,
+    /// Done before.
+    pub before: usize,
+    /// Failed, with the error recorded.
+    pub failed: usize,
+    /// Died of a signal; they go on at the next call.
+    pub died: usize,
+    /// Stopped by successive halving.
+    pub stopped: usize,
+}
+
+struct Job {
+    index: usize,
+    child: Child,
+    started: Instant,
+    line: ProgressBar,
+    looked: Instant,
+}
+
+/// Runs what is left of `options.runs`, rung by rung where the plan has them.
+///
+/// # Errors
+/// If a process cannot be started, or `stop` was raised (children then save checkpoints first).
+pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tally, SweepError> {
+    std::fs::create_dir_all(options.dir.join("logs")).map_err(|e| SweepError::io(&options.dir, e))?;
+    let mut tally = Tally::default();
+    let mut runs = options.runs.clone();
+    if let Some(spec) = &plan.halving {
+        for &rung in &spec.rungs {
+            let short = |i: &usize| progress(plan, *i) == Progress::Open && steps_done(&plan.run_folder(*i)) < rung;
+            let open: Vec<usize> = runs.iter().copied().filter(short).collect();
+            if !open.is_empty() {
+                eprintln!("to step {rung}: {} runs", open.len());
+                Pool::new(plan, options, Some(rung), stop).all(&open, &mut Tally::default())?;
+            }
+            let on = halving::survivors(plan, &runs, rung, spec.keep);
+            tally.stopped += runs.len() - on.len();
+            runs = on;
+            halving::save(&options.dir, plan, &options.runs, &runs, rung)?;
+        }
+        eprintln!("to the end: {} runs", runs.len());
+    }
+    let done = |i: &usize| progress(plan, *i) == Progress::Done;
+    tally.before = runs.iter().filter(|i| done(i)).count();
+    let open: Vec<usize> = runs.iter().copied().filter(|i| progress(plan, *i) == Progress::Open).collect();
+    tally.failed = runs.len() - tally.before - open.len();
+    if tally.before + tally.failed > 0 {
+        eprintln!("{} of {} runs are done before, {} failed before", tally.before, runs.len(), tally.failed);
+    }
+    Pool::new(plan, options, None, stop).all(&open, &mut tally)?;
+    Ok(tally)
+}
+
+fn steps_done(folder: &Path) -> usize {
+    crate::train::checkpoint::list(folder).last().map_or(0, |(step, _)| *step)
+}
+
+struct Pool<'a> {
+    plan: &'a Plan,
+    options: &'a LocalOptions,
+    stop_after: Option<usize>,
+    stop: &'a AtomicBool,
+    threads: usize,
+    screen: MultiProgress,
+    overall: ProgressBar,
+}
+
+impl<'a> Pool<'a> {
+    fn new(plan: &'a Plan, options: &'a LocalOptions, stop_after: Option<usize>, stop: &'a AtomicBool) -> Self {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let screen = MultiProgress::new();
+        let threads = (cores / options.jobs.max(1)).max(1);
+        Self { plan, options, stop_after, stop, threads, overall: screen.add(bar(0, "runs")), screen }
+    }
+
+    /// Runs `open`, in order, `jobs` at a time.
+    fn all(&self, open: &[usize], tally: &mut Tally) -> Result<(), SweepError> {
+        let mut waiting: VecDeque<usize> = open.iter().copied().collect();
+        // runs that another process has; asked for again now and then
+        let mut held: Vec<(usize, Instant)> = Vec::new();
+        let mut jobs: Vec<Job> = Vec::new();
+        let mut said_held = Vec::new();
+        self.overall.set_length(open.len() as u64);
+        self.overall.enable_steady_tick(Duration::from_millis(500));
+        while !(waiting.is_empty() && held.is_empty() && jobs.is_empty()) {
+            if self.stop.load(Ordering::Relaxed) {
+                return self.give_up(jobs);
+            }
+            while jobs.len() < self.options.jobs
+                && let Some(index) = waiting.pop_front()
+            {
+                jobs.push(self.start(index)?);
+            }
+            let mut running = Vec::new();
+            for mut job in jobs {
+                match job.child.try_wait().map_err(|e| SweepError::io(&self.options.program, e))? {
+                    None => {
+                        self.look(&mut job);
+                        running.push(job);
+                    }
+                    Some(status) if status.code() == Some(i32::from(HELD)) => {
+                        job.line.finish_and_clear();
+                        if !said_held.contains(&job.index) {
+                            said_held.push(job.index);
+                            self.say(&format!("{}: another process has it; waiting", self.plan.runs[job.index].label));
+                        }
+                        held.push((job.index, Instant::now()));
+                    }
+                    Some(status) => self.ended(&job, status, tally)?,
+                }
+            }
+            jobs = running;
+            held.retain(|(index, since)| {
+                let again = since.elapsed() > Duration::from_secs(3);
+                if again {
+                    waiting.push_back(*index);
+                }
+                !again
+            });
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        self.overall.finish_and_clear();
+        Ok(())
+    }
+
+    fn log_path(&self, index: usize) -> PathBuf {
+        self.options.dir.join("logs").join(format!("{}.log", self.plan.runs[index].key))
+    }
+
+    fn start(&self, index: usize) -> Result<Job, SweepError> {
+        let path = self.log_path(index);
+        let log = File::options().create(true).append(true).open(&path).map_err(|e| SweepError::io(&path, e))?;
+        let errors = log.try_clone().map_err(|e| SweepError::io(&path, e))?;
+        let mut command = Command::new(&self.options.program);
+        command.arg("sweep").arg("worker").arg(&self.options.dir);
+        command.args(["--task", &index.to_string(), "--parent", &std::process::id().to_string()]);
+        if let Some(steps) = self.stop_after {
+            command.args(["--stop-after", &steps.to_string()]);
+        }
+        command.env("RAYON_NUM_THREADS", self.threads.to_string());
+        command.stdin(Stdio::null()).stdout(log).stderr(errors);
+        // Ctrl-C goes to this process alone, which then asks its children
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let child = command.spawn().map_err(|e| SweepError::io(&self.options.program, e))?;
+        let line = self.screen.insert_before(&self.overall, ProgressBar::new(self.plan.runs[index].steps as u64));
+        if let Ok(style) = ProgressStyle::with_template("  {bar:20} {pos}/{len} {msg}") {
+            line.set_style(style);
+        }
+        line.set_message(self.plan.runs[index].label.clone());
+        Ok(Job { index, child, started: Instant::now(), line, looked: Instant::now() })
+    }
+
+    /// Moves a run's line to where its log is, about once a second.
+    fn look(&self, job: &mut Job) {
+        if job.looked.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
+            return;
+        }
+        job.looked = Instant::now();
+        let folder = self.plan.run_folder(job.index);
+        let Some((step, train)) = last_line(&folder.join("metrics.jsonl")) else { return };
+        job.line.set_position(step);
+        let test = live_psnr(&folder, usize::MAX).map(|(_, p)| format!(", test {p:.2} dB")).unwrap_or_default();
+        job.line.set_message(format!("{}  train {train:.2} dB{test}", self.plan.runs[job.index].label));
+    }
+
+    fn say(&self, text: &str) {
+        if self.overall.is_hidden() { eprintln!("{text}") } else { self.overall.println(text) }
+    }
+
+    fn ended(&self, job: &Job, status: ExitStatus, tally: &mut Tally) -> Result<(), SweepError> {
+        job.line.finish_and_clear();
+        self.overall.inc(1);
+        let run = &self.plan.runs[job.index];
+        let folder = self.plan.run_folder(job.index);
+        let minutes = job.started.elapsed().as_secs_f64() / 60.0;
+        let count = format!("{}/{}", self.overall.position(), self.overall.length().unwrap_or_default());
+        let head = format!("{count} {}: {minutes:.1} min", run.label);
+        if status.success() {
+            tally.done += 1;
+            let found: Option<Metrics> = read(&metrics_path(&folder, &self.plan.eval));
+            let psnr = found.and_then(|m| m.get("psnr").copied()).or(live_psnr(&folder, usize::MAX).map(|(_, p)| p));
+            self.say(&format!("{head}{}", psnr.map(|p| format!(", {p:.2} dB")).unwrap_or_default()));
+            return Ok(());
+        }
+        let log = self.log_path(job.index);
+        match (status.code(), read::<Failure>(&failure_path(&folder))) {
+            (Some(code), _) if code == i32::from(INTERRUPTED) => {
+                tally.died += 1;
+                self.say(&format!("{head}, interrupted; goes on at the next call"));
+            }
+            (Some(_), Some(failure)) => {
+                tally.failed += 1;
+                self.say(&format!("{head}, FAILED: {}: {}", failure.stage, failure.error));
+            }
+            (Some(code), None) => {
+                tally.failed += 1;
+                // a panic, or an error before the run's folder could be used
+                let error = last_words(&log).unwrap_or_else(|| format!("exit code {code}"));
+                let failure = Failure { error: error.clone(), stage: "process".into() };
+                write(&failure_path(&folder), &failure).map_err(|e| SweepError::io(&folder, e))?;
+                self.say(&format!("{head}, FAILED: {error}; see {}", log.display()));
+            }
+            (None, _) => {
+                tally.died += 1;
+                self.say(&format!("{head}, DIED of {status} (out of memory?); goes on at the next call"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Asks all children to save and end, and waits for them.
+    fn give_up(&self, jobs: Vec<Job>) -> Result<(), SweepError> {
+        self.say("saving checkpoints");
+        for job in &jobs {
+            terminate(&job.child);
+        }
+        for mut job in jobs {
+            let _ = job.child.wait();
+            job.line.finish_and_clear();
+        }
+        self.overall.finish_and_clear();
+        Err(SweepError::Interrupted)
+    }
+}
+
+/// Asks a process to end.
+fn terminate(child: &Child) {
+    #[cfg(any(target_os = "linux", target_os = "macos"))]
+    if let Some(pid) = i32::try_from(child.id()).ok().and_then(rustix::process::Pid::from_raw) {
+        let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+    }
+    #[cfg(not(any(target_os = "linux", target_os = "macos")))]
+    let _ = child;
+}
+
+/// Step and training PSNR of the last whole line of a log, of which only the end is read.
+fn last_line(path: &Path) -> Option<(u64, f64)> {
+    let text = tail(path, 4096)?;
+    let value: serde_json::Value = text.lines().rev().find_map(|l| serde_json::from_str(l).ok())?;
+    Some((value["step"].as_u64()?, value["train_psnr"].as_f64()?))
+}
+
+/// The last line with text of a process's log.
+fn last_words(path: &Path) -> Option<String> {
+    let text = tail(path, 4096)?;
+    text.lines().rev().map(str::trim).find(|l| !l.is_empty() && !l.starts_with("note:")).map(str::to_owned)
+}
+
+fn tail(path: &Path, bytes: u64) -> Option<String> {
+    use std::io::{Read, Seek, SeekFrom};
+    let mut file = File::open(path).ok()?;
+    let length = file.metadata().ok()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(bytes))).ok()?;
+    let mut text = Vec::new();
+    file.read_to_end(&mut text).ok()?;
+    Some(String::from_utf8_lossy(&text).into_owned())
+}

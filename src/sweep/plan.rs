@@ -1,0 +1,402 @@
+//! The plan of a sweep: every run resolved, checked and keyed before the first one starts.
+//!
+//! Two variants may ask for the same training (they then differ in how segments are measured): a *run* is one
+//! training, an *entry* is one place in the table.
+
+use super::SweepError;
+use super::axes::{Settings, Variant, flatten, variants};
+use super::datasets::{DataPlan, datasets, fingerprint};
+use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
+use super::key::key;
+use super::spec::SegmentSpec;
+use crate::compare::PaperTable;
+use crate::compare::metric::metric;
+use crate::config::layers::Layers;
+use crate::config::types::Config;
+use crate::config::{PRESETS, RESERVED_VARIABLES};
+use crate::device::DeviceName;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Prefix of the keys that say how segments are measured.
+const SEGMENTS: &str = "segments.";
+
+/// What is asked for beside the file.
+#[derive(Clone, Debug, Default)]
+pub struct PlanOptions {
+    /// Folder that holds `runs/`, `datasets/` and a folder for each sweep.
+    pub out: PathBuf,
+    /// Datasets in place of the file's.
+    pub data: Vec<PathBuf>,
+    /// Keys set in every run, after the file's `set`, before its variants.
+    pub set: Vec<String>,
+    /// Seeds in place of the file's.
+    pub seeds: Vec<u64>,
+    /// Devices in place of the file's.
+    pub devices: Vec<String>,
+    /// LPIPS weights beside the file's.
+    pub lpips_weights: Vec<PathBuf>,
+}
+
+/// A sweep, ready to run; `plan.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Version of the program.
+    pub version: String,
+    /// Name of the sweep's folder.
+    pub name: String,
+    /// Heading of the report.
+    pub title: String,
+    /// Text below it.
+    pub note: String,
+    /// Heading of the column of variants.
+    pub head: String,
+    /// Metrics to report.
+    pub metrics: Vec<String>,
+    /// Variant that differences are taken to.
+    pub baseline: String,
+    /// How runs are measured.
+    pub eval: EvalSpec,
+    /// Early stopping.
+    pub halving: Option<HalvingSpec>,
+    /// The paper's figures.
+    pub paper: Option<PaperTable>,
+    /// Folder of all runs; beside the sweep's own, wherever that is mounted.
+    #[serde(skip)]
+    pub runs_folder: PathBuf,
+    /// Datasets to be rendered before the first run.
+    pub datasets: BTreeMap<String, DataPlan>,
+    /// The trainings.
+    pub runs: Vec<Run>,
+    /// The places in the table, in its order.
+    pub entries: Vec<Entry>,
+}
+
+/// One training and what is measured of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Run {
+    /// Hash of configuration, dataset, device, version and tag; the name of its folder.
+    pub key: String,
+    /// A name for lines and logs.
+    pub label: String,
+    /// The device.
+    pub device: String,
+    /// Name of the dataset.
+    pub dataset: String,
+    /// The resolved configuration, TOML.
+    pub config: String,
+    /// Steps of the whole training.
+    pub steps: usize,
+    /// Measurements of segments.
+    pub segments: Vec<SegmentSpec>,
+}
+
+/// One variant on one dataset and device with one seed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// The variant's name.
+    pub variant: String,
+    /// The seed.
+    pub seed: u64,
+    /// Where it differs from the base, as TOML text.
+    pub settings: BTreeMap<String, String>,
+    /// Its run, from 0.
+    pub run: usize,
+    /// Its measurement of segments, from 0 in the run's list.
+    pub segments: Option<usize>,
+}
+
+impl Plan {
+    /// Resolves and checks everything that `path` asks for. Nothing is written.
+    ///
+    /// # Errors
+    /// The first thing that would not run, naming file, key and variant.
+    pub fn new(path: &Path, options: &PlanOptions) -> Result<Self, SweepError> {
+        let mut file = SweepFile::read(path)?;
+        let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
+        if !options.seeds.is_empty() {
+            file.seeds = options.seeds.clone();
+        }
+        if !options.devices.is_empty() {
+            file.devices = options.devices.clone();
+        }
+        if file.seeds.is_empty() {
+            file.seeds = vec![0];
+        }
+        if file.devices.is_empty() {
+            file.devices = vec!["flex".to_owned()];
+        }
+        file.eval.lpips_weights.extend(options.lpips_weights.iter().cloned());
+        check_lists(&file, path)?;
+        let variants = variants(&file, path)?;
+        let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
+        let datasets = datasets(&file, path, &options.data, &options.out)?;
+        let default_metrics = if file.segments.is_some() { SEGMENT_METRICS } else { TRAIN_METRICS };
+        let mut metrics = file.metrics.clone();
+        if metrics.is_empty() {
+            metrics = default_metrics.iter().map(|m| (*m).to_owned()).collect();
+        }
+        if let Some(unknown) =
+            metrics.iter().find(|m| metric(m).is_none() && !crate::extend::metrics().iter().any(|(name, _)| name == *m))
+        {
+            let known: Vec<&str> = crate::compare::metric::METRICS.iter().map(|m| m.id).collect();
+            return Err(bad("metrics", format!("there is no \"{unknown}\"; there is {}", known.join(", "))));
+        }
+        let mut plan = Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            name: name_of(path),
+            title: file.title.clone(),
+            note: file.note.clone(),
+            head: file.head.clone(),
+            metrics,
+            baseline,
+            eval: file.eval.clone(),
+            halving: file.halving.clone(),
+            paper: file.paper.clone(),
+            runs_folder: options.out.join("runs"),
+            datasets,
+            runs: Vec::new(),
+            entries: Vec::new(),
+        };
+        let base = Base { file: &file, path, options };
+        let mut fingerprints = HashMap::new();
+        let mut by_key = HashMap::new();
+        // seeds outermost, so that a first table is there early
+        for &seed in &file.seeds {
+            for (dataset, data) in plan.datasets.clone() {
+                for device in &file.devices {
+                    for variant in &variants {
+                        let one = base.resolve(variant, seed)?;
+                        let downscale = one.config.data.downscale;
+                        let print = match fingerprints.entry((dataset.clone(), downscale)) {
+                            std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
+                            std::collections::hash_map::Entry::Vacant(new) => {
+                                new.insert(fingerprint(&data, downscale, path, &dataset)?)
+                            }
+                        };
+                        let key = key(&one.toml, print, device, &file.tag);
+                        plan.place(variant, seed, (&dataset, device), one, key, &mut by_key).map_err(|e| {
+                            let key = format!("variant \"{}\"", variant.name);
+                            SweepError::Key { path: path.to_owned(), key, problem: e }
+                        })?;
+                    }
+                }
+            }
+        }
+        if let Some(halving) = &plan.halving {
+            check_halving(halving, &plan).map_err(|e| bad("halving", e))?;
+        }
+        Ok(plan)
+    }
+
+    /// Adds an entry, and its run if there is none of that key yet.
+    fn place(
+        &mut self,
+        variant: &Variant,
+        seed: u64,
+        (dataset, device): (&str, &str),
+        one: Resolved,
+        key: String,
+        by_key: &mut HashMap<String, usize>,
+    ) -> Result<(), String> {
+        let index = *by_key.entry(key.clone()).or_insert_with(|| {
+            let several = |one: bool, text: String| if one { String::new() } else { text };
+            self.runs.push(Run {
+                key,
+                label: format!(
+                    "{}{}{} seed {seed}",
+                    variant.name,
+                    several(self.datasets.len() < 2, format!(" {dataset}")),
+                    several(device == "flex", format!(" {device}"))
+                ),
+                device: device.to_owned(),
+                dataset: dataset.to_owned(),
+                config: one.toml,
+                steps: one.config.stages.warmup_steps + one.config.stages.joint_steps,
+                segments: Vec::new(),
+            });
+            self.runs.len() - 1
+        });
+        let run = &mut self.runs[index];
+        let segments = one.segments.map(|spec| {
+            run.segments.iter().position(|s| *s == spec).unwrap_or_else(|| {
+                run.segments.push(spec);
+                run.segments.len() - 1
+            })
+        });
+        let same = |e: &&Entry| e.run == index && e.segments == segments;
+        if let Some(twin) = self.entries.iter().find(same) {
+            return Err(format!(
+                "the same configuration as \"{}\" (seed {}); duplicates are left out of a sweep, so remove one",
+                twin.variant, twin.seed
+            ));
+        }
+        let text = |(k, v): (&String, &Value)| (k.clone(), v.to_string());
+        let settings = variant.settings.iter().map(text).collect();
+        self.entries.push(Entry { variant: variant.name.clone(), seed, settings, run: index, segments });
+        Ok(())
+    }
+
+    /// Folder of run `index`.
+    #[must_use]
+    pub fn run_folder(&self, index: usize) -> PathBuf {
+        self.runs_folder.join(&self.runs[index].key)
+    }
+
+    /// Writes `plan.json` into `dir`, which is made.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, dir: &Path) -> Result<(), SweepError> {
+        let path = dir.join("plan.json");
+        std::fs::create_dir_all(dir).map_err(|e| SweepError::io(dir, e))?;
+        let json = serde_json::to_vec_pretty(self).map_err(|e| SweepError::io(&path, e))?;
+        crate::files::write_atomic(&path, &json).map_err(|e| SweepError::io(&path, e))
+    }
+
+    /// Reads `plan.json` of the sweep in `dir`.
+    ///
+    /// # Errors
+    /// If it is not there, or no plan of this version of the program.
+    pub fn load(dir: &Path) -> Result<Self, SweepError> {
+        let path = dir.join("plan.json");
+        let text = std::fs::read_to_string(&path).map_err(|e| SweepError::io(&path, e))?;
+        let plan: Self = serde_json::from_str(&text)
+            .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
+        let runs_folder = dir.parent().map(|out| out.join("runs")).unwrap_or_default();
+        Ok(Self { runs_folder, ..plan })
+    }
+}
+
+const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
+const SEGMENT_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "iou"];
+
+/// What every variant starts from.
+struct Base<'a> {
+    file: &'a SweepFile,
+    path: &'a Path,
+    options: &'a PlanOptions,
+}
+
+/// A variant's configuration.
+struct Resolved {
+    config: Config,
+    toml: String,
+    segments: Option<SegmentSpec>,
+}
+
+impl Base<'_> {
+    fn resolve(&self, variant: &Variant, seed: u64) -> Result<Resolved, SweepError> {
+        let place = format!("variant \"{}\"", variant.name);
+        let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
+        let mut layers = Layers::new(PRESETS);
+        if let Some(config) = &self.file.config {
+            layers = layers.source(config);
+        }
+        let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(|e| bad(e.to_string()))?;
+        let set = flatten(&self.file.set);
+        let layers = layers
+            .sets(assignments(&set))
+            .sets(self.options.set.iter().filter(|s| !s.starts_with(SEGMENTS)).cloned())
+            .sets(assignments(&variant.settings))
+            .sets([format!("seed={seed}")]);
+        let resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
+        crate::train::check_config(&resolved.value).map_err(|e| bad(e.to_string()))?;
+        let toml = resolved.to_toml().map_err(|e| bad(e.to_string()))?;
+        let segments = self.segments(&set, &variant.settings).map_err(&bad)?;
+        if let Some(spec) = &segments {
+            spec.options(seed).map_err(bad)?;
+        }
+        Ok(Resolved { config: resolved.value, toml, segments })
+    }
+
+    /// `[segments]` with the keys of the sweep, the command line and the variant on top.
+    fn segments(&self, set: &Settings, variant: &Settings) -> Result<Option<SegmentSpec>, String> {
+        let mut table = self.file.segments.clone();
+        let command_line = self.options.set.iter().filter_map(|s| {
+            let (key, value) = s.split_once('=')?;
+            let value: Option<Table> = format!("v = {value}").parse().ok();
+            Some((key.to_owned(), value.and_then(|mut t| t.remove("v")).unwrap_or(Value::String(value_text(s)))))
+        });
+        let all = set.clone().into_iter().chain(command_line).chain(variant.clone());
+        for (key, value) in all {
+            if let Some(key) = key.strip_prefix(SEGMENTS) {
+                table.get_or_insert_default().insert(key.to_owned(), value);
+            }
+        }
+        let read = |t: Table| t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", e.message()));
+        table.map(read).transpose()
+    }
+}
+
+fn value_text(assignment: &str) -> String {
+    assignment.split_once('=').map_or(String::new(), |(_, v)| v.to_owned())
+}
+
+/// Settings as `--set` takes them, without those of segments.
+fn assignments(settings: &Settings) -> Vec<String> {
+    settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
+}
+
+fn check_lists(file: &SweepFile, path: &Path) -> Result<(), SweepError> {
+    let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
+    for (i, seed) in file.seeds.iter().enumerate() {
+        if file.seeds[..i].contains(seed) {
+            return Err(bad("seeds", format!("{seed} stands there twice")));
+        }
+    }
+    for (i, device) in file.devices.iter().enumerate() {
+        let name: DeviceName = device.parse().map_err(|e| bad("devices", format!("{e}")))?;
+        name.open().map_err(|e| bad("devices", e.to_string()))?;
+        if file.devices[..i].contains(device) {
+            return Err(bad("devices", format!("{device} stands there twice")));
+        }
+    }
+    for weights in &file.eval.lpips_weights {
+        if !weights.is_file() {
+            return Err(bad("eval.lpips_weights", format!("{}: there is no such file", weights.display())));
+        }
+    }
+    if file.eval.views == Some(0) {
+        return Err(bad("eval.views", "0 leaves no view; leave it out for all".into()));
+    }
+    Ok(())
+}
+
+fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, String> {
+    let first = variants.first().map(|v| v.name.clone()).unwrap_or_default();
+    match &file.baseline {
+        None => Ok(first),
+        Some(name) if variants.iter().any(|v| v.name == *name) => Ok(name.clone()),
+        Some(name) => {
+            let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
+            Err(format!("there is no variant \"{name}\"; there is {}", names.join(", ")))
+        }
+    }
+}
+
+fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), String> {
+    if !(halving.keep > 0.0 && halving.keep < 1.0) {
+        return Err(format!("keep = {} is not between 0 and 1", halving.keep));
+    }
+    if halving.rungs.is_empty() || !halving.rungs.windows(2).all(|w| w[0] < w[1]) {
+        return Err("rungs must rise, and there must be one".into());
+    }
+    for run in &plan.runs {
+        let config: Config = toml::from_str(&run.config).map_err(|e| e.to_string())?;
+        let every = config.output.eval_every;
+        if every == 0 || halving.rungs[0] < every {
+            return Err(format!(
+                "run \"{}\" has no live test PSNR by step {}: output.eval_every is {every}",
+                run.label, halving.rungs[0]
+            ));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+#[path = "plan_tests.rs"]
+mod tests;

@@ -1,0 +1,148 @@
+//! Tests of plans: everything is checked before anything runs.
+
+use super::*;
+
+const DATA: &str = "[data]\njets = { synthetic = 'jets', size = 40, times = 3, views = 4, test_views = 5 }\n";
+
+fn plan_with(text: &str, options: &PlanOptions) -> Result<Plan, SweepError> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("my sweep.toml");
+    std::fs::write(&path, text).unwrap();
+    Plan::new(&path, options)
+}
+
+fn plan(text: &str) -> Result<Plan, SweepError> {
+    plan_with(text, &PlanOptions { out: "/out".into(), ..PlanOptions::default() })
+}
+
+fn error(text: &str) -> String {
+    plan(text).unwrap_err().to_string()
+}
+
+#[test]
+fn entries_are_all_combinations_with_seeds_outermost() {
+    let text = format!(
+        "config = 'demo'\nseeds = [0, 1]\ndevices = ['flex', 'ndarray']\n[[variant]]\nname = 'a'\n[[variant]]\n\
+         name = 'b'\nset = {{ 'loss.tv' = 0.0 }}\n{DATA}"
+    );
+    let plan = plan(&text).unwrap();
+    assert_eq!((plan.runs.len(), plan.entries.len()), (8, 8));
+    assert_eq!(plan.name, "my-sweep");
+    assert_eq!(plan.runs[1].label, "b seed 0");
+    assert_eq!(plan.runs[2].label, "a ndarray seed 0");
+    assert!(plan.entries[..4].iter().all(|e| e.seed == 0));
+    assert_eq!(plan.entries[1].settings["loss.tv"], "0.0");
+    assert_eq!(plan.baseline, "a");
+    let mut keys: Vec<&str> = plan.runs.iter().map(|r| r.key.as_str()).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    assert_eq!(keys.len(), 8);
+}
+
+#[test]
+fn what_would_not_run_is_an_error_that_names_it() {
+    let with = |more: &str| error(&format!("{more}\n{DATA}"));
+    for (text, part) in [
+        ("[[variant]]\nname = 'x'\nset = { 'loss.knid' = 'l1' }", "variant \"x\""),
+        ("[[variant]]\nname = 'x'\nset = { 'loss.kind' = 'l3' }", "loss.kind"),
+        ("[[variant]]\nname = 'x'\nset = { 'init.points' = 0 }", "init.points"),
+        ("devices = ['abacus']", "abacus"),
+        ("seeds = [1, 1]", "twice"),
+        ("metrics = ['psnrr']", "psnrr"),
+        ("baseline = 'nobody'", "nobody"),
+        ("sedes = [1]", "sedes"),
+        ("config = 'no-such-preset'", "no-such-preset"),
+        ("[halving]\nrungs = [900, 300]", "rise"),
+        ("[halving]\nrungs = [300]\nkeep = 2", "keep"),
+        ("set = { 'output.eval_every' = 0 }\n[halving]\nrungs = [300]", "eval_every"),
+        ("[eval]\nviews = 0", "eval.views"),
+        ("[eval]\nlpips_weights = ['nothing.safetensors']", "nothing.safetensors"),
+        ("[segments]\nmethod = 'guess'", "guess"),
+        ("[segments]\nveiws = 3", "veiws"),
+        ("set = { 'data.downscale' = 3 }", "downscale"),
+    ] {
+        let said = with(text);
+        assert!(said.contains(part), "{text}: {said}");
+        assert!(said.contains("my sweep.toml"), "{said}");
+    }
+    assert!(error("[data]\nx = { synthetic = 'teapot' }").contains("data.x"));
+    assert!(error("[data]\nx = '/no/such/folder'").contains("data.x"));
+    assert!(error("title = 'no data'").contains("--data"));
+}
+
+#[test]
+fn duplicates_are_told_but_runs_are_shared_between_ways_of_measuring() {
+    let twins = format!(
+        "config = 'demo'\n[[variant]]\nname = 'a'\n[[variant]]\nname = 'b'\nset = {{ 'loss.dssim' = 0.0 }}\n{DATA}"
+    );
+    let said = error(&twins);
+    assert!(said.contains("variant \"b\"") && said.contains("\"a\""), "{said}");
+    let text = format!(
+        "config = 'demo'\n[segments]\nviews = 7\n[[variant]]\nname = 'c'\nset = {{ 'segments.method' = 'coarse' }}\n\
+         [[variant]]\nname = 'f'\nset = {{ 'segments.method' = 'fine' }}\n{DATA}"
+    );
+    let plan = plan(&text).unwrap();
+    assert_eq!((plan.runs.len(), plan.entries.len()), (1, 2));
+    assert_eq!(plan.runs[0].segments.len(), 2);
+    assert_eq!(plan.runs[0].segments[1].views, 7);
+    assert_eq!(plan.entries[1].segments, Some(1));
+}
+
+#[test]
+fn a_key_changes_with_what_changes_the_result_and_with_nothing_else() {
+    let key = |head: &str, set: &[&str]| {
+        let options = PlanOptions {
+            out: "/elsewhere".into(),
+            set: set.iter().map(|s| (*s).to_owned()).collect(),
+            ..PlanOptions::default()
+        };
+        plan_with(&format!("config = 'demo'\n{head}\n{DATA}"), &options).unwrap().runs[0].key.clone()
+    };
+    let base = key("", &[]);
+    assert_eq!(base, plan(&format!("title = 'other'\nconfig = 'demo'\n{DATA}")).unwrap().runs[0].key);
+    assert_eq!(base, key("", &["segments.views=9"]));
+    for other in [
+        key("tag = 'again'", &[]),
+        key("seeds = [4]", &[]),
+        key("devices = ['ndarray']", &[]),
+        key("", &["loss.tv=0.5"]),
+    ] {
+        assert_ne!(base, other);
+    }
+}
+
+#[test]
+fn a_plan_is_read_back_and_finds_its_runs_wherever_it_lies() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = format!("config = 'demo'\n{DATA}");
+    let options = PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() };
+    let plan = plan_with(&text, &options).unwrap();
+    let folder = dir.path().join("my-sweep");
+    plan.save(&folder).unwrap();
+    assert_eq!(Plan::load(&folder).unwrap(), plan);
+}
+
+#[test]
+fn every_sweep_file_of_the_repository_can_be_planned() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+    let mut count = 0;
+    for folder in ["ablations", "sweeps"] {
+        for entry in std::fs::read_dir(root.join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            // base configurations, and the one that asks for a GPU
+            if name.starts_with("base-") || name == "devices" {
+                continue;
+            }
+            let options = PlanOptions { out: "/out".into(), ..PlanOptions::default() };
+            let plan = Plan::new(&path, &options).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+            let table = plan.paper.iter().flat_map(|p| p.rows.keys());
+            for row in table {
+                let variant = row.split('/').next().unwrap();
+                assert!(plan.entries.iter().any(|e| e.variant == variant), "{}: {row}", path.display());
+            }
+            count += 1;
+        }
+    }
+    assert!(count >= 22, "{count}");
+}

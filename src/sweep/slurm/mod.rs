@@ -1,0 +1,214 @@
+//! A sweep on a cluster with Slurm: one job array whose tasks are workers on the sweep's folder.
+//!
+//! A [`Profile`] says what a task may use, [`script()`] writes the batch script, [`submit()`] hands the tasks to
+//! `sbatch`, [`queue()`] asks `squeue` what became of them. Nothing is asked of the accounting database, which many
+//! sites lack. What a worker does, and which tasks there are, is no matter of this folder.
+
+pub mod profile;
+pub mod queue;
+pub mod script;
+pub mod submit;
+
+use std::env;
+use std::ffi::{OsStr, OsString};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+pub use profile::Profile;
+pub use queue::{TaskState, queue};
+pub use script::{Job, script};
+pub use submit::{Submission, submissions, submit};
+
+use crate::log::jsonl::JsonlError;
+
+/// Why Slurm cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SlurmError {
+    /// The file system failed.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The profile is not TOML, or has a key that is not known or of another type.
+    #[error("{path}: {source}")]
+    Toml {
+        /// The profile.
+        path: PathBuf,
+        /// What the parser said; it shows line and key.
+        source: Box<toml::de::Error>,
+    },
+    /// A key of the profile has a value that Slurm would not take.
+    #[error("{path}: {key} = {value}: {fix}")]
+    Key {
+        /// The profile.
+        path: PathBuf,
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        value: String,
+        /// What it should be.
+        fix: &'static str,
+    },
+    /// The sweep's folder has a path that batch scripts cannot carry.
+    #[error("{path}: Slurm takes no path with {what}; rename or move the folder")]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The trouble.
+        what: &'static str,
+    },
+    /// A program of Slurm is not there.
+    #[error(
+        "{program} is not on the PATH: run this on the cluster's login node (some need `module load slurm` first), \
+         or leave out --slurm to train here"
+    )]
+    Missing {
+        /// The program.
+        program: String,
+    },
+    /// A program of Slurm could not be started.
+    #[error("{program}: {source}")]
+    Start {
+        /// The program.
+        program: String,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A program of Slurm refused.
+    #[error("{program} refused: {said}; look at the Slurm profile (partition, account, qos, time, memory, gpus)")]
+    Refused {
+        /// The program and its arguments.
+        program: String,
+        /// What it said.
+        said: String,
+    },
+    /// A program of Slurm answered something else than expected.
+    #[error("{program} answered {said:?}, which is no job number")]
+    Answer {
+        /// The program.
+        program: String,
+        /// What it said.
+        said: String,
+    },
+    /// The cluster takes no job arrays.
+    #[error("this cluster takes no job arrays (MaxArraySize is 0); start the workers by hand, one job each")]
+    NoArrays,
+    /// The list of submitted jobs cannot be written.
+    #[error(transparent)]
+    Jobs(#[from] JsonlError),
+    /// A line of the list of submitted jobs cannot be read.
+    #[error("{path}:{line}: {source}; mend or remove the line")]
+    JobLine {
+        /// The list.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// What the parser said.
+        source: serde_json::Error,
+    },
+}
+
+fn io_at(path: &Path) -> impl Fn(io::Error) -> SlurmError + '_ {
+    |source| SlurmError::Io { path: path.to_path_buf(), source }
+}
+
+/// Where the programs of Slurm are looked for, and called.
+#[derive(Debug, Clone)]
+pub struct Tools {
+    path: OsString,
+}
+
+impl Default for Tools {
+    /// The folders of this process's `PATH`.
+    fn default() -> Self {
+        Self::new(&env::var_os("PATH").unwrap_or_default())
+    }
+}
+
+impl Tools {
+    /// Looks in the folders of `path`, which is written as the variable `PATH` is.
+    #[must_use]
+    pub fn new(path: &OsStr) -> Self {
+        Self { path: path.to_owned() }
+    }
+
+    /// True if `program` is there.
+    #[must_use]
+    pub fn have(&self, program: &str) -> bool {
+        self.find(program).is_some()
+    }
+
+    fn find(&self, program: &str) -> Option<PathBuf> {
+        env::split_paths(&self.path).map(|folder| folder.join(program)).find(|file| file.is_file())
+    }
+
+    /// Runs `program` to its end.
+    fn call(&self, program: &str, arguments: &[OsString]) -> Result<Output, SlurmError> {
+        let file = self.find(program).ok_or_else(|| SlurmError::Missing { program: program.to_owned() })?;
+        let mut command = Command::new(file);
+        command.args(arguments).env("PATH", &self.path).stdin(Stdio::null());
+        command.output().map_err(|source| SlurmError::Start { program: program.to_owned(), source })
+    }
+}
+
+/// What a program that failed has to say, on one line.
+fn complaint(output: &Output) -> String {
+    let text = String::from_utf8_lossy(&output.stderr);
+    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    if lines.is_empty() { format!("no reason given, {}", output.status) } else { lines.join("; ") }
+}
+
+#[cfg(unix)]
+#[cfg(test)]
+mod fake {
+    //! Programs of Slurm that are shell scripts, first on a `PATH` of their own.
+
+    use super::*;
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Writes `program` into `folder`.
+    pub(super) fn program(folder: &Path, name: &str, body: &str) {
+        fs::create_dir_all(folder).unwrap();
+        let file = folder.join(name);
+        fs::write(&file, format!("#!/bin/bash\n{body}\n")).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+
+    /// `folder` before the system's own folders.
+    pub(super) fn path(folder: &Path) -> OsString {
+        let own = env::var_os("PATH").unwrap_or_default();
+        env::join_paths(std::iter::once(folder.to_path_buf()).chain(env::split_paths(&own))).unwrap()
+    }
+}
+
+#[cfg(unix)]
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_program_says_what_to_do() {
+        let dir = tempfile::tempdir().unwrap();
+        let tools = Tools::new(dir.path().as_os_str());
+        assert!(!tools.have("sbatch"));
+        let text = tools.call("sbatch", &[]).unwrap_err().to_string();
+        assert!(text.contains("sbatch") && text.contains("login node") && text.contains("--slurm"), "{text}");
+        assert!(!Tools::new(OsStr::new("")).have("sbatch"));
+    }
+
+    #[test]
+    fn a_complaint_is_one_line() {
+        let dir = tempfile::tempdir().unwrap();
+        fake::program(dir.path(), "sinfo", "echo 'a: no' >&2; echo >&2; echo ' b' >&2; exit 3");
+        fake::program(dir.path(), "sdiag", "exit 4");
+        let tools = Tools::new(&fake::path(dir.path()));
+        assert_eq!(complaint(&tools.call("sinfo", &[]).unwrap()), "a: no; b");
+        assert!(complaint(&tools.call("sdiag", &[]).unwrap()).contains('4'));
+    }
+}

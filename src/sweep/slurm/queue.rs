@@ -1,0 +1,160 @@
+//! What Slurm's queue says about the tasks of a sweep.
+//!
+//! Only `squeue` is asked: a task that has left the queue is not told of, and its result is to be looked for in the
+//! sweep's folder.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsString;
+use std::path::Path;
+
+use super::profile::seconds;
+use super::submit::{Submission, submissions};
+use super::{SlurmError, Tools, complaint};
+
+/// A task in the queue.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TaskState {
+    /// The array task's name for Slurm, such as `1234_5`; `scancel` takes it.
+    pub id: String,
+    /// Slurm's word, such as `RUNNING` or `PENDING`.
+    pub state: String,
+    /// Seconds it has run since its last start.
+    pub seconds: u64,
+    /// The node, or the reason why it waits, such as `(Resources)`.
+    pub place: String,
+}
+
+impl TaskState {
+    /// True if it holds a node.
+    #[must_use]
+    pub fn runs(&self) -> bool {
+        matches!(
+            self.state.as_str(),
+            "RUNNING" | "COMPLETING" | "CONFIGURING" | "SUSPENDED" | "STAGE_OUT" | "SIGNALING"
+        )
+    }
+}
+
+/// The tasks of the sweep in `dir` that stand in the queue. A task that was submitted twice is told as it runs, or else
+/// by its last submission.
+///
+/// # Errors
+/// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it cannot tell, errors of the list of jobs.
+pub fn queue(tools: &Tools, dir: &Path) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
+    let submissions = submissions(dir)?;
+    let clusters: BTreeSet<Option<&str>> = submissions.iter().map(|s| s.cluster.as_deref()).collect();
+    let mut out: BTreeMap<usize, TaskState> = BTreeMap::new();
+    for cluster in clusters {
+        let of_it: Vec<&Submission> = submissions.iter().filter(|s| s.cluster.as_deref() == cluster).collect();
+        let text = ask(tools, cluster, &of_it)?;
+        let mut rows: Vec<(u64, usize, TaskState)> = text.lines().filter_map(row).collect();
+        rows.sort_by_key(|(job, ..)| *job);
+        for (job, index, state) in rows {
+            let Some(submission) = of_it.iter().rfind(|s| s.job == job) else { continue };
+            let task = index + submission.offset;
+            if !out.get(&task).is_some_and(|known| known.runs() && !state.runs()) {
+                out.insert(task, state);
+            }
+        }
+    }
+    Ok(out)
+}
+
+fn ask(tools: &Tools, cluster: Option<&str>, of_it: &[&Submission]) -> Result<String, SlurmError> {
+    let jobs: Vec<String> = of_it.iter().map(|s| s.job.to_string()).collect();
+    let mut arguments: Vec<OsString> = vec![
+        "--array".into(),
+        "--noheader".into(),
+        "--format=%i|%T|%M|%R".into(),
+        format!("--jobs={}", jobs.join(",")).into(),
+    ];
+    arguments.extend(cluster.map(|name| format!("--clusters={name}").into()));
+    let output = tools.call("squeue", &arguments)?;
+    // All of them forgotten is an error for squeue if it is asked for one job, and none if for several.
+    let said = complaint(&output);
+    if !output.status.success() && !said.contains("Invalid job id") {
+        return Err(SlurmError::Refused { program: "squeue".to_owned(), said });
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// Job, array index and state of a line; none for a line that is no array task.
+fn row(line: &str) -> Option<(u64, usize, TaskState)> {
+    let mut parts = line.trim().splitn(4, '|');
+    let (id, state, time, place) = (parts.next()?, parts.next()?, parts.next()?, parts.next()?);
+    let (job, index) = id.split_once('_')?;
+    let state = TaskState {
+        id: id.to_owned(),
+        state: state.to_owned(),
+        seconds: seconds(time).unwrap_or(0),
+        place: place.to_owned(),
+    };
+    Some((job.parse().ok()?, index.parse().ok()?, state))
+}
+
+#[cfg(unix)]
+#[cfg(test)]
+mod tests {
+    use super::super::fake;
+    use super::*;
+    use std::fs;
+
+    fn asked(list: &str, squeue: &str) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("slurm")).unwrap();
+        fs::write(dir.path().join("slurm/jobs.jsonl"), list).unwrap();
+        let bin = dir.path().join("bin");
+        fake::program(&bin, "squeue", squeue);
+        queue(&Tools::new(&fake::path(&bin)), dir.path())
+    }
+
+    const TWO: &str = "{\"job\":4,\"offset\":0,\"tasks\":[1,2,3],\"time\":1}\n\
+                       {\"job\":9,\"offset\":1000,\"tasks\":[1001],\"time\":2}\n\
+                       {\"job\":12,\"offset\":0,\"tasks\":[1,2],\"time\":3}\n";
+
+    #[test]
+    fn indices_become_tasks_and_the_running_one_of_two_counts() {
+        let found = asked(
+            TWO,
+            "[[ $* == '--array --noheader --format=%i|%T|%M|%R --jobs=4,9,12' ]] || exit 9\n\
+             echo '12_1|PENDING|0:00|(Resources)'; echo '12_2|PENDING|0:00|(JobArrayTaskLimit)'\n\
+             echo '4_1|RUNNING|1-02:00:00|node7'; echo '4_2|PENDING|0:00|(a|b)'; echo '9_1|COMPLETING|1:05|n[1-2]'\n\
+             echo '77_1|RUNNING|0:01|x'; echo '12|RUNNING|0:01|x'; echo 'CLUSTER: a'; echo '12_|a|b|c'; echo",
+        )
+        .unwrap();
+        assert_eq!(found.keys().copied().collect::<Vec<_>>(), [1, 2, 1001]);
+        let state = |id: &str, state: &str, seconds, place: &str| TaskState {
+            id: id.to_owned(),
+            state: state.to_owned(),
+            seconds,
+            place: place.to_owned(),
+        };
+        assert_eq!(found[&1], state("4_1", "RUNNING", 93600, "node7"));
+        assert_eq!(found[&2], state("12_2", "PENDING", 0, "(JobArrayTaskLimit)"));
+        assert_eq!(found[&1001], state("9_1", "COMPLETING", 65, "n[1-2]"));
+    }
+
+    #[test]
+    fn jobs_that_left_the_queue_are_no_error() {
+        let gone = "echo 'slurm_load_jobs error: Invalid job id specified' >&2; exit 1";
+        assert!(asked(TWO, gone).unwrap().is_empty());
+        // Nothing submitted: squeue is not asked.
+        assert!(asked("", "exit 1").unwrap().is_empty());
+        let said = asked(TWO, "echo 'Unable to contact slurm controller' >&2; exit 1").unwrap_err().to_string();
+        assert!(said.contains("Unable to contact"), "{said}");
+    }
+
+    #[test]
+    fn several_clusters_are_asked_apart() {
+        let list = "{\"job\":4,\"cluster\":\"big\",\"offset\":0,\"tasks\":[1],\"time\":1}\n\
+                    {\"job\":4,\"offset\":0,\"tasks\":[2],\"time\":1}\n";
+        let found = asked(
+            list,
+            "case $* in *--clusters=big*) echo 'CLUSTER: big'; echo '4_1|RUNNING|0:01|x';; \
+             *) echo '4_2|PENDING|INVALID|y';; esac",
+        )
+        .unwrap();
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[&1].seconds, found[&2].seconds), (1, 0));
+    }
+}

@@ -1,0 +1,202 @@
+//! One run of a plan from beginning to end: train, measure, measure segments. The same for a process of this machine
+//! and for a task of Slurm; what is done is not done again, what was begun goes on.
+
+use super::claim::{Claimed, claim};
+use super::plan::{Plan, Run};
+use super::result::{Failure, Metrics, Progress, failure_path, metrics_path, progress, segments_path, write};
+use crate::config::types::Config;
+use crate::data::dataset::read_split;
+use crate::data::{SplitName, Truth};
+use crate::device::DeviceName;
+use crate::eval::results::write_results;
+use crate::eval::run::{Costs, evaluate};
+use crate::eval::segments;
+use crate::files::AtomicDir;
+use crate::metrics::lpips::Lpips;
+use crate::model::Scene;
+use crate::train::checkpoint;
+use crate::train::open_dataset;
+use crate::train::run::{RunOptions, RunRecord};
+use burn::tensor::Device;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// How a run ended for now.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// All that the plan asks of it is there.
+    Done,
+    /// It was done before.
+    WasDone,
+    /// Another living process has it; who.
+    Held(String),
+    /// It stopped at the step asked for, with a checkpoint.
+    Paused,
+    /// A signal stopped it; with a checkpoint.
+    Interrupted,
+    /// It failed; the error is recorded beside it.
+    Failed(String),
+}
+
+/// Takes run `index` of `plan` as far as it goes; training pauses after `stop_after` steps if that is given.
+///
+/// # Errors
+/// If the run's folder cannot be used. What goes wrong in the run itself is no error but [`Ended::Failed`].
+pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicBool) -> std::io::Result<Ended> {
+    let folder = plan.run_folder(index);
+    if progress(plan, index) == Progress::Done {
+        return Ok(Ended::WasDone);
+    }
+    let held = match claim(&folder)? {
+        Claimed::Mine(claim) => claim,
+        Claimed::Held(holder) => return Ok(Ended::Held(holder.to_string())),
+    };
+    // it may have been finished while we asked
+    if progress(plan, index) == Progress::Done {
+        return Ok(Ended::WasDone);
+    }
+    let _ = std::fs::remove_file(failure_path(&folder));
+    let ended = match (Worker { plan, run: &plan.runs[index], folder: &folder, stop }).go(stop_after) {
+        Ok(ended) => ended,
+        Err(_) if stop.load(Ordering::Relaxed) => Ended::Interrupted,
+        Err(failure) => {
+            write(&failure_path(&folder), &failure).map_err(std::io::Error::other)?;
+            Ended::Failed(format!("{}: {}", failure.stage, failure.error))
+        }
+    };
+    drop(held);
+    Ok(ended)
+}
+
+struct Worker<'a> {
+    plan: &'a Plan,
+    run: &'a Run,
+    folder: &'a Path,
+    stop: &'a AtomicBool,
+}
+
+fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> Failure {
+    move |e| Failure { error: e.to_string(), stage: stage.to_owned() }
+}
+
+impl Worker<'_> {
+    fn go(&self, stop_after: Option<usize>) -> Result<Ended, Failure> {
+        let config: Config = toml::from_str(&self.run.config).map_err(failed("config"))?;
+        let device: DeviceName = self.run.device.parse().map_err(failed("device"))?;
+        let device = device.open().map_err(failed("device"))?;
+        let data =
+            self.plan.datasets.get(&self.run.dataset).ok_or("the plan lacks the dataset").map_err(failed("data"))?;
+        if let Some(ended) = self.train(&config, &data.folder, &device, stop_after)? {
+            return Ok(ended);
+        }
+        let record: RunRecord = self.record()?;
+        let path = checkpoint::newest_scene(self.folder).ok_or("no checkpoint").map_err(failed("eval"))?;
+        let scene = Scene::load(&path, &device).map_err(failed("eval"))?;
+        let load = |path: &std::path::PathBuf| Lpips::load(path, &device).map_err(failed("eval"));
+        let networks = self.plan.eval.lpips_weights.iter().map(load).collect::<Result<Vec<_>, _>>()?;
+        let model_bytes = std::fs::metadata(&path).map_err(failed("eval"))?.len();
+        if !metrics_path(self.folder, &self.plan.eval).is_file() {
+            self.measure(&config, &data.folder, &scene, &networks, &record, model_bytes)?;
+        }
+        for spec in &self.run.segments {
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok(Ended::Interrupted);
+            }
+            self.segments(spec, config.seed, &data.folder, &scene, &networks)?;
+        }
+        Ok(Ended::Done)
+    }
+
+    fn record(&self) -> Result<RunRecord, Failure> {
+        let path = self.folder.join("run.json");
+        let text = std::fs::read_to_string(&path).map_err(failed("eval"))?;
+        serde_json::from_str(&text).map_err(failed("eval"))
+    }
+
+    /// Trains to the end; says how it ended if it did not get there.
+    fn train(
+        &self,
+        config: &Config,
+        data: &Path,
+        device: &Device,
+        stop_after: Option<usize>,
+    ) -> Result<Option<Ended>, Failure> {
+        if self.record().is_ok_and(|r| r.status == "complete") && checkpoint::newest_scene(self.folder).is_some() {
+            return Ok(None);
+        }
+        let dataset = open_dataset(data, config).map_err(failed("data"))?;
+        let options = RunOptions {
+            out: self.folder.to_owned(),
+            resume: true,
+            config_toml: self.run.config.clone(),
+            device_name: self.run.device.clone(),
+            stop_after,
+        };
+        let outcome = crate::train::run::run(config, &dataset, device, &options, self.stop).map_err(failed("train"))?;
+        Ok(match outcome.complete {
+            true => None,
+            false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),
+            false => Some(Ended::Paused),
+        })
+    }
+
+    fn measure(
+        &self,
+        config: &Config,
+        data: &Path,
+        scene: &Scene,
+        networks: &[Lpips],
+        record: &RunRecord,
+        model_bytes: u64,
+    ) -> Result<(), Failure> {
+        let split = read_split(data, SplitName::Test, config.data.downscale, self.plan.eval.views);
+        let split = split.map_err(failed("eval"))?;
+        let costs = Costs { training_seconds: record.training_seconds, model_bytes };
+        let evaluation = evaluate(scene, &split, networks, &costs, |_, _| ()).map_err(failed("eval"))?;
+        write_results(&self.folder.join("eval/test"), &evaluation).map_err(failed("eval"))?;
+        let metrics = crate::compare::runs::metrics(&evaluation.summary, record);
+        write(&metrics_path(self.folder, &self.plan.eval), &metrics).map_err(failed("eval"))
+    }
+
+    fn segments(
+        &self,
+        spec: &super::spec::SegmentSpec,
+        seed: u64,
+        data: &Path,
+        scene: &Scene,
+        networks: &[Lpips],
+    ) -> Result<(), Failure> {
+        let path = segments_path(self.folder, &self.plan.eval, spec);
+        if path.is_file() {
+            return Ok(());
+        }
+        let options = spec.options(seed).map_err(failed("segments"))?;
+        let truth = Truth::read(data).map_err(failed("segments"))?;
+        // never published: it goes when this ends
+        let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
+        let evaluation =
+            segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| eprintln!("{what}"))
+                .map_err(failed("segments"))?;
+        let name = path.file_stem().unwrap_or_default();
+        segments::write_results(&self.folder.join("eval").join(name), &evaluation).map_err(failed("segments"))?;
+        let mut by_segment: BTreeMap<String, Metrics> = BTreeMap::new();
+        for result in &evaluation.results {
+            let mut metrics = Metrics::new();
+            if let Some(row) = &result.at {
+                metrics.extend([
+                    ("psnr".into(), row.psnr),
+                    ("ssim".into(), row.ssim),
+                    ("ssim_gray".into(), row.ssim_gray),
+                ]);
+                metrics.extend(row.iou.map(|v| ("iou".to_owned(), v)));
+                metrics.extend(row.lpips.map(|v| ("lpips_alex".to_owned(), v)));
+            }
+            metrics.extend(
+                evaluation.training_seconds.get(result.method.name()).map(|s| ("segment_seconds".to_owned(), *s)),
+            );
+            by_segment.insert(result.segment.clone(), metrics);
+        }
+        write(&path, &by_segment).map_err(failed("segments"))
+    }
+}

@@ -1,0 +1,93 @@
+//! A Slurm of one node, started by `support/slurm-cluster`.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+use volseggs::sweep::slurm::Tools;
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/support/slurm-cluster");
+
+/// A running Slurm; it ends with this.
+pub struct Cluster {
+    base: TempDir,
+}
+
+impl Cluster {
+    /// None where Slurm is not installed; with `VOLSEGGS_REQUIRE_SLURM` set that is a failure.
+    pub fn start() -> Option<Self> {
+        let cluster = Self { base: tempfile::tempdir().unwrap() };
+        let output = Command::new(SCRIPT).arg("start").arg(cluster.dir()).output().unwrap();
+        if output.status.code() == Some(77) {
+            use std::io::Write;
+            let said = String::from_utf8_lossy(&output.stderr).trim().to_owned();
+            assert!(std::env::var_os("VOLSEGGS_REQUIRE_SLURM").is_none(), "no Slurm: {said}");
+            // past the capture of tests, so that it is seen
+            let _ = writeln!(std::io::stderr(), "skipped: the Slurm tests ({said})");
+            return None;
+        }
+        assert!(output.status.success(), "{output:?}");
+        Some(cluster)
+    }
+
+    /// A folder that goes with the cluster.
+    pub fn base(&self) -> &Path {
+        self.base.path()
+    }
+
+    /// What `SLURM_CONF` is to be.
+    pub fn conf(&self) -> PathBuf {
+        self.dir().join("slurm.conf")
+    }
+
+    fn dir(&self) -> PathBuf {
+        self.base.path().join("cluster")
+    }
+
+    /// Slurm's programs, bound to this cluster.
+    pub fn tools(&self) -> Tools {
+        let bin = self.base.path().join("bin");
+        let path = std::env::var_os("PATH").unwrap();
+        for name in ["sbatch", "squeue", "scontrol", "scancel"] {
+            let real = std::env::split_paths(&path).map(|folder| folder.join(name)).find(|file| file.is_file());
+            let conf = self.conf();
+            let real = real.unwrap();
+            let text = format!("SLURM_CONF={} exec {} \"$@\"", conf.display(), real.display());
+            executable(&bin.join(name), &text);
+        }
+        let both = std::iter::once(bin).chain(std::env::split_paths(&path));
+        Tools::new(&std::env::join_paths(both).unwrap())
+    }
+
+    /// Runs a program of Slurm to its end; what it prints.
+    pub fn call(&self, name: &str, arguments: &[&str]) -> String {
+        let output = Command::new(name).args(arguments).env("SLURM_CONF", self.conf()).output().unwrap();
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Waits until nothing runs and nothing waits.
+    pub fn wait_until_empty(&self) {
+        let begun = Instant::now();
+        while !self.call("squeue", &["--noheader"]).trim().is_empty() {
+            assert!(begun.elapsed() < Duration::from_secs(120), "{}", self.call("squeue", &[]));
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        let _ = Command::new(SCRIPT).arg("stop").arg(self.dir()).status();
+    }
+}
+
+/// Writes a shell script that can be run.
+pub fn executable(file: &Path, body: &str) {
+    fs::create_dir_all(file.parent().unwrap()).unwrap();
+    fs::write(file, format!("#!/bin/bash\n{body}\n")).unwrap();
+    fs::set_permissions(file, fs::Permissions::from_mode(0o755)).unwrap();
+}

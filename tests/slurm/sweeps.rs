@@ -1,0 +1,169 @@
+//! Real runs on Slurm: submitted twice at once, cancelled, out of time.
+
+use super::cluster::Cluster;
+use super::common::{BINARY, SETTINGS, json, write_dataset};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+struct Site {
+    cluster: Cluster,
+    root: PathBuf,
+}
+
+impl Site {
+    fn file(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.root.join(format!("{name}.toml"));
+        let settings = SETTINGS.iter().map(|s| s.split_once('=').unwrap());
+        let set: String = settings.map(|(k, v)| format!("\"{k}\" = {v}\n")).collect();
+        std::fs::write(&path, format!("{text}\n[data]\nballs = \"data\"\n[set]\n{set}")).unwrap();
+        path
+    }
+
+    /// `volseggs sweep ARGUMENTS...` where Slurm's programs are found.
+    fn sweep(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(BINARY);
+        command.arg("sweep").args(arguments).args(["--out", self.out().to_str().unwrap()]);
+        command.env("SLURM_CONF", self.cluster.conf());
+        command
+    }
+
+    fn out(&self) -> PathBuf {
+        self.root.join("out")
+    }
+
+    fn profile(&self, text: &str) -> PathBuf {
+        let path = self.root.join("profile.toml");
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    fn submit(&self, file: &Path, profile: &Path) -> Value {
+        let arguments = [file.to_str().unwrap(), "--slurm", "--json", "--profile", profile.to_str().unwrap()];
+        let output = succeeded(self.sweep(&arguments).output().unwrap());
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    fn status(&self, file: &Path) -> Vec<Value> {
+        let output = succeeded(self.sweep(&["status", file.to_str().unwrap(), "--json"]).output().unwrap());
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    fn wait(&self, file: &Path, what: &str, reached: impl Fn(&[Value]) -> bool) -> Vec<Value> {
+        let begun = Instant::now();
+        loop {
+            let status = self.status(file);
+            if reached(&status) {
+                return status;
+            }
+            if begun.elapsed() > Duration::from_secs(240) {
+                let name = file.file_stem().unwrap();
+                let logs = std::fs::read_dir(self.out().join(name).join("slurm")).unwrap();
+                let logs: Vec<String> = logs.map(|l| std::fs::read_to_string(l.unwrap().path()).unwrap()).collect();
+                panic!("{what}: {status:#?}\n{}", logs.join("\n---\n"));
+            }
+            std::thread::sleep(Duration::from_millis(300));
+        }
+    }
+
+    /// All logs of a sweep's tasks, in the order of the jobs.
+    fn logs(&self, name: &str) -> String {
+        let files = std::fs::read_dir(self.out().join(name).join("slurm")).unwrap().map(|f| f.unwrap().path());
+        let mut logs: Vec<PathBuf> = files.filter(|f| f.extension().is_some_and(|e| e == "log")).collect();
+        let job = |f: &PathBuf| f.file_stem()?.to_str()?.split('_').next()?.parse::<u64>().ok();
+        logs.sort_by_key(job);
+        logs.into_iter().map(|f| std::fs::read_to_string(f).unwrap()).collect()
+    }
+}
+
+fn succeeded(output: Output) -> Output {
+    assert!(output.status.success(), "{output:?}");
+    output
+}
+
+fn all(state: &'static str) -> impl Fn(&[Value]) -> bool {
+    move |status| status.iter().all(|s| s["state"] == state)
+}
+
+/// Steps that the logs of a run's processes speak of, in order: `120/4000 3 s ...`.
+fn steps(log: &str) -> Vec<usize> {
+    let step =
+        |line: &str| line.split_once('/').and_then(|(step, rest)| rest.contains(" s ").then(|| step.parse().ok())?);
+    log.lines().filter_map(step).collect()
+}
+
+#[test]
+fn a_sweep_on_slurm() {
+    let Some(cluster) = Cluster::start() else { return };
+    let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sweep slurm");
+    if root.exists() {
+        std::fs::remove_dir_all(&root).unwrap();
+    }
+    write_dataset(&root.join("data"));
+    let site = Site { cluster, root };
+    two_submissions_at_once(&site);
+    a_cancelled_task(&site);
+    a_task_out_of_time(&site);
+}
+
+fn two_submissions_at_once(site: &Site) {
+    let file = site.file(
+        "twice",
+        "seeds = [0, 1]\n[[variant]]\nname = 'l2'\n[[variant]]\nname = 'l1'\nset = { 'loss.kind' = 'l1' }",
+    );
+    let profile = site.profile("time = '10'\ncpus = 1\nmemory = '500M'");
+    let jobs: Vec<Value> = std::thread::scope(|s| {
+        let both: Vec<_> = (0..2).map(|_| s.spawn(|| site.submit(&file, &profile))).collect();
+        both.into_iter().map(|t| t.join().unwrap()).collect()
+    });
+    println!("two submissions at once: {}", serde_json::to_string(&jobs).unwrap());
+    site.wait(&file, "all done", all("done"));
+    site.cluster.wait_until_empty();
+    // however many tasks there were, each run was done by one of them
+    let logs = site.logs("twice");
+    assert_eq!(logs.lines().filter(|l| *l == "done").count(), 4, "{logs}");
+    let tasks: usize =
+        jobs.iter().flat_map(|j| j.as_array().unwrap()).map(|j| j["tasks"].as_array().unwrap().len()).sum();
+    let passed = logs.lines().filter(|l| *l == "done before" || l.ends_with("has this run")).count();
+    assert_eq!(4 + passed, tasks, "{logs}");
+    // nothing is left to submit
+    assert_eq!(site.submit(&file, &profile), Value::Array(Vec::new()));
+    let output = succeeded(site.sweep(&["collect", file.to_str().unwrap()]).output().unwrap());
+    let table = String::from_utf8(output.stdout).unwrap();
+    assert!(table.contains("l1") && table.contains('±'), "{table}");
+    assert_eq!(json(&site.out().join("twice/results.json"))["set"]["outcomes"].as_array().unwrap().len(), 4);
+}
+
+fn a_cancelled_task(site: &Site) {
+    let file = site.file("cancelled", "[grid]\n'stages.joint_steps' = [3000]");
+    let profile = site.profile("time = '10'\ncpus = 1");
+    let job = site.submit(&file, &profile)[0]["job"].as_u64().unwrap();
+    site.wait(&file, "some steps", |s| s[0]["state"] == "running" && s[0]["step"].as_u64().unwrap() >= 80);
+    site.cluster.call("scancel", &[&job.to_string()]);
+    site.cluster.wait_until_empty();
+    let status = site.status(&file);
+    assert_eq!(status[0]["state"], "begun", "{status:?}");
+    let before = steps(&site.logs("cancelled")).last().copied().unwrap();
+    site.submit(&file, &profile);
+    site.wait(&file, "done after another submission", all("done"));
+    let order = steps(&site.logs("cancelled"));
+    println!("cancelled at step {before} or later, gone on with from its checkpoint to step {}", order.last().unwrap());
+    assert!(order.windows(2).all(|w| w[0] < w[1]), "a step was taken twice: {order:?}");
+}
+
+fn a_task_out_of_time(site: &Site) {
+    // as long as it takes: the warning comes within a minute
+    let file = site.file("late", "[grid]\n'stages.joint_steps' = [1000000]");
+    let profile = site.profile("time = '1'\ngrace = 50\ncpus = 1");
+    let job = site.submit(&file, &profile)[0]["job"].as_u64().unwrap();
+    let queued_again = || site.logs("late").contains("queued again");
+    site.wait(&file, "the warning before the time limit", |_| queued_again());
+    let before = steps(&site.logs("late")).last().copied().unwrap();
+    site.wait(&file, "going on after the requeue", |_| steps(&site.logs("late")).last().unwrap() > &before);
+    site.cluster.call("scancel", &[&job.to_string()]);
+    site.cluster.wait_until_empty();
+    let order = steps(&site.logs("late"));
+    println!("out of time at step {before} or later, requeued, gone on with to step {}", order.last().unwrap());
+    assert!(order.windows(2).all(|w| w[0] < w[1]), "a step was taken twice: {order:?}");
+}

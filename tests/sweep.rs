@@ -1,0 +1,215 @@
+//! Sweeps as whole programs: nothing is lost, nothing is done twice, whatever happens in between.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use assert_cmd::Command;
+use common::{BINARY, SETTINGS, json, write_dataset};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant, SystemTime};
+
+/// A folder with a dataset in `data`, made once.
+fn root() -> &'static Path {
+    static ROOT: OnceLock<PathBuf> = OnceLock::new();
+    ROOT.get_or_init(|| {
+        let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sweep");
+        if root.exists() {
+            std::fs::remove_dir_all(&root).unwrap();
+        }
+        write_dataset(&root.join("data"));
+        root
+    })
+}
+
+/// Writes a sweep file whose runs are as small as those of the other tests; gives its path.
+fn sweep_file(name: &str, text: &str) -> PathBuf {
+    let path = root().join(format!("{name}.toml"));
+    let set: String =
+        SETTINGS.iter().map(|s| s.split_once('=').unwrap()).map(|(k, v)| format!("\"{k}\" = {v}\n")).collect();
+    std::fs::write(&path, format!("{text}\n[data]\nballs = \"data\"\n[set]\n{set}")).unwrap();
+    path
+}
+
+/// `volseggs sweep ARGUMENTS... --out OUT`, to be run.
+fn sweep(arguments: &[&str], file: &Path, out: &Path) -> Command {
+    let mut program = Command::new(BINARY);
+    program.arg("sweep").args(arguments).arg(file).arg("--out").arg(out);
+    program
+}
+
+fn start(file: &Path, out: &Path) -> Child {
+    let mut program = std::process::Command::new(BINARY);
+    program.arg("sweep").arg(file).args(["--jobs", "2", "--out"]).arg(out);
+    program.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+/// Metrics files of runs that are done, with the time they were written.
+fn done(out: &Path) -> BTreeMap<PathBuf, SystemTime> {
+    let Ok(runs) = std::fs::read_dir(out.join("runs")) else { return BTreeMap::new() };
+    let files = runs.flat_map(|r| std::fs::read_dir(r.unwrap().path()).unwrap().map(|f| f.unwrap().path()));
+    let metrics = files.filter(|f| f.file_name().unwrap().to_string_lossy().starts_with("metrics-"));
+    metrics.map(|f| (f.clone(), f.metadata().unwrap().modified().unwrap())).collect()
+}
+
+/// The report without what depends on the clock.
+fn table(out: &Path, name: &str) -> Vec<Value> {
+    let results = json(&out.join(name).join("results.json"));
+    let outcomes = results["set"]["outcomes"].as_array().unwrap();
+    let stable = |o: &Value| {
+        serde_json::json!([o["variant"], o["seed"], o["state"], o["metrics"]["psnr"], o["metrics"]["ssim"]])
+    };
+    outcomes.iter().map(stable).collect()
+}
+
+const TWELVE: &str = "seeds = [0, 1]\nmetrics = ['psnr', 'ssim', 'training_minutes']\n[grid]\n\
+                      'loss.kind' = ['l1', 'l2']\n'model.channels' = [4, 8, 16]";
+
+#[test]
+fn a_sweep_that_is_killed_three_times_loses_nothing_and_repeats_nothing() {
+    let file = sweep_file("twelve", TWELVE);
+    let (straight, killed) = (root().join("straight"), root().join("killed"));
+    sweep(&["--jobs", "2"], &file, &straight).assert().success();
+    assert_eq!(done(&straight).len(), 12);
+    let mut before = BTreeMap::new();
+    for wanted in [2, 5, 9] {
+        let mut child = start(&file, &killed);
+        let patience = Instant::now();
+        while done(&killed).len() < wanted && patience.elapsed() < Duration::from_secs(120) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        // SIGKILL, in the middle of other runs
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let now = done(&killed);
+        assert!((wanted..12).contains(&now.len()), "{} done", now.len());
+        assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a run that was done was done again");
+        before = now;
+    }
+    sweep(&["--jobs", "2"], &file, &killed).assert().success();
+    let now = done(&killed);
+    assert_eq!(now.len(), 12);
+    assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a run that was done was done again");
+    assert_eq!(table(&straight, "twelve"), table(&killed, "twelve"));
+    // nothing is left to do, and nothing is done
+    sweep(&[], &file, &killed).assert().success();
+    assert_eq!(done(&killed), now);
+    for name in ["report.html", "report.md", "table.tex", "results.csv", "results.json", "tensorboard"] {
+        assert!(killed.join("twelve").join(name).exists(), "{name}");
+    }
+}
+
+#[test]
+fn two_calls_at_once_share_the_runs() {
+    let file = sweep_file("shared", "seeds = [7]\n[grid]\n'model.channels' = [4, 8, 16, 32]");
+    let out = root().join("shared-out");
+    let mut other = start(&file, &out);
+    sweep(&["--jobs", "2"], &file, &out).assert().success();
+    assert!(other.wait().unwrap().success());
+    assert_eq!(done(&out).len(), 4);
+    // each run was trained by one process
+    for log in std::fs::read_dir(out.join("shared/logs")).unwrap() {
+        let text = std::fs::read_to_string(log.unwrap().path()).unwrap();
+        assert_eq!(text.matches("\ndone\n").count(), 1, "{text}");
+    }
+}
+
+#[test]
+fn a_run_that_fails_is_recorded_and_the_others_go_on() {
+    let file = sweep_file(
+        "failing",
+        "[[variant]]\nname = 'good'\n[[variant]]\nname = 'wild'\nset = { 'optim.means' = 1e38 }\n\
+         [[variant]]\nname = 'other'\nset = { 'loss.kind' = 'l1' }",
+    );
+    let out = root().join("failing-out");
+    let said = sweep(&[], &file, &out).assert().code(1);
+    let text = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+    assert!(text.contains("1 runs failed") && text.contains("not finite"), "{text}");
+    assert_eq!(done(&out).len(), 2);
+    let table = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    assert!(table.contains("not finite"), "{table}");
+    // it is not tried again unless asked for
+    let again = sweep(&[], &file, &out).assert().code(1);
+    assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("1 failed before"));
+    let asked = sweep(&["--rerun-failed", "--only", "wild"], &file, &out).assert().code(1);
+    assert!(String::from_utf8_lossy(&asked.get_output().stderr).contains("FAILED"));
+    let status = sweep(&["status"], &file, &out).assert().success();
+    let status = String::from_utf8_lossy(&status.get_output().stdout).into_owned();
+    assert_eq!((status.matches(" done ").count(), status.matches(" failed ").count()), (2, 1), "{status}");
+}
+
+#[test]
+fn a_dry_run_shows_and_changes_nothing() {
+    let file = sweep_file("dry", TWELVE);
+    let out = root().join("dry-out");
+    let said = sweep(&["--dry-run"], &file, &out).assert().success();
+    let text = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    assert!(text.contains("12 runs") && text.contains("model.channels = 16"), "{text}");
+    assert!(!out.exists());
+    sweep(&["--dry-run", "--only", "nothing-like-it"], &file, &out).assert().code(2);
+}
+
+#[test]
+fn halving_stops_the_worst() {
+    let file = sweep_file(
+        "halved",
+        "[[variant]]\nname = 'a'\n[[variant]]\nname = 'b'\nset = { 'optim.sh' = 0.0 }\n[[variant]]\nname = 'c'\n\
+         set = { 'loss.kind' = 'l1' }\n[[variant]]\nname = 'd'\nset = { 'optim.opacity' = 0.0 }\n\
+         [halving]\nrungs = [40]\nkeep = 0.5",
+    );
+    let out = root().join("halved-out");
+    sweep(&["--jobs", "2"], &file, &out).assert().success();
+    assert_eq!(done(&out).len(), 2);
+    let results = json(&out.join("halved/results.json"));
+    let mut at_rung: Vec<(f64, bool)> = Vec::new();
+    for outcome in results["set"]["outcomes"].as_array().unwrap() {
+        let log = std::fs::read_to_string(Path::new(outcome["run"].as_str().unwrap()).join("metrics.jsonl")).unwrap();
+        let lines = log.lines().map(|l| serde_json::from_str::<Value>(l).unwrap());
+        let psnr = lines.filter(|l| l["step"] == 40).find_map(|l| l["test_psnr"].as_f64()).unwrap();
+        at_rung.push((psnr, outcome["state"]["stopped"] == 40));
+    }
+    at_rung.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let stopped: Vec<bool> = at_rung.iter().map(|(_, stopped)| *stopped).collect();
+    assert_eq!(stopped, [true, true, false, false], "{at_rung:?}");
+}
+
+#[test]
+fn runs_are_compared_over_their_seeds() {
+    let file = sweep_file(
+        "compared",
+        "seeds = [3, 4]\n[[variant]]\nname = 'x'\n[[variant]]\nname = 'y'\nset = { 'loss.kind' = 'l1' }",
+    );
+    let out = root().join("compared-out");
+    sweep(&["--jobs", "2"], &file, &out).assert().success();
+    let mut runs: Vec<PathBuf> = std::fs::read_dir(out.join("runs")).unwrap().map(|r| r.unwrap().path()).collect();
+    runs.sort();
+    let mut compare = Command::new(BINARY);
+    let said = compare.arg("compare").args(&runs).arg("--out").arg(root().join("comparison")).assert().success();
+    let text = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    // two rows, each of two seeds
+    assert_eq!(text.lines().filter(|l| l.contains('±')).count(), 2, "{text}");
+    let page = std::fs::read_to_string(root().join("comparison/report.html")).unwrap();
+    assert!(page.contains("<svg") || page.contains("data:image/svg"), "no curves");
+    Command::new(BINARY).args(["compare", "/no/such/run"]).assert().code(2);
+}
+
+#[test]
+fn devices_are_trained_side_by_side() {
+    let mut program = Command::new(BINARY);
+    program
+        .args(["sweep", "devices", "--devices", "flex,ndarray", "--every", "20", "--json", "--data"])
+        .arg(root().join("data"));
+    for setting in SETTINGS {
+        program.args(["--set", setting]);
+    }
+    let said = program.assert().success();
+    let found: Value = serde_json::from_slice(&said.get_output().stdout).unwrap();
+    assert_eq!(found["steps"], 80);
+    let drift = found["devices"][1]["drift"].as_array().unwrap();
+    // the same kernels on both: the same bits
+    assert!(drift.iter().all(|d| d["largest"] == 0.0), "{drift:?}");
+    assert_eq!(found["devices"][0]["psnr"], found["devices"][1]["psnr"]);
+}
