@@ -1,4 +1,4 @@
-//! Progress bars of long work, on standard error.
+//! Progress bars of long work, on standard error, and durations in words.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -11,4 +11,14 @@ pub fn bar(length: usize, unit: &str) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// Seconds as a person says them.
+#[must_use]
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.1} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
 }

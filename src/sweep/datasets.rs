@@ -4,7 +4,7 @@ use super::SweepError;
 use super::file::{DataSource, SweepFile, SyntheticSpec, name_of};
 use super::key::short_hash;
 use crate::data::paths::FOV_X;
-use crate::data::{Dataset, OpenOptions, SplitName, Transforms};
+use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
 use crate::log::progress;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
@@ -86,6 +86,23 @@ pub(super) fn datasets(
         Ok((name, planned))
     };
     sources.into_iter().map(plan).collect()
+}
+
+/// Refuses datasets whose segments are not known, where segments are to be measured.
+pub(super) fn check_truth(data: &BTreeMap<String, DataPlan>, path: &Path) -> Result<(), SweepError> {
+    for (name, data) in data {
+        let bad = |problem: String| SweepError::Key { path: path.to_owned(), key: format!("data.{name}"), problem };
+        match &data.source {
+            DataSource::Folder(folder) => {
+                Truth::read(folder).map_err(|e| bad(format!("segments are to be measured, but are not known: {e}")))?;
+            }
+            DataSource::Synthetic(spec) if !spec.segments => {
+                return Err(bad("segments are to be measured: add segments = true".into()));
+            }
+            DataSource::Synthetic(_) => {}
+        }
+    }
+    Ok(())
 }
 
 /// What tells one dataset from another in a key.

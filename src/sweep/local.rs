@@ -8,7 +8,7 @@ use super::SweepError;
 use super::halving;
 use super::plan::Plan;
 use super::result::{Failure, Metrics, Progress, failure_path, live_psnr, metrics_path, progress, read, write};
-use crate::log::progress::bar;
+use crate::log::progress::{bar, duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::collections::VecDeque;
 use std::fs::File;
@@ -215,9 +215,9 @@ impl<'a> Pool<'a> {
         self.overall.inc(1);
         let run = &self.plan.runs[job.index];
         let folder = self.plan.run_folder(job.index);
-        let minutes = job.started.elapsed().as_secs_f64() / 60.0;
+        let time = duration(job.started.elapsed().as_secs_f64());
         let count = format!("{}/{}", self.overall.position(), self.overall.length().unwrap_or_default());
-        let head = format!("{count} {}: {minutes:.1} min", run.label);
+        let head = format!("{count} {}: {time}", run.label);
         if status.success() {
             tally.done += 1;
             let found: Option<Metrics> = read(&metrics_path(&folder, &self.plan.eval));

@@ -5,7 +5,7 @@
 
 use super::SweepError;
 use super::axes::{Settings, Variant, flatten, variants};
-use super::datasets::{DataPlan, datasets, fingerprint};
+use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::key;
 use super::spec::SegmentSpec;
@@ -184,6 +184,9 @@ impl Plan {
                     }
                 }
             }
+        }
+        if plan.entries.iter().any(|e| e.segments.is_some()) {
+            check_truth(&plan.datasets, path)?;
         }
         if let Some(halving) = &plan.halving {
             check_halving(halving, &plan).map_err(|e| bad("halving", e))?;

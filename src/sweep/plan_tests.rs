@@ -60,6 +60,7 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("[segments]\nmethod = 'guess'", "guess"),
         ("[segments]\nveiws = 3", "veiws"),
         ("set = { 'data.downscale' = 3 }", "downscale"),
+        ("[segments]\nviews = 7", "segments = true"),
     ] {
         let said = with(text);
         assert!(said.contains(part), "{text}: {said}");
@@ -79,7 +80,8 @@ fn duplicates_are_told_but_runs_are_shared_between_ways_of_measuring() {
     assert!(said.contains("variant \"b\"") && said.contains("\"a\""), "{said}");
     let text = format!(
         "config = 'demo'\n[segments]\nviews = 7\n[[variant]]\nname = 'c'\nset = {{ 'segments.method' = 'coarse' }}\n\
-         [[variant]]\nname = 'f'\nset = {{ 'segments.method' = 'fine' }}\n{DATA}"
+         [[variant]]\nname = 'f'\nset = {{ 'segments.method' = 'fine' }}\n{}",
+        DATA.replace("size", "segments = true, size")
     );
     let plan = plan(&text).unwrap();
     assert_eq!((plan.runs.len(), plan.entries.len()), (1, 2));
@@ -100,7 +102,6 @@ fn a_key_changes_with_what_changes_the_result_and_with_nothing_else() {
     };
     let base = key("", &[]);
     assert_eq!(base, plan(&format!("title = 'other'\nconfig = 'demo'\n{DATA}")).unwrap().runs[0].key);
-    assert_eq!(base, key("", &["segments.views=9"]));
     for other in [
         key("tag = 'again'", &[]),
         key("seeds = [4]", &[]),

@@ -4,6 +4,7 @@ use super::{CliError, Planned};
 use crate::cli::print_json;
 use crate::compare::ResultSet;
 use crate::compare::write::write_report;
+use crate::log::progress::duration;
 use crate::sweep::Plan;
 use crate::sweep::claim::holder;
 use crate::sweep::collect::collect;
@@ -117,13 +118,4 @@ pub(super) fn report(plan: &Plan, dir: &Path) -> Result<ResultSet, CliError> {
     print!("{text}");
     eprintln!("report: {}", dir.join("report.html").display());
     Ok(set)
-}
-
-/// Seconds as a person says them.
-pub(super) fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }

@@ -2,6 +2,7 @@
 
 use super::{CliError, OUT, folder, results};
 use crate::cli::{print_json, stop_flag};
+use crate::log::progress::duration;
 use crate::sweep::estimate::estimate;
 use crate::sweep::local::{self, LocalOptions};
 use crate::sweep::result::{Progress, failure_path, progress};
@@ -73,6 +74,9 @@ impl StartArgs {
             lpips_weights: absolute(&self.lpips_weights)?,
         };
         let plan = Plan::new(&file, &options)?;
+        if plan.metrics.iter().any(|m| m.starts_with("lpips")) && plan.eval.lpips_weights.is_empty() {
+            eprintln!("note: no LPIPS without --lpips-weights FILE (or eval.lpips_weights in the sweep file)");
+        }
         let dir = folder(&out, &file);
         let runs = self.choose(&plan)?;
         if self.dry_run {
@@ -176,7 +180,7 @@ impl StartArgs {
         println!(
             "left: {} runs, about {} with --jobs {}, {:.1} GB of memory (times measured so far: {:.2} of the model's)",
             total.open,
-            results::duration(total.seconds),
+            duration(total.seconds),
             self.jobs,
             total.memory / 1e9,
             total.correction
