@@ -95,7 +95,9 @@ fn a_sweep_that_is_killed_three_times_loses_nothing_and_repeats_nothing() {
     assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a run that was done was done again");
     assert_eq!(table(&straight, "twelve"), table(&killed, "twelve"));
     // nothing is left to do, and nothing is done
-    sweep(&[], &file, &killed).assert().success();
+    let again = sweep(&["--json"], &file, &killed).assert().success();
+    let results: Value = serde_json::from_slice(&again.get_output().stdout).unwrap();
+    assert_eq!(results["outcomes"].as_array().unwrap().len(), 12);
     assert_eq!(done(&killed), now);
     for name in ["report.html", "report.md", "table.tex", "results.csv", "results.json", "tensorboard"] {
         assert!(killed.join("twelve").join(name).exists(), "{name}");

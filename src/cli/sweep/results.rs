@@ -2,7 +2,6 @@
 
 use super::{CliError, Planned};
 use crate::cli::print_json;
-use crate::compare::ResultSet;
 use crate::compare::write::write_report;
 use crate::log::progress::duration;
 use crate::sweep::Plan;
@@ -106,16 +105,18 @@ impl StatusArgs {
 impl CollectArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (dir, plan) = self.planned.open()?;
-        let set = report(&plan, &dir)?;
-        if self.json { print_json(&set) } else { Ok(()) }
+        report(&plan, &dir, self.json)
     }
 }
 
-/// Writes the report of what is done and prints its table; gives the results.
-pub(super) fn report(plan: &Plan, dir: &Path) -> Result<ResultSet, CliError> {
+/// Writes the report of what is done; prints its table, or the results as JSON.
+pub(super) fn report(plan: &Plan, dir: &Path, json: bool) -> Result<(), CliError> {
     let set = collect(plan, dir);
     let text = write_report(dir, &set).map_err(CliError::failure)?;
-    print!("{text}");
     eprintln!("report: {}", dir.join("report.html").display());
-    Ok(set)
+    if json {
+        return print_json(&set);
+    }
+    print!("{text}");
+    Ok(())
 }

@@ -106,10 +106,7 @@ impl StartArgs {
         let program = std::env::current_exe().map_err(CliError::failure)?;
         let options = LocalOptions { dir: dir.clone(), jobs: self.jobs, runs, program };
         let tally = local::run(&plan, &options, &stop)?;
-        let set = results::report(&plan, &dir)?;
-        if self.json {
-            print_json(&set)?;
-        }
+        results::report(&plan, &dir, self.json)?;
         if tally.failed + tally.died > 0 {
             return Err(CliError::failure(format!(
                 "{} runs failed, {} died; logs are in {}; the same command goes on, --rerun-failed tries those that failed again",
