@@ -43,6 +43,7 @@ pub struct RunError {
 /// A folder that is no run, or has not been evaluated on its test views.
 pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet, RunError> {
     let mut known: Vec<(Table, String)> = Vec::new();
+    let mut datasets: Vec<(String, String)> = Vec::new();
     let mut outcomes: Vec<Outcome> = Vec::new();
     for folder in folders {
         let bad = |problem: String| RunError { path: folder.clone(), problem };
@@ -53,9 +54,19 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         let text = std::fs::read_to_string(folder.join("config.toml")).map_err(|e| bad(e.to_string()))?;
         let mut config: Table = text.parse().map_err(|e| bad(format!("config.toml: {e}")))?;
         config.remove("seed");
+        // datasets of one name are told apart by their whole path
+        let short = record.dataset.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let known_data = datasets.iter().find(|(print, _)| *print == record.fingerprint).map(|(_, name)| name.clone());
+        let dataset = known_data.unwrap_or_else(|| {
+            let taken = datasets.iter().any(|(_, name)| *name == short);
+            let name = if taken { record.dataset.display().to_string() } else { short };
+            datasets.push((record.fingerprint.clone(), name.clone()));
+            name
+        });
         // a seed that a variant has already is another row, such as the same configuration from another version
         let clash = |name: &str| {
-            outcomes.iter().any(|o| o.variant == name && o.device == record.device && o.seed == record.seed)
+            let same = |o: &Outcome| o.dataset == dataset && o.device == record.device && o.seed == record.seed;
+            outcomes.iter().any(|o| o.variant == name && same(o))
         };
         let at = known.iter().position(|(c, name)| *c == config && !clash(name)).unwrap_or_else(|| {
             let short = folder.file_name().map(|n| n.to_string_lossy().into_owned());
@@ -63,7 +74,6 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             known.push((config.clone(), name.unwrap_or_else(|| folder.display().to_string())));
             known.len() - 1
         });
-        let dataset = record.dataset.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         outcomes.push(Outcome {
             variant: known[at].1.clone(),
             dataset,

@@ -74,7 +74,7 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let several = |f: &dyn Fn(&Outcome) -> &str| set.outcomes.iter().map(f).collect::<BTreeSet<_>>().len() > 1;
     let (datasets, devices) = (several(&|o| &o.dataset), several(&|o| &o.device));
     let keys: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.settings.keys()).collect();
-    for outcome in set.outcomes.iter().filter(|o| o.state != OutcomeState::Missing) {
+    for (number, outcome) in set.outcomes.iter().enumerate().filter(|(_, o)| o.state != OutcomeState::Missing) {
         let mut settings: BTreeMap<String, HyperParameter> = keys
             .iter()
             .map(|k| {
@@ -98,7 +98,9 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
             group = format!("{group} {}", outcome.segment);
         }
         let plain = |c: char| if c.is_alphanumeric() || "-_.+= ,".contains(c) { c } else { '-' };
-        let name: String = format!("{group} seed {}", outcome.seed).chars().map(plain).collect();
+        // names of folders have 255 bytes at most; the settings are in the log itself
+        let short: String = group.chars().take(50).collect();
+        let name: String = format!("{number:03} {short} seed {}", outcome.seed).chars().map(plain).collect();
         let dir = out.dir().join(name);
         let mut events = EventWriter::create(&dir).map_err(at(&dir))?;
         let curves = curves::read(&outcome.run);

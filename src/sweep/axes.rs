@@ -113,7 +113,14 @@ fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
     let units: Vec<Vec<f64>> = (0..spec.keys.len()).map(|axis| unit_numbers(spec, axis)).collect();
     let point =
         |i: usize| spec.keys.iter().zip(&units).map(|((key, range), u)| (key.clone(), range.at(u[i]))).collect();
-    Ok((0..spec.count).map(point).collect())
+    let mut points: Vec<Point> = Vec::new();
+    for new in (0..spec.count).map(point) {
+        // whole numbers and choices meet again; a run twice says nothing more
+        if !points.contains(&new) {
+            points.push(new);
+        }
+    }
+    Ok(points)
 }
 
 /// Numbers in [0, 1) of one axis, one for each point.

@@ -29,8 +29,10 @@ pub struct Holder {
     pub pid: u32,
     /// When the process began, in the system's ticks: ids are used again.
     pub born: u64,
-    /// Slurm's job and task, if it runs there: one task runs once at a time.
+    /// Slurm's array job and task, if it is one.
     pub task: Option<String>,
+    /// How often Slurm started that task before.
+    pub starts: u32,
     /// Rises while the holder lives.
     pub beat: u64,
     /// Whether the holder let go.
@@ -182,18 +184,16 @@ impl Holder {
         let read = |path: &str| fs::read_to_string(path).map(|t| t.trim().to_owned()).unwrap_or_default();
         let link = fs::read_link("/proc/self/ns/pid").map(|p| p.display().to_string()).unwrap_or_default();
         let variable = |name: &str| std::env::var(name).ok();
-        let task = variable("SLURM_JOB_ID").map(|job| {
-            match (variable("SLURM_ARRAY_JOB_ID"), variable("SLURM_ARRAY_TASK_ID")) {
-                (Some(array), Some(task)) => format!("{array}_{task}"),
-                _ => job,
-            }
-        });
+        let array = variable("SLURM_ARRAY_JOB_ID").zip(variable("SLURM_ARRAY_TASK_ID"));
+        let task = array.map(|(job, task)| format!("{job}_{task}"));
+        let starts = variable("SLURM_RESTART_COUNT").and_then(|n| n.parse().ok()).unwrap_or(0);
         Self {
             host: read("/proc/sys/kernel/hostname"),
             place: format!("{} {link}", read("/proc/sys/kernel/random/boot_id")),
             pid,
             born: birth(pid).unwrap_or_default(),
             task,
+            starts,
             beat: 0,
             released: false,
         }
@@ -204,8 +204,8 @@ impl Holder {
         if !me.place.trim().is_empty() && (&self.host, &self.place) == (&me.host, &me.place) {
             return Some(birth(self.pid) != Some(self.born));
         }
-        // the same task of a batch system runs once at a time, so what it was before is over
-        (self.task.is_some() && self.task == me.task).then_some(true)
+        // a task that was started again is not running any more as it was before
+        (self.task.is_some() && self.task == me.task && self.starts < me.starts).then_some(true)
     }
 
     fn write(&self, path: &Path) -> io::Result<()> {
@@ -274,6 +274,9 @@ mod tests {
         before.host = "other".into();
         assert_eq!(before.is_gone(&now), None);
         (before.task, now.task) = (Some("12_3".into()), Some("12_3".into()));
+        // a process beside it in the same task
+        assert_eq!(before.is_gone(&now), None);
+        now.starts = 1;
         assert_eq!(before.is_gone(&now), Some(true));
         now.task = Some("13_3".into());
         assert_eq!(before.is_gone(&now), None);

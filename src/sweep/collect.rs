@@ -10,7 +10,7 @@ use std::path::Path;
 /// What the runs of the sweep in `dir` have come to; those that are not done are there as missing, failed or stopped.
 #[must_use]
 pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
-    let stopped = halving::stopped(dir);
+    let stopped = plan.halving.as_ref().map(|_| halving::stopped(dir)).unwrap_or_default();
     let mut outcomes = Vec::new();
     for entry in in_table_order(plan) {
         let run = &plan.runs[entry.run];

@@ -1,7 +1,7 @@
 //! The datasets of a sweep: folders that are there, and synthetic scenes that are rendered before the first run.
 
 use super::SweepError;
-use super::file::{DataSource, SweepFile, SyntheticSpec, name_of};
+use super::file::{DataSource, SweepFile, SyntheticSpec};
 use super::key::short_hash;
 use crate::data::paths::FOV_X;
 use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
@@ -33,6 +33,12 @@ pub struct DataPlan {
     pub size: [u32; 2],
 }
 
+/// The last name of a folder, also where it is given as `.` or with a slash at its end.
+fn folder_name(folder: &Path) -> String {
+    let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    whole.file_name().map_or_else(|| folder.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
 /// The datasets of `file`, or those `given` in their place; synthetic ones will lie below `out`.
 pub(super) fn datasets(
     file: &SweepFile,
@@ -43,8 +49,14 @@ pub(super) fn datasets(
     let sources = if given.is_empty() {
         file.datasets(path)?
     } else {
-        given.iter().map(|d| (name_of(d), DataSource::Folder(d.clone()))).collect()
+        given.iter().map(|d| (folder_name(d), DataSource::Folder(d.clone()))).collect()
     };
+    for (i, (name, _)) in sources.iter().enumerate() {
+        if sources[..i].iter().any(|(other, _)| other == name) {
+            let problem = format!("two datasets are called \"{name}\"; name them in the file: [data] one = \"...\"");
+            return Err(SweepError::Key { path: path.to_owned(), key: "--data".into(), problem });
+        }
+    }
     if sources.is_empty() {
         let problem = "there is no dataset; add [data] with NAME = \"FOLDER\", or give --data FOLDER".to_owned();
         return Err(SweepError::Key { path: path.to_owned(), key: "data".into(), problem });

@@ -197,7 +197,7 @@ impl SweepFile {
         let dir = path.parent().unwrap_or(Path::new(""));
         file.config = file.config.map(|name| beside(dir, &name));
         for weights in &mut file.eval.lpips_weights {
-            *weights = dir.join(&*weights);
+            *weights = std::path::absolute(dir.join(&*weights)).map_err(|e| bad(e.to_string()))?;
         }
         Ok(file)
     }

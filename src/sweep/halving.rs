@@ -5,7 +5,7 @@
 
 use super::SweepError;
 use super::plan::{Entry, Plan};
-use super::result::{live_psnr, read, write};
+use super::result::{Progress, live_psnr, progress, read, write};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -18,8 +18,10 @@ pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usi
     let chosen: BTreeSet<usize> = runs.iter().copied().collect();
     let mut scores: BTreeMap<Group<'_>, Vec<f64>> = BTreeMap::new();
     for entry in plan.entries.iter().filter(|e| chosen.contains(&e.run)) {
-        // a run without a score (failed) counts as hopeless
-        let psnr = live_psnr(&plan.run_folder(entry.run), rung).map_or(f64::NEG_INFINITY, |(_, p)| p);
+        let failed = matches!(progress(plan, entry.run), Progress::Failed(_));
+        let psnr = live_psnr(&plan.run_folder(entry.run), rung).filter(|_| !failed);
+        // a run that failed, or has no score, counts as hopeless
+        let psnr = psnr.map_or(f64::NEG_INFINITY, |(_, p)| p);
         scores.entry(group(plan, entry)).or_default().push(psnr);
     }
     let mut fields: BTreeMap<(&str, &str), Vec<(f64, &str)>> = BTreeMap::new();
@@ -46,21 +48,12 @@ fn file(dir: &Path) -> PathBuf {
     dir.join("halving.json")
 }
 
-/// Notes which runs were stopped at `rung`: those of `all` that are not in `on`.
+/// Notes the step at which each stopped run was stopped, by key, in place of what was noted before.
 ///
 /// # Errors
 /// If the note cannot be written.
-pub fn save(dir: &Path, plan: &Plan, all: &[usize], on: &[usize], rung: usize) -> Result<(), SweepError> {
-    let mut stopped = stopped(dir);
-    for run in all {
-        let key = &plan.runs[*run].key;
-        if on.contains(run) {
-            stopped.remove(key);
-        } else {
-            stopped.entry(key.clone()).or_insert(rung);
-        }
-    }
-    write(&file(dir), &stopped).map_err(|e| SweepError::io(dir, e))
+pub fn save(dir: &Path, stopped: &BTreeMap<String, usize>) -> Result<(), SweepError> {
+    write(&file(dir), stopped).map_err(|e| SweepError::io(dir, e))
 }
 
 /// The step at which each stopped run of the sweep was stopped, by key.

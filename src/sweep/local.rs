@@ -10,7 +10,7 @@ use super::plan::Plan;
 use super::result::{Failure, Metrics, Progress, failure_path, live_psnr, metrics_path, progress, read, write};
 use crate::log::progress::{bar, duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -28,6 +28,8 @@ pub const HELD: u8 = 76;
 pub struct LocalOptions {
     /// Folder of the sweep.
     pub dir: PathBuf,
+    /// Hash of the plan.
+    pub plan: String,
     /// Processes at a time.
     pub jobs: usize,
     /// The runs to take, from 0.
@@ -67,19 +69,27 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
     std::fs::create_dir_all(options.dir.join("logs")).map_err(|e| SweepError::io(&options.dir, e))?;
     let mut tally = Tally::default();
     let mut runs = options.runs.clone();
+    let mut stopped = BTreeMap::new();
     if let Some(spec) = &plan.halving {
         for &rung in &spec.rungs {
             let short = |i: &usize| progress(plan, *i) == Progress::Open && steps_done(&plan.run_folder(*i)) < rung;
             let open: Vec<usize> = runs.iter().copied().filter(short).collect();
             if !open.is_empty() {
                 eprintln!("to step {rung}: {} runs", open.len());
-                Pool::new(plan, options, Some(rung), stop).all(&open, &mut Tally::default())?;
+                let mut at_rung = Tally::default();
+                Pool::new(plan, options, Some(rung), stop).all(&open, &mut at_rung)?;
+                if at_rung.died > 0 {
+                    // judged now, they would be judged by less than the others
+                    return Ok(Tally { died: at_rung.died, failed: at_rung.failed, ..tally });
+                }
             }
             let on = halving::survivors(plan, &runs, rung, spec.keep);
-            tally.stopped += runs.len() - on.len();
+            let off = runs.iter().filter(|run| !on.contains(run));
+            stopped.extend(off.map(|run| (plan.runs[*run].key.clone(), rung)));
             runs = on;
-            halving::save(&options.dir, plan, &options.runs, &runs, rung)?;
+            halving::save(&options.dir, &stopped)?;
         }
+        tally.stopped = stopped.len();
         eprintln!("to the end: {} runs", runs.len());
     }
     let done = |i: &usize| progress(plan, *i) == Progress::Done;
@@ -117,30 +127,42 @@ impl<'a> Pool<'a> {
 
     /// Runs `open`, in order, `jobs` at a time.
     fn all(&self, open: &[usize], tally: &mut Tally) -> Result<(), SweepError> {
+        let mut jobs = Vec::new();
+        let ended = self.drive(open, &mut jobs, tally);
+        // after an error too, nobody is left behind
+        self.end(jobs);
+        self.overall.finish_and_clear();
+        ended
+    }
+
+    fn drive(&self, open: &[usize], jobs: &mut Vec<Job>, tally: &mut Tally) -> Result<(), SweepError> {
         let mut waiting: VecDeque<usize> = open.iter().copied().collect();
         // runs that another process has; asked for again now and then
         let mut held: Vec<(usize, Instant)> = Vec::new();
-        let mut jobs: Vec<Job> = Vec::new();
         let mut said_held = Vec::new();
         self.overall.set_length(open.len() as u64);
         self.overall.enable_steady_tick(Duration::from_millis(500));
         while !(waiting.is_empty() && held.is_empty() && jobs.is_empty()) {
             if self.stop.load(Ordering::Relaxed) {
-                return self.give_up(jobs);
+                self.say("saving checkpoints");
+                return Err(SweepError::Interrupted);
             }
             while jobs.len() < self.options.jobs
                 && let Some(index) = waiting.pop_front()
             {
                 jobs.push(self.start(index)?);
             }
-            let mut running = Vec::new();
-            for mut job in jobs {
-                match job.child.try_wait().map_err(|e| SweepError::io(&self.options.program, e))? {
-                    None => {
-                        self.look(&mut job);
-                        running.push(job);
-                    }
-                    Some(status) if status.code() == Some(i32::from(HELD)) => {
+            let mut i = 0;
+            while i < jobs.len() {
+                let Some(status) = jobs[i].child.try_wait().map_err(|e| SweepError::io(&self.options.program, e))?
+                else {
+                    self.look(&mut jobs[i]);
+                    i += 1;
+                    continue;
+                };
+                let job = jobs.remove(i);
+                match status {
+                    status if status.code() == Some(i32::from(HELD)) => {
                         job.line.finish_and_clear();
                         if !said_held.contains(&job.index) {
                             said_held.push(job.index);
@@ -148,10 +170,9 @@ impl<'a> Pool<'a> {
                         }
                         held.push((job.index, Instant::now()));
                     }
-                    Some(status) => self.ended(&job, status, tally)?,
+                    status => self.ended(&job, status, tally),
                 }
             }
-            jobs = running;
             held.retain(|(index, since)| {
                 let again = since.elapsed() > Duration::from_secs(3);
                 if again {
@@ -161,7 +182,6 @@ impl<'a> Pool<'a> {
             });
             std::thread::sleep(Duration::from_millis(50));
         }
-        self.overall.finish_and_clear();
         Ok(())
     }
 
@@ -175,7 +195,14 @@ impl<'a> Pool<'a> {
         let errors = log.try_clone().map_err(|e| SweepError::io(&path, e))?;
         let mut command = Command::new(&self.options.program);
         command.arg("sweep").arg("worker").arg(&self.options.dir);
-        command.args(["--task", &index.to_string(), "--parent", &std::process::id().to_string()]);
+        command.args([
+            "--plan",
+            &self.options.plan,
+            "--task",
+            &index.to_string(),
+            "--parent",
+            &std::process::id().to_string(),
+        ]);
         if let Some(steps) = self.stop_after {
             command.args(["--stop-after", &steps.to_string()]);
         }
@@ -210,7 +237,7 @@ impl<'a> Pool<'a> {
         if self.overall.is_hidden() { eprintln!("{text}") } else { self.overall.println(text) }
     }
 
-    fn ended(&self, job: &Job, status: ExitStatus, tally: &mut Tally) -> Result<(), SweepError> {
+    fn ended(&self, job: &Job, status: ExitStatus, tally: &mut Tally) {
         job.line.finish_and_clear();
         self.overall.inc(1);
         let run = &self.plan.runs[job.index];
@@ -223,7 +250,7 @@ impl<'a> Pool<'a> {
             let found: Option<Metrics> = read(&metrics_path(&folder, &self.plan.eval));
             let psnr = found.and_then(|m| m.get("psnr").copied()).or(live_psnr(&folder, usize::MAX).map(|(_, p)| p));
             self.say(&format!("{head}{}", psnr.map(|p| format!(", {p:.2} dB")).unwrap_or_default()));
-            return Ok(());
+            return;
         }
         let log = self.log_path(job.index);
         match (status.code(), read::<Failure>(&failure_path(&folder))) {
@@ -240,7 +267,11 @@ impl<'a> Pool<'a> {
                 // a panic, or an error before the run's folder could be used
                 let error = last_words(&log).unwrap_or_else(|| format!("exit code {code}"));
                 let failure = Failure { error: error.clone(), stage: "process".into() };
-                write(&failure_path(&folder), &failure).map_err(|e| SweepError::io(&folder, e))?;
+                // the run's folder may be what is wrong; the others go on
+                let noted = std::fs::create_dir_all(&folder).is_ok() && write(&failure_path(&folder), &failure).is_ok();
+                if !noted {
+                    self.say(&format!("{}: the failure cannot be noted there", folder.display()));
+                }
                 self.say(&format!("{head}, FAILED: {error}; see {}", log.display()));
             }
             (None, _) => {
@@ -248,12 +279,10 @@ impl<'a> Pool<'a> {
                 self.say(&format!("{head}, DIED of {status} (out of memory?); goes on at the next call"));
             }
         }
-        Ok(())
     }
 
     /// Asks all children to save and end, and waits for them.
-    fn give_up(&self, jobs: Vec<Job>) -> Result<(), SweepError> {
-        self.say("saving checkpoints");
+    fn end(&self, jobs: Vec<Job>) {
         for job in &jobs {
             terminate(&job.child);
         }
@@ -261,8 +290,6 @@ impl<'a> Pool<'a> {
             let _ = job.child.wait();
             job.line.finish_and_clear();
         }
-        self.overall.finish_and_clear();
-        Err(SweepError::Interrupted)
     }
 }
 

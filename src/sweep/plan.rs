@@ -7,7 +7,7 @@ use super::SweepError;
 use super::axes::{Settings, Variant, flatten, variants};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
-use super::key::key;
+use super::key::{key, short_hash};
 use super::spec::SegmentSpec;
 use crate::compare::PaperTable;
 use crate::compare::metric::metric;
@@ -38,6 +38,8 @@ pub struct PlanOptions {
     pub devices: Vec<String>,
     /// LPIPS weights beside the file's.
     pub lpips_weights: Vec<PathBuf>,
+    /// The runs are for other machines, whose devices this one need not have.
+    pub elsewhere: bool,
 }
 
 /// A sweep, ready to run; `plan.json`.
@@ -129,7 +131,7 @@ impl Plan {
             file.devices = vec!["flex".to_owned()];
         }
         file.eval.lpips_weights.extend(options.lpips_weights.iter().cloned());
-        check_lists(&file, path)?;
+        check_lists(&file, path, options.elsewhere)?;
         let variants = variants(&file, path)?;
         let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
         let datasets = datasets(&file, path, &options.data, &options.out)?;
@@ -248,23 +250,38 @@ impl Plan {
         self.runs_folder.join(&self.runs[index].key)
     }
 
-    /// Writes `plan.json` into `dir`, which is made.
+    /// Writes `plan.json` into `dir`, which is made, and beside it `plans/HASH.json`, which stays when the file is edited
+    /// and planned again: workers of before still find what they were started for. Gives the hash.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn save(&self, dir: &Path) -> Result<(), SweepError> {
-        let path = dir.join("plan.json");
-        std::fs::create_dir_all(dir).map_err(|e| SweepError::io(dir, e))?;
-        let json = serde_json::to_vec_pretty(self).map_err(|e| SweepError::io(&path, e))?;
-        crate::files::write_atomic(&path, &json).map_err(|e| SweepError::io(&path, e))
+    pub fn save(&self, dir: &Path) -> Result<String, SweepError> {
+        let plans = dir.join("plans");
+        std::fs::create_dir_all(&plans).map_err(|e| SweepError::io(&plans, e))?;
+        let (text, hash) = (self.text(), self.hash());
+        for path in [plans.join(format!("{hash}.json")), dir.join("plan.json")] {
+            crate::files::write_atomic(&path, text.as_bytes()).map_err(|e| SweepError::io(&path, e))?;
+        }
+        Ok(hash)
     }
 
-    /// Reads `plan.json` of the sweep in `dir`.
+    fn text(&self) -> String {
+        // only maps whose keys are no text have no JSON, and a plan has none
+        serde_json::to_string_pretty(self).unwrap_or_default()
+    }
+
+    /// What tells this plan from others of the same sweep, eight hexadecimal digits.
+    #[must_use]
+    pub fn hash(&self) -> String {
+        short_hash(&self.text())
+    }
+
+    /// Reads the plan of the sweep in `dir`: the newest, or the one of that hash.
     ///
     /// # Errors
     /// If it is not there, or no plan of this version of the program.
-    pub fn load(dir: &Path) -> Result<Self, SweepError> {
-        let path = dir.join("plan.json");
+    pub fn load(dir: &Path, hash: Option<&str>) -> Result<Self, SweepError> {
+        let path = hash.map_or(dir.join("plan.json"), |hash| dir.join("plans").join(format!("{hash}.json")));
         let text = std::fs::read_to_string(&path).map_err(|e| SweepError::io(&path, e))?;
         let plan: Self = serde_json::from_str(&text)
             .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
@@ -343,7 +360,7 @@ fn assignments(settings: &Settings) -> Vec<String> {
     settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
 }
 
-fn check_lists(file: &SweepFile, path: &Path) -> Result<(), SweepError> {
+fn check_lists(file: &SweepFile, path: &Path, elsewhere: bool) -> Result<(), SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
     for (i, seed) in file.seeds.iter().enumerate() {
         if file.seeds[..i].contains(seed) {
@@ -352,7 +369,9 @@ fn check_lists(file: &SweepFile, path: &Path) -> Result<(), SweepError> {
     }
     for (i, device) in file.devices.iter().enumerate() {
         let name: DeviceName = device.parse().map_err(|e| bad("devices", format!("{e}")))?;
-        name.open().map_err(|e| bad("devices", e.to_string()))?;
+        if !elsewhere {
+            name.open().map_err(|e| bad("devices", e.to_string()))?;
+        }
         if file.devices[..i].contains(device) {
             return Err(bad("devices", format!("{device} stands there twice")));
         }

@@ -69,6 +69,9 @@ fn what_would_not_run_is_an_error_that_names_it() {
     assert!(error("[data]\nx = { synthetic = 'teapot' }").contains("data.x"));
     assert!(error("[data]\nx = '/no/such/folder'").contains("data.x"));
     assert!(error("title = 'no data'").contains("--data"));
+    let data = vec!["/one/data".into(), "/two/data".into()];
+    let twice = plan_with("", &PlanOptions { data, ..PlanOptions::default() }).unwrap_err().to_string();
+    assert!(twice.contains("two datasets are called \"data\""), "{twice}");
 }
 
 #[test]
@@ -119,8 +122,13 @@ fn a_plan_is_read_back_and_finds_its_runs_wherever_it_lies() {
     let options = PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() };
     let plan = plan_with(&text, &options).unwrap();
     let folder = dir.path().join("my-sweep");
-    plan.save(&folder).unwrap();
-    assert_eq!(Plan::load(&folder).unwrap(), plan);
+    let hash = plan.save(&folder).unwrap();
+    assert_eq!(Plan::load(&folder, None).unwrap(), plan);
+    // planned again with another seed: workers that were started before find theirs
+    let other = plan_with(&text, &PlanOptions { seeds: vec![9], ..options }).unwrap();
+    assert_ne!(other.save(&folder).unwrap(), hash);
+    assert_eq!(Plan::load(&folder, None).unwrap(), other);
+    assert_eq!(Plan::load(&folder, Some(&hash)).unwrap(), plan);
 }
 
 #[test]

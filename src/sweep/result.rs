@@ -79,8 +79,9 @@ pub enum Progress {
 pub fn progress(plan: &Plan, index: usize) -> Progress {
     let folder = plan.run_folder(index);
     let run = &plan.runs[index];
-    let measured = metrics_path(&folder, &plan.eval).is_file();
-    if measured && run.segments.iter().all(|s| segments_path(&folder, &plan.eval, s).is_file()) {
+    let measured = read::<Metrics>(&metrics_path(&folder, &plan.eval)).is_some();
+    let segments = |s| read::<BTreeMap<String, Metrics>>(&segments_path(&folder, &plan.eval, s)).is_some();
+    if measured && run.segments.iter().all(segments) {
         return Progress::Done;
     }
     read(&failure_path(&folder)).map_or(Progress::Open, Progress::Failed)

@@ -11,7 +11,7 @@ use crate::device::DeviceName;
 use crate::eval::results::write_results;
 use crate::eval::run::{Costs, evaluate};
 use crate::eval::segments;
-use crate::files::AtomicDir;
+use crate::files::{AtomicDir, clean_stale};
 use crate::metrics::lpips::Lpips;
 use crate::model::Scene;
 use crate::train::checkpoint;
@@ -45,18 +45,17 @@ pub enum Ended {
 /// If the run's folder cannot be used. What goes wrong in the run itself is no error but [`Ended::Failed`].
 pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicBool) -> std::io::Result<Ended> {
     let folder = plan.run_folder(index);
-    if progress(plan, index) == Progress::Done {
-        return Ok(Ended::WasDone);
+    if let Some(ended) = ended(plan, index) {
+        return Ok(ended);
     }
     let held = match claim(&folder)? {
         Claimed::Mine(claim) => claim,
         Claimed::Held(holder) => return Ok(Ended::Held(holder.to_string())),
     };
-    // it may have been finished while we asked
-    if progress(plan, index) == Progress::Done {
-        return Ok(Ended::WasDone);
+    // it may have ended while we asked
+    if let Some(ended) = ended(plan, index) {
+        return Ok(ended);
     }
-    let _ = std::fs::remove_file(failure_path(&folder));
     let ended = match (Worker { plan, run: &plan.runs[index], folder: &folder, stop }).go(stop_after) {
         Ok(ended) => ended,
         Err(_) if stop.load(Ordering::Relaxed) => Ended::Interrupted,
@@ -67,6 +66,15 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
     };
     drop(held);
     Ok(ended)
+}
+
+/// How a run ended before: done, or failed, which is tried again only when asked for (its note is then removed).
+fn ended(plan: &Plan, index: usize) -> Option<Ended> {
+    match progress(plan, index) {
+        Progress::Done => Some(Ended::WasDone),
+        Progress::Failed(failure) => Some(Ended::Failed(format!("{}: {}", failure.stage, failure.error))),
+        Progress::Open => None,
+    }
 }
 
 struct Worker<'a> {
@@ -89,6 +97,9 @@ impl Worker<'_> {
             self.plan.datasets.get(&self.run.dataset).ok_or("the plan lacks the dataset").map_err(failed("data"))?;
         if let Some(ended) = self.train(&config, &data.folder, &device, stop_after)? {
             return Ok(ended);
+        }
+        if self.stop.load(Ordering::Relaxed) {
+            return Ok(Ended::Interrupted);
         }
         let record: RunRecord = self.record()?;
         let path = checkpoint::newest_scene(self.folder).ok_or("no checkpoint").map_err(failed("eval"))?;
@@ -155,7 +166,9 @@ impl Worker<'_> {
         let costs = Costs { training_seconds: record.training_seconds, model_bytes };
         let evaluation = evaluate(scene, &split, networks, &costs, |_, _| ()).map_err(failed("eval"))?;
         write_results(&self.folder.join("eval/test"), &evaluation).map_err(failed("eval"))?;
-        let metrics = crate::compare::runs::metrics(&evaluation.summary, record);
+        let mut metrics = crate::compare::runs::metrics(&evaluation.summary, record);
+        // a number that is none has no place in JSON, and none in a table
+        metrics.retain(|_, value| value.is_finite());
         write(&metrics_path(self.folder, &self.plan.eval), &metrics).map_err(failed("eval"))
     }
 
@@ -173,7 +186,8 @@ impl Worker<'_> {
         }
         let options = spec.options(seed).map_err(failed("segments"))?;
         let truth = Truth::read(data).map_err(failed("segments"))?;
-        // never published: it goes when this ends
+        // never published: it goes when this ends, or now if an earlier one was killed
+        clean_stale(self.folder).map_err(failed("segments"))?;
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let evaluation =
             segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| eprintln!("{what}"))
@@ -195,6 +209,7 @@ impl Worker<'_> {
             metrics.extend(
                 evaluation.training_seconds.get(result.method.name()).map(|s| ("segment_seconds".to_owned(), *s)),
             );
+            metrics.retain(|_, value| value.is_finite());
             by_segment.insert(result.segment.clone(), metrics);
         }
         write(&path, &by_segment).map_err(failed("segments"))

@@ -55,12 +55,12 @@ fn arrays_run_stop_resume_and_are_cancelled() {
     let done = |task: usize| sweep.join(format!("done-{task}")).exists();
     wait_until("a short task", &log(submitted[0].job, 1), || done(1));
     wait_until("a task with an offset", &log(submitted[1].job, 499), || done(2500));
-    wait_until("the long task", &first, || queue(&tools, &sweep).unwrap().get(&0).is_some_and(|s| s.runs()));
+    wait_until("the long task", &first, || queue(&tools, &sweep, "").unwrap().get(&0).is_some_and(|s| s.runs()));
     wait_until("the warning", &first, || sweep.join("saved-0").exists());
     wait_until("the second start", &first, || done(0));
     let text = fs::read_to_string(&first).unwrap();
     assert!(text.contains("queued again") && text.contains("start 1,") && text.contains("threads 2"), "{text}");
-    wait_until("an empty queue", &first, || queue(&tools, &sweep).unwrap().is_empty());
+    wait_until("an empty queue", &first, || queue(&tools, &sweep, "").unwrap().is_empty());
     assert!(!done(2));
 
     // Cancelled: it saves, and stays away.
@@ -68,9 +68,9 @@ fn arrays_run_stop_resume_and_are_cancelled() {
     let log = log(again[0].job, 5);
     let begun = || fs::read_to_string(&log).is_ok_and(|text| text.contains("threads"));
     wait_until("a start", &log, begun);
-    cluster.call("scancel", &[&queue(&tools, &sweep).unwrap()[&5].id]);
+    cluster.call("scancel", &[&queue(&tools, &sweep, "").unwrap()[&5].id]);
     wait_until("saving", &log, || sweep.join("saved-5").exists());
-    wait_until("an empty queue", &log, || queue(&tools, &sweep).unwrap().is_empty());
+    wait_until("an empty queue", &log, || queue(&tools, &sweep, "").unwrap().is_empty());
     let text = fs::read_to_string(&log).unwrap();
     assert!(text.contains("CANCELLED") && !text.contains("queued again"), "{text}");
     assert_eq!(submissions(&sweep).unwrap().len(), 3);

@@ -67,7 +67,7 @@ impl Planned {
     fn open(&self) -> Result<(PathBuf, Plan), CliError> {
         let dir =
             if self.sweep.join("plan.json").is_file() { self.sweep.clone() } else { folder(&self.out, &self.sweep) };
-        let plan = Plan::load(&dir)
+        let plan = Plan::load(&dir, None)
             .map_err(|e| CliError::input(format!("{e}; start it by `volseggs sweep {}`", self.sweep.display())))?;
         Ok((dir, plan))
     }

@@ -50,8 +50,11 @@ impl StatusArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (dir, plan) = self.planned.open()?;
         let tools = Tools::default();
-        let queued =
-            if dir.join("slurm").is_dir() && tools.have("squeue") { queue(&tools, &dir)? } else { BTreeMap::new() };
+        let queued = if dir.join("slurm").is_dir() && tools.have("squeue") {
+            queue(&tools, &dir, &plan.hash())?
+        } else {
+            BTreeMap::new()
+        };
         let stopped = halving::stopped(&dir);
         let status = |task: usize| -> RunStatus {
             let run = &plan.runs[task];

@@ -72,6 +72,7 @@ impl StartArgs {
             seeds: self.seeds.clone(),
             devices: self.devices.clone(),
             lpips_weights: absolute(&self.lpips_weights)?,
+            elsewhere: self.slurm,
         };
         let plan = Plan::new(&file, &options)?;
         if plan.metrics.iter().any(|m| m.starts_with("lpips")) && plan.eval.lpips_weights.is_empty() {
@@ -91,7 +92,7 @@ impl StartArgs {
         // read before anything is written
         let profile = self.profile.as_deref().map(Profile::read).transpose()?.unwrap_or_default();
         let stop = stop_flag("stopping; runs save checkpoints first")?;
-        plan.save(&dir)?;
+        let hash = plan.save(&dir)?;
         if self.rerun_failed {
             for &run in &runs {
                 let _ = std::fs::remove_file(failure_path(&plan.run_folder(run)));
@@ -101,10 +102,10 @@ impl StartArgs {
             data.make(&stop)?;
         }
         if self.slurm {
-            return self.submit(&plan, &dir, &runs, profile);
+            return self.submit(&plan, (&dir, &hash), &runs, profile);
         }
         let program = std::env::current_exe().map_err(CliError::failure)?;
-        let options = LocalOptions { dir: dir.clone(), jobs: self.jobs, runs, program };
+        let options = LocalOptions { dir: dir.clone(), plan: hash, jobs: self.jobs, runs, program };
         let tally = local::run(&plan, &options, &stop)?;
         results::report(&plan, &dir, self.json)?;
         if tally.failed + tally.died > 0 {
@@ -185,10 +186,16 @@ impl StartArgs {
         Ok(())
     }
 
-    fn submit(&self, plan: &Plan, dir: &Path, runs: &[usize], profile: Profile) -> Result<(), CliError> {
+    fn submit(
+        &self,
+        plan: &Plan,
+        (dir, hash): (&Path, &str),
+        runs: &[usize],
+        profile: Profile,
+    ) -> Result<(), CliError> {
         let tools = Tools::default();
-        let job = Job::new(dir, profile)?;
-        let queued = if tools.have("squeue") { queue(&tools, dir)? } else { Default::default() };
+        let job = Job { plan: hash.to_owned(), ..Job::new(dir, profile)? };
+        let queued = if tools.have("squeue") { queue(&tools, dir, hash)? } else { Default::default() };
         let open = |i: &usize| progress(plan, *i) == Progress::Open && !queued.contains_key(i);
         let tasks: Vec<usize> = runs.iter().copied().filter(open).collect();
         if tasks.is_empty() {

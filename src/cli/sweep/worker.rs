@@ -17,6 +17,9 @@ pub(super) struct WorkerArgs {
     /// Number of the run in the plan, from 0.
     #[arg(long, value_name = "N")]
     task: usize,
+    /// Hash of the plan (plans/HASH.json); the newest if not given.
+    #[arg(long, value_name = "HASH")]
+    plan: Option<String>,
     /// Pause training after this many steps in all.
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
@@ -27,7 +30,7 @@ pub(super) struct WorkerArgs {
 
 impl WorkerArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let plan = Plan::load(&self.dir)?;
+        let plan = Plan::load(&self.dir, self.plan.as_deref())?;
         let Some(run) = plan.runs.get(self.task) else {
             return Err(CliError::input(format!(
                 "--task {}: the plan has {} runs, from 0",

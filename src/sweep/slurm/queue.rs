@@ -35,13 +35,14 @@ impl TaskState {
     }
 }
 
-/// The tasks of the sweep in `dir` that stand in the queue. A task that was submitted twice is told as it runs, or else
+/// The tasks of the sweep in `dir` that stand in the queue and are of `plan` (its hash, as in [`super::Job`]). A task that was submitted twice is told as it runs, or else
 /// by its last submission.
 ///
 /// # Errors
 /// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it cannot tell, errors of the list of jobs.
-pub fn queue(tools: &Tools, dir: &Path) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
-    let submissions = submissions(dir)?;
+pub fn queue(tools: &Tools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
+    let mut submissions = submissions(dir)?;
+    submissions.retain(|s| s.plan == plan);
     let clusters: BTreeSet<Option<&str>> = submissions.iter().map(|s| s.cluster.as_deref()).collect();
     let mut out: BTreeMap<usize, TaskState> = BTreeMap::new();
     for cluster in clusters {
@@ -105,7 +106,7 @@ mod tests {
         fs::write(dir.path().join("slurm/jobs.jsonl"), list).unwrap();
         let bin = dir.path().join("bin");
         fake::program(&bin, "squeue", squeue);
-        queue(&Tools::new(&fake::path(&bin)), dir.path())
+        queue(&Tools::new(&fake::path(&bin)), dir.path(), "")
     }
 
     const TWO: &str = "{\"job\":4,\"offset\":0,\"tasks\":[1,2,3],\"time\":1}\n\

@@ -19,6 +19,8 @@ pub struct Job {
     pub name: String,
     /// The sweep's folder, absolute.
     pub dir: PathBuf,
+    /// Hash of the plan whose runs the tasks are; the newest one if empty.
+    pub plan: String,
     /// What a task may use.
     pub profile: Profile,
     /// The program as shell text: the profile's `command`, or the quoted path of this one.
@@ -51,7 +53,7 @@ impl Job {
         };
         let plain = |c: char| if c.is_ascii_alphanumeric() || "_.-".contains(c) { c } else { '_' };
         let name: String = dir.file_name().and_then(|n| n.to_str()).unwrap_or("sweep").chars().map(plain).collect();
-        Ok(Self { name, profile, command, dir })
+        Ok(Self { name, plan: String::new(), profile, command, dir })
     }
 
     /// The folder of the script, the logs and the list of submitted jobs.
@@ -110,9 +112,10 @@ pub fn script(job: &Job) -> String {
         out,
         "export RAYON_NUM_THREADS=\"${{SLURM_CPUS_PER_TASK:-${{SLURM_CPUS_ON_NODE:-1}}}}\"\n\n\
          [[ -z \"$asked\" ]] || finish {RESUMABLE}\n\
-         {command} sweep worker {dir} --task \"$task\" &\n",
+         {command} sweep worker {dir} --task \"$task\"{plan} &\n",
         command = job.command,
         dir = quote(&job.dir.to_string_lossy()),
+        plan = if job.plan.is_empty() { String::new() } else { format!(" --plan {}", quote(&job.plan)) },
     );
     out += WAIT;
     out

@@ -29,6 +29,9 @@ pub struct Submission {
     pub offset: usize,
     /// The tasks, in rising order.
     pub tasks: Vec<usize>,
+    /// Hash of the plan that numbers them; empty in old lists.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub plan: String,
     /// Seconds since 1970.
     pub time: u64,
 }
@@ -69,7 +72,7 @@ pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submissio
             .ok_or_else(|| SlurmError::Answer { program: "sbatch".to_owned(), said: said.trim().to_owned() })?;
         let tasks = indices.iter().map(|index| index + offset).collect();
         let time = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-        let submission = Submission { job: number, cluster, offset, tasks, time };
+        let submission = Submission { job: number, cluster, offset, tasks, plan: job.plan.clone(), time };
         list.append(&submission)?;
         list.sync()?;
         out.push(submission);
