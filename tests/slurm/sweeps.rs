@@ -42,12 +42,13 @@ impl Site {
     fn submit(&self, file: &Path, profile: &Path) -> Value {
         let arguments = [file.to_str().unwrap(), "--slurm", "--json", "--profile", profile.to_str().unwrap()];
         let output = succeeded(self.sweep(&arguments).output().unwrap());
-        serde_json::from_slice(&output.stdout).unwrap()
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()["jobs"].take()
     }
 
     fn status(&self, file: &Path) -> Vec<Value> {
         let output = succeeded(self.sweep(&["status", file.to_str().unwrap(), "--json"]).output().unwrap());
-        serde_json::from_slice(&output.stdout).unwrap()
+        let mut status: Value = serde_json::from_slice(&output.stdout).unwrap();
+        serde_json::from_value(status["runs"].take()).unwrap()
     }
 
     fn wait(&self, file: &Path, what: &str, reached: impl Fn(&[Value]) -> bool) -> Vec<Value> {

@@ -90,7 +90,7 @@ impl StatusArgs {
         };
         let all: Vec<RunStatus> = (0..plan.runs.len()).map(status).collect();
         if self.json {
-            return print_json(&all);
+            return print_json(&serde_json::json!({ "runs": all }));
         }
         let width = all.iter().map(|r| r.label.len()).max().unwrap_or(0).min(60);
         for r in &all {

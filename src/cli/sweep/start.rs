@@ -214,7 +214,7 @@ impl StartArgs {
                 dir.display()
             );
         }
-        if self.json { print_json(&jobs) } else { Ok(()) }
+        if self.json { print_json(&serde_json::json!({ "jobs": jobs })) } else { Ok(()) }
     }
 }
 
