@@ -4,10 +4,9 @@
 
 use super::datasets::DataPlan;
 use super::plan::{Plan, Run};
-use super::result::Progress;
+use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
 use crate::train::run::RunRecord;
-use std::path::Path;
 
 /// Seconds of CPU time that any step takes.
 const PER_STEP: f64 = 0.02;
@@ -80,11 +79,12 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let (mut seconds, mut memory, mut open) = (0.0, 0.0f64, 0);
     for (i, run) in plan.runs.iter().enumerate() {
         let Some(cost) = of(run) else { continue };
-        if let Some(record) = record(&plan.run_folder(i)).filter(|r| r.status == "complete") {
+        let record: Option<RunRecord> = read(&plan.run_folder(i).join("run.json"));
+        if let Some(record) = record.filter(|r| r.status == "complete") {
             let threads = record.threads as f64;
             ratios.push(record.training_seconds * threads * BUSY / cost.cpu_seconds.max(1e-9));
         }
-        if runs.contains(&i) && super::result::progress(plan, i) == Progress::Open {
+        if runs.contains(&i) && progress(plan, i) == Progress::Open {
             open += 1;
             seconds += wall(cost) / jobs.max(1) as f64;
             memory = memory.max(cost.memory);
@@ -94,8 +94,4 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let correction = ratios.get(ratios.len() / 2).copied().unwrap_or(1.0);
     let together = jobs.min(open).max(1) as f64;
     Estimate { open, seconds: seconds * correction, memory: memory * together, correction }
-}
-
-fn record(folder: &Path) -> Option<RunRecord> {
-    serde_json::from_str(&std::fs::read_to_string(folder.join("run.json")).ok()?).ok()
 }

@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Exit code of a worker that was interrupted and can go on.
-pub const INTERRUPTED: u8 = 75;
+pub const INTERRUPTED: u8 = super::slurm::script::RESUMABLE;
 /// Exit code of a worker whose run another process has.
 pub const HELD: u8 = 76;
 

@@ -3,7 +3,7 @@
 
 use super::claim::{Claimed, claim};
 use super::plan::{Plan, Run};
-use super::result::{Failure, Metrics, Progress, failure_path, metrics_path, progress, segments_path, write};
+use super::result::{Failure, Metrics, Progress, failure_path, metrics_path, progress, read, segments_path, write};
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
 use crate::data::{SplitName, Truth};
@@ -121,8 +121,7 @@ impl Worker<'_> {
 
     fn record(&self) -> Result<RunRecord, Failure> {
         let path = self.folder.join("run.json");
-        let text = std::fs::read_to_string(&path).map_err(failed("eval"))?;
-        serde_json::from_str(&text).map_err(failed("eval"))
+        read(&path).ok_or_else(|| failed("eval")(format!("{}: not there, or not whole", path.display())))
     }
 
     /// Trains to the end; says how it ended if it did not get there.
