@@ -4,6 +4,11 @@
 //! `data` (images and cameras) -> `model` and `train` -> `eval` and
 //! `export`. Data flows one way; no folder reaches back. The binary's commands live in `cli`.
 
+#![deny(clippy::print_stdout, clippy::print_stderr)] // they panic where nobody reads; see `terminal`
+
+#[macro_use]
+pub mod terminal;
+
 pub mod cli;
 pub mod compare;
 pub mod config;
@@ -20,12 +25,14 @@ pub mod log;
 pub mod memory;
 pub mod metrics;
 pub mod model;
+pub mod name;
 pub mod points;
 pub mod prepare;
 pub mod report;
 pub mod rng;
 pub mod segment;
 pub mod sweep;
+pub mod tensors;
 pub mod track;
 pub mod train;
 pub mod volume;
@@ -37,10 +44,12 @@ pub use burn;
 /// your own calls it after it has registered its extensions, see [`extend`].
 #[must_use]
 pub fn main() -> std::process::ExitCode {
-    match <cli::Cli as clap::Parser>::parse().run() {
+    let outcome = <cli::Cli as clap::Parser>::parse().run();
+    let printed = terminal::finish().map_err(|e| cli::CliError::failure(format!("standard output: {e}")));
+    match outcome.and(printed) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            errln!("error: {error}");
             std::process::ExitCode::from(error.code())
         }
     }

@@ -1,8 +1,182 @@
-//! How much memory the process has used.
+//! Memory: how much the process has used, and how much it may ask for.
+//!
+//! Sizes that come from a person (pixels, frames, Gaussians, voxels) are held against a [`Budget`] before anything is
+//! allocated, as Rust aborts where an allocation fails.
+
+use std::fmt;
+use std::str::FromStr;
+use std::sync::OnceLock;
 
 /// Peak resident memory of this process, bytes; 0 where the system does not tell.
 pub fn peak_memory() -> u64 {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return 0 };
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok()).map_or(0, |kib| kib * 1024)
+    status("VmHWM:").unwrap_or(0)
+}
+
+/// A field of `/proc/self/status` in bytes.
+fn status(field: &str) -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix(field))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
+}
+
+/// What the command line allows.
+static ALLOWED: OnceLock<Bytes> = OnceLock::new();
+/// Where the system does not tell, so much is taken to be there.
+const ASSUMED: u64 = 8_000_000_000;
+
+/// Bytes of memory that may still be asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Budget(u64);
+
+/// A size that does not fit into memory.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{what}: needs about {} of memory, and {} are free; choose less, or allow more with --memory", Bytes::rounded(*needed), Bytes(*free))]
+pub struct TooLarge {
+    /// The flag or key with its value.
+    pub what: String,
+    /// Bytes.
+    pub needed: u128,
+    /// Bytes.
+    pub free: u64,
+}
+
+impl Budget {
+    /// What is free now: what `--memory` allows, or else the least of what the system, the container and the limit of
+    /// the process (`ulimit -v`) leave.
+    #[must_use]
+    pub fn now() -> Self {
+        if let Some(allowed) = ALLOWED.get() {
+            return Self(allowed.0);
+        }
+        let limits = [available(), container(), address_space()];
+        Self(limits.into_iter().flatten().min().unwrap_or(ASSUMED))
+    }
+
+    /// A budget of so many bytes.
+    #[must_use]
+    pub fn of(bytes: u64) -> Self {
+        Self(bytes)
+    }
+
+    /// Sets what the whole process may use, in place of what the system says; the first call counts.
+    pub fn allow(bytes: Bytes) {
+        let _ = ALLOWED.set(bytes);
+    }
+
+    /// Refuses what needs more bytes than there are. `what` is the flag or key with its value, such as `--size 100000`.
+    ///
+    /// # Errors
+    /// [`TooLarge`], naming `what`.
+    pub fn check(self, what: impl fmt::Display, bytes: u128) -> Result<(), TooLarge> {
+        if bytes <= u128::from(self.0) {
+            return Ok(());
+        }
+        Err(TooLarge { what: what.to_string(), needed: bytes, free: self.0 })
+    }
+}
+
+/// A product of sizes that cannot overflow.
+#[must_use]
+pub fn product(sizes: &[usize]) -> u128 {
+    sizes.iter().fold(1, |all: u128, n| all.saturating_mul(*n as u128))
+}
+
+fn available() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
+}
+
+/// What the control group of a container or a batch job leaves.
+fn container() -> Option<u64> {
+    let group = std::fs::read_to_string("/proc/self/cgroup").ok()?;
+    let path = group.lines().find_map(|l| l.strip_prefix("0::"))?;
+    let read = |name: &str| {
+        let own = format!("/sys/fs/cgroup{path}/{name}");
+        let text = std::fs::read_to_string(own).or_else(|_| std::fs::read_to_string(format!("/sys/fs/cgroup/{name}")));
+        text.ok()?.trim().parse::<u64>().ok()
+    };
+    Some(read("memory.max")?.saturating_sub(read("memory.current").unwrap_or(0)))
+}
+
+/// What `ulimit -v` leaves.
+#[cfg(any(target_os = "linux", target_os = "macos"))]
+fn address_space() -> Option<u64> {
+    let limit = rustix::process::getrlimit(rustix::process::Resource::As).current?;
+    Some(limit.saturating_sub(status("VmSize:").unwrap_or(0)))
+}
+
+#[cfg(not(any(target_os = "linux", target_os = "macos")))]
+fn address_space() -> Option<u64> {
+    None
+}
+
+/// A size in bytes, as it is written by people: `800M`, `12G`, `1.5GiB`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bytes(pub u64);
+
+impl Bytes {
+    fn rounded(bytes: u128) -> Self {
+        Self(u64::try_from(bytes).unwrap_or(u64::MAX))
+    }
+}
+
+impl FromStr for Bytes {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || format!("`{text}`: write a size such as 800M, 12G or 1.5GiB");
+        let end = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+        let (number, unit) = text.split_at(end);
+        let factor = match unit.to_ascii_lowercase().as_str() {
+            "" | "b" => 1.0,
+            "k" | "kb" => 1e3,
+            "m" | "mb" => 1e6,
+            "g" | "gb" => 1e9,
+            "t" | "tb" => 1e12,
+            "kib" => 1024.0,
+            "mib" => 1024.0 * 1024.0,
+            "gib" => 1024.0 * 1024.0 * 1024.0,
+            "tib" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+            _ => return Err(bad()),
+        };
+        let bytes = number.trim().parse::<f64>().map_err(|_| bad())? * factor;
+        if bytes.is_finite() && bytes >= 1.0 { Ok(Self(bytes as u64)) } else { Err(bad()) }
+    }
+}
+
+impl fmt::Display for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 as f64 {
+            b if b < 1e6 => write!(f, "{:.0} kB", b / 1e3),
+            b if b < 1e9 => write!(f, "{:.0} MB", b / 1e6),
+            b if b < 1e13 => write!(f, "{:.1} GB", b / 1e9),
+            b => write!(f, "{:.0} TB", b / 1e12),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_and_written_as_people_do() {
+        for (text, bytes) in [("1", 1), ("800M", 800_000_000), ("1.5GiB", 1_610_612_736), ("2 kb", 2000)] {
+            assert_eq!(text.parse::<Bytes>(), Ok(Bytes(bytes)), "{text}");
+        }
+        for bad in ["", "G", "nan", "inf", "-3G", "0", "3X", "1e400G"] {
+            assert!(bad.parse::<Bytes>().is_err(), "{bad}");
+        }
+        assert_eq!(Bytes(12_340_000_000).to_string(), "12.3 GB");
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_by_name() {
+        let budget = Budget::of(1_000_000_000);
+        assert_eq!(budget.check("--size 10", 400), Ok(()));
+        let side = usize::MAX;
+        let error = budget.check("--size 10", product(&[side, side, side])).unwrap_err().to_string();
+        assert!(error.starts_with("--size 10: needs about ") && error.contains("1.0 GB are free"), "{error}");
+        assert!(Budget::now().0 > 0);
+    }
 }

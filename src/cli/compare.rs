@@ -36,9 +36,9 @@ impl CompareArgs {
         if self.json {
             return print_json(&set);
         }
-        print!("{text}");
+        out!("{text}");
         if let Some(out) = &self.out {
-            eprintln!("report: {}", out.join("report.html").display());
+            errln!("report: {}", out.join("report.html").display());
         }
         Ok(())
     }

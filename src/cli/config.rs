@@ -5,11 +5,12 @@ use crate::config::layers::{Layers, Resolved, file_schema};
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use clap::{Args, Subcommand};
+use std::path::Path;
 
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Args)]
 pub struct ConfigSource {
-    /// Configuration file (TOML) or preset: best, quick, paper, official.
+    /// Configuration file (TOML) or preset: best, quick, demo, paper, official.
     #[arg(long, value_name = "FILE")]
     config: Option<String>,
     /// Override a key, such as loss.dssim=0.2; may be given many times.
@@ -26,6 +27,23 @@ impl ConfigSource {
         }
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(CliError::input)?;
         layers.sets(self.set.iter().cloned()).resolve::<Config>().map_err(CliError::input)
+    }
+}
+
+impl ConfigSource {
+    /// The same for a run that is resumed: `--config`, if given, or else the run's own file, then variables and `--set`.
+    pub(super) fn resolve_over(&self, run_config: &Path) -> Result<Resolved<Config>, CliError> {
+        if self.config.is_some() {
+            return self.resolve();
+        }
+        if !run_config.is_file() {
+            return Err(CliError::input(format!(
+                "{}: not there; give the folder that `volseggs train --out` made",
+                run_config.display()
+            )));
+        }
+        let own = Self { config: Some(run_config.to_string_lossy().into_owned()), set: self.set.clone() };
+        own.resolve()
     }
 }
 
@@ -58,12 +76,12 @@ enum Action {
 impl ConfigArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         match self.action {
-            Action::Show { source, json: false } => print!("{}", source.resolve()?.show()),
+            Action::Show { source, json: false } => out!("{}", source.resolve()?.show()),
             Action::Show { source, json: true } => super::print_json(&source.resolve()?.value)?,
             Action::Schema => super::print_json(&file_schema::<Config>())?,
             Action::Presets => PRESETS.iter().for_each(|(name, text)| {
                 let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();
-                println!("{name}: {}", comment.join(" "));
+                outln!("{name}: {}", comment.join(" "));
             }),
         }
         Ok(())

@@ -50,7 +50,7 @@ impl DemoArgs {
             e => CliError::failure(e),
         })?;
         let s = &outcome.evaluation.summary;
-        eprintln!(
+        errln!(
             "PSNR {:.2} dB, SSIM {:.4} on {} test views, {:.0} s in all\nopen {} in a browser",
             s.psnr,
             s.ssim,

@@ -93,34 +93,37 @@ impl DoctorArgs {
         if self.json {
             return print_json(&report);
         }
-        println!("volseggs {}", report.version);
+        outln!("volseggs {}", report.version);
         for (i, d) in report.devices.iter().enumerate() {
             let default = if i == 0 { " (default)" } else { "" };
-            println!("device {}{default}: {}", d.name, d.description);
+            outln!("device {}{default}: {}", d.name, d.description);
             if let Some(problem) = &d.problem {
-                println!("  not on this machine: {problem}");
+                outln!("  not on this machine: {problem}");
             }
             if let Some(g) = &d.gpu {
-                println!("  {} ({})", g.adapter, g.runtime);
+                outln!("  {} ({})", g.adapter, g.runtime);
                 let (gb, kib) = (g.max_buffer_bytes as f64 / 1e9, g.shared_memory_bytes / 1024);
-                println!(
+                outln!(
                     "  buffers up to {gb:.1} GB, {kib} KiB shared memory, {} units, planes of {} to {} (not needed)",
-                    g.max_units, g.plane[0], g.plane[1]
+                    g.max_units,
+                    g.plane[0],
+                    g.plane[1]
                 );
-                println!(
+                outln!(
                     "  gradients of the field: {} float atomics ({}); every other sum without atomics",
-                    g.atomics, g.because
+                    g.atomics,
+                    g.because
                 );
             }
         }
-        println!("kernels: {}, {} threads (RAYON_NUM_THREADS sets them)", report.simd, report.threads);
+        outln!("kernels: {}, {} threads (RAYON_NUM_THREADS sets them)", report.simd, report.threads);
         if let (Some(total), Some(free)) = (report.memory_total_bytes, report.memory_available_bytes) {
-            println!("memory: {:.1} GB, {:.1} GB available", total as f64 / 1e9, free as f64 / 1e9);
+            outln!("memory: {:.1} GB, {:.1} GB available", total as f64 / 1e9, free as f64 / 1e9);
         }
         let missing: Vec<String> =
             DeviceName::every().iter().filter(|d| !DeviceName::all().contains(d)).map(ToString::to_string).collect();
         if !missing.is_empty() {
-            println!("not in this build: {} (cargo features)", missing.join(", "));
+            outln!("not in this build: {} (cargo features)", missing.join(", "));
         }
         Ok(())
     }

@@ -1,6 +1,8 @@
 //! Errors as the terminal shows them.
 
 use crate::data::DataError;
+use crate::files::{LockError, ReplaceError};
+use crate::log::jsonl::JsonlError;
 use crate::train::TrainError;
 use std::fmt;
 
@@ -47,11 +49,30 @@ impl From<DataError> for CliError {
     }
 }
 
+impl From<LockError> for CliError {
+    fn from(error: LockError) -> Self {
+        match error {
+            LockError::Held { .. } => Self::input(error),
+            LockError::Io { .. } => Self::failure(error),
+        }
+    }
+}
+
+impl From<ReplaceError> for CliError {
+    fn from(error: ReplaceError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
+    }
+}
+
 impl From<TrainError> for CliError {
     fn from(error: TrainError) -> Self {
         match error {
             TrainError::Data(_) | TrainError::Config(_) | TrainError::Resume(_) => Self::input(error),
-            TrainError::NotFinite { .. } | TrainError::Log { .. } | TrainError::Save(_) => Self::failure(error),
+            TrainError::Lock(error) => error.into(),
+            TrainError::Metrics(JsonlError::Line { .. }) => Self::input(error),
+            TrainError::NotFinite { .. } | TrainError::Log { .. } | TrainError::Metrics(_) | TrainError::Save(_) => {
+                Self::failure(error)
+            }
         }
     }
 }

@@ -6,6 +6,7 @@ use super::{CliError, Common, print_json};
 use crate::data::SplitName;
 use crate::eval::results::write_results;
 use crate::eval::run::{Costs, evaluate};
+use crate::files::Work;
 use crate::log::progress;
 use crate::metrics::lpips::Lpips;
 use clap::Args;
@@ -40,7 +41,7 @@ pub struct EvalArgs {
 impl EvalArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
         let networks = self
             .lpips_weights
             .iter()
@@ -69,20 +70,20 @@ impl EvalArgs {
             return print_json(s);
         }
         let lpips = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
-        println!("views          {} ({}x{}, {} split)", s.views, s.width, s.height, s.split);
-        println!("PSNR           {:.2} dB", s.psnr);
-        println!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
-        println!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
+        outln!("views          {} ({}x{}, {} split)", s.views, s.width, s.height, s.split);
+        outln!("PSNR           {:.2} dB", s.psnr);
+        outln!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
+        outln!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
         for (name, value) in &s.extra {
-            println!("{name:<14} {value:.4}");
+            outln!("{name:<14} {value:.4}");
         }
-        println!("frames/second  {:.1}", s.fps);
-        println!("training       {:.1} min", s.training_seconds / 60.0);
-        println!("model          {:.2} MB, {} Gaussians", s.model_bytes as f64 / 1e6, s.gaussians);
+        outln!("frames/second  {:.1}", s.fps);
+        outln!("training       {:.1} min", s.training_seconds / 60.0);
+        outln!("model          {:.2} MB, {} Gaussians", s.model_bytes as f64 / 1e6, s.gaussians);
         for note in &s.notes {
-            println!("note: {note}");
+            outln!("note: {note}");
         }
-        eprintln!("per view, pictures: {}", folder.display());
+        errln!("per view, pictures: {}", folder.display());
         Ok(())
     }
 }

@@ -112,9 +112,8 @@ impl SegmentFlags {
         let eval = run.path.join("eval");
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
-        let evaluation =
-            evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| eprintln!("{what}"))
-                .map_err(CliError::failure)?;
+        let evaluation = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))
+            .map_err(CliError::failure)?;
         let folder = run.path.join("eval").join(match self.masks {
             Masks::Regions => "segments",
             Masks::Labels => "segments-labels",
@@ -123,8 +122,8 @@ impl SegmentFlags {
         if json {
             return print_json(&evaluation);
         }
-        print!("{}", markdown(&evaluation));
-        eprintln!("at time {:.3}; other times and pictures: {}", evaluation.time, folder.display());
+        out!("{}", markdown(&evaluation));
+        errln!("at time {:.3}; other times and pictures: {}", evaluation.time, folder.display());
         Ok(())
     }
 }

@@ -61,11 +61,11 @@ impl InspectArgs {
             print_json(&report)?;
         } else {
             for check in &report.checks {
-                println!("{:4} {}: {}", if check.ok { "ok" } else { "FAIL" }, check.name, check.detail);
+                outln!("{:4} {}: {}", if check.ok { "ok" } else { "FAIL" }, check.name, check.detail);
             }
             for split in &report.splits {
                 let [near, far] = split.camera_radius.unwrap_or_default();
-                println!(
+                outln!(
                     "     {}: {} frames, {} times, cameras {near:.3} to {far:.3} from the point they look at, alpha in {:.1} % of pixels",
                     split.name,
                     split.frames,
@@ -73,8 +73,8 @@ impl InspectArgs {
                     100.0 * split.alpha_coverage.unwrap_or_default()
                 );
             }
-            report.problems.iter().for_each(|p| println!("problem: {p}"));
-            report.notes.iter().for_each(|n| println!("note: {n}"));
+            report.problems.iter().for_each(|p| outln!("problem: {p}"));
+            report.notes.iter().for_each(|n| outln!("note: {n}"));
         }
         if let Some(picture) = &self.picture {
             let options = OpenOptions { splits: &[SplitName::Train], ..OpenOptions::default() };
@@ -83,7 +83,7 @@ impl InspectArgs {
             let image = layout_picture(&dataset.train.frames, &bounds);
             let bytes = crate::export::images::encode_png(&image).map_err(CliError::failure)?;
             write_atomic(picture, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", picture.display())))?;
-            eprintln!("camera layout: {}", picture.display());
+            errln!("camera layout: {}", picture.display());
         }
         if report.ok() { Ok(()) } else { Err(CliError::input(format!("{}: some checks failed", self.path.display()))) }
     }
@@ -120,7 +120,7 @@ impl InspectArgs {
         }
         if let Some(object) = value.as_object() {
             for (key, value) in object {
-                println!("{key}: {}", serde_json::to_string_pretty(value).map_err(CliError::failure)?);
+                outln!("{key}: {}", serde_json::to_string_pretty(value).map_err(CliError::failure)?);
             }
         }
         Ok(())

@@ -47,12 +47,12 @@ pub(super) fn inspect_volume(
             "origin": grid.origin, "type": series.scalar().name(), "range": range, "notes": notes,
         }))?;
     } else {
-        println!("steps    {} ({} .. {})", series.len(), series.name(0), series.name(series.len() - 1));
-        println!("dims     {} x {} x {}", grid.dims[0], grid.dims[1], grid.dims[2]);
-        println!("spacing  {} x {} x {}", grid.spacing[0], grid.spacing[1], grid.spacing[2]);
-        println!("type     {}", series.scalar().name());
-        println!("range    {} .. {}", range[0], range[1]);
-        notes.iter().for_each(|n| println!("note: {n}"));
+        outln!("steps    {} ({} .. {})", series.len(), series.name(0), series.name(series.len() - 1));
+        outln!("dims     {} x {} x {}", grid.dims[0], grid.dims[1], grid.dims[2]);
+        outln!("spacing  {} x {} x {}", grid.spacing[0], grid.spacing[1], grid.spacing[2]);
+        outln!("type     {}", series.scalar().name());
+        outln!("range    {} .. {}", range[0], range[1]);
+        notes.iter().for_each(|n| outln!("note: {n}"));
     }
     if let Some(file) = picture {
         let tf = TransferFunction::load(transfer.unwrap_or("ramp")).map_err(CliError::input)?;
@@ -62,7 +62,7 @@ pub(super) fn inspect_volume(
         let title = format!("{} - {}", tf.name, series.name(middle));
         let bytes = encode_png(&transfer_picture(&histogram, span, &tf, &title)).map_err(CliError::failure)?;
         write_atomic(file, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", file.display())))?;
-        eprintln!("histogram and transfer function: {}", file.display());
+        errln!("histogram and transfer function: {}", file.display());
     }
     Ok(())
 }

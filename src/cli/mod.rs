@@ -19,14 +19,17 @@ mod shown;
 mod sweep;
 mod track;
 mod train;
+mod values;
 
 pub use error::CliError;
 
 use crate::device::DeviceName;
+use crate::memory::{Budget, Bytes};
 use burn::tensor::Device;
 use clap::{Args, Parser, Subcommand};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// Deformable 3D Gaussians from rendered images of time-varying volumes.
 #[derive(Debug, Parser)]
@@ -37,6 +40,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Memory that may be used, such as 12G; what the system has free if not given.
+    #[arg(long, global = true, value_name = "SIZE")]
+    memory: Option<Bytes>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -75,7 +81,22 @@ impl Common {
     }
 }
 
-/// A flag that Ctrl-C or SIGTERM raises, saying `message`; asked twice, the program ends at once.
+/// The command as it was called, for people who find a run locked.
+fn command_line() -> String {
+    let words = std::env::args_os().skip(1).map(|w| w.to_string_lossy().into_owned());
+    let mut line = std::iter::once("volseggs".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
+    if let Some((end, _)) = line.char_indices().nth(200) {
+        line.truncate(end);
+        line.push_str("...");
+    }
+    line
+}
+
+/// Asking again within this time is the same asking: `timeout` and batch systems signal a process and its group.
+const ONE_ASKING: Duration = Duration::from_secs(1);
+
+/// A flag that Ctrl-C, SIGTERM or a closed terminal (SIGHUP) raises, saying `message`; asked again later, the program
+/// ends at once.
 fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
     flag(message, true)
 }
@@ -89,10 +110,17 @@ fn patient_stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError>
 fn flag(message: &'static str, hasty: bool) -> Result<Arc<AtomicBool>, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || match flag.swap(true, Ordering::Relaxed) {
-        true if hasty => std::process::exit(1),
-        true => {}
-        false => eprintln!("{message}"),
+    let mut first: Option<Instant> = None;
+    ctrlc::set_handler(move || {
+        flag.store(true, Ordering::Relaxed);
+        match first {
+            Some(first) if hasty && first.elapsed() > ONE_ASKING => std::process::exit(1),
+            Some(_) => {}
+            None => {
+                first = Some(Instant::now());
+                errln!("{message}");
+            }
+        }
     })
     .map_err(CliError::failure)?;
     Ok(stop)
@@ -101,7 +129,7 @@ fn flag(message: &'static str, hasty: bool) -> Result<Arc<AtomicBool>, CliError>
 /// Prints a value as one JSON object on standard output.
 fn print_json(value: &impl serde::Serialize) -> Result<(), CliError> {
     let text = serde_json::to_string_pretty(value).map_err(CliError::failure)?;
-    println!("{text}");
+    outln!("{text}");
     Ok(())
 }
 
@@ -111,6 +139,9 @@ impl Cli {
     /// # Errors
     /// A message for the terminal, with the exit code.
     pub fn run(self) -> Result<(), CliError> {
+        if let Some(bytes) = self.memory {
+            Budget::allow(bytes);
+        }
         match self.command {
             Command::Demo(args) => args.run(),
             Command::Prepare(args) => args.run(),

@@ -1,12 +1,9 @@
 //! `volseggs prepare`
 
-use super::{CliError, print_json};
+use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
-use crate::draw::views::view_sheet;
-use crate::export::images::encode_png;
-use crate::files::write_atomic;
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare, preview};
+use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
 use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -14,8 +11,6 @@ use crate::volume::transfer::TransferFunction;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Render a time-varying volume into a dataset: images, cameras, and segments where labels are known.
 #[derive(Debug, Args)]
@@ -114,7 +109,7 @@ impl PrepareArgs {
         let source = self.source()?;
         let transfer = self.transfer()?;
         let options = self.options(&source)?;
-        eprintln!(
+        errln!(
             "{}; transfer function {}; {} images of {}x{}",
             source.describe(),
             transfer.name,
@@ -123,11 +118,9 @@ impl PrepareArgs {
             self.size[1]
         );
         if let Source::Files { series, .. } = &source {
-            series.notes().iter().for_each(|n| eprintln!("note: {n}"));
+            series.notes().iter().for_each(|n| errln!("note: {n}"));
         }
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed)).map_err(CliError::failure)?;
+        let stop = stop_flag("stopping; nothing is written")?;
         let bar = ProgressBar::new(image_count(&source, &options) as u64);
         if let Ok(style) = ProgressStyle::with_template("{bar:28} {pos}/{len} images {elapsed}<{eta} {per_sec}") {
             bar.set_style(style);
@@ -136,15 +129,12 @@ impl PrepareArgs {
             prepare(&source, &transfer, &options, &self.out, &|n| bar.set_position(n as u64), &stop).map_err(|e| {
                 match e {
                     PrepareError::Volume(_) | PrepareError::Data(_) | PrepareError::Options(_) => CliError::input(e),
+                    PrepareError::Replace(e) => e.into(),
                     PrepareError::Write { .. } | PrepareError::Interrupted => CliError::failure(e),
                 }
             })?;
         bar.finish_and_clear();
-        let sheet = self.out.join("contact-sheet.png");
-        let pictures = preview(&self.out, 12)?;
-        let bytes = encode_png(&view_sheet(&pictures, 4, 320)).map_err(CliError::failure)?;
-        write_atomic(&sheet, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", sheet.display())))?;
-        eprintln!(
+        errln!(
             "{}: {} training and {} test views in {:.1} s, peak memory {:.2} GB{}; look at {}; next: volseggs train --data {} --config quick --out RUN",
             self.out.display(),
             record.train_views,
@@ -156,7 +146,7 @@ impl PrepareArgs {
             } else {
                 format!(", segments {}", record.segments.join(", "))
             },
-            sheet.display(),
+            self.out.join("contact-sheet.png").display(),
             self.out.display()
         );
         if self.json { print_json(&record) } else { Ok(()) }
@@ -198,7 +188,7 @@ impl PrepareArgs {
             (Some(spec), _) => TransferFunction::load(spec).map_err(CliError::input),
             (None, Some(scene)) => scene.transfer_function().map_err(CliError::failure),
             (None, None) => {
-                eprintln!("note: no --transfer-function, the preset `ramp` is used");
+                errln!("note: no --transfer-function, the preset `ramp` is used");
                 TransferFunction::load("ramp").map_err(CliError::input)
             }
         }
@@ -235,6 +225,7 @@ impl PrepareArgs {
                 label_images: !self.no_label_images,
             },
             replace: self.replace,
+            needed: self.transfer_function.iter().map(PathBuf::from).collect(),
         })
     }
 }

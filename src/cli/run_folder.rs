@@ -8,6 +8,7 @@ use crate::data::dataset::read_split;
 use crate::data::paths::Lens;
 use crate::data::{Camera, Split, SplitName};
 use crate::edit::EditStack;
+use crate::files::{RunLock, Work};
 use crate::model::Scene;
 use crate::segment::segmentation::{self, Segmentation};
 use crate::train::checkpoint;
@@ -19,6 +20,8 @@ use std::path::{Path, PathBuf};
 /// A run, its newest scene and its record.
 pub(super) struct RunFolder {
     pub path: PathBuf,
+    /// Held by commands that write into the run.
+    _lock: Option<RunLock>,
     pub scene: Scene,
     pub scene_path: PathBuf,
     pub record: RunRecord,
@@ -26,14 +29,27 @@ pub(super) struct RunFolder {
 }
 
 impl RunFolder {
+    /// Opens a run, or one of its checkpoints in place of the newest, to look at it.
     pub(super) fn open(path: &Path, device: &Device) -> Result<Self, CliError> {
-        let scene_path = checkpoint::newest_scene(path).ok_or_else(|| {
-            CliError::input(format!(
-                "{}: no checkpoint here; give the folder that `volseggs train --out` made",
-                path.display()
-            ))
-        })?;
-        let scene = Scene::load(&scene_path, device).map_err(CliError::input)?;
+        Self::open_with(path, device, None)
+    }
+
+    /// Opens a run to write into it: nobody else can until this is dropped. What others wrote before is then read.
+    pub(super) fn open_to_write(path: &Path, device: &Device, work: Work) -> Result<Self, CliError> {
+        let (run, checkpoint) = checkpoint::locate(path);
+        // asked first, so that no lock file is left in a folder that is no run
+        checkpoint.ok_or_else(|| no_checkpoint(path))?;
+        let lock = RunLock::acquire(&run, &super::command_line(), work)?;
+        Self::open_with(path, device, Some(lock))
+    }
+
+    fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, CliError> {
+        let (run, checkpoint) = checkpoint::locate(path);
+        let checkpoint = checkpoint.ok_or_else(|| no_checkpoint(path))?;
+        let path = run.as_path();
+        let scene_path = checkpoint.join("scene.safetensors");
+        let scene = Scene::load(&scene_path, device)
+            .map_err(|e| CliError::input(format!("{e}; {}", checkpoint::advice(&checkpoint))))?;
         let read = |name: &str| {
             let file = path.join(name);
             std::fs::read_to_string(&file).map_err(|e| CliError::input(format!("{}: {e}", file.display())))
@@ -43,7 +59,7 @@ impl RunFolder {
         // through the layers, so that a run from before a key existed still opens
         let config_path = path.join("config.toml").to_string_lossy().into_owned();
         let config = Layers::new(PRESETS).source(config_path).resolve::<Config>().map_err(CliError::input)?.value;
-        Ok(Self { path: path.to_owned(), scene, scene_path, record, config })
+        Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
     }
 
     /// The lens of the run's dataset, at `size` pixels a side if that is given, and the distance of its cameras; of the
@@ -107,4 +123,8 @@ impl RunFolder {
         }
         Ok(read_split(root, name, self.config.data.downscale, max_views)?)
     }
+}
+
+fn no_checkpoint(path: &Path) -> CliError {
+    CliError::input(format!("{}: no checkpoint here; give the folder that `volseggs train --out` made", path.display()))
 }

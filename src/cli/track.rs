@@ -5,8 +5,10 @@ use super::shown::Shown;
 use super::{CliError, Common, print_json};
 use crate::data::paths::{Lens, orbit};
 use crate::data::{Camera, SplitName, Transforms};
+use crate::files::Work;
 use crate::log::progress;
 use crate::model::GaussiansAt;
+use crate::name::Name;
 use crate::segment::pictures::draw;
 use crate::track::events::EventKind;
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
@@ -33,7 +35,7 @@ pub struct TrackArgs {
     segments: Vec<String>,
     /// Follow them as one, under this name.
     #[arg(long, value_name = "NAME")]
-    group: Option<String>,
+    group: Option<Name>,
     /// First time in [0, 1].
     #[arg(long, default_value_t = 0.0)]
     from: f64,
@@ -75,7 +77,7 @@ impl TrackArgs {
             return Err(CliError::input(format!("--mask-alpha {}: above 0, at most 1", self.mask_alpha)));
         }
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
         let wanted = self.wanted(&run)?;
         let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
         let camera = self.picture_camera(&run)?;
@@ -90,8 +92,8 @@ impl TrackArgs {
         bar.finish_and_clear();
 
         let options = PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha };
-        let folder = |s: &Followed<'_>| ReportFolder::create(&run.path.join("track").join(s.name), options);
-        let mut reports = segments.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(CliError::failure)?;
+        let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.path.join("track"), name, options);
+        let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(CliError::failure)?;
         let bar = progress::bar(times.len(), "times drawn");
         for (i, &time) in times.iter().enumerate() {
             let at = edited.edited(&run.scene, time as f32)?;
@@ -133,14 +135,15 @@ impl TrackArgs {
     }
 
     /// Names and members of what is followed.
-    fn wanted(&self, run: &RunFolder) -> Result<Vec<(String, Vec<u32>)>, CliError> {
+    fn wanted(&self, run: &RunFolder) -> Result<Vec<(Name, Vec<u32>)>, CliError> {
         let all = run.segments()?;
-        let mut wanted: Vec<(String, Vec<u32>)> = Vec::new();
+        let mut wanted: Vec<(Name, Vec<u32>)> = Vec::new();
         for name in &self.segments {
             if wanted.iter().any(|(n, _)| n == name) {
                 continue;
             }
-            wanted.push((name.clone(), all.get(name).map_err(CliError::input)?.members.clone()));
+            let segment = all.get(name).map_err(CliError::input)?;
+            wanted.push((segment.name.clone(), segment.members.clone()));
         }
         if let Some(group) = &self.group {
             let mut members: Vec<u32> = wanted.iter().flat_map(|(_, m)| m).copied().collect();
@@ -197,15 +200,15 @@ impl TrackArgs {
             return print_json(&found.iter().map(report).collect::<Vec<_>>());
         }
         for followup in found {
-            println!("{}", followup.name);
+            outln!("{}", followup.name);
             for event in followup.tracking.events.iter().filter(|e| e.kind != EventKind::Continue) {
                 let list = |v: &[u32]| v.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ");
                 let kind = format!("{:?}", event.kind);
                 let (before, after) = (list(&event.parents), list(&event.children));
-                println!("  t = {:.3} to {:.3}  {kind:14} {before} -> {after}", event.time_from, event.time_to);
+                outln!("  t = {:.3} to {:.3}  {kind:14} {before} -> {after}", event.time_from, event.time_to);
             }
         }
-        eprintln!("tables and pictures: {}", run.path.join("track").display());
+        errln!("tables and pictures: {}", run.path.join("track").display());
         Ok(())
     }
 }

@@ -1,28 +1,28 @@
 //! `volseggs train`
 
-use super::{CliError, Common, config::ConfigSource, print_json, stop_flag};
-use crate::train::open_dataset;
-use crate::train::run::{RunOptions, run};
+use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
+use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock, run};
+use crate::train::{checkpoint, open_dataset};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Train a scene from posed, timed images.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --data DATASET --config best --out checkpoints/first --resume\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened."
+    after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on where it stopped\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # or train longer\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on."
 )]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).
-    #[arg(long, value_name = "DATASET")]
-    data: PathBuf,
+    #[arg(long, value_name = "DATASET", required_unless_present = "resume")]
+    data: Option<PathBuf>,
     #[command(flatten)]
     config: ConfigSource,
     /// Folder of the run; made if it is not there.
-    #[arg(long, value_name = "RUN")]
-    out: PathBuf,
-    /// Go on from the newest checkpoint in RUN.
-    #[arg(long)]
-    resume: bool,
+    #[arg(long, value_name = "RUN", required_unless_present = "resume")]
+    out: Option<PathBuf>,
+    /// Go on with RUN (from its newest checkpoint, or from the one given); dataset and configuration are the run's.
+    #[arg(long, value_name = "RUN", num_args = 0..=1)]
+    resume: Option<Option<PathBuf>>,
     /// Stop after this many steps in all, with a checkpoint, as if interrupted.
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
@@ -33,12 +33,21 @@ pub struct TrainArgs {
 impl TrainArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (name, device) = self.common.device()?;
-        let resolved = self.config.resolve()?;
+        let (out, start) = self.place()?;
+        let held = lock(&out, &command_line())?;
+        let resolved = match start {
+            Start::New => self.config.resolve()?,
+            _ => self.config.resolve_over(&out.join("config.toml"))?,
+        };
+        let data = match &self.data {
+            Some(data) => data.clone(),
+            None => dataset_of(&out)?,
+        };
         let config = resolved.value.clone();
-        let dataset = open_dataset(&self.data, &config)?;
-        eprintln!(
+        let dataset = open_dataset(&data, &config)?;
+        errln!(
             "{}: {} training views of {}x{} at {} times; device {name}, {} threads",
-            self.data.display(),
+            data.display(),
             dataset.train.frames.len(),
             dataset.train.images.width,
             dataset.train.images.height,
@@ -47,34 +56,76 @@ impl TrainArgs {
         );
         let stop = stop_flag("stopping after this step, with a checkpoint")?;
         let options = RunOptions {
-            out: self.out.clone(),
-            resume: self.resume,
+            out: out.clone(),
+            start,
+            command: command_line(),
             config_toml: resolved.to_toml().map_err(CliError::failure)?,
             device_name: name.to_string(),
             stop_after: self.stop_after,
         };
-        let outcome = run(&config, &dataset, &device, &options, &stop)?;
+        let outcome = run(&config, &dataset, &device, &options, held.as_ref(), &stop)?;
+        self.tell(&out, &outcome)
+    }
+
+    /// The folder of the run, and where to begin.
+    fn place(&self) -> Result<(PathBuf, Start), CliError> {
+        match (&self.resume, &self.out) {
+            (None, Some(out)) => Ok((out.clone(), Start::New)),
+            (Some(None), Some(out)) => Ok((out.clone(), Start::Resume)),
+            (Some(Some(run)), None) => {
+                let (run, checkpoint) = checkpoint::locate(run);
+                let newest = checkpoint::list(&run).pop().map(|(_, path)| path);
+                match checkpoint {
+                    Some(from) if newest.as_deref() != Some(&from) => Ok((run, Start::ResumeFrom(from))),
+                    _ => Ok((run, Start::Resume)),
+                }
+            }
+            (Some(Some(_)), Some(_)) => {
+                Err(CliError::input("--out: leave it out with --resume RUN; a run goes on in its own folder"))
+            }
+            (_, None) => Err(CliError::input("--resume: name the run, such as --resume checkpoints/first")),
+        }
+    }
+
+    fn tell(&self, out: &Path, outcome: &RunOutcome) -> Result<(), CliError> {
         let r = &outcome.record;
-        eprintln!(
-            "{} after {} steps, {:.1} min, {} Gaussians, peak memory {:.2} GB{}; next: volseggs eval {}",
+        let next = if outcome.complete {
+            format!("volseggs eval {}", out.display())
+        } else {
+            format!("volseggs train --resume {}", out.display())
+        };
+        errln!(
+            "{} after {} steps, {:.1} min, {} Gaussians, peak memory {:.2} GB{}; next: {next}",
             r.status,
             r.steps,
             r.training_seconds / 60.0,
             r.gaussians,
             r.peak_memory_bytes as f64 / 1e9,
             outcome.test_psnr.map(|p| format!(", test PSNR {p:.2} dB on a few views")).unwrap_or_default(),
-            self.out.display()
         );
         if self.common.json {
             print_json(r)?;
         }
         if outcome.complete || self.stop_after.is_some() {
-            Ok(())
-        } else {
-            Err(CliError::failure(format!(
-                "interrupted; go on with: volseggs train ... --out {} --resume",
-                self.out.display()
-            )))
+            return Ok(());
         }
+        Err(CliError::failure("interrupted"))
     }
+}
+
+/// The dataset that a run was trained on.
+fn dataset_of(run: &Path) -> Result<PathBuf, CliError> {
+    let path = run.join("run.json");
+    let wrong = |e: &dyn std::fmt::Display| {
+        CliError::input(format!("{}: {e}; give the folder that `volseggs train --out` made", path.display()))
+    };
+    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
+    let record: RunRecord = serde_json::from_str(&text).map_err(|e| wrong(&e))?;
+    if !record.dataset.is_dir() {
+        return Err(CliError::input(format!(
+            "{}: the dataset is not there any more; point to it with --data",
+            record.dataset.display()
+        )));
+    }
+    Ok(record.dataset)
 }

@@ -5,7 +5,7 @@ use super::results::{Outcome, OutcomeState, ResultSet};
 use super::table::{Ordering, Table, orderings};
 use super::text;
 use super::{curves, metric::Column};
-use crate::files::{AtomicDir, write_atomic};
+use crate::files::{AtomicDir, FolderKind, write_atomic};
 use crate::log::tensorboard::{EventWriter, HyperParameter, SessionEnd};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -64,6 +64,9 @@ fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::rep
     report(set, &tables, &lines)
 }
 
+/// Tells the folder of logs from others.
+const MARKER: &str = "comparison";
+
 /// One log for each run that was begun: its settings and end figures for the hparams page, its curves as scalars.
 fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let path = folder.join("tensorboard");
@@ -120,7 +123,14 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         events.session_end(if failed { SessionEnd::Failure } else { SessionEnd::Success }).map_err(at(&dir))?;
         events.flush().map_err(at(&dir))?;
     }
-    out.commit_replacing().map_err(at(&path))
+    // each run has a folder of its own in there, called after it
+    let kind = FolderKind {
+        what: "a TensorBoard log of a comparison",
+        markers: &[MARKER],
+        entries: &["[0-9][0-9][0-9] * seed *"],
+    };
+    std::fs::write(out.dir().join(MARKER), "").map_err(at(&path))?;
+    out.commit_replacing(&kind, &[]).map_err(at(&path))
 }
 
 /// A setting's TOML text as a value.

@@ -294,7 +294,7 @@ fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
 pub(crate) fn test_data() -> Option<PathBuf> {
     let found = std::env::var_os("VOLSEGGS_TEST_DATA").map(|f| PathBuf::from(f).join("data/vortex-400"));
     if found.is_none() {
-        println!("skipped: VOLSEGGS_TEST_DATA is not set");
+        outln!("skipped: VOLSEGGS_TEST_DATA is not set");
     }
     found
 }

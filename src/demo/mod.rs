@@ -10,12 +10,13 @@ use crate::config::types::Config;
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::results::write_results;
 use crate::eval::run::{Costs, Evaluation, evaluate};
+use crate::files::{RunLock, Work};
 use crate::log::progress;
 use crate::model::Scene;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{PrepareOptions, PrepareRecord, SegmentOptions, Source, image_count, prepare};
 use crate::train::checkpoint::newest_scene;
-use crate::train::run::{RunOptions, RunOutcome, run};
+use crate::train::run::{RunOptions, RunOutcome, Start, run};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::synthetic::Synthetic;
@@ -88,6 +89,9 @@ pub(crate) struct Results<'a> {
     stages: Vec<(String, f64)>,
 }
 
+/// What others are told of who holds the run.
+const COMMAND: &str = "volseggs demo";
+
 /// Runs the demo.
 ///
 /// # Errors
@@ -102,30 +106,34 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     let mut stages = Vec::new();
     let (data, run_folder) = (options.out.join("data"), options.out.join("run"));
 
-    eprintln!("1/5 prepare: the scene `{}` as images of a volume", options.scene);
+    errln!("1/5 prepare: the scene `{}` as images of a volume", options.scene);
     let started = Instant::now();
     let prepared = prepare_stage(options, &data, stop)?;
     stages.push(("prepare".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("2/5 train: {} images", prepared.train_views);
+    errln!("2/5 train: {} images", prepared.train_views);
     let started = Instant::now();
     let splits = [SplitName::Train, SplitName::Test];
     let open = OpenOptions { downscale: resolved.value.data.downscale, splits: &splits, max_views: None };
     let dataset = Dataset::open(&data, &open).map_err(failed("train"))?;
+    std::fs::create_dir_all(&run_folder).map_err(failed("train"))?;
+    let lock = RunLock::acquire(&run_folder, COMMAND, Work::Long).map_err(failed("train"))?;
     let run_options = RunOptions {
         out: run_folder.clone(),
-        resume: true,
+        start: Start::NewOrResume,
+        command: COMMAND.into(),
         config_toml: resolved.to_toml().map_err(failed("train"))?,
         device_name: options.device.0.clone(),
         stop_after: None,
     };
-    let outcome = run(&resolved.value, &dataset, &options.device.1, &run_options, stop).map_err(failed("train"))?;
+    let outcome =
+        run(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop).map_err(failed("train"))?;
     if !outcome.complete {
         return Err(DemoError::Interrupted);
     }
     stages.push(("train".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("\n3/5 evaluate: {} test views", prepared.test_views);
+    errln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
     let scene_path = newest_scene(&run_folder).ok_or("no checkpoint").map_err(failed("evaluate"))?;
     let scene = Scene::load(&scene_path, &options.device.1).map_err(failed("evaluate"))?;
@@ -144,12 +152,12 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     write_results(&run_folder.join("eval/test"), &evaluation).map_err(failed("evaluate"))?;
     stages.push(("evaluate".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("4/5 segment and track");
+    errln!("4/5 segment and track");
     let started = Instant::now();
     let segments = segments::segments(options, &scene, &data, &run_folder).map_err(failed("segment"))?;
     stages.push(("segment and track".to_owned(), started.elapsed().as_secs_f64()));
 
-    eprintln!("5/5 report");
+    errln!("5/5 report");
     let started = Instant::now();
     let mut results =
         Results { options, prepared, data, run: run_folder, outcome, scene, dataset, evaluation, segments, stages };
@@ -179,6 +187,7 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         step: DEFAULT_STEP,
         segments: SegmentOptions { views: 7, steps: Vec::new(), label_images: true },
         replace: false,
+        needed: Vec::new(),
     };
     if let Ok(text) = std::fs::read_to_string(data.join("prepare.json")) {
         let record: PrepareRecord = serde_json::from_str(&text).map_err(failed("prepare"))?;

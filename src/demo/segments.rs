@@ -9,6 +9,7 @@ use crate::eval::segments::{MaskKind, Method, SegmentEvaluation, SegmentOptions,
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::model::{GaussiansAt, Scene};
+use crate::name::Name;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
@@ -80,14 +81,15 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.join("eval/masks")).map_err(|e| e.to_string())?;
-    let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| eprintln!("    {what}"))?;
+    let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))?;
     write_results(&run.join("eval/segments"), &evaluation).map_err(|e| e.to_string())?;
 
     let mut found = Segmentation::new(scene.gaussians.count(), scene.fingerprint());
     let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.members.is_empty());
     for (i, result) in chosen.enumerate() {
         let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
-        let (name, members) = (result.segment.clone(), result.members.clone());
+        let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
+        let members = result.members.clone();
         let origin = Origin::Fine { scale: 0.5 };
         let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
         found.add(segment).map_err(|e| e.to_string())?;

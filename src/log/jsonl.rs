@@ -24,7 +24,7 @@ pub enum JsonlError {
         source: io::Error,
     },
     /// A whole line is not JSON.
-    #[error("{path}:{line}: not a JSON line: {source}; mend or remove the line")]
+    #[error("{path}:{line}: not a JSON line: {source}; mend or remove that line, or the file")]
     Line {
         /// The file.
         path: PathBuf,

@@ -5,7 +5,7 @@ use super::gaussians::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::{DeformationField, Deformed, Gaussians};
 use crate::config::types::{EncoderKind, ModelConfig};
-use crate::files::write_atomic;
+use crate::tensors::{self, DIGEST, TensorFileError};
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use safetensors::tensor::{Dtype, TensorView};
@@ -47,14 +47,9 @@ pub struct Scene {
 /// Why a scene file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// The file cannot be read or written.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What happened.
-        source: std::io::Error,
-    },
+    /// The file cannot be read or written, or is damaged.
+    #[error(transparent)]
+    File(#[from] TensorFileError),
     /// The file is not what it should be.
     #[error("{path}: {reason}")]
     Format {
@@ -62,6 +57,21 @@ pub enum SceneError {
         path: PathBuf,
         /// What is wrong.
         reason: String,
+    },
+    /// A number that is none.
+    #[error(
+        "{path}: tensor {tensor}, row {row}: {value} is no finite number; the scene is spoilt, go back to an older checkpoint or \
+         train again"
+    )]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// The tensor.
+        tensor: String,
+        /// Its row, from 0; a Gaussian for tensors called `gaussians.*`.
+        row: usize,
+        /// The value.
+        value: f32,
     },
     /// Its tensors do not fit.
     #[error("{path}: {source}")]
@@ -137,16 +147,17 @@ impl Scene {
     pub fn save(&self, path: &Path) -> Result<(), SceneError> {
         let spec = serde_json::to_string(&self.spec)
             .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
-        write_tensors(path, &params::collect(self), &[("volseggs", spec)])
+        write_tensors(path, &params::collect(self), Some(("volseggs", spec)))
     }
 
     /// Reads what [`Scene::save`] wrote.
     ///
     /// # Errors
-    /// If the file is missing, damaged or does not fit its own spec, or was trained with an encoder that is not
+    /// If the file is missing, damaged or does not fit its own spec, holds a NaN or an infinity, or was trained with an encoder that is not
     /// registered in this program.
     pub fn load(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let (tensors, metadata) = read_tensors(path)?;
+        refuse_not_finite(path, &tensors)?;
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
         let spec =
             metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
@@ -173,14 +184,14 @@ impl Scene {
     }
 }
 
-/// Writes named tensors as safetensors, atomically.
+/// Writes named tensors as safetensors with one entry of the header and a digest, atomically.
 ///
 /// # Errors
 /// If the file cannot be written.
 pub fn write_tensors(
     path: &Path,
     tensors: &BTreeMap<String, HostTensor>,
-    metadata: &[(&str, String)],
+    metadata: Option<(&str, String)>,
 ) -> Result<(), SceneError> {
     let bytes: Vec<(&String, Vec<u8>, &Vec<usize>)> = tensors
         .iter()
@@ -189,12 +200,10 @@ pub fn write_tensors(
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let views = bytes
         .iter()
-        .map(|(name, data, shape)| Ok((*name, TensorView::new(Dtype::F32, (*shape).clone(), data)?)))
+        .map(|(name, data, shape)| Ok((name.as_str(), TensorView::new(Dtype::F32, (*shape).clone(), data)?)))
         .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
         .map_err(|e| format(e.to_string()))?;
-    let metadata = metadata.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect();
-    let file = safetensors::serialize(views, Some(metadata)).map_err(|e| format(e.to_string()))?;
-    write_atomic(path, &file).map_err(|source| SceneError::Io { path: path.into(), source })
+    Ok(tensors::write(path, views, metadata)?)
 }
 
 /// Named f32 tensors and the strings of the header.
@@ -205,13 +214,16 @@ pub type TensorFile = (BTreeMap<String, HostTensor>, BTreeMap<String, String>);
 /// # Errors
 /// If the file is missing, damaged or holds anything but f32.
 pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
-    let bytes = std::fs::read(path).map_err(|source| SceneError::Io { path: path.into(), source })?;
+    let bytes = tensors::read(path)?;
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let damaged = |e: safetensors::SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
     let (_, header) = safetensors::SafeTensors::read_metadata(&bytes).map_err(damaged)?;
     let file = safetensors::SafeTensors::deserialize(&bytes).map_err(damaged)?;
     let mut tensors = BTreeMap::new();
     for (name, view) in file.tensors() {
+        if name == DIGEST {
+            continue;
+        }
         if view.dtype() != Dtype::F32 {
             return Err(format(format!("tensor {name} is {:?}, expected F32", view.dtype())));
         }
@@ -220,4 +232,20 @@ pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
     Ok((tensors, metadata))
+}
+
+/// Names the first value that is no finite number.
+fn refuse_not_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) -> Result<(), SceneError> {
+    for (name, tensor) in tensors {
+        if let Some(at) = tensor.values.iter().position(|v| !v.is_finite()) {
+            let row = at / tensor.shape.iter().skip(1).product::<usize>().max(1);
+            return Err(SceneError::NotFinite {
+                path: path.into(),
+                tensor: name.clone(),
+                row,
+                value: tensor.values[at],
+            });
+        }
+    }
+    Ok(())
 }

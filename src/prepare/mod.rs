@@ -15,7 +15,8 @@ pub use source::Source;
 use crate::data::DataError;
 use crate::data::dataset::{SplitName, read_split};
 use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
-use crate::files::{AtomicDir, clean_stale, write_atomic};
+use crate::draw::views::view_sheet;
+use crate::files::{AtomicDir, FolderKind, ReplaceError, clean_stale, write_atomic};
 use crate::volume::error::VolumeError;
 use crate::volume::placement::Placement;
 use crate::volume::raycast::RayCaster;
@@ -28,7 +29,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use thiserror::Error;
 use views::{View, ViewOptions, test_views, training_views};
-use write::{write_gray, write_picture};
+use write::{write_gray, write_picture, write_sheet};
 
 /// Least alpha of a pixel that belongs to a segment, in masks and label images: what shows at all on white.
 pub const MASK_ALPHA: f32 = 0.05;
@@ -46,6 +47,8 @@ pub struct PrepareOptions {
     pub segments: SegmentOptions,
     /// Replace a dataset that stands at the same place.
     pub replace: bool,
+    /// Files that are read beside the volumes: no folder that holds one is replaced.
+    pub needed: Vec<PathBuf>,
 }
 
 /// The record of a dataset, `prepare.json`: enough to make it again.
@@ -98,6 +101,9 @@ pub enum PrepareError {
     /// The dataset cannot be written.
     #[error(transparent)]
     Data(#[from] DataError),
+    /// Something else stands where the dataset should go.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
     /// The options do not fit the data.
     #[error("{0}")]
     Options(String),
@@ -113,6 +119,23 @@ pub enum PrepareError {
     #[error("interrupted; nothing was written")]
     Interrupted,
 }
+
+/// The folder of a dataset that was prepared here.
+pub const FOLDER: FolderKind = FolderKind {
+    what: "a dataset made by prepare",
+    markers: &["prepare.json"],
+    entries: &[
+        "transforms_*.json",
+        "train",
+        "test",
+        "val",
+        "labels",
+        "segments",
+        "segments.json",
+        "transfer-function.toml",
+        "contact-sheet.png",
+    ],
+};
 
 /// One image to be made, with its place.
 struct Job {
@@ -203,6 +226,8 @@ pub fn prepare(
         segments.render(step, &caster, stop)?;
     }
     let names = segments.finish()?;
+    let pictures = preview(root, 12)?;
+    write_sheet(&root.join("contact-sheet.png"), &view_sheet(&pictures, 4, 320))?;
     let record = PrepareRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         source: source.describe(),
@@ -227,8 +252,11 @@ pub fn prepare(
         let path = root.join(name);
         write_atomic(&path, &bytes).map_err(|e| write_error(&path, &e))?;
     }
-    let committed = if options.replace { folder.commit_replacing() } else { folder.commit() };
-    committed.map_err(|e| write_error(out, &e))?;
+    if options.replace {
+        folder.commit_replacing(&FOLDER, &needed(source, options))?;
+    } else {
+        folder.commit().map_err(|e| write_error(out, &e))?;
+    }
     Ok(record)
 }
 
@@ -277,7 +305,13 @@ fn check(source: &Source, options: &PrepareOptions, out: &Path) -> Result<(), Pr
     if !options.replace && out.symlink_metadata().is_ok() {
         return wrong(format!("{}: already there; choose another name, or pass --replace", out.display()));
     }
+    FOLDER.check(out, &needed(source, options))?;
     Ok(())
+}
+
+/// The files that the dataset is made from.
+fn needed<'a>(source: &'a Source, options: &'a PrepareOptions) -> Vec<&'a Path> {
+    source.files().into_iter().chain(options.needed.iter().map(PathBuf::as_path)).collect()
 }
 
 /// Writes `transforms_SPLIT.json`.

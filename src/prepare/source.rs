@@ -4,6 +4,7 @@ use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, Labels, Volume};
 use crate::volume::series::Series;
 use crate::volume::synthetic::Synthetic;
+use std::path::{Path, PathBuf};
 
 /// A time series that is held one step at a time.
 #[derive(Debug)]
@@ -42,6 +43,18 @@ impl Source {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// The files that are read.
+    #[must_use]
+    pub fn files(&self) -> Vec<&Path> {
+        match self {
+            Self::Files { series, labels, .. } => {
+                let series = std::iter::once(series).chain(labels);
+                series.flat_map(|s| s.files()).map(PathBuf::as_path).collect()
+            }
+            Self::Synthetic { .. } => Vec::new(),
+        }
     }
 
     /// Time of a step, in [0, 1].

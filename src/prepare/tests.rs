@@ -20,6 +20,7 @@ fn options(size: u32) -> PrepareOptions {
         step: 1.0,
         segments: SegmentOptions { views: 3, steps: vec![0, 4], label_images: true },
         replace: false,
+        needed: Vec::new(),
     }
 }
 

@@ -3,7 +3,7 @@
 use super::PrepareError;
 use crate::volume::raycast::Picture;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder};
+use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
@@ -38,4 +38,9 @@ pub(super) fn write_gray(path: &Path, size: [u32; 2], ids: &[u16]) -> Result<(),
 /// A binary mask, `[H, W]`, 0 or 255.
 pub(super) fn write_mask(path: &Path, size: [u32; 2], mask: &[u8]) -> Result<(), PrepareError> {
     encode(path, size, ExtendedColorType::L8, mask)
+}
+
+/// A sheet of pictures to look at.
+pub(super) fn write_sheet(path: &Path, sheet: &RgbImage) -> Result<(), PrepareError> {
+    encode(path, [sheet.width(), sheet.height()], ExtendedColorType::Rgb8, sheet.as_raw())
 }

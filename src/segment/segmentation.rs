@@ -1,7 +1,8 @@
 //! Named segments of a scene, and their file in a run folder: which Gaussians each holds, whose part it is, and how it
 //! was made. How segments are found is not decided here.
 
-use crate::files::write_atomic;
+use crate::name::Name;
+use crate::tensors::{self, TensorFileError};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -36,11 +37,11 @@ pub enum Origin {
 /// A named set of Gaussians.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Segment {
-    /// Unique name: letters, digits, `-`, `_` and `.`.
-    pub name: String,
+    /// Unique name.
+    pub name: Name,
     /// The segment that this one is a part of.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub parent: Option<String>,
+    pub parent: Option<Name>,
     /// Colour to show it in, RGB in [0, 1].
     pub colour: [f32; 3],
     /// Time at which it was found, in [0, 1].
@@ -66,14 +67,9 @@ pub struct Segmentation {
 /// Why segments cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SegmentationError {
-    /// The file cannot be read or written.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What happened.
-        source: std::io::Error,
-    },
+    /// The file cannot be read or written, or is damaged.
+    #[error(transparent)]
+    File(#[from] TensorFileError),
     /// The file is not what it should be.
     #[error("{path}: {reason}")]
     Format {
@@ -82,11 +78,11 @@ pub enum SegmentationError {
         /// What is wrong.
         reason: String,
     },
-    /// A name that cannot be one, or is taken.
+    /// A name that is taken.
     #[error("segment \"{name}\": {reason}")]
     Name {
         /// The name.
-        name: String,
+        name: Name,
         /// What is wrong.
         reason: &'static str,
     },
@@ -109,13 +105,9 @@ impl Segmentation {
     /// Adds a segment; members are sorted and each is kept once.
     ///
     /// # Errors
-    /// If the name is taken or cannot be one.
+    /// If the name is taken.
     pub fn add(&mut self, mut segment: Segment) -> Result<(), SegmentationError> {
         let fail = |reason| Err(SegmentationError::Name { name: segment.name.clone(), reason });
-        let fits = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-        if segment.name.is_empty() || !segment.name.chars().all(fits) || segment.name.starts_with('.') {
-            return fail("a name is made of letters, digits, - _ and .");
-        }
         if self.get(&segment.name).is_ok() {
             return fail("there is one of that name; remove it first or choose another");
         }
@@ -152,7 +144,7 @@ impl Segmentation {
 
     /// Removes the segments for which `drop` holds, and their parts.
     pub fn remove(&mut self, drop: impl Fn(&Segment) -> bool) {
-        let mut gone: Vec<String> = Vec::new();
+        let mut gone: Vec<Name> = Vec::new();
         self.segments.retain(|s| {
             let goes = drop(s) || s.parent.as_ref().is_some_and(|p| gone.contains(p));
             if goes {
@@ -166,7 +158,7 @@ impl Segmentation {
     #[must_use]
     pub fn leaves(&self) -> Vec<String> {
         let whole = |name: &str| self.segments.iter().any(|s| s.parent.as_deref() == Some(name));
-        self.segments.iter().map(|s| s.name.clone()).filter(|name| !whole(name)).collect()
+        self.segments.iter().filter(|s| !whole(&s.name)).map(|s| s.name.to_string()).collect()
     }
 
     /// A label for each Gaussian: the position + 1 of the last of `names` that holds it, 0 for none.
@@ -189,11 +181,10 @@ impl Segmentation {
     /// If it cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), SegmentationError> {
         let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
-        let io = |source| SegmentationError::Io { path: path.into(), source };
         let bytes: Vec<(String, Vec<u8>)> = self
             .segments
             .iter()
-            .map(|s| (s.name.clone(), s.members.iter().flat_map(|i| i.to_le_bytes()).collect()))
+            .map(|s| (s.name.to_string(), s.members.iter().flat_map(|i| i.to_le_bytes()).collect()))
             .collect();
         let views = bytes
             .iter()
@@ -201,12 +192,11 @@ impl Segmentation {
             .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
             .map_err(|e| format(e.to_string()))?;
         let entry = serde_json::to_string(self).map_err(|e| format(e.to_string()))?;
-        let header = [(ENTRY.to_owned(), entry)].into_iter().collect();
-        let file = safetensors::serialize(views, Some(header)).map_err(|e| format(e.to_string()))?;
         if let Some(folder) = path.parent() {
+            let io = |source| TensorFileError::Io { path: path.into(), source };
             std::fs::create_dir_all(folder).map_err(io)?;
         }
-        write_atomic(path, &file).map_err(io)
+        Ok(tensors::write(path, views, Some((ENTRY, entry)))?)
     }
 
     /// Reads what [`Segmentation::save`] wrote.
@@ -214,7 +204,7 @@ impl Segmentation {
     /// # Errors
     /// If the file is missing or damaged, or names a Gaussian that the scene has not.
     pub fn load(path: &Path) -> Result<Self, SegmentationError> {
-        let bytes = std::fs::read(path).map_err(|source| SegmentationError::Io { path: path.into(), source })?;
+        let bytes = tensors::read(path)?;
         let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
         let damaged = |e: safetensors::SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
@@ -244,8 +234,8 @@ mod tests {
 
     fn segment(name: &str, parent: Option<&str>, members: &[u32]) -> Segment {
         Segment {
-            name: name.into(),
-            parent: parent.map(Into::into),
+            name: Name::new(name).unwrap(),
+            parent: parent.map(|p| Name::new(p).unwrap()),
             colour: [0.5, 0.25, 1.0],
             time: 0.3,
             origin: Origin::Fine { scale: 0.1 },
@@ -284,9 +274,7 @@ mod tests {
     #[test]
     fn names_are_unique_and_plain_and_parts_go_with_their_whole() {
         let mut all = three();
-        for name in ["red", "", "a b", "../up", ".hidden"] {
-            assert!(all.add(segment(name, None, &[])).is_err(), "{name}");
-        }
+        assert!(all.add(segment("red", None, &[])).is_err());
         assert!(all.get("green").unwrap_err().to_string().contains("red, red.1, blue"));
         assert_eq!(all.depths(), [0, 1, 0]);
         assert_eq!(all.labels(&["red".into(), "red.1".into()]).unwrap(), [0, 2, 0, 2, 0, 1, 0, 0, 0, 0]);

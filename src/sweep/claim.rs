@@ -154,7 +154,7 @@ fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
     let heart = std::thread::Builder::new().name("claim".into()).spawn(move || {
         while stopped.recv_timeout(BEAT) == Err(RecvTimeoutError::Timeout) {
             if matches!(newest(&folder), Ok(Some((n, _))) if n > number) {
-                eprintln!("another process took this run over, as this one was not heard of; ending");
+                errln!("another process took this run over, as this one was not heard of; ending");
                 std::process::exit(75);
             }
             beating.beat += 1;

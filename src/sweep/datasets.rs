@@ -173,9 +173,10 @@ fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), 
             label_images: spec.segments,
         },
         replace: false,
+        needed: Vec::new(),
     };
     let transfer = scene.transfer_function().map_err(|e| failed(&e))?;
-    eprintln!("{}: rendering {} images", folder.display(), image_count(&source, &options));
+    errln!("{}: rendering {} images", folder.display(), image_count(&source, &options));
     let bar = progress::bar(image_count(&source, &options), "images");
     let made = prepare(&source, &transfer, &options, folder, &|n| bar.set_position(n as u64), stop);
     bar.finish_and_clear();

@@ -75,7 +75,7 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
             let short = |i: &usize| progress(plan, *i) == Progress::Open && steps_done(&plan.run_folder(*i)) < rung;
             let open: Vec<usize> = runs.iter().copied().filter(short).collect();
             if !open.is_empty() {
-                eprintln!("to step {rung}: {} runs", open.len());
+                errln!("to step {rung}: {} runs", open.len());
                 let mut at_rung = Tally::default();
                 Pool::new(plan, options, Some(rung), stop).all(&open, &mut at_rung)?;
                 if at_rung.died > 0 {
@@ -90,14 +90,14 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
             halving::save(&options.dir, &stopped)?;
         }
         tally.stopped = stopped.len();
-        eprintln!("to the end: {} runs", runs.len());
+        errln!("to the end: {} runs", runs.len());
     }
     let done = |i: &usize| progress(plan, *i) == Progress::Done;
     tally.before = runs.iter().filter(|i| done(i)).count();
     let open: Vec<usize> = runs.iter().copied().filter(|i| progress(plan, *i) == Progress::Open).collect();
     tally.failed = runs.len() - tally.before - open.len();
     if tally.before + tally.failed > 0 {
-        eprintln!("{} of {} runs are done before, {} failed before", tally.before, runs.len(), tally.failed);
+        errln!("{} of {} runs are done before, {} failed before", tally.before, runs.len(), tally.failed);
     }
     Pool::new(plan, options, None, stop).all(&open, &mut tally)?;
     Ok(tally)
@@ -234,7 +234,7 @@ impl<'a> Pool<'a> {
     }
 
     fn say(&self, text: &str) {
-        if self.overall.is_hidden() { eprintln!("{text}") } else { self.overall.println(text) }
+        if self.overall.is_hidden() { errln!("{text}") } else { self.overall.println(text) }
     }
 
     fn ended(&self, job: &Job, status: ExitStatus, tally: &mut Tally) {

@@ -11,12 +11,12 @@ use crate::device::DeviceName;
 use crate::eval::results::write_results;
 use crate::eval::run::{Costs, evaluate};
 use crate::eval::segments;
-use crate::files::{AtomicDir, clean_stale};
+use crate::files::{AtomicDir, LockError, RunLock, Work, clean_stale};
 use crate::metrics::lpips::Lpips;
 use crate::model::Scene;
 use crate::train::checkpoint;
 use crate::train::open_dataset;
-use crate::train::run::{RunOptions, RunRecord};
+use crate::train::run::{RunOptions, RunRecord, Start};
 use burn::tensor::Device;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -56,7 +56,13 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
     if let Some(ended) = ended(plan, index) {
         return Ok(ended);
     }
-    let ended = match (Worker { plan, run: &plan.runs[index], folder: &folder, stop }).go(stop_after) {
+    // the claim keeps other sweeps away, also on other machines; the lock, commands that a person calls
+    let lock = match RunLock::acquire(&folder, COMMAND, Work::Long) {
+        Ok(lock) => lock,
+        Err(LockError::Held { holder, .. }) => return Ok(Ended::Held(holder.to_string())),
+        Err(LockError::Io { source, .. }) => return Err(source),
+    };
+    let ended = match (Worker { plan, run: &plan.runs[index], folder: &folder, stop, lock: &lock }).go(stop_after) {
         Ok(ended) => ended,
         Err(_) if stop.load(Ordering::Relaxed) => Ended::Interrupted,
         Err(failure) => {
@@ -64,7 +70,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
             Ended::Failed(format!("{}: {}", failure.stage, failure.error))
         }
     };
-    drop(held);
+    drop((lock, held));
     Ok(ended)
 }
 
@@ -82,7 +88,11 @@ struct Worker<'a> {
     run: &'a Run,
     folder: &'a Path,
     stop: &'a AtomicBool,
+    lock: &'a RunLock,
 }
+
+/// What others are told of who holds the run.
+const COMMAND: &str = "volseggs sweep";
 
 fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> Failure {
     move |e| Failure { error: e.to_string(), stage: stage.to_owned() }
@@ -138,12 +148,14 @@ impl Worker<'_> {
         let dataset = open_dataset(data, config).map_err(failed("data"))?;
         let options = RunOptions {
             out: self.folder.to_owned(),
-            resume: true,
+            start: Start::NewOrResume,
+            command: COMMAND.to_owned(),
             config_toml: self.run.config.clone(),
             device_name: self.run.device.clone(),
             stop_after,
         };
-        let outcome = crate::train::run::run(config, &dataset, device, &options, self.stop).map_err(failed("train"))?;
+        let outcome = crate::train::run::run(config, &dataset, device, &options, Some(self.lock), self.stop)
+            .map_err(failed("train"))?;
         Ok(match outcome.complete {
             true => None,
             false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),
@@ -189,7 +201,7 @@ impl Worker<'_> {
         clean_stale(self.folder).map_err(failed("segments"))?;
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let evaluation =
-            segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| eprintln!("{what}"))
+            segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))
                 .map_err(failed("segments"))?;
         let name = path.file_stem().unwrap_or_default();
         segments::write_results(&self.folder.join("eval").join(name), &evaluation).map_err(failed("segments"))?;

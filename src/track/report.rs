@@ -7,7 +7,8 @@ use super::tables::{events_csv, statistics_csv, to_json, tracks_csv};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
 use crate::export::images::{encode_gray_png, encode_png, to_rgb8};
-use crate::files::AtomicDir;
+use crate::files::{AtomicDir, FolderKind, ReplaceError};
+use crate::name::Name;
 use image::{GrayImage, ImageError, RgbImage};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,9 @@ pub struct PictureOptions {
 /// Why a report cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
+    /// Something else stands where the folder should go.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
     /// The file system said no.
     #[error("{path}: {source}; check the folder and the space on the disk")]
     Io {
@@ -53,6 +57,13 @@ pub enum ReportError {
     },
 }
 
+/// The folder of a followed segment.
+const KIND: FolderKind = FolderKind {
+    what: "a followed segment",
+    markers: &["statistics.json"],
+    entries: &["*.csv", "*.svg", "times.png", "renders", "masks"],
+};
+
 /// A segment's folder that is being made.
 #[derive(Debug)]
 pub struct ReportFolder {
@@ -66,21 +77,21 @@ pub struct ReportFolder {
 }
 
 impl ReportFolder {
-    /// Begins the folder `path`; its parent is made if it is not there.
+    /// Begins the folder `name` in `parent`, which is made if it is not there.
     ///
     /// # Errors
-    /// [`ReportError::Io`].
-    pub fn create(path: &Path, options: PictureOptions) -> Result<Self, ReportError> {
-        let io = |source| ReportError::Io { path: path.into(), source };
-        if let Some(parent) = path.parent() {
-            std::fs::create_dir_all(parent).map_err(io)?;
-        }
-        let folder = AtomicDir::create(path).map_err(io)?;
+    /// [`ReportError::Io`]; [`ReportError::Replace`] if something else has that name.
+    pub fn create(parent: &Path, name: &Name, options: PictureOptions) -> Result<Self, ReportError> {
+        let path = parent.join(name);
+        let io = |source| ReportError::Io { path: path.clone(), source };
+        std::fs::create_dir_all(parent).map_err(io)?;
+        KIND.check(&path, &[])?;
+        let folder = AtomicDir::create(&path).map_err(io)?;
         let kept = if options.keep { &["renders", "masks"][..] } else { &[] };
         for name in kept {
             std::fs::create_dir(folder.dir().join(name)).map_err(io)?;
         }
-        Ok(Self { path: path.into(), folder, options, sheet: Vec::new(), areas: Vec::new() })
+        Ok(Self { path, folder, options, sheet: Vec::new(), areas: Vec::new() })
     }
 
     /// Adds the picture of the next time: `rgba` is colour over the background, and alpha, `[H, W, 4]`. With a
@@ -125,8 +136,7 @@ impl ReportFolder {
         self.put("over-time.svg", over_time(found).as_bytes())?;
         self.put("velocity-over-time.svg", velocity_over_time(found).as_bytes())?;
         self.put_png("times.png", encode_png(&view_sheet(&self.sheet, 4, SHEET_CELL)))?;
-        let Self { path, folder, .. } = self;
-        folder.commit_replacing().map_err(|source| ReportError::Io { path, source })
+        Ok(self.folder.commit_replacing(&KIND, &[])?)
     }
 
     fn put(&self, name: &str, bytes: &[u8]) -> Result<(), ReportError> {

@@ -5,10 +5,12 @@
 
 use super::Trainer;
 use super::densify::Statistics;
-use crate::files::{AtomicDir, write_atomic};
+use super::resume::{self, Change};
+use crate::files::{AtomicDir, FolderKind, ReplaceError, remove_whole, write_atomic};
 use crate::model::Scene;
 use crate::model::params::HostTensor;
 use crate::model::scene::{SceneError, read_tensors, write_tensors};
+use crate::tensors::{self, TensorFileError};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -26,15 +28,58 @@ pub enum CheckpointError {
         /// What is wrong.
         reason: String,
     },
-    /// The checkpoint belongs to other data or another configuration.
-    #[error("{path}: {what} differs from that of the checkpoint; resume with the same, or train into a new folder")]
-    Mismatch {
+    /// A checkpoint is not whole any more.
+    #[error("{reason}; {advice}")]
+    Damaged {
+        /// What is wrong, with the file.
+        reason: String,
+        /// The way out, as a command where there is one.
+        advice: String,
+    },
+    /// The checkpoint belongs to other data.
+    #[error(
+        "{path}: trained on another dataset ({was}, this one is {now}); point to the one it was trained on with --data, or train \
+         into a new folder"
+    )]
+    Dataset {
         /// The checkpoint.
         path: PathBuf,
-        /// `the configuration` or `the dataset`.
-        what: &'static str,
+        /// Fingerprint of its dataset.
+        was: String,
+        /// Fingerprint of the dataset given.
+        now: String,
     },
+    /// Keys were changed that shaped the steps already taken.
+    #[error("{path}: {}; resume without that, or train into a new folder", listed(changes))]
+    Changed {
+        /// The checkpoint.
+        path: PathBuf,
+        /// The keys.
+        changes: Vec<Change>,
+    },
+    /// There is nothing to go on from.
+    #[error("{run}: no checkpoint to go on from{hint}; without --resume training begins anew")]
+    None {
+        /// The run.
+        run: PathBuf,
+        /// What there is instead.
+        hint: String,
+    },
+    /// Another folder stands where the checkpoint should go.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
 }
+
+fn listed(changes: &[Change]) -> String {
+    changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
+}
+
+/// The folder of a checkpoint.
+const KIND: FolderKind = FolderKind {
+    what: "a checkpoint",
+    markers: &["state.json"],
+    entries: &["scene.safetensors", "optimizer.safetensors"],
+};
 
 /// What is not a tensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,6 +120,58 @@ pub fn newest_scene(run: &Path) -> Option<PathBuf> {
     list(run).pop().map(|(_, path)| path.join("scene.safetensors"))
 }
 
+/// The run and the checkpoint that `path` stands for: a run folder with its newest checkpoint, if it has one, or one of
+/// its checkpoints.
+pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
+    let run = path.parent().filter(|p| p.file_name().is_some_and(|n| n == "checkpoints")).and_then(Path::parent);
+    match run {
+        Some(run) if path.join("state.json").is_file() => {
+            let run = if run.as_os_str().is_empty() { Path::new(".") } else { run };
+            (run.to_owned(), Some(path.to_owned()))
+        }
+        _ => (path.to_owned(), list(path).pop().map(|(_, newest)| newest)),
+    }
+}
+
+/// What to do when the checkpoint at `path` is damaged: the newest older one that is whole, as a command would name it.
+pub fn advice(path: &Path) -> String {
+    let (run, _) = locate(path);
+    let whole = |checkpoint: &Path| {
+        let read = std::fs::read(checkpoint.join("state.json")).ok();
+        read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
+            && ["scene.safetensors", "optimizer.safetensors"].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
+    };
+    let name = path.file_name();
+    let older = list(&run).into_iter().rev().map(|(_, p)| p).skip_while(|p| p.file_name() != name).skip(1);
+    match older.into_iter().find(|p| whole(p)) {
+        Some(older) => format!(
+            "an older checkpoint is whole: give {} in place of {}, or train on from it with `volseggs train --resume {}`",
+            older.display(),
+            run.display(),
+            older.display()
+        ),
+        None => "no older checkpoint is whole; restore the file from a copy, or train again".to_owned(),
+    }
+}
+
+/// Takes checkpoints newer than `path` out of the way, as training goes on from there: they stay beside it under
+/// `aside-step-NNNNNN`.
+///
+/// # Errors
+/// If one cannot be renamed.
+pub fn set_newer_aside(run: &Path, path: &Path) -> Result<(), CheckpointError> {
+    for (step, newer) in list(run).into_iter().rev().take_while(|(_, p)| p.file_name() != path.file_name()) {
+        let aside = |k: usize| {
+            let number = if k == 0 { String::new() } else { format!("-{k}") };
+            newer.with_file_name(format!("aside-{}{number}", folder_name(step)))
+        };
+        let free = (0..).map(aside).find(|p| p.symlink_metadata().is_err());
+        let moved = free.map_or(Ok(()), |free| std::fs::rename(&newer, free));
+        moved.map_err(|e| CheckpointError::File { path: newer.clone(), reason: e.to_string() })?;
+    }
+    Ok(())
+}
+
 /// Writes a checkpoint and removes all but the `keep` newest.
 ///
 /// # Errors
@@ -92,36 +189,55 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
         let tensor = HostTensor { shape: vec![values.len()], values: values.clone() };
         tensors.insert(format!("statistics.{name}"), tensor);
     }
-    write_tensors(&dir.dir().join("optimizer.safetensors"), &tensors, &[])?;
+    write_tensors(&dir.dir().join("optimizer.safetensors"), &tensors, None)?;
     let json = serde_json::to_vec_pretty(state).map_err(|e| file_error(&e))?;
     write_atomic(&dir.dir().join("state.json"), &json).map_err(|e| file_error(&e))?;
-    dir.commit_replacing().map_err(|e| file_error(&e))?;
+    dir.commit_replacing(&KIND, &[])?;
     let all = list(run);
     for (_, old) in all.iter().take(all.len().saturating_sub(keep.max(1))) {
-        // renamed first: a kill in the middle leaves a temporary, never half a checkpoint
-        let doomed = old.with_file_name(format!(".tmp-{}-{}-0", folder_of(old), std::process::id()));
-        std::fs::rename(old, &doomed).and_then(|()| std::fs::remove_dir_all(&doomed)).map_err(|e| file_error(&e))?;
+        remove_whole(old).map_err(|e| file_error(&e))?;
     }
     Ok(path)
 }
 
-fn folder_of(path: &Path) -> String {
-    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
-}
-
-/// Takes a trainer, new from the same configuration and data, to where the checkpoint was.
+/// Takes a trainer, new from the same data and a configuration that may differ in what [`resume`] allows, to where the
+/// checkpoint was. Gives the keys that differ.
 ///
 /// # Errors
 /// If a file is missing or damaged, or the configuration or the dataset is another.
-pub fn restore(path: &Path, trainer: &mut Trainer, config: &str, dataset: &str) -> Result<State, CheckpointError> {
+pub fn restore(
+    path: &Path,
+    trainer: &mut Trainer,
+    config: &str,
+    dataset: &str,
+) -> Result<(State, Vec<Change>), CheckpointError> {
+    restore_whole(path, trainer, config, dataset).map_err(|e| {
+        let reason = match &e {
+            CheckpointError::File { .. }
+            | CheckpointError::Scene(SceneError::NotFinite { .. } | SceneError::Format { .. })
+            | CheckpointError::Scene(SceneError::File(TensorFileError::Damaged { .. })) => e.to_string(),
+            _ => return e,
+        };
+        CheckpointError::Damaged { reason, advice: advice(path) }
+    })
+}
+
+fn restore_whole(
+    path: &Path,
+    trainer: &mut Trainer,
+    config: &str,
+    dataset: &str,
+) -> Result<(State, Vec<Change>), CheckpointError> {
     let state_path = path.join("state.json");
     let bad = |reason: String| CheckpointError::File { path: state_path.clone(), reason };
     let text = std::fs::read_to_string(&state_path).map_err(|e| bad(e.to_string()))?;
     let state: State = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
-    for (what, same) in [("the configuration", state.config == config), ("the dataset", state.dataset == dataset)] {
-        if !same {
-            return Err(CheckpointError::Mismatch { path: path.into(), what });
-        }
+    if state.dataset != dataset {
+        return Err(CheckpointError::Dataset { path: path.into(), was: state.dataset, now: dataset.to_owned() });
+    }
+    let (allowed, refused) = resume::changes(&state.config, config, state.step).map_err(bad)?;
+    if !refused.is_empty() {
+        return Err(CheckpointError::Changed { path: path.into(), changes: refused });
     }
     let device = trainer.device().clone();
     let scene = Scene::load(&path.join("scene.safetensors"), &device)?;
@@ -143,5 +259,5 @@ pub fn restore(path: &Path, trainer: &mut Trainer, config: &str, dataset: &str) 
     trainer.scene = Some(scene);
     trainer.step = state.step;
     trainer.initial = state.initial;
-    Ok(state)
+    Ok((state, allowed))
 }

@@ -11,6 +11,7 @@ pub mod init;
 pub mod losses;
 mod open;
 pub mod optimizer;
+pub mod resume;
 pub mod run;
 pub mod schedule;
 pub mod sleep;

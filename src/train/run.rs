@@ -1,10 +1,11 @@
 //! A training run in a folder: steps, logs, evaluation on a few test views, checkpoints, signals.
 
 use super::checkpoint::{self, CheckpointError, State};
+use super::resume::Change;
 use super::{StepReport, TrainError, Trainer};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
-use crate::files::{clean_stale, write_atomic};
+use crate::files::{LockError, RunLock, Work, clean_stale, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
@@ -18,13 +19,28 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+/// How a run begins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// Anew; a folder that holds checkpoints is refused.
+    New,
+    /// From the newest checkpoint; a folder without one is refused.
+    Resume,
+    /// From this checkpoint of the run; newer ones are set aside once it has been read.
+    ResumeFrom(PathBuf),
+    /// From the newest checkpoint if there is one, or else anew.
+    NewOrResume,
+}
+
 /// What a run is asked to do.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Folder of the run.
     pub out: PathBuf,
-    /// Go on from the newest checkpoint, if there is one.
-    pub resume: bool,
+    /// Anew or from a checkpoint.
+    pub start: Start,
+    /// The command as it was called, for others who find the run locked.
+    pub command: String,
     /// The resolved configuration as TOML, kept beside the results.
     pub config_toml: String,
     /// The device's name, for the record.
@@ -69,7 +85,13 @@ pub struct RunOutcome {
     pub complete: bool,
     /// PSNR of the last evaluation on test views, decibels.
     pub test_psnr: Option<f64>,
+    /// Keys that were changed on resuming.
+    pub changed: Vec<Change>,
 }
+
+/// What a run that is lengthened is told.
+const LENGTHENED: &str = ": rates and the late DSSIM follow the new length from here on, so the result is not that of a run \
+                          of this length from the start";
 
 #[derive(Serialize)]
 struct Line {
@@ -95,15 +117,65 @@ struct Milliseconds {
     densify: f64,
 }
 
-/// Trains into `options.out` until the end, a signal or an error. `stop` is raised by a signal handler.
+/// Takes the lock of the run in `out` for training, if the folder is there: asked for before data are read, a run that
+/// is in use refuses at once.
 ///
 /// # Errors
-/// As [`Trainer`], and if a file cannot be written.
+/// If another process writes into the run.
+pub fn lock(out: &Path, command: &str) -> Result<Option<RunLock>, LockError> {
+    out.is_dir().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
+}
+
+/// The checkpoint to begin from, if any.
+fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointError> {
+    let newest = || checkpoint::list(out).pop().map(|(_, path)| path);
+    match (start, newest()) {
+        (Start::ResumeFrom(path), _) => Ok(Some(path.clone())),
+        (Start::Resume, None) => {
+            let folders = std::fs::read_dir(out.join("checkpoints")).into_iter().flatten().flatten();
+            let mut broken: Vec<String> = folders.map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+            broken.retain(|n| n.starts_with("step-"));
+            broken.sort();
+            let hint = broken.pop().map(|n| format!(" (checkpoints/{n} has no state.json)")).unwrap_or_default();
+            Err(CheckpointError::None { run: out.into(), hint })
+        }
+        (Start::New, Some(_)) => {
+            let reason = format!(
+                "holds checkpoints of a run; go on with `volseggs train --resume {}`, or choose another --out",
+                out.display()
+            );
+            Err(CheckpointError::File { path: out.into(), reason })
+        }
+        (Start::New, None) => refuse_foreign(out).map(|()| None),
+        (Start::Resume | Start::NewOrResume, newest) => Ok(newest),
+    }
+}
+
+/// Refuses a folder that is no run and holds files of the names that a run writes.
+fn refuse_foreign(out: &Path) -> Result<(), CheckpointError> {
+    if out.join("run.json").exists() {
+        return Ok(());
+    }
+    match ["config.toml", "metrics.jsonl", "checkpoints", "tensorboard"].iter().find(|n| out.join(n).exists()) {
+        Some(name) => {
+            let reason = "is there, but no run.json beside it, so it belongs to no run and is not replaced; choose another --out";
+            Err(CheckpointError::File { path: out.join(name), reason: reason.into() })
+        }
+        None => Ok(()),
+    }
+}
+
+/// Trains into `options.out` until the end, a signal or an error. `stop` is raised by a signal handler. The run is
+/// locked while that lasts: `held` is its lock, where the caller took it before.
+///
+/// # Errors
+/// As [`Trainer`], if there is nothing to resume or another process writes into the run, and if a file cannot be written.
 pub fn run(
     config: &Config,
     dataset: &Dataset,
     device: &Device,
     options: &RunOptions,
+    held: Option<&RunLock>,
     stop: &AtomicBool,
 ) -> Result<RunOutcome, TrainError> {
     let mut trainer = Trainer::new(config.clone(), dataset, device)?;
@@ -111,42 +183,31 @@ pub fn run(
     let log_error =
         |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
     std::fs::create_dir_all(out).map_err(|e| log_error(out, &e))?;
+    let _lock = match held {
+        Some(_) => None,
+        None => Some(RunLock::acquire(out, &options.command, Work::Long)?),
+    };
     let fingerprint = dataset.fingerprint();
     for folder in [out.clone(), out.join("checkpoints")] {
         if folder.is_dir() {
             clean_stale(&folder).map_err(|e| log_error(&folder, &e))?;
         }
     }
-    let newest = checkpoint::list(out).pop().filter(|_| options.resume);
-    let mut seconds_before = 0.0;
-    if let Some((_, path)) = &newest {
-        let state =
-            checkpoint::restore(path, &mut trainer, &options.config_toml, &fingerprint).map_err(TrainError::Resume)?;
-        seconds_before = state.seconds;
-    } else if !options.resume && !checkpoint::list(out).is_empty() {
-        let reason = "holds checkpoints of another run; pass --resume to go on, or choose another --out".to_owned();
-        return Err(TrainError::Resume(CheckpointError::File { path: out.clone(), reason }));
+    let metrics_path = out.join("metrics.jsonl");
+    let newest = beginning(out, &options.start).map_err(TrainError::Resume)?;
+    let (mut seconds_before, mut changed) = (0.0, Vec::new());
+    if let Some(path) = &newest {
+        let restored = checkpoint::restore(path, &mut trainer, &options.config_toml, &fingerprint);
+        let (state, changes) = restored.map_err(TrainError::Resume)?;
+        (seconds_before, changed) = (state.seconds, changes);
+        truncate_after(&metrics_path, trainer.steps_done() as u64)?;
+        checkpoint::set_newer_aside(out, path).map_err(TrainError::Resume)?;
     }
-    let config_path = out.join("config.toml");
-    write_atomic(&config_path, options.config_toml.as_bytes()).map_err(|e| log_error(&config_path, &e))?;
+    for change in &changed {
+        errln!("note: {change}{}", if change.key.starts_with("stages.") { LENGTHENED } else { "" });
+    }
 
     let first = trainer.steps_done();
-    let metrics_path = out.join("metrics.jsonl");
-    if newest.is_some() {
-        truncate_after(&metrics_path, first as u64).map_err(|e| log_error(&metrics_path, &e))?;
-    } else if metrics_path.exists() {
-        // what a run left that died before its first checkpoint
-        std::fs::remove_file(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
-    }
-    let mut metrics = JsonlWriter::open(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
-    let events_path = out.join("tensorboard");
-    let events = if first == 0 {
-        EventWriter::create(&events_path)
-    } else {
-        EventWriter::resume(&events_path, first as u64 + 1)
-    };
-    let mut events = events.map_err(|e| log_error(&events_path, &e))?;
-
     let started = Instant::now();
     let seconds = || seconds_before + started.elapsed().as_secs_f64();
     let mut record = RunRecord {
@@ -167,7 +228,23 @@ pub fn run(
         let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
         write_atomic(&record_path, &json).map_err(|e| log_error(&record_path, &e))
     };
+    // first of all files, as it tells a run from any other folder
     write_record(&record)?;
+    let config_path = out.join("config.toml");
+    write_atomic(&config_path, options.config_toml.as_bytes()).map_err(|e| log_error(&config_path, &e))?;
+    if newest.is_none() && metrics_path.exists() {
+        // what a run left that died before its first checkpoint
+        std::fs::remove_file(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
+    }
+    let mut metrics = JsonlWriter::open(&metrics_path)?;
+    let events_path = out.join("tensorboard");
+    let events = if first == 0 {
+        EventWriter::create(&events_path)
+    } else {
+        EventWriter::resume(&events_path, first as u64 + 1)
+    };
+    let mut events = events.map_err(|e| log_error(&events_path, &e))?;
+
     let save = |trainer: &Trainer| -> Result<(), TrainError> {
         let state = State {
             step: trainer.steps_done(),
@@ -200,12 +277,12 @@ pub fn run(
         if every(config.output.log_every) || every(config.output.eval_every) {
             let evaluated = test_psnr.filter(|_| every(config.output.eval_every));
             let line = line(&report, seconds(), evaluated);
-            metrics.append(&line).map_err(|e| log_error(&metrics_path, &e))?;
+            metrics.append(&line)?;
             log_events(&mut events, &line).map_err(|e| log_error(&events_path, &e))?;
         }
         let text = message(&report, smooth_psnr, test_psnr);
         if !std::io::stderr().is_terminal() && (every(config.output.eval_every) || every(1000)) {
-            eprintln!("{done}/{total} {:.0} s {text}", seconds());
+            errln!("{done}/{total} {:.0} s {text}", seconds());
         }
         bar.set_position(done as u64);
         bar.set_message(text);
@@ -215,7 +292,7 @@ pub fn run(
             record.training_seconds = seconds();
             record.gaussians = report.gaussians;
             write_record(&record)?;
-            metrics.sync().map_err(|e| log_error(&metrics_path, &e))?;
+            metrics.sync()?;
             saved = true;
         }
     }
@@ -231,7 +308,7 @@ pub fn run(
     record.gaussians = trainer.scene().gaussians.count();
     record.peak_memory_bytes = peak_memory();
     write_record(&record)?;
-    Ok(RunOutcome { record, complete, test_psnr })
+    Ok(RunOutcome { record, complete, test_psnr, changed })
 }
 
 fn progress_bar(total: usize, first: usize) -> ProgressBar {

@@ -40,6 +40,12 @@ pub enum TrainError {
     /// The configuration contradicts itself.
     #[error("configuration: {0}")]
     Config(String),
+    /// Another process writes into the run.
+    #[error(transparent)]
+    Lock(#[from] crate::files::LockError),
+    /// The metrics file cannot be used.
+    #[error(transparent)]
+    Metrics(#[from] crate::log::jsonl::JsonlError),
     /// There is nothing to resume from, or it does not fit.
     #[error(transparent)]
     Resume(super::checkpoint::CheckpointError),

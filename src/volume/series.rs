@@ -82,6 +82,12 @@ impl Series {
         Ok(Self { files, header, times, notes, nan_as: options.nan_as, kept, range: OnceLock::new() })
     }
 
+    /// The files, in order of time.
+    #[must_use]
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
+    }
+
     /// Number of steps, at least 1.
     #[must_use]
     #[expect(clippy::len_without_is_empty, reason = "a series is never empty")]

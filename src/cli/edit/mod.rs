@@ -150,7 +150,7 @@ impl EditArgs {
             EditCommand::Scale { targets, factor, about } => (targets, Operation::Scale { factor, about }),
             EditCommand::Undo { target, count } => return Edits::open(target)?.step(Towards::Undo, count),
             EditCommand::Redo { target, count } => return Edits::open(target)?.step(Towards::Redo, count),
-            EditCommand::List(target) => return Edits::open(target)?.print(),
+            EditCommand::List(target) => return Edits::look(target)?.print(),
             EditCommand::Clear(target) => return Edits::cleared(target)?.save(),
         };
         Edits::open(targets.target)?.push(targets.segments, operation)

@@ -5,6 +5,7 @@ use super::super::shown::{EDITS, check_edits};
 use super::super::{CliError, print_json};
 use super::Target;
 use crate::edit::{Edit, EditError, EditStack, Operation};
+use crate::files::Work;
 use crate::segment::segmentation::Segmentation;
 use std::path::PathBuf;
 
@@ -30,10 +31,18 @@ impl Edits {
         Ok(edits)
     }
 
+    /// The same to look at: others may write meanwhile.
+    pub(super) fn look(target: Target) -> Result<Self, CliError> {
+        let (_, device) = target.common.device()?;
+        let run = RunFolder::open(&target.run, &device)?;
+        let stack = run.edits()?;
+        Ok(Self { run, stack, json: target.common.json })
+    }
+
     /// No edits, whatever the file holds.
     pub(super) fn cleared(target: Target) -> Result<Self, CliError> {
         let (_, device) = target.common.device()?;
-        let run = RunFolder::open(&target.run, &device)?;
+        let run = RunFolder::open_to_write(&target.run, &device, Work::Short)?;
         Ok(Self { run, stack: EditStack::default(), json: target.common.json })
     }
 
@@ -99,10 +108,10 @@ impl Edits {
         }
         let lines = self.stack.list();
         if lines.is_empty() {
-            println!("no edits");
+            outln!("no edits");
         }
         for line in lines {
-            println!("{line}");
+            outln!("{line}");
         }
         Ok(())
     }

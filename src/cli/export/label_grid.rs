@@ -57,7 +57,7 @@ pub(super) fn choose(
     if let Some(path) = like {
         let file = formats::open(path).map_err(CliError::input)?.header().grid;
         if record.is_none() {
-            eprintln!(
+            errln!(
                 "note: {}: the volume is taken to be centred, its longest side half as wide as the frame",
                 missing()
             );
@@ -67,7 +67,7 @@ pub(super) fn choose(
     if let Some(record) = record {
         return Ok(prepared(record, dims));
     }
-    eprintln!("note: {}: labels fall on the box of the scene; give the volume with --like", missing());
+    errln!("note: {}: labels fall on the box of the scene; give the volume with --like", missing());
     Ok(around(run.scene.spec.centre, run.scene.spec.half_size, dims))
 }
 

@@ -216,16 +216,16 @@ fn count(ids: &[u16], labels: usize) -> Vec<u64> {
 
 fn print(found: &Report) -> Result<(), CliError> {
     let [x, y, z] = found.dims;
-    eprintln!("labels on {x} x {y} x {z} voxels, spacing {:?}, origin {:?}", found.spacing, found.origin);
+    errln!("labels on {x} x {y} x {z} voxels, spacing {:?}, origin {:?}", found.spacing, found.origin);
     for volume in &found.volumes {
         let share = |(label, n): (&Label, &u64)| format!("{} {n}", label.name);
         let voxels: Vec<String> = found.labels.iter().zip(&volume.voxels).map(share).collect();
-        println!("{}  t = {:.3}  {}", volume.file.display(), volume.time, voxels.join(", "));
+        outln!("{}  t = {:.3}  {}", volume.file.display(), volume.time, voxels.join(", "));
         let mean = volume.agreement.as_ref().and_then(|a| a.mean_dice);
         if let Some(mean) = mean.filter(|_| found.volumes.len() > 1) {
-            println!("  mean Dice {mean:.4}");
+            outln!("  mean Dice {mean:.4}");
         }
     }
-    found.agreement.iter().for_each(|agreement| print!("{}", report(agreement)));
+    found.agreement.iter().for_each(|agreement| out!("{}", report(agreement)));
     Ok(())
 }

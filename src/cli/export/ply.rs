@@ -27,7 +27,7 @@ pub(super) fn run(args: &ExportArgs, run: &RunFolder) -> Result<(), CliError> {
         to_ply(shown.visible(&run.scene, *time as f32)?).write(path).map_err(CliError::failure)?;
     }
     let paths: Vec<&PathBuf> = files.iter().map(|(p, _)| p).collect();
-    eprintln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
+    errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
     if args.common.json {
         print_json(&serde_json::json!({ "files": paths, "gaussians": count }))?;
     }

@@ -99,14 +99,14 @@ impl RenderArgs {
         let render_fps = views.len() as f64 / seconds;
         let legend = look.legend();
         let report = Report { frames: views.len(), width, height, render_fps, out: self.out, legend };
-        eprintln!(
+        errln!(
             "{} frames of {width}x{height} in {}, rendered at {:.1} frames/second",
             report.frames,
             report.out.display(),
             report.render_fps
         );
         if let Some(Legend { legend, .. }) = &report.legend {
-            eprintln!("{legend}");
+            errln!("{legend}");
         }
         if self.common.json {
             print_json(&report)?;

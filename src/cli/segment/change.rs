@@ -2,6 +2,8 @@
 
 use super::super::run_folder::RunFolder;
 use super::super::{CliError, Common, print_json};
+use crate::files::Work;
+use crate::name::Name;
 use crate::segment::segmentation::{Origin, Segment};
 use clap::Args;
 use std::path::PathBuf;
@@ -13,7 +15,7 @@ pub struct GroupArgs {
     /// Folder of the run.
     run: PathBuf,
     /// Name of the group.
-    name: String,
+    name: Name,
     /// Its segments, which stay as they are.
     #[arg(required = true)]
     segments: Vec<String>,
@@ -24,7 +26,7 @@ pub struct GroupArgs {
 impl GroupArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
         let mut all = run.segments()?;
         let found = self.segments.iter().map(|s| all.get(s)).collect::<Result<Vec<_>, _>>().map_err(CliError::input)?;
         let members: Vec<u32> = found.iter().flat_map(|s| &s.members).copied().collect();
@@ -36,7 +38,7 @@ impl GroupArgs {
         if self.common.json {
             return print_json(&serde_json::json!({ "name": group.name, "gaussians": group.members.len() }));
         }
-        println!("{:20} {:>8} Gaussians", group.name, group.members.len());
+        outln!("{:20} {:>8} Gaussians", group.name, group.members.len());
         Ok(())
     }
 }
@@ -57,19 +59,19 @@ pub struct RemoveArgs {
 impl RemoveArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
         let mut all = run.segments()?;
         for name in &self.segments {
             all.get(name).map_err(CliError::input)?;
         }
         let before = all.segments.len();
-        all.remove(|s| self.segments.contains(&s.name));
+        all.remove(|s| self.segments.iter().any(|n| s.name == *n));
         all.save(&run.segments_path()).map_err(CliError::failure)?;
         let left: Vec<&str> = all.segments.iter().map(|s| s.name.as_str()).collect();
         if self.common.json {
             return print_json(&serde_json::json!({ "removed": before - left.len(), "segments": left }));
         }
-        eprintln!(
+        errln!(
             "{} removed; left: {}",
             before - left.len(),
             if left.is_empty() { "none".into() } else { left.join(", ") }

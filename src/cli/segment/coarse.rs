@@ -6,6 +6,8 @@ use super::{check_time, write_picture};
 use crate::data::paths::orbit;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
+use crate::files::Work;
+use crate::name::Name;
 use crate::points::outliers::OutlierConfig;
 use crate::segment::coarse::{CoarseOptions, ColourSpace, coarse};
 use crate::segment::pictures::draw;
@@ -64,7 +66,7 @@ impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         check_time(self.time)?;
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
         let n = run.scene.gaussians.count();
         let mut all = if self.replace { Segmentation::new(n, run.scene.fingerprint()) } else { run.segments()? };
         if !all.segments.is_empty() {
@@ -88,7 +90,7 @@ impl CoarseArgs {
         for (label, entry) in (1..).zip(&found.palette) {
             let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
             let segment = Segment {
-                name: entry.name.replace(' ', "-"),
+                name: Name::new(entry.name.replace(' ', "-")).map_err(CliError::failure)?,
                 parent: None,
                 colour: entry.rgb,
                 time: self.time,
@@ -107,7 +109,7 @@ impl CoarseArgs {
             for camera in &cameras[..3] {
                 let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
                 let image = draw(&alone, camera.to_kernel(), background, degree, &device);
-                pictures.push((segment.name.clone(), to_rgb8(&image, lens.width as usize, lens.height as usize)));
+                pictures.push((segment.name.to_string(), to_rgb8(&image, lens.width as usize, lens.height as usize)));
             }
         }
         let sheet = run.path.join("segments/coarse.png");
@@ -116,9 +118,9 @@ impl CoarseArgs {
             return print_json(&all);
         }
         for segment in &all.segments {
-            println!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
+            outln!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
         }
-        eprintln!("{} outliers removed; pictures: {}", found.outliers, sheet.display());
+        errln!("{} outliers removed; pictures: {}", found.outliers, sheet.display());
         Ok(())
     }
 }

@@ -6,8 +6,10 @@ use super::{affinity, write_picture};
 use crate::data::paths::orbit;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
+use crate::files::Work;
 use crate::log::progress;
 use crate::model::GaussiansAt;
+use crate::name::Name;
 use crate::segment::fine::extract::{Clustering, cluster, without_strays};
 use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::network::Frame;
@@ -60,7 +62,7 @@ impl FineArgs {
             return Err(CliError::input(format!("--hierarchy {}: at least 0", self.hierarchy)));
         }
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
         let all = run.segments()?;
         let path = run.path.join("segments/masks.jsonl");
         if !path.exists() {
@@ -78,12 +80,7 @@ impl FineArgs {
         let (views, spreads) =
             read_views(&masks, &at, &frame, &members, self.seed, &device, |_| bar.inc(1)).map_err(CliError::input)?;
         bar.finish_and_clear();
-        eprintln!(
-            "{} views of segments, {} masks, {:.1} s",
-            views.len(),
-            spreads.len(),
-            started.elapsed().as_secs_f64()
-        );
+        errln!("{} views of segments, {} masks, {:.1} s", views.len(), spreads.len(), started.elapsed().as_secs_f64());
 
         let repulsion = if self.margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(self.margin) };
         let options = FineOptions {
@@ -119,8 +116,8 @@ impl FineArgs {
                 &serde_json::json!({ "file": path, "loss": loss, "seconds": seconds, "steps": self.steps }),
             );
         }
-        println!("{} steps in {seconds:.1} s, loss {loss:.4}", self.steps);
-        eprintln!("next: volseggs segment split {} SEGMENT --scale 0.3", run.path.display());
+        outln!("{} steps in {seconds:.1} s, loss {loss:.4}", self.steps);
+        errln!("next: volseggs segment split {} SEGMENT --scale 0.3", run.path.display());
         Ok(())
     }
 }
@@ -157,7 +154,7 @@ impl SplitArgs {
             return Err(CliError::input(format!("--scale {}: between 0 and 1", self.scale)));
         }
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
         let mut all = run.segments()?;
         let whole = all.get(&self.segment).map_err(CliError::input)?.clone();
         let (field, spec) = affinity(&run, &device)?;
@@ -178,7 +175,8 @@ impl SplitArgs {
                 members = without_strays(&at, &members).map_err(CliError::failure)?;
             }
             let origin = Origin::Fine { scale: self.scale };
-            let (name, parent) = (format!("{}.{label}", whole.name), Some(whole.name.clone()));
+            let name = Name::new(format!("{}.{label}", whole.name)).map_err(CliError::input)?;
+            let parent = Some(whole.name.clone());
             all.add(Segment { name, parent, colour, time: spec.time, origin, members }).map_err(CliError::failure)?;
             for (i, _) in labels.iter().enumerate().filter(|(_, l)| **l == label) {
                 let sh = &mut painted.sh[3 * painted.sh_stride * i..][..3 * painted.sh_stride];
@@ -204,9 +202,9 @@ impl SplitArgs {
             return print_json(&parts);
         }
         for part in &parts {
-            println!("{:20} {:>8} Gaussians", part.name, part.members.len());
+            outln!("{:20} {:>8} Gaussians", part.name, part.members.len());
         }
-        eprintln!("pictures: {}", sheet.display());
+        errln!("pictures: {}", sheet.display());
         Ok(())
     }
 }

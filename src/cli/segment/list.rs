@@ -23,7 +23,7 @@ impl ListArgs {
         }
         for (segment, depth) in all.segments.iter().zip(all.depths()) {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
-            println!("{name:30} {:>8} Gaussians  found at {:.3}", segment.members.len(), segment.time);
+            outln!("{name:30} {:>8} Gaussians  found at {:.3}", segment.members.len(), segment.time);
         }
         Ok(())
     }

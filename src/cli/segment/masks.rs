@@ -7,7 +7,7 @@ use super::super::{CliError, Common, print_json, stop_flag};
 use super::{check_time, write_picture};
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
-use crate::files::{AtomicDir, clean_stale};
+use crate::files::{AtomicDir, Work, clean_stale};
 use crate::log::progress;
 use crate::segment::masks::handout::{HandoutError, write_pictures};
 use crate::segment::masks::make::{MakeError, make_masks};
@@ -80,7 +80,7 @@ impl MasksArgs {
         self.check()?;
         let weights = self.weights()?;
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
         let plan = self.plan(&run)?;
         // what a killed command left
         let segments = run.path.join("segments");
@@ -113,8 +113,8 @@ impl MasksArgs {
                 &serde_json::json!({ "masks": count, "file": path, "time": plan.time, "source": source.name() }),
             );
         }
-        println!("{count} masks of {} segments in {views} views at time {}", plan.groups.len(), plan.time);
-        eprintln!("masks: {}; to look at: {}", path.display(), sheet.display());
+        outln!("{count} masks of {} segments in {views} views at time {}", plan.groups.len(), plan.time);
+        errln!("masks: {}; to look at: {}", path.display(), sheet.display());
         Ok(())
     }
 
@@ -194,8 +194,8 @@ impl MasksArgs {
         if self.common.json {
             return print_json(&serde_json::json!({ "pictures": count, "folder": folder, "time": plan.time }));
         }
-        println!("{count} pictures of {} segments at time {}", plan.groups.len(), plan.time);
-        eprintln!(
+        outln!("{count} pictures of {} segments at time {}", plan.groups.len(), plan.time);
+        errln!(
             "pictures: {}; next: let your program write MASKS/SEGMENT/VIEW_NUMBER.png, then volseggs segment masks {} \
              --source dir --masks MASKS",
             folder.display(),

@@ -4,7 +4,9 @@ use super::super::run_folder::RunFolder;
 use super::super::{CliError, Common, print_json};
 use super::{affinity, check_time};
 use crate::data::{Camera, SplitName};
+use crate::files::Work;
 use crate::model::params::to_vec;
+use crate::name::Name;
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::extract::{similar, without_strays};
 use crate::segment::masks::sheet::distinct_colour;
@@ -40,7 +42,7 @@ pub struct PickArgs {
     time: Option<f64>,
     /// Make a segment of this name.
     #[arg(long)]
-    name: Option<String>,
+    name: Option<Name>,
     /// Look in this segment only, as if the others were hidden; in the clicked colour if not given.
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
@@ -68,7 +70,7 @@ struct Report {
     /// Segments that hold it, wholes before their parts.
     segments: Vec<String>,
     /// The segment made, with the number of its Gaussians.
-    made: Option<(String, usize)>,
+    made: Option<(Name, usize)>,
     /// Seconds from the click to the segment.
     seconds: f64,
 }
@@ -84,7 +86,10 @@ impl PickArgs {
             return Err(CliError::input("--pixel: two numbers, such as --pixel 210,180"));
         };
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = match self.name {
+            Some(_) => RunFolder::open_to_write(&self.run, &device, Work::Short)?,
+            None => RunFolder::open(&self.run, &device)?,
+        };
         let mut all = run.segments()?;
         let (camera, view_time) = self.seen_from(&run)?;
         let found_at = all.segments.first().map(|s| s.time);
@@ -113,7 +118,7 @@ impl PickArgs {
         let weight = beneath.iter().find(|(i, _)| *i == hit).map_or(0.0, |(_, w)| *w);
         let gaussian = within.as_ref().map_or(hit, |s| s.members[hit as usize]);
         let holds = |s: &&Segment| s.members.binary_search(&gaussian).is_ok();
-        let segments: Vec<String> = all.segments.iter().filter(holds).map(|s| s.name.clone()).collect();
+        let segments: Vec<String> = all.segments.iter().filter(holds).map(|s| s.name.to_string()).collect();
         let mut made = None;
         if let (Some(name), Some((field, spec))) = (&self.name, field) {
             let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
@@ -140,11 +145,11 @@ impl PickArgs {
         if self.common.json {
             return print_json(&report);
         }
-        println!("Gaussian {gaussian}, {:.0} % of the pixel, at {mean:.3?}", 100.0 * weight);
+        outln!("Gaussian {gaussian}, {:.0} % of the pixel, at {mean:.3?}", 100.0 * weight);
         let list = if report.segments.is_empty() { "none".into() } else { report.segments.join(", ") };
-        println!("in segments: {list}");
+        outln!("in segments: {list}");
         if let Some((name, count)) = &report.made {
-            println!("{name}: {count} Gaussians, {:.0} ms", 1e3 * seconds);
+            outln!("{name}: {count} Gaussians, {:.0} ms", 1e3 * seconds);
         }
         Ok(())
     }

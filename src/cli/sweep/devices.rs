@@ -34,7 +34,7 @@ impl DevicesArgs {
             let starts = |d: &DeviceName| match d.open() {
                 Ok(_) => true,
                 Err(error) => {
-                    eprintln!("left out: {error}");
+                    errln!("left out: {error}");
                     false
                 }
             };
@@ -45,11 +45,11 @@ impl DevicesArgs {
         let config = self.config.resolve()?.value;
         let dataset = open_dataset(&self.data, &config)?;
         let stop = stop_flag("stopping after these steps")?;
-        let found = compare_devices(&config, &dataset, &devices, self.every, &stop, |what| eprintln!("{what}"))?;
+        let found = compare_devices(&config, &dataset, &devices, self.every, &stop, |what| errln!("{what}"))?;
         if self.json {
             return print_json(&found);
         }
-        print!("{}", markdown(&found));
+        out!("{}", markdown(&found));
         Ok(())
     }
 }

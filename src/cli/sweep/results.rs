@@ -95,12 +95,12 @@ impl StatusArgs {
         let width = all.iter().map(|r| r.label.len()).max().unwrap_or(0).min(60);
         for r in &all {
             let psnr = r.psnr.map(|p| format!("{p:.2} dB")).unwrap_or_default();
-            println!("{:4} {} {:width$} {:8} {psnr:9} {}", r.task, r.key, r.label, r.state, r.detail);
+            outln!("{:4} {} {:width$} {:8} {psnr:9} {}", r.task, r.key, r.label, r.state, r.detail);
         }
         let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
         all.iter().for_each(|r| *counts.entry(r.state).or_default() += 1);
         let counts: Vec<String> = counts.iter().map(|(state, n)| format!("{n} {state}")).collect();
-        eprintln!("{} runs: {}", all.len(), counts.join(", "));
+        errln!("{} runs: {}", all.len(), counts.join(", "));
         Ok(())
     }
 }
@@ -116,10 +116,10 @@ impl CollectArgs {
 pub(super) fn report(plan: &Plan, dir: &Path, json: bool) -> Result<(), CliError> {
     let set = collect(plan, dir);
     let text = write_report(dir, &set).map_err(CliError::failure)?;
-    eprintln!("report: {}", dir.join("report.html").display());
+    errln!("report: {}", dir.join("report.html").display());
     if json {
         return print_json(&set);
     }
-    print!("{text}");
+    out!("{text}");
     Ok(())
 }

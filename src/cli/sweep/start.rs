@@ -76,7 +76,7 @@ impl StartArgs {
         };
         let plan = Plan::new(&file, &options)?;
         if plan.metrics.iter().any(|m| m.starts_with("lpips")) && plan.eval.lpips_weights.is_empty() {
-            eprintln!("note: no LPIPS without --lpips-weights FILE (or eval.lpips_weights in the sweep file)");
+            errln!("note: no LPIPS without --lpips-weights FILE (or eval.lpips_weights in the sweep file)");
         }
         let dir = folder(&out, &file);
         let runs = self.choose(&plan)?;
@@ -153,11 +153,11 @@ impl StartArgs {
             let shown = Shown { plan, open_runs: total.open, seconds: total.seconds, memory_bytes: total.memory };
             return print_json(&shown);
         }
-        println!("{}: {} entries, {} runs", plan.title, plan.entries.len(), plan.runs.len());
+        outln!("{}: {} entries, {} runs", plan.title, plan.entries.len(), plan.runs.len());
         for (name, data) in &plan.datasets {
             let there = if data.folder.is_dir() { "" } else { ", to be rendered" };
             let [w, h] = data.size;
-            println!("data {name}: {} ({} views of {w}x{h}{there})", data.folder.display(), data.views);
+            outln!("data {name}: {} ({} views of {w}x{h}{there})", data.folder.display(), data.views);
         }
         let width = plan.runs.iter().map(|r| r.label.len()).max().unwrap_or(0).min(60);
         for &i in runs {
@@ -173,9 +173,9 @@ impl StartArgs {
                 if all.is_empty() { "the base".to_owned() } else { all.join(", ") }
             };
             let differences: Vec<String> = entries.iter().map(difference).collect();
-            println!("{} {:width$} {state:6} {}", run.key, run.label, differences.join(" | "));
+            outln!("{} {:width$} {state:6} {}", run.key, run.label, differences.join(" | "));
         }
-        println!(
+        outln!(
             "left: {} runs, about {} with --jobs {}, {:.1} GB of memory (times measured so far: {:.2} of the model's)",
             total.open,
             duration(total.seconds),
@@ -199,15 +199,15 @@ impl StartArgs {
         let open = |i: &usize| progress(plan, *i) == Progress::Open && !queued.contains_key(i);
         let tasks: Vec<usize> = runs.iter().copied().filter(open).collect();
         if tasks.is_empty() {
-            eprintln!("nothing to submit: {} runs are done, failed or in the queue", runs.len());
+            errln!("nothing to submit: {} runs are done, failed or in the queue", runs.len());
         }
         let started = std::time::Instant::now();
         let jobs = if tasks.is_empty() { Vec::new() } else { submit(&tools, &job, &tasks)? };
         for j in &jobs {
-            eprintln!("job {}: {} tasks", j.job, j.tasks.len());
+            errln!("job {}: {} tasks", j.job, j.tasks.len());
         }
         if !jobs.is_empty() {
-            eprintln!(
+            errln!(
                 "submitted in {:.2} s; script: {}; next: volseggs sweep status {}",
                 started.elapsed().as_secs_f64(),
                 job.file().display(),

@@ -42,14 +42,14 @@ impl WorkerArgs {
         if let Some(parent) = self.parent {
             end_with(parent, &stop);
         }
-        eprintln!("run {} of {}: {} ({})", self.task, plan.runs.len(), run.label, run.key);
+        errln!("run {} of {}: {} ({})", self.task, plan.runs.len(), run.label, run.key);
         let ended = work(&plan, self.task, self.stop_after, &stop);
         match ended.map_err(|e| CliError::failure(format!("{}: {e}", plan.run_folder(self.task).display())))? {
-            Ended::Done => eprintln!("done"),
-            Ended::WasDone => eprintln!("done before"),
-            Ended::Paused => eprintln!("paused"),
+            Ended::Done => errln!("done"),
+            Ended::WasDone => errln!("done before"),
+            Ended::Paused => errln!("paused"),
             Ended::Held(holder) => {
-                eprintln!("{holder} has this run");
+                errln!("{holder} has this run");
                 // a sweep on this machine asks again later; a task of Slurm is not needed
                 if self.parent.is_some() {
                     return Err(CliError::with_code("another process has this run", HELD));

@@ -7,7 +7,7 @@ use super::run::SegmentEvaluation;
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
 use crate::export::images::encode_png;
-use crate::files::AtomicDir;
+use crate::files::{AtomicDir, FolderKind};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -114,6 +114,13 @@ fn csv(rows: &[&Row]) -> String {
     out
 }
 
+/// The folder of an evaluation of segments.
+const KIND: FolderKind = FolderKind {
+    what: "an evaluation of segments",
+    markers: &["segments.json"],
+    entries: &["*.csv", "table.md", "*.svg", "segments.png"],
+};
+
 /// Writes `segments.json`, `segments.csv` (at the chosen time), `tracking.csv` (every time), `table.md`,
 /// `iou-METHOD.svg` and `segments.png` into `folder`, in place of what was there.
 ///
@@ -147,6 +154,6 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
     if !evaluation.pictures.is_empty() {
         put("segments.png", &encode_png(&view_sheet(&evaluation.pictures, evaluation.columns, 300))?)?;
     }
-    out.commit_replacing()?;
+    out.commit_replacing(&KIND, &[])?;
     Ok(())
 }

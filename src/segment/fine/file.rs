@@ -32,7 +32,7 @@ pub struct AffinitySpec {
 pub fn save(path: &Path, field: &AffinityField, spec: &AffinitySpec) -> Result<(), SceneError> {
     let text =
         serde_json::to_string(spec).map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
-    write_tensors(path, &params::collect(field), &[(ENTRY, text)])
+    write_tensors(path, &params::collect(field), Some((ENTRY, text)))
 }
 
 /// Reads what [`save`] wrote.

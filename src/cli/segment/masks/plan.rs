@@ -66,14 +66,14 @@ impl MasksArgs {
         let names: Vec<String> = match &handout {
             _ if !self.segments.is_empty() => self.segments.clone(),
             Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
-            None => all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.clone()).collect(),
+            None => all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.to_string()).collect(),
         };
         let segments = names.iter().map(|n| all.get(n)).collect::<Result<Vec<_>, _>>().map_err(CliError::input)?;
         let first =
             segments.first().ok_or_else(|| CliError::input("no segments yet: run `volseggs segment coarse`"))?;
         let time = self.time.unwrap_or(first.time);
         let groups: Vec<Group> =
-            segments.iter().map(|s| Group { name: s.name.clone(), members: s.members.clone() }).collect();
+            segments.iter().map(|s| Group { name: s.name.to_string(), members: s.members.clone() }).collect();
         if let Some(list) = handout {
             check_groups(run, &list, &groups)?;
             return Ok(Plan { groups, shots: list.views, time: list.time, labels: None });
@@ -102,7 +102,7 @@ impl MasksArgs {
         }
         let found = views.first().map_or(time, |v| v.time);
         if found != time {
-            eprintln!("label images are of time {found}, the nearest to {time} that has any");
+            errln!("label images are of time {found}, the nearest to {time} that has any");
         }
         let shots = views.iter().map(|v| Shot { file: v.name.clone(), camera: v.camera.clone() }).collect();
         Ok(Plan { groups, shots, time: found, labels: Some((truth, views)) })
@@ -129,7 +129,7 @@ impl MasksArgs {
             let points = self.points.unwrap_or(POINTS);
             let source = SamSource::load(weights, points, device).map_err(CliError::input)?;
             let pictures = plan.shots.len() * plan.groups.len();
-            eprintln!(
+            errln!(
                 "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
                  are quicker",
                 duration(SamSource::seconds(pictures, points))

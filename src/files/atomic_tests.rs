@@ -1,4 +1,10 @@
-use super::*;
+use super::atomic::*;
+use super::replace::FolderKind;
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+
+const KIND: FolderKind = FolderKind { what: "a test", markers: &["sub", "x"], entries: &[] };
 
 fn names(dir: &Path) -> Vec<String> {
     let mut names: Vec<_> = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
@@ -53,9 +59,12 @@ fn a_folder_appears_complete_and_is_not_overwritten_unasked() {
     let error = build("two").commit().unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::AlreadyExists);
     assert_eq!(fs::read_to_string(path.join("sub/x")).unwrap(), "one");
-    build("three").commit_replacing().unwrap();
+    build("three").commit_replacing(&KIND, &[]).unwrap();
     assert_eq!(fs::read_to_string(path.join("sub/x")).unwrap(), "three");
     drop(build("four"));
+    fs::write(path.join("thesis"), "mine").unwrap();
+    assert!(build("five").commit_replacing(&KIND, &[]).is_err(), "a file of somebody else's goes");
+    assert_eq!(fs::read_to_string(path.join("sub/x")).unwrap(), "three");
     assert_eq!(names(dir.path()), ["step-10"]);
 }
 
@@ -68,7 +77,7 @@ fn a_folder_that_is_replaced_is_there_at_every_moment() {
     let write = |k: usize| {
         let folder = AtomicDir::create(&path).unwrap();
         fs::write(folder.dir().join("x"), k.to_string()).unwrap();
-        folder.commit_replacing().unwrap();
+        folder.commit_replacing(&KIND, &[]).unwrap();
     };
     write(0);
     let done = AtomicBool::new(false);
@@ -92,13 +101,14 @@ fn a_folder_that_is_replaced_is_there_at_every_moment() {
 fn only_stale_temporaries_are_cleaned() {
     let dir = tempfile::tempdir().unwrap();
     let open = AtomicFile::create(&dir.path().join("a")).unwrap();
-    let own = std::process::id();
+    let (own, here, there) = (std::process::id(), host(), host() ^ 1);
     // No process has the largest id; one of our own id that no writer holds is an earlier run's.
-    let stale = [format!(".tmp-x-{}-0", u32::MAX), format!(".tmp-y-{own}-999999")];
+    let stale = [format!(".tmp-x-{}@{here:08x}-0", u32::MAX), format!(".tmp-y-{own}@{here:08x}-999999")];
     fs::create_dir(dir.path().join(&stale[0])).unwrap();
     fs::write(dir.path().join(&stale[0]).join("f"), "f").unwrap();
     fs::write(dir.path().join(&stale[1]), "").unwrap();
-    for kept in [".tmp-other", ".tmp-1-2", "x", ".tmp-z-notanumber-1"] {
+    let elsewhere = format!(".tmp-x-{}@{there:08x}-0", u32::MAX);
+    for kept in [".tmp-other", ".tmp-1-2", "x", &elsewhere] {
         fs::write(dir.path().join(kept), "").unwrap();
     }
     let removed = clean_stale(dir.path()).unwrap();

@@ -1,20 +1,22 @@
 //! Atomic writing of files and folders: a reader sees the old content or the new, never a part.
 //!
-//! Everything is first built under a temporary name `.tmp-NAME-PID-N` in the folder of the final
+//! Everything is first built under a temporary name `.tmp-NAME-PID@HOST-N` in the folder of the final
 //! path, synced to disk, and then renamed. Nothing about any file format belongs here.
 
-#[cfg(test)]
-mod tests;
-
+use super::replace::{FolderKind, ReplaceError, check_file};
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
 
-const PREFIX: &str = ".tmp-";
+pub(super) const PREFIX: &str = ".tmp-";
+
+/// A temporary of another machine is stale when nothing has touched it for so long.
+const FORGOTTEN: Duration = Duration::from_secs(24 * 3600);
 
 /// Temporaries this process is building now. A process id alone does not tell: in a container the
 /// id of a run that was killed comes back in the next one.
@@ -41,10 +43,19 @@ fn temporary_for(path: &Path) -> io::Result<PathBuf> {
     let mut temporary = OsString::from(PREFIX);
     temporary.push(name);
     let number = COUNTER.fetch_add(1, Ordering::Relaxed);
-    temporary.push(format!("-{}-{number}", std::process::id()));
+    temporary.push(format!("-{}@{:08x}-{number}", std::process::id(), host()));
     let temporary = parent_of(path).join(temporary);
     live().insert(temporary.clone());
     Ok(temporary)
+}
+
+/// Tells this machine from others that share a file system: process ids mean something on one machine only.
+pub(super) fn host() -> u32 {
+    static HOST: OnceLock<u32> = OnceLock::new();
+    *HOST.get_or_init(|| {
+        let name = fs::read("/proc/sys/kernel/hostname").unwrap_or_default();
+        name.iter().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(*b)).wrapping_mul(0x0100_0193))
+    })
 }
 
 /// Makes a rename durable. Only Unix lets a folder be opened and synced.
@@ -63,6 +74,15 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = AtomicFile::create(path)?;
     file.write_all(bytes)?;
     file.commit()
+}
+
+/// The same for a path that a person named: only a file of this program gives way, see [`check_file`].
+///
+/// # Errors
+/// As [`check_file`], or any error of the file system; what stood there is then as it was.
+pub fn write_named(path: &Path, bytes: &[u8]) -> Result<(), ReplaceError> {
+    let mut file = AtomicFile::create_named(path)?;
+    file.write_all(bytes).and_then(|()| file.commit()).map_err(|source| ReplaceError::Io { path: path.into(), source })
 }
 
 /// A buffered writer whose content appears under its final name only at [`AtomicFile::commit`].
@@ -91,6 +111,18 @@ impl AtomicFile {
                 Err(error)
             }
         }
+    }
+
+    /// The same for a path that a person named: only a file of this program gives way, see [`check_file`]. Temporaries
+    /// beside it that a killed process left are removed.
+    ///
+    /// # Errors
+    /// As [`check_file`], or the temporary cannot be created.
+    pub fn create_named(path: &Path) -> Result<Self, ReplaceError> {
+        let io = |source| ReplaceError::Io { path: path.into(), source };
+        check_file(path)?;
+        clean_stale(parent_of(path)).map_err(io)?;
+        Self::create(path).map_err(io)
     }
 
     /// Syncs the content and gives it its final name, replacing what stood there.
@@ -133,15 +165,13 @@ pub struct AtomicDir {
 }
 
 impl AtomicDir {
-    /// Makes the temporary folder beside `path`, whose own parent must exist. Where `path` is there already, temporaries
-    /// beside it that a killed process left are removed.
+    /// Makes the temporary folder beside `path`, whose own parent must exist. Temporaries there that a killed process left
+    /// are removed.
     ///
     /// # Errors
     /// `path` has no file name, or the temporary cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
-        if path.exists() {
-            clean_stale(parent_of(path))?;
-        }
+        clean_stale(parent_of(path))?;
         let temporary = temporary_for(path)?;
         if let Err(error) = fs::create_dir(&temporary) {
             live().remove(&temporary);
@@ -170,13 +200,20 @@ impl AtomicDir {
         self.publish()
     }
 
-    /// Like [`AtomicDir::commit`], but a folder that stands at the final path gives way, in one step where the system can
-    /// exchange two names (Linux, macOS). Elsewhere it is moved aside first, and a crash between the two renames leaves
-    /// it under a temporary name.
+    /// Like [`AtomicDir::commit`], but a folder of the same `kind` that stands at the final path gives way, unless
+    /// something of `needed` lies in it (see [`FolderKind::check`]).
     ///
     /// # Errors
-    /// Any error of syncing or renaming; the old folder is put back where that is possible.
-    pub fn commit_replacing(self) -> io::Result<()> {
+    /// As [`FolderKind::check`]; any error of syncing or renaming, when the old folder is put back where that is possible.
+    pub fn commit_replacing(self, kind: &FolderKind, needed: &[&Path]) -> Result<(), ReplaceError> {
+        kind.check(&self.path, needed)?;
+        let path = self.path.clone();
+        self.exchange_with_old().map_err(|source| ReplaceError::Io { path, source })
+    }
+
+    /// Takes the final path in one step where the system can exchange two names (Linux, macOS). Elsewhere the old folder
+    /// is moved aside first, and a crash between the two renames leaves it under a temporary name.
+    fn exchange_with_old(self) -> io::Result<()> {
         if self.path.symlink_metadata().is_err() {
             return self.publish();
         }
@@ -241,47 +278,63 @@ fn sync_tree(dir: &Path) -> io::Result<()> {
     sync_dir(dir)
 }
 
+/// Removes a folder that the program made, in one step to the eyes of readers: it is renamed first, so that a kill in the
+/// middle leaves a temporary and never half a folder.
+///
+/// # Errors
+/// Any error of renaming or removing.
+pub fn remove_whole(path: &Path) -> io::Result<()> {
+    let doomed = temporary_for(path)?;
+    let outcome = fs::rename(path, &doomed).and_then(|()| fs::remove_dir_all(&doomed));
+    live().remove(&doomed);
+    outcome
+}
+
 /// Removes the temporaries in `parent` that a killed process left, and returns their paths in
-/// name order. Those of this process's open writers and of other living processes stay.
+/// name order. Those of this process's open writers and of other living processes stay; those of other machines stay
+/// for a day.
 ///
 /// # Errors
 /// Any error of listing the folder or removing an entry.
 pub fn clean_stale(parent: &Path) -> io::Result<Vec<PathBuf>> {
+    let parent = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };
     let mut removed = Vec::new();
     for entry in fs::read_dir(parent)? {
         let entry = entry?;
         let name = entry.file_name();
-        let Some(pid) = name.to_str().and_then(pid_of_temporary) else {
+        let Some(maker) = name.to_str().and_then(maker_of) else {
             continue;
         };
-        if in_use(&parent_of_listing(parent).join(&name), pid) {
+        if in_use(&parent.join(&name), maker) {
             continue;
         }
-        if entry.file_type()?.is_dir() {
-            fs::remove_dir_all(entry.path())?;
-        } else {
-            fs::remove_file(entry.path())?;
+        let outcome =
+            if entry.file_type()?.is_dir() { fs::remove_dir_all(entry.path()) } else { fs::remove_file(entry.path()) };
+        match outcome {
+            Ok(()) => removed.push(entry.path()),
+            // another process cleaned it in the same moment
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+            Err(e) => return Err(e),
         }
-        removed.push(entry.path());
     }
     removed.sort();
     Ok(removed)
 }
 
-/// The spelling under which temporaries in `dir` are registered.
-fn parent_of_listing(dir: &Path) -> &Path {
-    if dir.as_os_str().is_empty() { Path::new(".") } else { dir }
-}
-
-/// The process id in `.tmp-NAME-PID-N`, or `None` for a name that is not one of ours.
-fn pid_of_temporary(name: &str) -> Option<u32> {
+/// Process and machine in `.tmp-NAME-PID@HOST-N`; `None` for a name that is not one of ours.
+fn maker_of(name: &str) -> Option<(u32, u32)> {
     let mut parts = name.strip_prefix(PREFIX)?.rsplitn(3, '-');
     parts.next()?.parse::<u64>().ok()?;
-    let pid = parts.next()?.parse().ok()?;
-    parts.next().map(|_| pid)
+    let (pid, host) = parts.next()?.split_once('@')?;
+    parts.next()?;
+    Some((pid.parse().ok()?, u32::from_str_radix(host, 16).ok()?))
 }
 
-fn in_use(path: &Path, pid: u32) -> bool {
+fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
+    if maker_host != host() {
+        let touched = path.symlink_metadata().and_then(|m| m.modified()).ok();
+        return touched.and_then(|t| t.elapsed().ok()).is_none_or(|age| age < FORGOTTEN);
+    }
     if pid == std::process::id() {
         let same = |other: &PathBuf| match (other.canonicalize(), path.canonicalize()) {
             (Ok(a), Ok(b)) => a == b,

@@ -1,0 +1,12 @@
+//! Files and folders that the program writes: whole or not at all, one writer at a time, and nothing replaced that it
+//! did not make itself. Nothing about any format belongs here.
+
+mod atomic;
+#[cfg(test)]
+mod atomic_tests;
+mod lock;
+mod replace;
+
+pub use atomic::{AtomicDir, AtomicFile, clean_stale, remove_whole, write_atomic, write_named};
+pub use lock::{Holder, LockError, RunLock, Work};
+pub use replace::{FolderKind, MARK, ReplaceError, check_file};

@@ -1,0 +1,219 @@
+//! What may be replaced: a folder or file that the program made itself, and nothing that anybody still needs.
+//!
+//! Every replacement goes through here. A folder is known by its [`FolderKind`]: a marker in it, and nothing at its top
+//! that the program does not put there. A file is known by [`MARK`] among its first bytes.
+
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+/// Stands near the beginning of each file that people name themselves (PNG, PLY, NRRD, VTI), so that it is known again.
+pub const MARK: &str = "volseggs";
+/// Where the mark is looked for, bytes.
+const HEAD: u64 = 4096;
+
+/// A kind of folder that the program makes, and how it knows one again.
+#[derive(Clone, Copy, Debug)]
+pub struct FolderKind {
+    /// What it is, for messages: `a dataset`.
+    pub what: &'static str,
+    /// Files or folders, of which one at least is in each folder of this kind.
+    pub markers: &'static [&'static str],
+    /// All that the program puts into it, as glob patterns such as `[0-9]*.png`.
+    pub entries: &'static [&'static str],
+}
+
+/// Why something is not replaced.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplaceError {
+    /// It is not known as the program's own.
+    #[error("{}: {reason}, so it is not replaced; choose another name, or remove it yourself", path.display())]
+    Foreign {
+        /// What stands there.
+        path: PathBuf,
+        /// Why it is not taken for the program's own.
+        reason: String,
+    },
+    /// It holds something that is needed.
+    #[error("{}: holds {}, which is in use, so it is not replaced; choose another name", path.display(), inner.display())]
+    Needed {
+        /// What stands there.
+        path: PathBuf,
+        /// An input, the run or the working directory.
+        inner: PathBuf,
+    },
+    /// Its folder is not there.
+    #[error("{}: there is no folder {}; make it first", path.display(), folder.display())]
+    NoFolder {
+        /// What was to be written.
+        path: PathBuf,
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// The file system failed.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// What stands there.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+impl ReplaceError {
+    /// Whether the user can mend it with another name.
+    #[must_use]
+    pub fn is_input(&self) -> bool {
+        !matches!(self, Self::Io { .. })
+    }
+}
+
+impl FolderKind {
+    /// Checks that `path` is free, or holds a folder of this kind that may give way. `needed` are the inputs of the
+    /// command and its run; the working directory is needed always.
+    ///
+    /// # Errors
+    /// If something else stands there, or something that is needed lies in it.
+    pub fn check(&self, path: &Path, needed: &[&Path]) -> Result<(), ReplaceError> {
+        let foreign = |reason: String| Err(ReplaceError::Foreign { path: path.into(), reason });
+        let io = |source| ReplaceError::Io { path: path.into(), source };
+        let kind = match path.symlink_metadata() {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+            found => found.map_err(io)?.file_type(),
+        };
+        if kind.is_symlink() {
+            return foreign("is a symbolic link".into());
+        }
+        if !kind.is_dir() {
+            return foreign(format!("is a file, not {}", self.what));
+        }
+        refuse_needed(path, needed)?;
+        let mut names = Vec::new();
+        for entry in fs::read_dir(path).map_err(io)? {
+            names.push(entry.map_err(io)?.file_name().to_string_lossy().into_owned());
+        }
+        names.sort();
+        // temporaries of a writer that was killed
+        names.retain(|n| !n.starts_with(super::atomic::PREFIX));
+        if names.is_empty() {
+            return Ok(());
+        }
+        if !self.markers.iter().any(|m| names.iter().any(|n| n == m)) {
+            return foreign(format!("is not {} (no {} in it)", self.what, self.markers.join(" or ")));
+        }
+        let known = |name: &String| {
+            self.entries.iter().chain(self.markers).any(|p| glob::Pattern::new(p).is_ok_and(|p| p.matches(name)))
+        };
+        match names.iter().find(|n| !known(n)) {
+            Some(name) => foreign(format!("holds {name}, which is no part of {}", self.what)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Refuses a folder in which the working directory or something of `needed` lies.
+fn refuse_needed(path: &Path, needed: &[&Path]) -> Result<(), ReplaceError> {
+    let io = |source| ReplaceError::Io { path: path.into(), source };
+    let folder = path.canonicalize().map_err(io)?;
+    let here = std::env::current_dir().ok();
+    for inner in needed.iter().copied().chain(here.as_deref()) {
+        // what is not there cannot be lost
+        if inner.canonicalize().is_ok_and(|i| i.starts_with(&folder)) {
+            return Err(ReplaceError::Needed { path: path.into(), inner: inner.into() });
+        }
+    }
+    Ok(())
+}
+
+/// Checks that a file which a person named may be written at `path`: its folder is there, and what stands at the path,
+/// if anything, was made by this program ([`MARK`]).
+///
+/// # Errors
+/// If the folder is missing, or something else stands there.
+pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
+    let foreign = |reason: &str| Err(ReplaceError::Foreign { path: path.into(), reason: reason.into() });
+    let io = |source| ReplaceError::Io { path: path.into(), source };
+    if path.file_name().is_none() {
+        return foreign("is no name of a file");
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|f| !f.is_dir()) {
+        return Err(ReplaceError::NoFolder { path: path.into(), folder: folder.into() });
+    }
+    let kind = match path.symlink_metadata() {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+        found => found.map_err(io)?.file_type(),
+    };
+    if !kind.is_file() {
+        return foreign(if kind.is_dir() { "is a folder" } else { "is no regular file" });
+    }
+    let mut head = Vec::new();
+    fs::File::open(path).and_then(|f| f.take(HEAD).read_to_end(&mut head)).map_err(io)?;
+    if head.is_empty() || head.windows(MARK.len()).any(|w| w == MARK.as_bytes()) {
+        return Ok(());
+    }
+    foreign("was not made by volseggs")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KIND: FolderKind =
+        FolderKind { what: "a dataset", markers: &["prepare.json"], entries: &["train", "*.txt", "r_[0-9]*.png"] };
+
+    fn folder(entries: &[&str]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        entries.iter().for_each(|e| fs::write(dir.path().join(e), "x").unwrap());
+        dir
+    }
+
+    fn refusal(dir: &Path, needed: &[&Path]) -> String {
+        KIND.check(dir, needed).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn only_a_folder_of_its_own_kind_gives_way() {
+        for good in [&[][..], &["prepare.json"], &["prepare.json", "train", "a.txt", "r_3.png", ".tmp-x-1-0"]] {
+            KIND.check(folder(good).path(), &[]).unwrap();
+        }
+        KIND.check(Path::new("not/there"), &[]).unwrap();
+        assert!(refusal(folder(&["train"]).path(), &[]).contains("is not a dataset (no prepare.json in it)"));
+        let other = folder(&["prepare.json", "thesis.tex"]);
+        assert!(refusal(other.path(), &[]).contains("thesis.tex"));
+        assert!(refusal(&other.path().join("thesis.tex"), &[]).contains("is a file"));
+    }
+
+    #[test]
+    fn what_is_needed_stays() {
+        let dir = folder(&["prepare.json", "train"]);
+        let inner = dir.path().join("train");
+        assert!(refusal(dir.path(), &[&inner]).contains("which is in use"));
+        assert!(refusal(dir.path(), &[dir.path()]).contains("which is in use"));
+        KIND.check(dir.path(), &[Path::new("/not/there")]).unwrap();
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_is_not_replaced() {
+        let dir = folder(&["prepare.json"]);
+        let beside = tempfile::tempdir().unwrap();
+        let link = beside.path().join("link");
+        std::os::unix::fs::symlink(dir.path(), &link).unwrap();
+        assert!(refusal(&link, &[]).contains("symbolic link"));
+    }
+
+    #[test]
+    fn only_a_file_with_the_mark_gives_way() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("x");
+        check_file(&path).unwrap();
+        fs::write(&path, "ply\ncomment volseggs\n").unwrap();
+        check_file(&path).unwrap();
+        fs::write(&path, "a thesis").unwrap();
+        assert!(check_file(&path).unwrap_err().to_string().contains("was not made by volseggs"));
+        assert!(check_file(dir.path()).unwrap_err().to_string().contains("is a folder"));
+        assert!(check_file(&dir.path().join("no/x")).unwrap_err().to_string().contains("make it first"));
+        assert!(check_file(Path::new("..")).is_err());
+    }
+}

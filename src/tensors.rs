@@ -1,0 +1,139 @@
+//! Safetensors files that know whether they are whole: each holds a digest of itself, checked when it is read.
+//!
+//! The digest is a tensor of its own, [`DIGEST`], so that any reader of safetensors still opens the file. It is the
+//! 128-bit XXH3 hash of all bytes of the file, header included, with its own 16 bytes taken as zero: against accidents
+//! of disks and copies, not against malice.
+
+use crate::files::write_atomic;
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
+use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::Xxh3Default;
+
+/// Name of the tensor that holds the digest, `[16]` bytes.
+pub const DIGEST: &str = "volseggs.digest";
+const LENGTH: usize = 16;
+/// Bytes before the header that tell its length.
+const PREFIX: usize = 8;
+
+/// Why a tensor file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum TensorFileError {
+    /// The file cannot be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        source: std::io::Error,
+    },
+    /// The bytes are not those that were written.
+    #[error("{path}: damaged: {reason}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// How it shows.
+        reason: String,
+    },
+}
+
+/// Writes named tensors and one entry of the header, atomically, with a digest. The same content gives the same bytes.
+///
+/// # Errors
+/// If the file cannot be written, or a view does not fit its bytes.
+pub fn write(
+    path: &Path,
+    tensors: Vec<(&str, TensorView<'_>)>,
+    entry: Option<(&str, String)>,
+) -> Result<(), TensorFileError> {
+    let wrong = |e: SafeTensorError| TensorFileError::Io { path: path.into(), source: std::io::Error::other(e) };
+    let zero = [0; LENGTH];
+    let mut all = tensors;
+    all.push((DIGEST, TensorView::new(Dtype::U8, vec![LENGTH], &zero).map_err(wrong)?));
+    // one entry alone: the library writes several in an order that changes from run to run
+    let header = entry.map(|(key, value)| [(key.to_owned(), value)].into_iter().collect());
+    let mut bytes = safetensors::serialize(all, header).map_err(wrong)?;
+    let file = SafeTensors::deserialize(&bytes).map_err(wrong)?;
+    if let Some(at) = digest_place(&bytes, &file) {
+        let digest = digest(&bytes, at);
+        bytes[at..at + LENGTH].copy_from_slice(&digest);
+    }
+    write_atomic(path, &bytes).map_err(|source| TensorFileError::Io { path: path.into(), source })
+}
+
+/// The bytes of a tensor file, found whole. A file without a digest, from another program or an early version, is
+/// checked for its form only.
+///
+/// # Errors
+/// If the file cannot be read, is no safetensors file, or its bytes differ from those that were written.
+pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
+    let bytes = std::fs::read(path).map_err(|source| TensorFileError::Io { path: path.into(), source })?;
+    let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
+    let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
+    if let Some(at) = digest_place(&bytes, &file)
+        && digest(&bytes, at) != bytes[at..at + LENGTH]
+    {
+        return Err(damaged("its digest is not that of its content".into()));
+    }
+    Ok(bytes)
+}
+
+/// Where the digest's bytes begin in the file.
+fn digest_place(bytes: &[u8], file: &SafeTensors<'_>) -> Option<usize> {
+    let view = file.tensor(DIGEST).ok()?;
+    let data = view.data();
+    // a view is a part of `bytes`
+    let at = data.as_ptr() as usize - bytes.as_ptr() as usize;
+    (data.len() == LENGTH && at >= PREFIX).then_some(at)
+}
+
+fn digest(bytes: &[u8], at: usize) -> [u8; LENGTH] {
+    let mut hash = Xxh3Default::new();
+    hash.update(&bytes[..at]);
+    hash.update(&[0; LENGTH]);
+    hash.update(&bytes[at + LENGTH..]);
+    hash.digest128().to_be_bytes()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(folder: &Path) -> PathBuf {
+        let path = folder.join("x.safetensors");
+        let data: Vec<u8> = (0..60u8).collect();
+        let view = TensorView::new(Dtype::F32, vec![5, 3], &data).unwrap();
+        write(&path, vec![("a", view)], Some(("spec", "{}".into()))).unwrap();
+        path
+    }
+
+    #[test]
+    fn every_changed_byte_and_every_cut_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = file(folder.path());
+        let whole = read(&path).unwrap();
+        assert_eq!(read(&file(folder.path())).unwrap(), whole, "the same content gives other bytes");
+        for i in 0..whole.len() {
+            let mut bytes = whole.clone();
+            bytes[i] ^= 0x20;
+            std::fs::write(&path, &bytes).unwrap();
+            let found = read(&path);
+            // a renamed digest is a tensor of bytes that no reader here expects
+            let renamed = found.as_ref().is_ok_and(|b| SafeTensors::deserialize(b).unwrap().tensor(DIGEST).is_err());
+            assert!(found.is_err() || renamed, "byte {i}");
+            std::fs::write(&path, &whole[..i]).unwrap();
+            assert!(read(&path).is_err(), "cut at {i}");
+        }
+    }
+
+    #[test]
+    fn a_file_of_another_program_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x");
+        let view = TensorView::new(Dtype::U8, vec![2], &[1, 2]).unwrap();
+        std::fs::write(&path, safetensors::serialize([("b", view)], None).unwrap()).unwrap();
+        assert!(read(&path).is_ok());
+        std::fs::write(&path, "no tensors").unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("not a whole safetensors file"));
+    }
+}

@@ -1,0 +1,133 @@
+//! Which keys of a configuration may change when a run goes on from a checkpoint, and which may not.
+//!
+//! Logs, evaluations and checkpoints shape no step, so `output.*` is free. `stages.joint_steps` may grow: a trained run
+//! can be lengthened. The schedules then follow the new length from the next step on (a rate that had fallen to its end
+//! rises to where the longer schedule has it, and a late DSSIM moves to the new end), so a run that was lengthened is
+//! not the run of that length from the start.
+
+use crate::config::types::Config;
+use std::collections::BTreeMap;
+use std::fmt;
+use toml::{Table, Value};
+
+/// The key of the length of joint training.
+const LENGTH: &str = "stages.joint_steps";
+
+/// A key that differs from the checkpoint's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// The key.
+    pub key: String,
+    /// Its value in the checkpoint.
+    pub was: String,
+    /// Its value now.
+    pub now: String,
+    /// Why it may not change; none if it may.
+    pub refused: Option<String>,
+}
+
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { key, was, now, refused } = self;
+        write!(f, "{key} was {was} and is {now} now")?;
+        refused.as_ref().map_or(Ok(()), |why| write!(f, " ({why})"))
+    }
+}
+
+/// The keys in which two resolved configurations (TOML) differ, those that may change and those that may not, for a
+/// checkpoint after `step` steps.
+///
+/// # Errors
+/// If the checkpoint's configuration cannot be read.
+pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Change>), String> {
+    let (old, new) = (flat(was)?, flat(now)?);
+    let shown = |v: Option<&Value>| v.map_or_else(|| "not set".to_owned(), ToString::to_string);
+    let keys: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
+    let mut found = (Vec::new(), Vec::new());
+    for key in keys {
+        let (before, after) = (old.get(key), new.get(key));
+        if before == after {
+            continue;
+        }
+        let refused = refusal(key, before, after, step);
+        let change = Change { key: key.clone(), was: shown(before), now: shown(after), refused };
+        if change.refused.is_none() { found.0.push(change) } else { found.1.push(change) }
+    }
+    Ok(found)
+}
+
+fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize) -> Option<String> {
+    if key.starts_with("output.") {
+        return None;
+    }
+    if key == LENGTH {
+        let number = |v: Option<&Value>| v.and_then(Value::as_integer).unwrap_or(0);
+        let longer = number(after) >= number(before);
+        return (!longer).then(|| "a run can be lengthened, not shortened; --stop-after ends it early".to_owned());
+    }
+    Some(format!("it shaped the {step} steps already taken"))
+}
+
+/// Every key with its value; those that an early version did not write have their defaults.
+fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
+    let table: Table = text.parse().map_err(|e: toml::de::Error| format!("configuration: {}", e.message()))?;
+    let mut all = BTreeMap::new();
+    if let Ok(Value::Table(defaults)) = Value::try_from(Config::default()) {
+        flatten("", &defaults, &mut all);
+    }
+    flatten("", &table, &mut all);
+    Ok(all)
+}
+
+fn flatten(prefix: &str, table: &Table, all: &mut BTreeMap<String, Value>) {
+    for (name, value) in table {
+        let key = if prefix.is_empty() { name.clone() } else { format!("{prefix}.{name}") };
+        match value {
+            Value::Table(inner) => flatten(&key, inner, all),
+            value => drop(all.insert(key, value.clone())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(edit: impl Fn(&mut Config)) -> String {
+        let mut config = Config::default();
+        edit(&mut config);
+        toml::to_string(&config).unwrap()
+    }
+
+    #[test]
+    fn logs_and_length_may_change_and_what_may_not_is_named() {
+        let base = text(|_| ());
+        assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
+        let more = text(|c| {
+            c.output.log_every = 7;
+            c.stages.joint_steps += 500;
+        });
+        let (allowed, refused) = changes(&base, &more, 5).unwrap();
+        assert_eq!(refused, []);
+        assert_eq!(allowed.iter().map(|c| c.key.as_str()).collect::<Vec<_>>(), ["output.log_every", LENGTH]);
+        let (_, refused) = changes(&more, &base, 5).unwrap();
+        assert!(refused[0].to_string().contains("not shortened"), "{}", refused[0]);
+        let other = text(|c| {
+            c.seed = 9;
+            c.loss.extra.insert("mine".into(), 0.5);
+        });
+        let (_, refused) = changes(&base, &other, 5).unwrap();
+        let told: Vec<String> = refused.iter().map(ToString::to_string).collect();
+        assert!(told[0].contains("loss.extra.mine was not set and is 0.5 now"), "{told:?}");
+        assert!(told[1].contains("seed was 0 and is 9 now (it shaped the 5 steps already taken)"), "{told:?}");
+    }
+
+    #[test]
+    fn a_key_that_an_early_version_did_not_write_has_its_default() {
+        let base = text(|_| ());
+        let old: String = base.lines().filter(|l| !l.starts_with("cull_visits")).map(|l| format!("{l}\n")).collect();
+        assert_ne!(old, base);
+        assert_eq!(changes(&old, &base, 5).unwrap(), (Vec::new(), Vec::new()));
+        assert!(changes("a = [", &base, 5).is_err());
+    }
+}
