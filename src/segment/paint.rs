@@ -112,7 +112,8 @@ mod tests {
     fn the_deepest_part_wins_and_those_in_none_are_faint() {
         let mut all = Segmentation::new(5, "scene".into());
         let mut add = |name: &str, parent: Option<&str>, colour, members: &[u32]| {
-            let (name, parent, members) = (name.into(), parent.map(Into::into), members.to_vec());
+            let (name, members) = (crate::name::Name::new(name).unwrap(), members.to_vec());
+            let parent = parent.map(|p: &str| crate::name::Name::new(p).unwrap());
             let segment = Segment { name, parent, colour, time: 0.0, origin: Origin::Coarse, members };
             all.add(segment).unwrap();
         };
