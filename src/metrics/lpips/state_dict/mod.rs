@@ -10,19 +10,23 @@ mod legacy;
 mod pickle;
 #[cfg(test)]
 mod tests;
+mod torch;
 mod zip;
 
 use burn::tensor::f16;
-use pickle::TorchTensor;
 use safetensors::Dtype;
 use safetensors::tensor::Metadata;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
+use torch::TorchTensor;
 
 /// What describes the tensors (pickles, a directory, a header) is at most so long, bytes. Published networks need 10 kB.
 const DESCRIPTION: usize = 1 << 20;
+
+/// Where a tar archive, in which the first networks of torchvision were published, tells what it is.
+const TAR: (usize, &[u8]) = (257, b"ustar");
 
 /// Why a file gives no tensors. The messages go after the file's name.
 #[derive(Debug, thiserror::Error)]
@@ -122,6 +126,8 @@ impl<F: Read + Seek> StateDict<F> {
             legacy::tensors(&mut file, &head, length)?
         } else if head.get(8) == Some(&b'{') {
             safetensors(&head, length)?
+        } else if head.get(TAR.0..).is_some_and(|h| h.starts_with(TAR.1)) {
+            return unsupported("it has the container of PyTorch before 0.1.10; take the file published now");
         } else {
             return Err(StateDictError::Unknown);
         };

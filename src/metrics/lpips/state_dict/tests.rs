@@ -64,6 +64,25 @@ fn both_containers_of_pytorch_give_the_same_tensors() {
     }
 }
 
+/// The files of 2017 name a function with four arguments and may describe a tensor in a part of a storage.
+#[test]
+fn the_first_files_of_pytorch_are_read() {
+    let part = b"(U\x07storagectorch\nHalfStorage\nU\x01kU\x03cpuK\x04U\x01vK\x01K\x03\x87tQ";
+    let call = [b"}U\x01xctorch._utils\n_rebuild_tensor\n(", &part[..], b"K\x01K\x02\x85K\x01\x85tRs."].concat();
+    let system = b"\x80\x02}U\x0dlittle_endian\x88s.";
+    let start = [legacy::MAGIC, b"\x80\x02M\xe9\x03.", system, b"\x80\x02", &call, b"\x80\x02]U\x01ka."].concat();
+    let values: Vec<u8> = [0.5, 1.5, 2.5, 3.5].iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
+    let bytes = [&start[..], &4u64.to_le_bytes(), &values].concat();
+    assert_eq!(open(&bytes).unwrap().values("x", &[2]).unwrap(), [2.5, 3.5]);
+    // a part that ends behind the storage
+    let mut beyond = bytes.clone();
+    let at = beyond.windows(4).position(|w| w == b"K\x01K\x03").unwrap();
+    beyond[at + 3] = 4;
+    assert_eq!(refusal(&beyond), "damaged: the description of a storage; download it again");
+    let wrong = [&start[..], &5u64.to_le_bytes(), &values].concat();
+    assert!(refusal(&wrong).contains("the size of storage k"));
+}
+
 #[test]
 fn safetensors_give_the_same() {
     let values: Vec<u8> = [1.0f32, -2.0, 0.5].iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -83,9 +102,11 @@ fn what_is_no_file_of_weights_is_told() {
     for other in [&b""[..], b"<!DOCTYPE html>", b"PK", b"\x80\x02}."] {
         assert!(refusal(other).starts_with("neither a PyTorch file"), "{other:?}");
     }
+    let tar = [&[b'x'; 257][..], b"ustar\x0000", &[0; 248]].concat();
+    assert!(refusal(&tar).contains("take the file published now"), "{}", refusal(&tar));
     assert!(refusal(MODULE).contains("torch.nn.modules.linear.Linear"), "{}", refusal(MODULE));
     assert!(refusal(TRANSPOSED).contains("row-major"), "{}", refusal(TRANSPOSED));
-    assert!(refusal(&legacy(b"cos\nsystem\nU\x02ls\x85R")).contains("it names os.system, which is not called here"));
+    assert!(refusal(&legacy(b"cos\nsystem\nU\x02ls\x85R")).contains("it names os.system, which is not read"));
     assert!(refusal(&legacy(b"\x95")).contains("instruction 0x95"));
     assert!(open(&legacy(b"}")).unwrap().tensors.is_empty());
     let folder = tempfile::tempdir().unwrap();
@@ -111,6 +132,16 @@ fn descriptions_that_ask_for_too_much_are_refused() {
         let error = refusal(&legacy(&call.concat()));
         assert!(error.starts_with("damaged: "), "{error}");
     }
+}
+
+#[test]
+fn an_empty_tensor_may_have_giant_sides() {
+    let giant = b"\x8a\x06\x00\x00\x00\x00\x00\x01";
+    let storage = b"(U\x07storagectorch\nFloatStorage\nU\x01kU\x03cpuK\x00tQ";
+    let shape = [b"(K\x00", &giant[..], giant, giant, b"t"].concat();
+    let call = [b"}U\x01xctorch._utils\n_rebuild_tensor_v2\n(", &storage[..], b"K\x00", &shape, &shape, b"tRs"];
+    // strides that no tensor has
+    assert!(refusal(&legacy(&call.concat())).contains("row-major"));
 }
 
 #[test]
