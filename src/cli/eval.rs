@@ -29,7 +29,7 @@ pub struct EvalArgs {
     /// At most this many views, evenly spaced; all if not given.
     #[arg(long, value_name = "N")]
     views: Option<usize>,
-    /// LPIPS weights, which `volseggs lpips` makes; AlexNet or VGG-16 is recognised. May be given twice.
+    /// LPIPS weights (safetensors: net.conv*.weight, lin0..4); AlexNet or VGG-16 is recognised. May be given twice.
     #[arg(long, value_name = "FILE")]
     lpips_weights: Vec<PathBuf>,
     #[command(flatten)]
