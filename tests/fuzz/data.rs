@@ -145,8 +145,8 @@ fn transforms() {
             let _ = volseggs::data::camera::look_at_point(frames.iter().map(|f| &f.camera));
             let _ = volseggs::data::dataset::scene_extent(&frames);
             // a picture takes longer than all the rest
-            if bytes.len() % 16 == 0 {
-                layout::layout_picture(&frames, &Aabb::cube(glam::DVec3::ZERO, 1.0));
+            if bytes.len().is_multiple_of(16) {
+                let _ = layout::layout_picture(&frames, &Aabb::cube(glam::DVec3::ZERO, 1.0));
             }
             true
         };
@@ -163,7 +163,7 @@ fn open(root: &Path) -> bool {
         let _ = (dataset.times(), dataset.scene_extent(), dataset.fingerprint());
         accepted(dataset.train.reduced(2));
         for i in 0..dataset.train.images.len() {
-            dataset.train.images.composite_with_alpha(i, [1.0; 3]);
+            let _ = dataset.train.images.composite_with_alpha(i, [1.0; 3]);
         }
     }
     let report = inspect::inspect(root);

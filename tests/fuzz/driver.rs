@@ -10,7 +10,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::sync::{Mutex, Once, PoisonError};
+use std::sync::{Mutex, Once, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use volseggs::rng::Rng;
@@ -23,6 +23,8 @@ const HUNG: Duration = Duration::from_secs(20);
 const CAP: i64 = 1 << 30;
 /// A reader with so many different failures is given up.
 const FAILURES: usize = 8;
+/// A reader that has left so many threads behind is given up.
+const LOST: usize = 4;
 /// As the main thread of the program has it.
 const STACK: usize = 8 << 20;
 const MIB: i64 = 1 << 20;
@@ -103,7 +105,21 @@ struct Settings {
     reader: String,
 }
 
-fn settings() -> Settings {
+/// What the environment says. It is read once and taken away, as `VOLSEGGS_*` are keys of the configuration to the
+/// readers of layers.
+fn settings() -> &'static Settings {
+    static SETTINGS: OnceLock<Settings> = OnceLock::new();
+    SETTINGS.get_or_init(|| {
+        let settings = from_environment();
+        for name in ["CASES", "SECONDS", "SEED", "CASE", "READER"] {
+            // SAFETY: every thread of this process asks for variables through the standard library, which locks them.
+            unsafe { std::env::remove_var(format!("VOLSEGGS_FUZZ_{name}")) };
+        }
+        settings
+    })
+}
+
+fn from_environment() -> Settings {
     let variable = |name: &str| std::env::var(format!("VOLSEGGS_FUZZ_{name}")).ok();
     let number = |name: &str| variable(name).map(|v| v.parse::<f64>().unwrap());
     Settings {
@@ -113,6 +129,11 @@ fn settings() -> Settings {
         only: number("CASE").map(|n| n as u64),
         reader: variable("READER").unwrap_or_default(),
     }
+}
+
+/// Whether the environment asks for the reader of that name.
+pub fn chosen(name: &str) -> bool {
+    name.contains(&settings().reader)
 }
 
 /// What the watcher and the thread that works share.
@@ -171,7 +192,7 @@ fn note_panics() {
 /// Damages the files of a reader and reads them. `make` gives the reader, which keeps its files in the folder.
 pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
     let settings = settings();
-    if !name.contains(&settings.reader) {
+    if !chosen(name) {
         return;
     }
     note_panics();
@@ -187,7 +208,7 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
     };
     let (mut folders, mut next) = (Vec::new(), settings.only.unwrap_or(0));
     let until = settings.only.map_or(settings.cases, |n| n + 1);
-    while next < until && !shared.stop.load(Relaxed) {
+    while next < until && folders.len() < LOST && !shared.stop.load(Relaxed) {
         let folder = folder();
         let scratch = Scratch(folder.path().to_owned());
         folders.push(folder);

@@ -67,7 +67,9 @@ fn jsonl() {
                 let found = accepted(reader.view(view)).unwrap_or_default();
                 found.iter().for_each(|a| mask(&a.mask, &found[0].mask));
             }
-            header.views.iter().for_each(|v| drop(v.camera(header.width, header.height)));
+            for view in &header.views {
+                let _ = view.camera(header.width, header.height);
+            }
             true
         };
         Target::new(vec![seed], read).tokens(&[
@@ -92,19 +94,21 @@ fn picture() -> Picture {
     Picture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
 }
 
-/// Opens masks of other programs of two views of two groups, and asks for all.
-fn foreign(path: &Path) -> bool {
+/// Opens masks of other programs of two views of two groups, and asks for all; gives how many there are.
+fn foreign(path: &Path) -> Option<usize> {
     let (groups, views) = (["a", "b"].map(str::to_owned), ["view-000.png", "view-001.png"].map(str::to_owned));
-    let Some(source) = accepted(Foreign::open(path, &groups, &views, 4, 2)) else { return false };
+    let source = accepted(Foreign::open(path, &groups, &views, 4, 2))?;
+    let mut count = 0;
     let picture = picture();
     for (group, view) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (0, 2)] {
         let seen = Seen { view, group, picture: &picture, front: None };
         for found in accepted(source.find(&seen)).unwrap_or_default() {
             mask(&found.mask, &square());
             assert!(found.predicted_iou.is_finite());
+            count += 1;
         }
     }
-    true
+    Some(count)
 }
 
 #[test]
@@ -121,7 +125,7 @@ fn coco() {
         let (path, scratch) = (scratch.path("masks.json"), scratch.clone());
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
-            foreign(&path)
+            foreign(&path).is_some()
         };
         Target::new(vec![seed.to_string().into_bytes()], read).tokens(&[
             "\"images\"",
@@ -139,15 +143,14 @@ fn coco() {
 #[test]
 fn folder() {
     fuzz("masks-png", |scratch| {
-        scratch.write("a/view-001_2.png", &png(&image::GrayImage::new(4, 2).into()));
+        scratch.write("a/view-001_2.png", &png(&image::GrayImage::new(4, 2).into())); // an empty mask is none
         let path = scratch.write("a/view-000.png", b"");
         scratch.write("b/view-000_0.png", b"no picture");
         let scratch = scratch.clone();
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
             // a folder opens whatever its files hold
-            assert!(foreign(scratch.root()));
-            image::load_from_memory_with_format(bytes, image::ImageFormat::Png).is_ok_and(|i| i.width() == 4)
+            foreign(scratch.root()).unwrap() > 0
         };
         let sixteen = image::ImageBuffer::from_fn(4, 2, |x, y| Luma([(x * 1000 + y) as u16]));
         let eight = image::GrayImage::from_fn(4, 2, |x, _| Luma([x as u8]));

@@ -246,7 +246,9 @@ fn lines(rng: &mut Rng, bytes: &mut Vec<u8>) {
     let (a, b) = (rng.below(lines.len()), rng.below(lines.len()));
     match rng.below(3) {
         0 => lines.swap(a, b),
-        1 => drop(lines.remove(a)),
+        1 => {
+            lines.remove(a);
+        }
         _ => lines.insert(a, lines[b]),
     }
     *bytes = lines.concat();

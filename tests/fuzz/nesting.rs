@@ -1,9 +1,9 @@
 //! Deep nesting: a reader that recurses ends the whole process by overflowing its stack, so each is tried in a process
 //! of its own, on a stack as large as the program's main thread has.
 
-use std::path::{Path, PathBuf};
+use crate::driver::chosen;
+use std::path::Path;
 use std::process::Command;
-use tempfile::TempDir;
 use volseggs::config::PRESETS;
 use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
@@ -15,8 +15,8 @@ use volseggs::sweep::file::SweepFile;
 use volseggs::volume::formats;
 use volseggs::volume::transfer::TransferFunction;
 
-/// Names the reader and the file to the process that is started.
-const FILE: &str = "VOLSEGGS_FUZZ_NESTED";
+/// Names the reader, the files and their folder to the process that is started.
+const FILES: &str = "VOLSEGGS_FUZZ_NESTED";
 const STACK: usize = 8 << 20;
 
 /// Reads the file; whether it is accepted does not matter.
@@ -39,89 +39,105 @@ fn read(kind: &str, path: &Path) {
     }
 }
 
-/// What the started process does; nothing where none was asked for.
+/// What the started process does; nothing where none was asked for. It says which file it reads, as it may end there.
 #[test]
-fn nested_file() {
-    let Ok(what) = std::env::var(FILE) else { return };
-    let (kind, path) = what.split_once('=').map(|(k, p)| (k.to_owned(), PathBuf::from(p))).unwrap();
-    let thread = std::thread::Builder::new().stack_size(STACK).spawn(move || read(&kind, &path)).unwrap();
-    thread.join().unwrap();
+fn nested_files() {
+    let Ok(what) = std::env::var(FILES) else { return };
+    let [kind, name, root] = <[&str; 3]>::try_from(what.splitn(3, '=').collect::<Vec<_>>()).unwrap().map(str::to_owned);
+    let work = move || {
+        for case in 0.. {
+            let path = Path::new(&root).join(case.to_string()).join(&name);
+            if !path.exists() {
+                break;
+            }
+            eprintln!("{}", path.display());
+            read(&kind, &path);
+        }
+    };
+    std::thread::Builder::new().stack_size(STACK).spawn(work).unwrap().join().unwrap();
+}
+
+/// A key through `levels` tables.
+fn dotted(levels: usize) -> String {
+    format!("{}a", "a.".repeat(levels - 1))
 }
 
 /// Forms of TOML that nest, each key through as many tables as the parser lets pass.
 fn tomls(start: &str) -> Vec<String> {
-    let dotted = vec!["a"; 79].join(".");
-    let tables =
-        |levels: usize| format!("{start}{}1{}", format!("{dotted} = {{").repeat(levels) + "b = ", "}".repeat(levels));
+    let key = dotted(79);
+    let tables = |levels: usize| format!("{start}{}b = 1{}", format!("{key} = {{").repeat(levels), "}".repeat(levels));
     vec![
         format!("{start}a = {}", "[".repeat(100_000)),
         format!("{start}a = {}{}", "[".repeat(79), "]".repeat(79)),
         format!("{start}a = {}", "{a = ".repeat(100_000)),
-        format!("{start}{} = 1", vec!["a"; 100_000].join(".")),
-        format!("{start}[{}]\nb = 1", vec!["a"; 100_000].join(".")),
-        format!("{start}[{dotted}]\n{dotted} = 1"),
+        format!("{start}{} = 1", dotted(100_000)),
+        format!("{start}[{}]\nb = 1", dotted(100_000)),
+        format!("{start}[{key}]\n{key} = 1"),
         tables(20),
         tables(79),
     ]
 }
 
 fn jsons() -> Vec<String> {
-    vec!["[".repeat(1_000_000), "{\"a\":".repeat(1_000_000), format!("{}{}", "[".repeat(127), "]".repeat(127))]
+    let annotation = "{\"images\":[],\"annotations\":[{\"image_id\":1,\"segmentation\":";
+    vec![
+        "[".repeat(1_000_000),
+        "{\"a\":".repeat(1_000_000),
+        format!("{}{}", "[".repeat(127), "]".repeat(127)),
+        format!("{annotation}{}", "[".repeat(100_000)),
+    ]
 }
 
-fn survives(kind: &str, name: &str, text: &str, folder: &TempDir) {
-    let path = folder.path().join(name);
-    std::fs::write(&path, text).unwrap();
+/// Reads files of these texts called `name`, and says which one ends the process. Another file may lie beside each.
+fn survives(kind: &str, name: &str, texts: &[String], beside: Option<&str>) {
+    if !chosen("nesting") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for (case, text) in texts.iter().enumerate() {
+        let case = folder.path().join(case.to_string());
+        std::fs::create_dir(&case).unwrap();
+        std::fs::write(case.join(name), text).unwrap();
+        if let Some(other) = beside {
+            std::fs::write(case.join(other), [0; 8]).unwrap();
+        }
+    }
+    let read = beside.unwrap_or(name);
     let mut child = Command::new(std::env::current_exe().unwrap());
-    let child = child.args(["nesting::nested_file", "--exact"]).env(FILE, format!("{kind}={}", path.display()));
-    let out = child.output().unwrap();
-    let start: String = text.chars().take(60).collect();
-    assert!(out.status.success(), "{kind}: {} on {start}...\n{}", out.status, String::from_utf8_lossy(&out.stderr));
+    let child = child.args(["nesting::nested_files", "--exact", "--nocapture"]);
+    let out = child.env(FILES, format!("{kind}={read}={}", folder.path().display())).output().unwrap();
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{kind}: {}; the last file it names is the one\n{told}", out.status);
+    assert_eq!(told.matches(read).count(), texts.len(), "{kind}: not all files were read\n{told}");
 }
 
 #[test]
 fn toml_may_nest() {
-    let folder = tempfile::tempdir().unwrap();
-    for (kind, name) in [("config", "a.toml"), ("sweep", "a.toml"), ("transfer", "b.toml")] {
-        tomls("").iter().for_each(|text| survives(kind, name, text, &folder));
+    for (kind, name) in [("config", "c.toml"), ("sweep", "s.toml"), ("transfer", "t.toml")] {
+        survives(kind, name, &tomls(""), None);
     }
-    std::fs::write(folder.path().join("v.raw"), [0; 8]).unwrap();
-    for text in tomls("") {
-        std::fs::write(folder.path().join("v.raw.toml"), &text).unwrap();
-        survives("volume", "v.raw", "12345678", &folder);
-    }
+    survives("volume", "v.raw.toml", &tomls(""), Some("v.raw"));
     // keys that are free, where depth is not the schema's
-    tomls("[loss.extra]\n").iter().for_each(|text| survives("config", "a.toml", text, &folder));
-    tomls("[grid]\n").iter().for_each(|text| survives("sweep", "a.toml", text, &folder));
-    for value in ["[".repeat(100_000), format!("{}=1", vec!["a"; 100_000].join(".")), "{a=".repeat(100_000)] {
-        survives("set", "set.txt", &format!("loss.extra.x={value}"), &folder);
-        survives("set", "set.txt", &value, &folder);
-    }
+    survives("config", "c.toml", &tomls("[loss.extra]\n"), None);
+    survives("sweep", "s.toml", &tomls("[grid]\n"), None);
+    let values = ["[".repeat(100_000), format!("{}=1", dotted(100_000)), "{a=".repeat(100_000)];
+    let sets: Vec<String> = values.iter().flat_map(|v| [v.clone(), format!("loss.extra.x={v}")]).collect();
+    survives("set", "set.txt", &sets, None);
 }
 
 #[test]
 fn json_may_nest() {
-    let folder = tempfile::tempdir().unwrap();
-    for text in jsons() {
-        for kind in ["transforms", "edits", "masks", "coco"] {
-            survives(kind, "a.json", &text, &folder);
-        }
-        survives("transfer", "a.json", &text, &folder);
+    for kind in ["transforms", "edits", "masks", "coco", "transfer"] {
+        survives(kind, "a.json", &jsons(), None);
     }
-    let deep =
-        format!("{{\"images\":[],\"annotations\":[{{\"image_id\":1,\"segmentation\":{}}}]}}", "[".repeat(100_000));
-    survives("coco", "a.json", &deep, &folder);
 }
 
 #[test]
 fn xml_may_nest() {
-    let folder = tempfile::tempdir().unwrap();
-    let start = "<VTKFile type=\"ImageData\"><ImageData WholeExtent=\"0 1 0 1 0 1\"><Piece Extent=\"0 1 0 1 0 1\"><PointData><DataArray>";
-    for text in [
-        "<VTKFile type=\"ImageData\">".repeat(100_000),
-        format!("{start}{}", "<a>".repeat(500_000)),
-        "<!-- ".repeat(100_000),
-    ] {
-        survives("volume", "a.vti", &text, &folder);
-    }
+    let file = "<VTKFile type=\"ImageData\">";
+    let array = format!(
+        "{file}<ImageData WholeExtent=\"0 1 0 1 0 1\"><Piece Extent=\"0 1 0 1 0 1\"><PointData><DataArray>{}",
+        "<a>".repeat(500_000)
+    );
+    survives("volume", "a.vti", &[file.repeat(100_000), array, "<!-- ".repeat(100_000)], None);
 }

@@ -26,9 +26,9 @@ fn used(plan: &Plan, scratch: &Scratch) {
     let _ = (plan.hash(), collect::collect(plan, &scratch.path("out/s")).outcomes.len());
     let runs: Vec<usize> = (0..plan.runs.len()).collect();
     for run in &runs {
-        progress(plan, *run);
+        let _ = progress(plan, *run);
     }
-    halving::survivors(plan, &runs, 5, 0.5);
+    let _ = halving::survivors(plan, &runs, 5, 0.5);
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn jobs() {
             scratch.overwrite(&path, bytes);
             accepted(submissions(scratch.root())).is_some()
         };
-        let seed = "{\"job\":12,\"cluster\":null,\"offset\":0,\"tasks\":[0,1],\"plan\":\"01234567\",\"time\":\"x\"}\n{\"job\":13";
+        let seed = "{\"job\":12,\"cluster\":null,\"offset\":0,\"tasks\":[0,1],\"plan\":\"01234567\",\"time\":5}\n{\"job\":13";
         Target::new(vec![seed.as_bytes().to_vec(), b"\n".to_vec(), Vec::new()], read)
     });
 }
