@@ -136,7 +136,7 @@ pub fn chosen(name: &str) -> bool {
     name.contains(&settings().reader)
 }
 
-/// What the watcher and the thread that works share.
+/// What the watcher and one thread that works share.
 #[derive(Default)]
 struct Shared {
     slot: Slot,
@@ -158,6 +158,9 @@ struct Failure {
     what: String,
     bytes: Vec<u8>,
 }
+
+/// By kind: how often, the first case, and what is said of it.
+type Failures = BTreeMap<String, (u64, u64, String)>;
 
 enum Event {
     Failed(Failure),
@@ -196,26 +199,26 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
         return;
     }
     note_panics();
-    let shared: &'static Shared = Box::leak(Box::default());
     let start = Instant::now();
-    let mut failures = BTreeMap::<String, (u64, u64, String)>::new();
-    let mut add = |Failure { case, kind, what, bytes }: Failure| {
-        let first = || (0, case, format!("{what}\n    {}", keep(name, case, &bytes)));
-        failures.entry(kind).or_insert_with(first).0 += 1;
-        if failures.len() >= FAILURES {
-            shared.stop.store(true, Relaxed);
-        }
-    };
-    let (mut folders, mut next) = (Vec::new(), settings.only.unwrap_or(0));
+    let mut failures = Failures::new();
+    let (mut folders, mut threads, mut next) = (Vec::new(), Vec::new(), settings.only.unwrap_or(0));
     let until = settings.only.map_or(settings.cases, |n| n + 1);
-    while next < until && folders.len() < LOST && !shared.stop.load(Relaxed) {
+    while next < until && threads.len() < LOST && failures.len() < FAILURES {
         let folder = folder();
         let scratch = Scratch(folder.path().to_owned());
         folders.push(folder);
+        // never freed, as a thread that hangs keeps it
+        let shared: &'static Shared = Box::leak(Box::default());
+        threads.push(shared);
         let (events, receive) = channel();
         let work = Work { name, cases: next..until, start, time: settings.time, seed: settings.seed, shared, events };
         let builder = std::thread::Builder::new().name(format!("fuzz {name}")).stack_size(STACK);
         let thread = builder.spawn(move || work.run(make(&scratch))).unwrap();
+        let mut add = |Failure { case, kind, what, bytes }: Failure| {
+            let first = || (0, case, format!("{what}\n    {}", keep(name, case, &bytes)));
+            failures.entry(kind).or_insert_with(first).0 += 1;
+            shared.stop.store(failures.len() >= FAILURES, Relaxed);
+        };
         match attend(shared, &receive, start, &mut add) {
             Ended::Done => {
                 thread.join().unwrap();
@@ -225,11 +228,12 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
             Ended::Lost(failure) => {
                 next = failure.case + 1;
                 add(failure);
+                shared.stop.store(true, Relaxed);
             }
             Ended::Dead => panic!("{name}: the fuzzer itself failed: {:?}", thread.join().err().map(|e| text(&*e))),
         }
     }
-    report(name, shared, start.elapsed(), &failures, settings.only.is_none());
+    report(name, &threads, start.elapsed(), &failures);
 }
 
 fn folder() -> TempDir {
@@ -269,7 +273,6 @@ fn attend(shared: &Shared, events: &Receiver<Event>, start: Instant, add: &mut i
                 let (case, began) = (shared.case.load(Relaxed), shared.began.load(Relaxed));
                 let lost = |kind: &str, what: String| {
                     let bytes = shared.bytes.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                    shared.began.store(0, Relaxed);
                     Ended::Lost(Failure { case, kind: kind.to_owned(), what, bytes })
                 };
                 let refused = shared.slot.refused();
@@ -358,39 +361,26 @@ impl Work {
         shared.began.store(self.start.elapsed().as_millis() as u64 + 1, Relaxed);
         let opened = catch_unwind(AssertUnwindSafe(|| (target.read)(bytes)));
         shared.began.store(0, Relaxed);
-        (
-            start.elapsed(),
-            opened.map_err(|_| {
-                PANIC
-                    .take()
-                    .map(|told| {
-                        PANIC.set(Some(String::new()));
-                        told
-                    })
-                    .unwrap_or_default()
-            }),
-        )
+        let place = |_| PANIC.replace(Some(String::new())).unwrap_or_default();
+        (start.elapsed(), opened.map_err(place))
     }
 }
 
-/// Prints the reader's line of the table, and fails if a case did.
-fn report(name: &str, shared: &Shared, took: Duration, failures: &BTreeMap<String, (u64, u64, String)>, whole: bool) {
+/// Prints the reader's line of the table, and fails if a case did, or none of its valid files was opened.
+fn report(name: &str, threads: &[&Shared], took: Duration, failures: &Failures) {
     static HEAD: Once = Once::new();
     HEAD.call_once(|| {
-        println!(
-            "{:<20} {:>9} {:>9} {:>8} {:>12} {:>8}",
-            "reader", "cases", "opened", "seconds", "peak bytes", "failures"
-        );
+        let [a, b, c, d, e, f] = ["reader", "cases", "opened", "seconds", "peak bytes", "failures"];
+        println!("{a:<20} {b:>9} {c:>9} {d:>8} {e:>12} {f:>8}");
     });
-    let [cases, opened, seeds] = [&shared.cases, &shared.opened, &shared.seeds_opened].map(|n| n.load(Relaxed));
-    let (peak, seconds) = (shared.peak.load(Relaxed), took.as_secs_f64());
-    println!("{name:<20} {cases:>9} {opened:>9} {seconds:>8.1} {peak:>12} {:>8}", failures.len());
+    let sum = |count: fn(&Shared) -> &AtomicU64| threads.iter().map(|t| count(t).load(Relaxed)).sum::<u64>();
+    let (cases, opened) = (sum(|t| &t.cases), sum(|t| &t.opened));
+    let peak = threads.iter().map(|t| t.peak.load(Relaxed)).max().unwrap_or(0);
+    println!("{name:<20} {cases:>9} {opened:>9} {:>8.1} {peak:>12} {:>8}", took.as_secs_f64(), failures.len());
     let list: Vec<String> =
         failures.values().map(|(times, case, what)| format!("  case {case} ({times} times): {what}")).collect();
-    assert!(
-        list.is_empty(),
-        "{name}: again with VOLSEGGS_FUZZ_READER={name} VOLSEGGS_FUZZ_CASE=N\n{}",
-        list.join("\n")
-    );
-    assert!(!whole || seeds > 0, "{name}: none of its valid files is opened");
+    let Settings { seed, only, .. } = settings();
+    let again = format!("VOLSEGGS_FUZZ_READER={name} VOLSEGGS_FUZZ_SEED={seed} VOLSEGGS_FUZZ_CASE=N");
+    assert!(list.is_empty(), "{name}: one case again with {again}\n{}", list.join("\n"));
+    assert!(only.is_some() || sum(|t| &t.seeds_opened) > 0, "{name}: none of its valid files is opened");
 }

@@ -10,9 +10,13 @@
 //! VOLSEGGS_FUZZ_CASES=1000000 VOLSEGGS_FUZZ_SECONDS=1200 cargo test --release --test fuzz -- --nocapture
 //! ```
 //!
-//! `VOLSEGGS_FUZZ_READER=nrrd` takes the readers with that text in their names, `VOLSEGGS_FUZZ_SEED=7` other damages, and
-//! `VOLSEGGS_FUZZ_CASE=123` that one case of a report, with the message of its panic. Worker threads of readers are none:
-//! each case runs on one thread, rayon's tasks included, which is counted and watched.
+//! `VOLSEGGS_FUZZ_READER=nrrd` takes the readers with that text in their names, `VOLSEGGS_FUZZ_SEED=7` other damages,
+//! and `VOLSEGGS_FUZZ_CASE=123` one case of a report alone, with the message of its panic. Cases that fail are kept in
+//! `volseggs-fuzz` in the system's folder for temporary files.
+//!
+//! A case runs on one thread, rayon's tasks included, which is counted and watched: at most 2 seconds, and at most
+//! the memory that [`driver::Target`] states for the reader. A reader that recurses without end would take the
+//! whole process down; see `nesting`.
 #![allow(clippy::unwrap_used)]
 
 mod config;
