@@ -24,7 +24,7 @@ const CAP: i64 = 1 << 30;
 /// A reader with so many different failures is given up.
 const FAILURES: usize = 8;
 /// A reader that has left so many threads behind is given up.
-const LOST: usize = 4;
+const LOST: usize = 8;
 /// As the main thread of the program has it.
 const STACK: usize = 8 << 20;
 const MIB: i64 = 1 << 20;

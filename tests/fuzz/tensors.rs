@@ -11,7 +11,7 @@ use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::gaussians::HostGaussians;
-use volseggs::model::params::HostTensor;
+use volseggs::model::params::{self, HostTensor};
 use volseggs::model::scene::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
 use volseggs::segment::fine::AffinityField;
@@ -111,6 +111,32 @@ pub fn scene(model: ModelConfig) -> Scene {
     Scene::new(gaussians, spec(model), 1, &device())
 }
 
+/// Scenes whose header does not fit their tensors, or that are empty.
+fn contradictions() -> impl Iterator<Item = (BTreeMap<String, HostTensor>, SceneSpec)> {
+    let tensors = params::collect(&scene(small()));
+    let mut empty = tensors.clone();
+    for (_, tensor) in empty.iter_mut().filter(|(name, _)| name.starts_with("gaussians.")) {
+        tensor.shape[0] = 0;
+        tensor.values.clear();
+    }
+    let models = [
+        ModelConfig { resolution: 1 << 40, ..small() },
+        ModelConfig { resolution: 4096, channels: 64, ..small() },
+        ModelConfig { levels: 1 << 40, ..small() },
+        ModelConfig { width: 1 << 33, ..small() },
+        ModelConfig { sh_degree: usize::MAX, ..small() },
+        ModelConfig { sh_degree: 1 << 15, ..small() },
+        ModelConfig { levels: 0, ..small() },
+        ModelConfig { channels: 0, time_knots: 0, ..small() },
+    ];
+    let specs = models.map(spec).into_iter().chain([
+        SceneSpec { sh_degree: 3, ..spec(small()) },
+        SceneSpec { half_size: [0.0, 1.0, -1.0], ..spec(small()) },
+    ]);
+    let whole = specs.map(move |spec| (tensors.clone(), spec));
+    whole.chain([(empty, spec(small()))])
+}
+
 fn saved(scratch: &Scratch, save: impl FnOnce(&Path)) -> Vec<u8> {
     let path = scratch.path("seed.safetensors");
     save(&path);
@@ -121,8 +147,13 @@ fn saved(scratch: &Scratch, save: impl FnOnce(&Path)) -> Vec<u8> {
 fn scene_file() {
     fuzz("scene", |scratch| {
         let implicit = volseggs::config::types::EncoderKind::Implicit;
-        let seeds = [small(), ModelConfig { encoder: implicit, implicit_octaves: 1, ..small() }]
-            .map(|model| saved(scratch, |path| scene(model).save(path).unwrap()));
+        let mut seeds = [small(), ModelConfig { encoder: implicit, implicit_octaves: 1, ..small() }]
+            .map(|model| saved(scratch, |path| scene(model).save(path).unwrap()))
+            .to_vec();
+        seeds.extend(contradictions().map(|(tensors, spec)| {
+            let text = serde_json::to_string(&spec).unwrap();
+            saved(scratch, |path| write_tensors(path, &tensors, Some(("volseggs", text))).unwrap())
+        }));
         let device = device();
         let cameras = training_cameras(1, 4.0, Lens { fov_x: 0.5, width: 6, height: 4 });
         target(scratch, &seeds, move |path| {
