@@ -11,6 +11,7 @@ pub mod coarse;
 pub mod colour;
 pub mod dice;
 pub mod fine;
+pub mod history;
 pub mod masks;
 pub mod paint;
 pub mod palette;
