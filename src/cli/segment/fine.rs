@@ -39,7 +39,7 @@ pub struct FineArgs {
     #[arg(long, value_name = "COSINE", default_value_t = 0.5, value_parser = cosine_f32, allow_negative_numbers = true)]
     margin: f32,
     /// Weight of the hierarchy loss: what is together at a scale stays together at larger ones.
-    #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = not_negative)]
+    #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
     hierarchy: f64,
     /// Seed.
     #[arg(long, default_value_t = 0)]

@@ -19,6 +19,8 @@ pub use super::reader::MaskReader;
 
 /// Value of the header's `format` field.
 pub const FORMAT: &str = "volseggs-masks";
+/// No line of a mask file is as long; a longer one means that the file is something else.
+pub(super) const LONGEST_LINE: u64 = 256 << 20;
 /// Version of the file format that this code writes and reads.
 pub const VERSION: u32 = 1;
 
@@ -189,6 +191,10 @@ impl MaskWriter {
         let out = AtomicFile::create(path).map_err(StoreError::io(path))?;
         let mut writer = Self { path: path.to_owned(), out, header, written: 0 };
         let line = serde_json::to_string(&writer.header).map_err(|e| StoreError::field(path, "header", e))?;
+        if line.len() as u64 + 1 >= LONGEST_LINE {
+            let problem = format!("lists {} views, which is more than a mask file holds", writer.header.views.len());
+            return Err(StoreError::field(path, "header, views", problem));
+        }
         writer.put(&line)?;
         Ok(writer)
     }
