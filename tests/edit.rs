@@ -245,6 +245,20 @@ fn depth_velocity_and_segments_are_shown_in_colour() {
 }
 
 #[test]
+fn edits_at_the_same_time_are_all_kept() {
+    let run = Run::new();
+    let name = run.segments[0].0.as_str();
+    std::thread::scope(|scope| {
+        for i in 0..6 {
+            let factor = format!("0.{}", i + 1);
+            let mut command = run.command(&["edit", "opacity", "run", "--segment", name, "--factor", &factor]);
+            scope.spawn(move || command.assert().success());
+        }
+    });
+    assert_eq!(json(&run.path("run/edits.json"))["operations"].as_array().unwrap().len(), 6);
+}
+
+#[test]
 fn what_is_refused_changes_nothing() {
     let run = Run::new();
     let name = run.segments[0].0.as_str();

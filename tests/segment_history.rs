@@ -108,6 +108,21 @@ fn changes_of_segments_are_taken_back() {
 }
 
 #[test]
+fn commands_at_the_same_time_lose_nothing_of_each_other() {
+    let folder = two_colours(&[]);
+    let root = folder.path();
+    let whole = &listed(root)[0];
+    std::thread::scope(|scope| {
+        for i in 0..6 {
+            let name = format!("group-{i}");
+            scope.spawn(move || segment(root, &["group", "run", &name, whole]));
+        }
+    });
+    let all = run_json(root, &["segment", "list", "run"]);
+    assert_eq!((all["segments"].as_array().unwrap().len(), all["undo"].as_array().unwrap().len()), (2 + 6, 1 + 6));
+}
+
+#[test]
 fn a_split_takes_nothing_away_that_somebody_made() {
     let folder = two_colours(&[]);
     let root = folder.path();
@@ -132,6 +147,15 @@ fn a_split_takes_nothing_away_that_somebody_made() {
     assert_eq!(listed(root), tree, "parts stand below their whole");
     let (out, _) = segment(root, &["list", "run"]);
     assert_eq!(out.lines().filter(|l| l.starts_with("  ")).count(), 4, "{out}");
+
+    // masks are of the Gaussians that they were made of
+    let affinity = root.join("run/segments/affinity.safetensors");
+    let field = std::fs::read(&affinity).unwrap();
+    segment(root, &["coarse", "run", "--clusters", "4", "--replace"]);
+    let again = ["masks.jsonl", "volseggs segment masks run --replace"];
+    refused_and_unchanged(root, &["fine", "run", "--steps", "5"], &again);
+    segment(root, &["undo", "run"]);
+    assert!(std::fs::read(&affinity).unwrap() == field);
 
     // picked in a part: it goes only when told, and comes back
     let held = (1..=3).map(part).find(|p| {

@@ -248,6 +248,10 @@ mod tests {
         refused("two segments");
         write(entry(&["red"]), &[2, 1]);
         refused("ascending");
+        let mut many = entry(&["red"]);
+        many["gaussians"] = u64::MAX.into();
+        write(many, &[1, 2]);
+        refused("more than any scene has");
         // a state of before is held to the same
         let mut with = entry(&["red"]);
         let past = |name: &str, members: &str| {

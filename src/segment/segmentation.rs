@@ -3,6 +3,8 @@
 
 pub(super) mod file;
 
+pub use file::key as members_key;
+
 use crate::name::{Name, NameError};
 use crate::tensors::{DIGEST, TensorFileError};
 use serde::{Deserialize, Serialize};

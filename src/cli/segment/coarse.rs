@@ -88,7 +88,7 @@ impl CoarseArgs {
         let (_, device) = self.common.device()?;
         let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
         let n = run.scene.gaussians.count();
-        let mut history = if self.replace { History::to_replace(&run) } else { History::open(&run)? };
+        let mut history = if self.replace { History::replacing(&run) } else { History::open(&run)? };
         let there = history.now().segments.len();
         if there > 0 && !self.replace {
             return Err(CliError::input(format!(

@@ -11,6 +11,7 @@ use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{FineError, FineOptions, train};
 use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
+use crate::segment::segmentation::members_key;
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -70,8 +71,19 @@ impl FineArgs {
         Budget::now().check(what, covered).map_err(CliError::input)?;
         let at = run.scene.host_at(header.time as f32);
         let frame = Frame::around(&at.visible_means());
-        let members = |name: &String| Ok(all.get(name).map_err(CliError::input)?.members.clone());
-        let members = header.segments.iter().map(members).collect::<Result<Vec<_>, CliError>>()?;
+        let again = format!("run `volseggs segment masks {} --replace`", run.path.display());
+        let of = |name: &String| {
+            let found = all.get(name).map(|s| s.members.clone());
+            found.map_err(|e| CliError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))
+        };
+        let members = header.segments.iter().map(of).collect::<Result<Vec<_>, CliError>>()?;
+        let mut keys = header.segments.iter().zip(&header.members).zip(&members);
+        if let Some(((name, _), _)) = keys.find(|((_, key), members)| **key != members_key(members)) {
+            return Err(CliError::input(format!(
+                "{}: segment {name} has other Gaussians now than when its masks were made; {again}",
+                path.display()
+            )));
+        }
         let bar = progress::bar(header.views.len(), "views");
         let (views, spreads) =
             read_views(&masks, &at, &frame, &members, self.seed, &device, |_| bar.inc(1)).map_err(CliError::input)?;

@@ -27,11 +27,19 @@ impl History {
             // says so
             run.segments()?;
         }
+        let (named, there) = (found.now().gaussians, run.scene.gaussians.count());
+        if named != there {
+            return Err(CliError::input(format!(
+                "{}: of {named} Gaussians, but the scene has {there}; run `volseggs segment coarse {} --replace` to begin again",
+                path.display(),
+                run.path.display()
+            )));
+        }
         Ok(Self { path, found })
     }
 
     /// The same for a command that puts others in their place: a file that cannot be used is no reason to stop.
-    pub(super) fn to_replace(run: &RunFolder) -> Self {
+    pub(super) fn replacing(run: &RunFolder) -> Self {
         Self::open(run).unwrap_or_else(|error| {
             errln!("the segments of before cannot be brought back by undo: {error}");
             let none = Segmentation::new(run.scene.gaussians.count(), run.scene.fingerprint());

@@ -43,13 +43,27 @@ pub struct Header {
     pub segments: Vec<String>,
     /// What made the masks, for people to read.
     pub source: String,
+    /// What tells the Gaussians of each segment from others, see
+    /// [`members_key`](crate::segment::segmentation::members_key); empty where that is not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub members: Vec<String>,
 }
 
 impl Header {
     /// A header of the current format and version.
     #[must_use]
     pub fn new(width: u32, height: u32, time: f64, views: Vec<View>, segments: Vec<String>, source: String) -> Self {
-        Self { format: FORMAT.to_owned(), version: VERSION, width, height, time, views, segments, source }
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            width,
+            height,
+            time,
+            views,
+            segments,
+            source,
+            members: Vec::new(),
+        }
     }
 }
 
@@ -251,6 +265,10 @@ pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreErro
     }
     if header.width == 0 || header.height == 0 || header.width.checked_mul(header.height).is_none() {
         return fail("width, height", format!("{}x{} is no image size", header.width, header.height));
+    }
+    let (members, segments) = (header.members.len(), header.segments.len());
+    if members > 0 && members != segments {
+        return fail("members", format!("are of {members} segments where the header lists {segments}"));
     }
     if !header.time.is_finite() {
         return fail("time", "is not a finite number".to_owned());

@@ -68,12 +68,13 @@ struct FoundEntry {
     redo: Vec<Step>,
 }
 
-/// Members as bytes, and what tells them from others: 32 hexadecimal digits, a 128-bit hash.
 fn bytes(members: &[u32]) -> Vec<u8> {
     members.iter().flat_map(|i| i.to_le_bytes()).collect()
 }
 
-pub(in crate::segment) fn key(members: &[u32]) -> String {
+/// What tells the members of one segment from those of others: 32 hexadecimal digits, a 128-bit hash.
+#[must_use]
+pub fn key(members: &[u32]) -> String {
     format!("{:032x}", xxh3_128(&bytes(members)))
 }
 
@@ -154,6 +155,9 @@ fn open(
     let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a file of segments")))?;
     let found: FoundEntry = serde_json::from_str(entry).map_err(|e| format(format!("header: {e}")))?;
     let mut all = Segmentation { gaussians: found.gaussians, scene: found.scene, segments: found.segments };
+    if u32::try_from(all.gaussians).is_err() {
+        return Err(format(format!("header: gaussians: {} are more than any scene has", all.gaussians)));
+    }
     for i in 0..all.segments.len() {
         let (before, from) = all.segments.split_at_mut(i);
         let segment = &mut from[0];
