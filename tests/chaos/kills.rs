@@ -68,7 +68,12 @@ pub fn strike_all() {
     assert!(!known.is_empty(), "no command to kill: {:?}\n{}", settings.only, told(&found.faults));
     let n = known.len();
     println!("{n} commands, {:.0} s when left alone", began.elapsed().as_secs_f64());
-    for number in 0..settings.kills.unwrap_or(ROUNDS * n) {
+    let wanted = settings.kills.unwrap_or(ROUNDS * n);
+    // a strike that comes after the end of its command counts for nothing
+    for number in 0..3 * wanted {
+        if found.kills >= wanted {
+            break;
+        }
         if settings.kills.is_none() && number >= n && began.elapsed() > ENOUGH {
             println!("{number} strikes are enough: this machine is slow");
             break;
@@ -94,7 +99,8 @@ pub fn strike_all() {
         began.elapsed().as_secs_f64()
     );
     assert!(found.faults.is_empty(), "{} faults:\n\n{}", found.faults.len(), told(&found.faults));
-    assert!(3 * found.kills >= found.strikes, "{} of {} strikes hit a living process", found.kills, found.strikes);
+    let enough = settings.kills.unwrap_or(found.strikes / 3);
+    assert!(found.kills >= enough, "{} of {} strikes hit a living process", found.kills, found.strikes);
 }
 
 /// The first faults in full, of the others their first lines.

@@ -9,7 +9,7 @@
 //!
 //! | variable | what | if not given |
 //! |---|---|---|
-//! | `VOLSEGGS_CHAOS_KILLS` | kills in all, dealt to the writing commands in turn | three of each command, one on a slow machine |
+//! | `VOLSEGGS_CHAOS_KILLS` | kills of living processes in all, dealt to the writing commands in turn | three of each command, one on a slow machine |
 //! | `VOLSEGGS_CHAOS_EDITS` | edits and groups by 20 writers at a time | 60 |
 //! | `VOLSEGGS_CHAOS_SEED` | seed of the moments | 1 |
 //! | `VOLSEGGS_CHAOS_ONLY` | only commands whose name holds this are killed, such as `prepare` | all |
