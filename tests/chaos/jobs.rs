@@ -1,7 +1,7 @@
 //! Every command that writes, what it may touch, and how one goes on after it was killed.
 
 use crate::program::words;
-use crate::world::{CAMERA, PREPARE, World, knows_replace};
+use crate::world::{CAMERA, PREPARE, World, knows, knows_replace};
 
 /// How the command is brought to its end after a kill.
 pub enum Again {
@@ -84,6 +84,7 @@ pub fn jobs(world: &World) -> Vec<Job> {
     train.arguments = world.training("new", &[]);
     let mut layout = Job::new("inspect --picture", "inspect DATA --picture layout.png", &["layout.png"]);
     layout.arguments[1] = world.data();
+    let base = world.root.join("base");
     let mut all = vec![
         train,
         Job::new("train --resume", "train --resume half", &["half/*"])
@@ -120,9 +121,12 @@ pub fn jobs(world: &World) -> Vec<Job> {
         .at_once(&tracks),
         Job::new("eval", "eval run --views 4", &["run/eval/*"]).goes(&["run/eval/*"]),
         Job::new("render", "render run --path orbit --frames 3 --size 16 --out frames", &["frames/*"])
-            .goes(&["frames/*"]),
+            .goes(&["frames/*"])
+            .at_once(&["frames"]),
         Job::new("export ply", "export run --time 0.5 --out scene.ply", &["scene.ply"]),
-        Job::new("export --frames", "export run --frames 3 --out plys", &["plys/*"]).goes(&["plys/*"]),
+        Job::new("export --frames", "export run --frames 3 --out plys", &["plys/*"])
+            .goes(&["plys/*"])
+            .at_once(&["plys"]),
         Job::new(
             "export nrrd",
             "export run --format nrrd --dims 6,7,8 --time 0.5 --out labels.seg.nrrd",
@@ -140,8 +144,10 @@ pub fn jobs(world: &World) -> Vec<Job> {
         Job::new("compare", "compare run --out comparison", &["comparison/*"]).goes(&["comparison/*"]),
         layout,
     ];
+    if knows(&base, "segment undo") {
+        all.push(Job::new("segment undo", "segment undo run", &segments).but(&made_from_masks));
+    }
     // commands that ask before they replace what is there
-    let base = world.root.join("base");
     for job in &mut all {
         let asks = ["segment masks", "segment fine", "segment split", "track", "eval", "render", "compare"];
         let exports = job.name.starts_with("export") || job.name.starts_with("inspect");

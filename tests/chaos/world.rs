@@ -108,6 +108,11 @@ fn largest_first(run: &Path) -> Vec<String> {
     all.into_iter().map(|s| s.name.to_string()).collect()
 }
 
+/// Whether there is a command.
+pub fn knows(folder: &Path, command: &str) -> bool {
+    run(folder, &words(&format!("{command} --help"))).code() == Some(0)
+}
+
 /// Whether a command knows `--replace`.
 pub fn knows_replace(folder: &Path, command: &[&str]) -> bool {
     let help = run(folder, &words(&format!("{} --help", command.join(" "))));
