@@ -112,7 +112,8 @@ impl Segmentation {
         if self.get(&segment.name).is_ok() {
             return fail("there is one of that name; remove it first or choose another");
         }
-        if segment.name == DIGEST {
+        // both are keys of the header of a tensor file
+        if [DIGEST, "__metadata__"].contains(&segment.name.as_str()) {
             return fail("the file of segments needs that name for itself; choose another");
         }
         segment.members.sort_unstable();
