@@ -1,6 +1,7 @@
 //! The command line: one file a command, each turning arguments into a library call.
 
 mod compare;
+mod completions;
 mod config;
 mod demo;
 mod doctor;
@@ -20,6 +21,10 @@ mod sweep;
 mod track;
 mod train;
 mod values;
+
+#[cfg(test)]
+#[path = "help_tests.rs"]
+mod help_tests;
 
 pub use error::CliError;
 
@@ -61,6 +66,7 @@ enum Command {
     Compare(compare::CompareArgs),
     Config(config::ConfigArgs),
     Doctor(doctor::DoctorArgs),
+    Completions(completions::CompletionsArgs),
 }
 
 /// Options that every command has.
@@ -157,6 +163,7 @@ impl Cli {
             Command::Compare(args) => args.run(),
             Command::Config(args) => args.run(),
             Command::Doctor(args) => args.run(),
+            Command::Completions(args) => args.run(),
         }
     }
 }

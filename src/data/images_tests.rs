@@ -80,7 +80,7 @@ fn images_that_do_not_fit_into_memory_are_refused_before_they_are_decoded() {
 }
 
 #[test]
-#[cfg(unix)]
+#[cfg(target_os = "linux")]
 fn a_pipe_is_no_image_and_does_not_hang() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("r_0.png");

@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    #[cfg(unix)]
+    #[cfg(target_os = "linux")]
     fn nothing_else_is_opened_and_nothing_waits() {
         let dir = tempfile::tempdir().unwrap();
         let pipe = dir.path().join("pipe");

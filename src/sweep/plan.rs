@@ -4,7 +4,7 @@
 //! training, an *entry* is one place in the table.
 
 use super::SweepError;
-use super::axes::{Settings, Variant, flatten, variants};
+use super::axes::{Settings, Variant, check_count, flatten, variants};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, short_hash};
@@ -15,8 +15,10 @@ use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::device::DeviceName;
+use crate::memory::Budget;
+use crate::words::plain;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -118,20 +120,25 @@ impl Plan {
     pub fn new(path: &Path, options: &PlanOptions) -> Result<Self, SweepError> {
         let mut file = SweepFile::read(path)?;
         let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-        if !options.seeds.is_empty() {
-            file.seeds = options.seeds.clone();
-        }
+        let seeds = match &file.seeds {
+            _ if !options.seeds.is_empty() => options.seeds.clone(),
+            Some(seeds) if seeds.is_empty() => {
+                return Err(bad("seeds", "an empty list leaves no run; leave the key out for seed 0".into()));
+            }
+            Some(seeds) => seeds.clone(),
+            None => vec![0],
+        };
         if !options.devices.is_empty() {
             file.devices = options.devices.clone();
-        }
-        if file.seeds.is_empty() {
-            file.seeds = vec![0];
         }
         if file.devices.is_empty() {
             file.devices = vec!["flex".to_owned()];
         }
         file.eval.lpips_weights.extend(options.lpips_weights.iter().cloned());
-        check_lists(&file, path, options.elsewhere)?;
+        check_lists(&file, &seeds, path, options.elsewhere)?;
+        check_seed_keys(&file, options).map_err(|(key, problem)| bad(&key, problem))?;
+        let places = options.data.len().max(file.data.len()).saturating_mul(file.devices.len());
+        check_count(&file, seeds.len(), places, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
         let variants = variants(&file, path)?;
         let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
         let datasets = datasets(&file, path, &options.data, &options.out)?;
@@ -164,9 +171,9 @@ impl Plan {
         };
         let base = Base { file: &file, path, options };
         let mut fingerprints = HashMap::new();
-        let mut by_key = HashMap::new();
+        let mut placed = Placed::default();
         // seeds outermost, so that a first table is there early
-        for &seed in &file.seeds {
+        for &seed in &seeds {
             for (dataset, data) in plan.datasets.clone() {
                 for device in &file.devices {
                     for variant in &variants {
@@ -179,7 +186,7 @@ impl Plan {
                             }
                         };
                         let key = key(&one.toml, print, device, &file.tag);
-                        plan.place(variant, seed, (&dataset, device), one, key, &mut by_key).map_err(|e| {
+                        plan.place(variant, seed, (&dataset, device), one, key, &mut placed).map_err(|e| {
                             let key = format!("variant \"{}\"", variant.name);
                             SweepError::Key { path: path.to_owned(), key, problem: e }
                         })?;
@@ -204,9 +211,9 @@ impl Plan {
         (dataset, device): (&str, &str),
         one: Resolved,
         key: String,
-        by_key: &mut HashMap<String, usize>,
+        placed: &mut Placed,
     ) -> Result<(), String> {
-        let index = *by_key.entry(key.clone()).or_insert_with(|| {
+        let index = *placed.runs.entry(key.clone()).or_insert_with(|| {
             let several = |one: bool, text: String| if one { String::new() } else { text };
             self.runs.push(Run {
                 key,
@@ -231,8 +238,8 @@ impl Plan {
                 run.segments.len() - 1
             })
         });
-        let same = |e: &&Entry| e.run == index && e.segments == segments;
-        if let Some(twin) = self.entries.iter().find(same) {
+        if let Some(twin) = placed.entries.insert((index, segments), self.entries.len()) {
+            let twin = &self.entries[twin];
             return Err(format!(
                 "the same configuration as \"{}\" (seed {}); duplicates are left out of a sweep, so remove one",
                 twin.variant, twin.seed
@@ -293,6 +300,15 @@ impl Plan {
 const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
 const SEGMENT_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "iou"];
 
+/// What has its place in a plan already.
+#[derive(Default)]
+struct Placed {
+    /// Runs by key.
+    runs: HashMap<String, usize>,
+    /// Entries by run and measurement of segments.
+    entries: HashMap<(usize, Option<usize>), usize>,
+}
+
 /// What every variant starts from.
 struct Base<'a> {
     file: &'a SweepFile,
@@ -346,7 +362,7 @@ impl Base<'_> {
                 table.get_or_insert_default().insert(key.to_owned(), value);
             }
         }
-        let read = |t: Table| t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", e.message()));
+        let read = |t: Table| t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
         table.map(read).transpose()
     }
 }
@@ -360,10 +376,11 @@ fn assignments(settings: &Settings) -> Vec<String> {
     settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
 }
 
-fn check_lists(file: &SweepFile, path: &Path, elsewhere: bool) -> Result<(), SweepError> {
+fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewhere: bool) -> Result<(), SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-    for (i, seed) in file.seeds.iter().enumerate() {
-        if file.seeds[..i].contains(seed) {
+    let mut met = HashSet::new();
+    for seed in seeds {
+        if !met.insert(seed) {
             return Err(bad("seeds", format!("{seed} stands there twice")));
         }
     }
@@ -385,6 +402,24 @@ fn check_lists(file: &SweepFile, path: &Path, elsewhere: bool) -> Result<(), Swe
         return Err(bad("eval.views", "0 leaves no view; leave it out for all".into()));
     }
     Ok(())
+}
+
+/// Refuses `seed` where keys are set: it is an axis of its own, and would be overwritten without a word.
+fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result<(), (String, String)> {
+    let set_in = |table: &Table| flatten(table).get("seed").map(ToString::to_string);
+    let mut found = vec![("set.seed".to_owned(), set_in(&file.set)), ("grid.seed".to_owned(), set_in(&file.grid))];
+    found.extend(file.variant.iter().map(|v| (format!("variant \"{}\": set.seed", v.name), set_in(&v.set))));
+    let random = file.random.iter().flat_map(|r| r.keys.keys()).find(|key| *key == "seed");
+    found.push(("random.keys.seed".to_owned(), random.map(|_| "0".to_owned())));
+    let typed = options.set.iter().find_map(|s| s.split_once('=').filter(|(key, _)| key.trim() == "seed"));
+    found.push(("--set seed".to_owned(), typed.map(|(_, value)| value.to_owned())));
+    match found.into_iter().find_map(|(key, value)| Some((key, value?))) {
+        None => Ok(()),
+        Some((key, value)) => {
+            let list = if value.starts_with('[') { value } else { format!("[{}]", value.trim_start_matches('-')) };
+            Err((key, format!("seeds are an axis of their own; write seeds = {list} at the top of the file")))
+        }
+    }
 }
 
 fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, String> {

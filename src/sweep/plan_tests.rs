@@ -48,6 +48,12 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("[[variant]]\nname = 'x'\nset = { 'init.points' = 0 }", "init.points"),
         ("devices = ['abacus']", "abacus"),
         ("seeds = [1, 1]", "twice"),
+        ("seeds = []", "seeds: an empty list"),
+        ("seeds = [-4]", "expected a whole number, 0 or above, not -4"),
+        ("set = { seed = -4 }", "set.seed: seeds are an axis of their own; write seeds = [4]"),
+        ("[[variant]]\nname = 'x'\nset = { seed = 3 }", "variant \"x\": set.seed"),
+        ("[grid]\nseed = [1, 2]", "grid.seed: seeds are an axis of their own; write seeds = [1, 2]"),
+        ("[random]\ncount = 100000000000\n[random.keys]\n'loss.tv' = { low = 0, high = 1 }", "random.count"),
         ("metrics = ['psnrr']", "psnrr"),
         ("baseline = 'nobody'", "nobody"),
         ("sedes = [1]", "sedes"),
@@ -68,6 +74,10 @@ fn what_would_not_run_is_an_error_that_names_it() {
     }
     assert!(error("[data]\nx = { synthetic = 'teapot' }").contains("data.x"));
     assert!(error("[data]\nx = '/no/such/folder'").contains("data.x"));
+    for name in ["../../evil", "/abs", "..", "a/b", ""] {
+        let said = error(&format!("[data]\n'{name}' = {{ synthetic = 'jets' }}"));
+        assert!(said.contains("cannot be a name") && said.contains("my sweep.toml: data."), "{said}");
+    }
     assert!(error("title = 'no data'").contains("--data"));
     let data = vec!["/one/data".into(), "/two/data".into()];
     let twice = plan_with("", &PlanOptions { data, ..PlanOptions::default() }).unwrap_err().to_string();
