@@ -112,7 +112,10 @@ mod tests {
             ("invalid value: integer `-4`, expected u64", "expected a whole number, 0 or above, not -4"),
             ("invalid type: floating point `0.5`, expected usize", "expected a whole number, 0 or above, not 0.5"),
             ("invalid type: integer `3`, expected struct ModelConfig", "expected a section (a table of keys), not 3"),
-            ("invalid type: boolean `true`, expected f64 at line 3 column 7", "expected a number, not true at line 3 column 7"),
+            (
+                "invalid type: boolean `true`, expected f64 at line 3 column 7",
+                "expected a number, not true at line 3 column 7",
+            ),
             ("invalid length 3, expected an array of length 2", "expected a list of 2 values, not 3 values"),
             ("invalid type: sequence, expected a string", "expected text, not a list"),
             ("unknown variant `l3`, expected `l1` or `l2`", "there is no `l3`; there is l1 or l2"),

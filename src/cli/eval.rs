@@ -5,9 +5,9 @@ use super::run_folder::RunFolder;
 use super::values::count;
 use super::{CliError, Common, print_json};
 use crate::data::{Dataset, OpenOptions, SplitName};
-use crate::eval::results::{DataId, WriteError, results_folder, write_results};
+use crate::eval::results::{DataId, KIND, WriteError, results_folder, write_results};
 use crate::eval::run::{Costs, evaluate};
-use crate::files::Work;
+use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::metrics::lpips::Lpips;
 use clap::Args;
@@ -54,7 +54,7 @@ impl EvalArgs {
         }
         let split = run.split(self.split, self.data.as_deref(), self.views)?;
         let data = data_of(&run, self.data.as_deref());
-        let folder = folder(&run, self.split.as_str(), "mean.json", &data);
+        let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
         let model = std::fs::metadata(&run.scene_path)
             .map_err(|e| CliError::failure(format!("{}: {e}", run.scene_path.display())))?;
         let costs = Costs { training_seconds: run.record.training_seconds, model_bytes: model.len(), data };
@@ -100,9 +100,12 @@ pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> DataId {
     DataId { dataset: std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned()), fingerprint }
 }
 
-/// The folder of results called `what`; says so if they are not of the dataset that the run was trained on.
-pub(super) fn folder(run: &RunFolder, what: &str, file: &str, data: &DataId) -> PathBuf {
+/// The folder of results called `what`, which only holds such results if it is there; says so if they are not of the
+/// dataset that the run was trained on. Asked for before anything is measured.
+pub(super) fn folder(run: &RunFolder, what: &str, kind: &FolderKind, data: &DataId) -> Result<PathBuf, CliError> {
+    let file = kind.markers.first().copied().unwrap_or_default();
     let folder = results_folder(&run.path.join("eval"), what, file, data, &run.record.fingerprint);
+    kind.check(&folder, &[])?;
     if data.fingerprint != run.record.fingerprint {
         errln!(
             "note: {} is not the dataset that {} was trained on; results go to {}",
@@ -111,7 +114,7 @@ pub(super) fn folder(run: &RunFolder, what: &str, file: &str, data: &DataId) -> 
             folder.display()
         );
     }
-    folder
+    Ok(folder)
 }
 
 impl From<WriteError> for CliError {

@@ -1,13 +1,16 @@
 //! `volseggs eval --segments`
 
-use super::run_folder::RunFolder;
 use super::eval::{data_of, folder};
+use super::run_folder::RunFolder;
 use super::values::{cosine_f32, count, fraction, fraction_f32};
 use super::{CliError, print_json};
-use crate::data::Truth;
 use crate::data::paths::Axis;
-use crate::eval::segments::{MaskKind, Method, SegmentEvalError, SegmentOptions, evaluate_segments, markdown, write_results};
+use crate::data::{Camera, Truth};
+use crate::eval::segments::{
+    KIND, MaskKind, Method, SegmentEvalError, SegmentOptions, evaluate_segments, markdown, write_results,
+};
 use crate::files::AtomicDir;
+use crate::memory::{Budget, product};
 use crate::metrics::lpips::Lpips;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
@@ -84,6 +87,12 @@ impl SegmentFlags {
         if self.mask_alpha == Some(0.0) {
             return Err(CliError::input("--mask-alpha 0: above 0, up to 1"));
         }
+        let views = product(&[self.mask_views, 4 * size_of::<Camera>()]);
+        Budget::now().check(format!("--mask-views {}", self.mask_views), views).map_err(CliError::input)?;
+        let gaussians = run.scene.gaussians.count();
+        if let Some(k) = self.clusters.filter(|k| *k > gaussians) {
+            return Err(CliError::input(format!("--clusters {k}: the scene has {gaussians} Gaussians")));
+        }
         let root = data.unwrap_or(&run.record.dataset);
         let truth = Truth::read(root)?;
         let known = |name: &String| truth.file.segments.iter().any(|s| s.name == *name);
@@ -108,16 +117,18 @@ impl SegmentFlags {
         };
         let id = data_of(run, data);
         let what = if self.masks == Masks::Labels { "segments-labels" } else { "segments" };
-        let folder = folder(run, what, "segments.json", &id);
+        let folder = folder(run, what, &KIND, &id)?;
         // never published: it goes when this ends
         let eval = run.path.join("eval");
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
-        let mut evaluation = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))
-            .map_err(|e| match e {
-                SegmentEvalError::Data(error) => error.into(),
-                SegmentEvalError::Failed(_) => CliError::failure(e),
-            })?;
+        let mut evaluation =
+            evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}")).map_err(
+                |e| match e {
+                    SegmentEvalError::Data(error) => error.into(),
+                    SegmentEvalError::Failed(_) => CliError::failure(e),
+                },
+            )?;
         evaluation.data = id;
         write_results(&folder, &evaluation)?;
         if json {

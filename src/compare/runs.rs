@@ -163,8 +163,7 @@ mod tests {
 
     #[test]
     fn unknown_metrics_are_refused_with_the_known_ones() {
-        let outcome =
-            Outcome { metrics: BTreeMap::from([("edge_error".to_owned(), 0.5)]), ..Outcome::default() };
+        let outcome = Outcome { metrics: BTreeMap::from([("edge_error".to_owned(), 0.5)]), ..Outcome::default() };
         let check = |ids: &[&str]| {
             check_metrics(&ids.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), std::slice::from_ref(&outcome))
         };

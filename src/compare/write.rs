@@ -66,7 +66,8 @@ fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::rep
     let plain = |caption: String, grid: text::Grid| PlainTable { caption, rows: grid.starred(), head: grid.head };
     let mut tables = vec![plain("Mean and deviation over seeds; the best is bold.".to_owned(), text::results(table))];
     let caption = || {
-        let sure = if table.has_intervals() { ", with its 95 % confidence interval" } else { " (one seed: no intervals)" };
+        let sure =
+            if table.has_intervals() { ", with its 95 % confidence interval" } else { " (one seed: no intervals)" };
         format!("Difference to {}{sure}.", set.baseline)
     };
     tables.extend(text::differences(table).map(|grid| plain(caption(), grid)));

@@ -184,13 +184,7 @@ const DECODING: usize = 12;
 
 /// Refuses images that do not fit into memory, by their number and size: all of them as they are kept, and as many in
 /// full size as are decoded at a time.
-fn check_memory(
-    json: &Path,
-    count: usize,
-    full: (u32, u32),
-    downscale: u32,
-    budget: Budget,
-) -> Result<(), DataError> {
+fn check_memory(json: &Path, count: usize, full: (u32, u32), downscale: u32, budget: Budget) -> Result<(), DataError> {
     let (width, height) = downscaled_size(json, full, downscale)?;
     let kept = product(&[count, width as usize, height as usize, ImageSet::CHANNELS]);
     let at_a_time = rayon::current_num_threads().min(count);

@@ -64,7 +64,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
     if metadata.is_file() {
         return Ok(());
     }
-    Err(io::Error::new(ErrorKind::InvalidInput, format!("is {}, not a regular file", kind(metadata.file_type()))))
+    Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {}, not a regular file", kind(metadata.file_type()))))
 }
 
 /// What stands there in place of a file, with its article.
@@ -112,7 +112,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let pipe = dir.path().join("pipe");
         rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
-        for (path, word) in [(pipe.as_path(), "a pipe"), (dir.path(), "a folder"), (Path::new("/dev/null"), "a device")] {
+        for (path, word) in [(pipe.as_path(), "a pipe"), (dir.path(), "a folder"), (Path::new("/dev/null"), "a device")]
+        {
             let error = open_regular(path).unwrap_err();
             assert!(error.to_string().contains(word) && is_mendable(&error), "{error}");
         }

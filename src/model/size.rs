@@ -46,9 +46,7 @@ pub fn attributes(config: &ModelConfig) -> u128 {
 #[must_use]
 pub fn features(config: &ModelConfig) -> u128 {
     match config.encoder {
-        EncoderKind::Extra => {
-            find_encoder(&config.extra_encoder).map_or(0, |encoder| encoder.features(config) as u128)
-        }
+        EncoderKind::Extra => find_encoder(&config.extra_encoder).map_or(0, |encoder| encoder.features(config) as u128),
         EncoderKind::Factorised | EncoderKind::Implicit => product(&[config.levels, config.channels]),
     }
 }

@@ -218,6 +218,7 @@ impl SweepFile {
                     let spec: SyntheticSpec =
                         table.clone().try_into().map_err(|e: toml::de::Error| bad(plain(e.message())))?;
                     spec.scene().map_err(bad)?;
+                    spec.check().map_err(bad)?;
                     DataSource::Synthetic(spec)
                 }
                 _ => return Err(bad("neither a folder (text) nor a table such as { synthetic = \"jets\" }".into())),
@@ -237,6 +238,27 @@ impl SyntheticSpec {
     /// A message: there is none of that name.
     pub fn scene(&self) -> Result<Synthetic, String> {
         self.synthetic.parse().map_err(|e| format!("{e}"))
+    }
+
+    /// Refuses sizes that no dataset has.
+    ///
+    /// # Errors
+    /// The first key that is too small or too large.
+    pub fn check(&self) -> Result<(), String> {
+        let images = self.times.saturating_mul(self.views);
+        for (key, value, least, most) in [
+            ("size", self.size as usize, 8, 16_384),
+            ("times", self.times, 1, 100_000),
+            ("views", self.views, 1, 100_000),
+            ("times * views", images, 1, 1_000_000),
+            ("test_views", self.test_views, 1, 100_000),
+            ("voxels", self.voxels(), 2, 4096),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(format!("{key} = {value}: from {least} to {most}"));
+            }
+        }
+        Ok(())
     }
 
     /// Voxels an axis: a voxel is about as large as a pixel.

@@ -16,4 +16,4 @@ mod truth;
 pub use measure::FrameScore;
 pub use methods::Method;
 pub use run::{MaskKind, SegmentEvalError, SegmentEvaluation, SegmentOptions, evaluate_segments};
-pub use table::{Row, markdown, write_results};
+pub use table::{KIND, Row, markdown, write_results};

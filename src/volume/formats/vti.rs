@@ -162,6 +162,8 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
             grid.origin[a] += spacing / 2.0;
         }
     }
+    common::check_spacing(path, "Spacing", grid.spacing)?;
+    common::check_origin(path, "Origin", grid.origin)?;
     Ok(grid)
 }
 

@@ -244,7 +244,8 @@ pub(super) fn check(function: &TransferFunction, path: &Path) -> Result<(), Volu
         ("power", power, f32::MIN_POSITIVE),
     ] {
         if !(value >= least && value.is_finite()) {
-            let hint = if least > 0.0 { "write a number above 0, at most 3.4e38" } else { "write a number from 0 to 3.4e38" };
+            let hint =
+                if least > 0.0 { "write a number above 0, at most 3.4e38" } else { "write a number from 0 to 3.4e38" };
             return wrong(format!("shading.{field}"), format!("{value} cannot be used"), hint);
         }
     }
