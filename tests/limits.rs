@@ -103,10 +103,9 @@ fn pipes_and_folders_are_no_images_and_nothing_hangs() {
 #[test]
 fn pipes_are_no_volumes_and_no_sweep_files() {
     let root = tempfile::tempdir().unwrap();
-    let names =
-        ["v.nrrd", "v.nhdr", "v.npy", "v.vti", "v.nii", "v.nii.gz", "v.raw", "tf.toml", "sweep.toml", "w.safetensors"];
-    names.iter().for_each(|name| pipe(&root.path().join(name)));
-    for name in &names[..7] {
+    let volumes = ["v.nrrd", "v.nhdr", "v.npy", "v.vti", "v.nii", "v.nii.gz", "v.raw"];
+    volumes.iter().chain(&["sweep.toml"]).for_each(|name| pipe(&root.path().join(name)));
+    for name in volumes {
         let (volume, out) = (text(root.path(), name), text(root.path(), "out"));
         let mut program = volseggs();
         program.args(["prepare", "--volume", &volume, "--transfer-function", "fire", "--out", &out]);
