@@ -33,7 +33,8 @@ struct Source<'a> {
 
 impl Weights {
     pub(super) fn load(path: &Path, device: &Device) -> Result<Self, LpipsError> {
-        let bytes = crate::files::read_regular(path).map_err(|source| LpipsError::Read { path: path.to_path_buf(), source })?;
+        let bytes =
+            crate::files::read_regular(path).map_err(|source| LpipsError::Read { path: path.to_path_buf(), source })?;
         let file = SafeTensors::deserialize(&bytes)
             .map_err(|source| LpipsError::Format { path: path.to_path_buf(), source })?;
         let source = Source { path, file };
