@@ -36,6 +36,7 @@ pub mod tensors;
 pub mod track;
 pub mod train;
 pub mod volume;
+pub mod words;
 
 /// The library of tensors that every signature here speaks of, in its version.
 pub use burn;

@@ -7,7 +7,7 @@ use assert_cmd::Command;
 use common::{json, names, refused, text, train, volseggs, write_dataset};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use volseggs::export::ply::PlyGaussians;
 
 /// A folder with the dataset in `data` and a run in `run`, made once.
@@ -22,6 +22,12 @@ fn root() -> &'static Path {
         train(&root, "run", &[]).assert().success();
         root
     })
+}
+
+/// An evaluation holds the run, and another is refused meanwhile.
+fn eval_alone() -> MutexGuard<'static, ()> {
+    static EVAL: Mutex<()> = Mutex::new(());
+    EVAL.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn command(arguments: &[&str]) -> Command {
@@ -44,6 +50,7 @@ fn is_png(path: &Path, width: u32, height: u32) {
 
 #[test]
 fn eval_writes_tables_and_pictures() {
+    let _alone = eval_alone();
     let summary: Value = serde_json::from_str(&output(&mut command(&["eval", "--json"]))).unwrap();
     let folder = root().join("run/eval/test");
     assert_eq!(names(&folder), ["contact-sheet.png", "mean.json", "pictures", "psnr-over-time.svg", "views.csv"]);
@@ -78,10 +85,55 @@ fn eval_writes_tables_and_pictures() {
 }
 
 #[test]
+fn results_of_another_dataset_have_a_folder_of_their_own() {
+    let _alone = eval_alone();
+    command(&["eval", "--views", "3"]).assert().success();
+    let own = root().join("run/eval/test/mean.json");
+    let before = std::fs::read(&own).unwrap();
+    let record = json(&root().join("run/run.json"));
+    assert_eq!(json(&own)["fingerprint"], record["fingerprint"]);
+    assert_eq!(json(&own)["dataset"], record["dataset"]);
+
+    let other = root().join("other data");
+    write_dataset(&other);
+    let path = other.join("transforms_train.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text + "\n").unwrap();
+    let other = other.display().to_string();
+    let said = command(&["eval", "--views", "2", "--data", &other]).assert().success();
+    let said = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+    assert!(said.contains("is not the dataset") && said.contains("test-other-data"), "{said}");
+    assert_eq!(std::fs::read(&own).unwrap(), before, "the results on the run's own data are gone");
+    let mean = json(&root().join("run/eval/test-other-data/mean.json"));
+    assert_ne!(mean["fingerprint"], record["fingerprint"]);
+    assert!(mean["dataset"].as_str().unwrap().ends_with("other data"), "{mean}");
+    // the same data again, wherever they lie
+    let copy = root().join("copy");
+    write_dataset(&copy);
+    command(&["eval", "--views", "2", "--data", &copy.display().to_string()]).assert().success();
+    assert_ne!(std::fs::read(&own).unwrap(), before);
+
+    // what is no evaluation stays
+    std::fs::write(root().join("run/eval/test/notes.txt"), "mine").unwrap();
+    refused(&mut command(&["eval", "--views", "2"]), &["notes.txt", "no part of an evaluation"]);
+    std::fs::remove_file(root().join("run/eval/test/notes.txt")).unwrap();
+}
+
+#[test]
+fn completions_are_printed_for_each_shell() {
+    for shell in ["bash", "zsh", "fish"] {
+        let script = output(volseggs().args(["completions", shell]));
+        assert!(script.contains("volseggs") && script.contains("segment"), "{shell}");
+    }
+    refused(volseggs().args(["completions", "tcsh"]), &["tcsh", "bash"]);
+}
+
+#[test]
 fn eval_refuses_what_is_not_there() {
+    let _alone = eval_alone();
     refused(&mut command(&["eval", "--split", "val"]), &["transforms_val.json"]);
     refused(&mut command(&["eval", "--data", "/nowhere"]), &["/nowhere", "--data"]);
-    refused(&mut command(&["eval", "--views", "0"]), &["max_views"]);
+    refused(&mut command(&["eval", "--views", "0"]), &["--views", "at least 1"]);
     refused(&mut command(&["eval", "--lpips-weights", "/nowhere.safetensors"]), &["/nowhere.safetensors"]);
 }
 

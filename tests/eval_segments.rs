@@ -59,7 +59,7 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
     for (arguments, needle) in [
         (&["--segments", "--only", "nobody"][..], only),
         (&["--segments", "--methods", "magic"], "coarse+fine"),
-        (&["--segments", "--time", "2"], "--time 2"),
+        (&["--segments", "--time", "2"], "--time <TIME>"),
         (&["--segments", "--clicks", "0"], "--clicks"),
         (&["--segments", "--mask-alpha", "0"], "--mask-alpha 0"),
         (&["--methods", "fine"], "--segments"),

@@ -2,7 +2,7 @@
 
 use super::{CliError, print_json};
 use crate::compare::runs::from_folders;
-use crate::compare::write::write_report;
+use crate::compare::write::{FOLDER, write_report};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -30,7 +30,11 @@ impl CompareArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let set = from_folders(&self.runs, &self.metrics).map_err(CliError::input)?;
         let text = match &self.out {
-            Some(out) => write_report(out, &set).map_err(CliError::failure)?,
+            Some(out) => {
+                // nothing of other makers is written over
+                FOLDER.check(out, &[])?;
+                write_report(out, &set).map_err(CliError::failure)?
+            }
             None => crate::compare::write::table_text(&set),
         };
         if self.json {

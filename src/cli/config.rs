@@ -1,9 +1,10 @@
 //! `volseggs config`, and the options by which commands take a configuration.
 
 use super::CliError;
-use crate::config::layers::{Layers, Resolved, file_schema};
+use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
+use crate::files::is_mendable;
 use clap::{Args, Subcommand};
 use std::path::Path;
 
@@ -25,8 +26,8 @@ impl ConfigSource {
         if let Some(source) = &self.config {
             layers = layers.source(source);
         }
-        let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(CliError::input)?;
-        layers.sets(self.set.iter().cloned()).resolve::<Config>().map_err(CliError::input)
+        let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES)?;
+        Ok(layers.sets(self.set.iter().cloned()).resolve::<Config>()?)
     }
 }
 
@@ -85,5 +86,14 @@ impl ConfigArgs {
             }),
         }
         Ok(())
+    }
+}
+
+impl From<ConfigError> for CliError {
+    fn from(error: ConfigError) -> Self {
+        match &error {
+            ConfigError::Read { source, .. } if !is_mendable(source) => Self::failure(error),
+            _ => Self::input(error),
+        }
     }
 }

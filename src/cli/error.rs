@@ -45,7 +45,7 @@ impl std::error::Error for CliError {}
 
 impl From<DataError> for CliError {
     fn from(error: DataError) -> Self {
-        Self::input(error)
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
     }
 }
 
@@ -67,7 +67,8 @@ impl From<ReplaceError> for CliError {
 impl From<TrainError> for CliError {
     fn from(error: TrainError) -> Self {
         match error {
-            TrainError::Data(_) | TrainError::Config(_) | TrainError::Resume(_) => Self::input(error),
+            TrainError::Data(error) => error.into(),
+            TrainError::Config(_) | TrainError::Resume(_) => Self::input(error),
             TrainError::Lock(error) => error.into(),
             TrainError::Metrics(JsonlError::Line { .. }) => Self::input(error),
             TrainError::NotFinite { .. } | TrainError::Log { .. } | TrainError::Metrics(_) | TrainError::Save(_) => {

@@ -2,20 +2,21 @@
 
 use super::eval_segments::SegmentFlags;
 use super::run_folder::RunFolder;
+use super::values::count;
 use super::{CliError, Common, print_json};
-use crate::data::SplitName;
-use crate::eval::results::write_results;
+use crate::data::{Dataset, OpenOptions, SplitName};
+use crate::eval::results::{DataId, KIND, WriteError, results_folder, write_results};
 use crate::eval::run::{Costs, evaluate};
-use crate::files::Work;
+use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::metrics::lpips::Lpips;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, segments.json, segments.png, iou-METHOD.svg."
+    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, segments.json, segments.png, iou-METHOD.svg.\nResults on another dataset than the run's own (--data) go to folders of their own, RUN/eval/SPLIT-NAME/."
 )]
 pub struct EvalArgs {
     /// Folder of the run.
@@ -23,13 +24,14 @@ pub struct EvalArgs {
     /// Split: train, val or test.
     #[arg(long, default_value = "test")]
     split: SplitName,
-    /// Dataset folder, if it is not where it was in training.
+    /// Dataset folder, if it is not where it was in training, or another one.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
     /// At most this many views, evenly spaced; all if not given.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count)]
     views: Option<usize>,
-    /// LPIPS weights (safetensors: net.conv*.weight, lin0..4); AlexNet or VGG-16 is recognised. May be given twice.
+    /// LPIPS weights (safetensors); AlexNet or VGG-16 is recognised. May be given twice. To make them from the published
+    /// files, see `volseggs lpips --help`.
     #[arg(long, value_name = "FILE")]
     lpips_weights: Vec<PathBuf>,
     #[command(flatten)]
@@ -51,20 +53,21 @@ impl EvalArgs {
             return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
         }
         let split = run.split(self.split, self.data.as_deref(), self.views)?;
-        let costs = Costs {
-            training_seconds: run.record.training_seconds,
-            model_bytes: std::fs::metadata(&run.scene_path).map_err(CliError::failure)?.len(),
-        };
+        let data = data_of(&run, self.data.as_deref());
+        let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
+        let model = std::fs::metadata(&run.scene_path)
+            .map_err(|e| CliError::failure(format!("{}: {e}", run.scene_path.display())))?;
+        let costs = Costs { training_seconds: run.record.training_seconds, model_bytes: model.len(), data };
         let bar = progress::bar(split.frames.len(), "views");
         let evaluation = evaluate(&run.scene, &split, &networks, &costs, |done, psnr| {
             bar.set_position(done as u64);
             bar.set_message(format!("{psnr:.2} dB"));
         })
-        .map_err(CliError::failure)?;
+        // images too small for a metric, or weights that do not fit them
+        .map_err(CliError::input)?;
         bar.finish_and_clear();
 
-        let folder = run.path.join("eval").join(self.split.as_str());
-        write_results(&folder, &evaluation).map_err(CliError::failure)?;
+        write_results(&folder, &evaluation)?;
         let s = &evaluation.summary;
         if self.common.json {
             return print_json(s);
@@ -88,5 +91,37 @@ impl EvalArgs {
         }
         errln!("per view, pictures: {}", folder.display());
         Ok(())
+    }
+}
+
+/// The data that are measured on: `given`, or the run's own.
+pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> DataId {
+    let folder = given.unwrap_or(&run.record.dataset);
+    let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
+    // one without training views has no fingerprint, and is not what the run was trained on
+    let fingerprint = Dataset::open(folder, &options).map(|data| data.fingerprint()).unwrap_or_default();
+    DataId { dataset: std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned()), fingerprint }
+}
+
+/// The folder of results called `what`, which only holds such results if it is there; says so if they are not of the
+/// dataset that the run was trained on. Asked for before anything is measured.
+pub(super) fn folder(run: &RunFolder, what: &str, kind: &FolderKind, data: &DataId) -> Result<PathBuf, CliError> {
+    let file = kind.markers.first().copied().unwrap_or_default();
+    let folder = results_folder(&run.path.join("eval"), what, file, data, &run.record.fingerprint);
+    kind.check(&folder, &[])?;
+    if data.fingerprint != run.record.fingerprint {
+        errln!(
+            "note: {} is not the dataset that {} was trained on; results go to {}",
+            data.dataset.display(),
+            run.path.display(),
+            folder.display()
+        );
+    }
+    Ok(folder)
+}
+
+impl From<WriteError> for CliError {
+    fn from(error: WriteError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
     }
 }

@@ -1,11 +1,16 @@
 //! `volseggs eval --segments`
 
+use super::eval::{data_of, folder};
 use super::run_folder::RunFolder;
+use super::values::{cosine_f32, count, fraction, fraction_f32};
 use super::{CliError, print_json};
-use crate::data::Truth;
 use crate::data::paths::Axis;
-use crate::eval::segments::{MaskKind, Method, SegmentOptions, evaluate_segments, markdown, write_results};
+use crate::data::{Camera, Truth};
+use crate::eval::segments::{
+    KIND, MaskKind, Method, SegmentEvalError, SegmentOptions, evaluate_segments, markdown, write_results,
+};
 use crate::files::AtomicDir;
+use crate::memory::{Budget, product};
 use crate::metrics::lpips::Lpips;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
@@ -26,7 +31,7 @@ pub(super) struct SegmentFlags {
     #[arg(long, value_delimiter = ',', default_value = "sagd,saga,coarse,fine,coarse+fine", requires = "segments")]
     methods: Vec<Method>,
     /// Clicks on each segment at most; those after the first on what is still missing in the clicked view.
-    #[arg(long, default_value_t = 1, requires = "segments")]
+    #[arg(long, default_value_t = 1, value_parser = count, requires = "segments")]
     clicks: usize,
     /// Source of the masks: regions of rendered views, or the dataset's label images (an upper bound).
     #[arg(long, value_enum, default_value_t = Masks::Regions, requires = "segments")]
@@ -35,28 +40,28 @@ pub(super) struct SegmentFlags {
     #[arg(long = "only", value_name = "NAME,...", value_delimiter = ',', requires = "segments")]
     only: Vec<String>,
     /// Time of the clicks in [0, 1]; the nearest training time is taken, the other times are tracked.
-    #[arg(long, default_value_t = 0.5, requires = "segments")]
+    #[arg(long, default_value_t = 0.5, value_parser = fraction, requires = "segments")]
     time: f64,
     /// Views with masks.
-    #[arg(long, default_value_t = 30, requires = "segments")]
+    #[arg(long, default_value_t = 30, value_parser = count, requires = "segments")]
     mask_views: usize,
     /// Take these views near an axis (x, y or z), within 45 degrees, in place of the whole sphere.
     #[arg(long, value_name = "AXIS", requires = "segments")]
     mask_bias: Option<Axis>,
     /// Number of colours; suggested from the data if not given.
-    #[arg(long, value_name = "K", requires = "segments")]
+    #[arg(long, value_name = "K", value_parser = count, requires = "segments")]
     clusters: Option<usize>,
     /// Steps of the affinity field.
-    #[arg(long, default_value_t = 5000, requires = "segments")]
+    #[arg(long, default_value_t = 5000, value_parser = count, requires = "segments")]
     fine_steps: usize,
     /// Steps of SAGA.
-    #[arg(long, default_value_t = 10_000, requires = "segments")]
+    #[arg(long, default_value_t = 10_000, value_parser = count, requires = "segments")]
     saga_steps: usize,
     /// Margin of the contrastive loss; -1 is the paper's loss, without one.
-    #[arg(long, default_value_t = 0.5, allow_negative_numbers = true, requires = "segments")]
+    #[arg(long, default_value_t = 0.5, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
     margin: f32,
     /// Least alpha of a pixel of a mask; that of the dataset's masks if not given.
-    #[arg(long, value_name = "ALPHA", requires = "segments")]
+    #[arg(long, value_name = "ALPHA", value_parser = fraction_f32, requires = "segments")]
     mask_alpha: Option<f32>,
     /// Seed of clusters and fields.
     #[arg(long, default_value_t = 0, requires = "segments")]
@@ -79,12 +84,14 @@ impl SegmentFlags {
         networks: &[Lpips],
         json: bool,
     ) -> Result<(), CliError> {
-        super::segment::check_time(self.time)?;
-        if [self.mask_views, self.fine_steps, self.saga_steps, self.clicks].contains(&0) {
-            return Err(CliError::input("--mask-views, --fine-steps, --saga-steps and --clicks: at least 1"));
+        if self.mask_alpha == Some(0.0) {
+            return Err(CliError::input("--mask-alpha 0: above 0, up to 1"));
         }
-        if let Some(alpha) = self.mask_alpha.filter(|a| !(*a > 0.0 && *a <= 1.0)) {
-            return Err(CliError::input(format!("--mask-alpha {alpha}: above 0, up to 1")));
+        let views = product(&[self.mask_views, 4 * size_of::<Camera>()]);
+        Budget::now().check(format!("--mask-views {}", self.mask_views), views).map_err(CliError::input)?;
+        let gaussians = run.scene.gaussians.count();
+        if let Some(k) = self.clusters.filter(|k| *k > gaussians) {
+            return Err(CliError::input(format!("--clusters {k}: the scene has {gaussians} Gaussians")));
         }
         let root = data.unwrap_or(&run.record.dataset);
         let truth = Truth::read(root)?;
@@ -108,17 +115,22 @@ impl SegmentFlags {
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
             mask_alpha: self.mask_alpha,
         };
+        let id = data_of(run, data);
+        let what = if self.masks == Masks::Labels { "segments-labels" } else { "segments" };
+        let folder = folder(run, what, &KIND, &id)?;
         // never published: it goes when this ends
         let eval = run.path.join("eval");
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
-        let evaluation = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))
-            .map_err(CliError::failure)?;
-        let folder = run.path.join("eval").join(match self.masks {
-            Masks::Regions => "segments",
-            Masks::Labels => "segments-labels",
-        });
-        write_results(&folder, &evaluation).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
+        let mut evaluation =
+            evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}")).map_err(
+                |e| match e {
+                    SegmentEvalError::Data(error) => error.into(),
+                    SegmentEvalError::Failed(_) => CliError::failure(e),
+                },
+            )?;
+        evaluation.data = id;
+        write_results(&folder, &evaluation)?;
         if json {
             return print_json(&evaluation);
         }

@@ -1,6 +1,7 @@
 //! The command line: one file a command, each turning arguments into a library call.
 
 mod compare;
+mod completions;
 mod config;
 mod demo;
 mod doctor;
@@ -21,6 +22,10 @@ mod sweep;
 mod track;
 mod train;
 mod values;
+
+#[cfg(test)]
+#[path = "help_tests.rs"]
+mod help_tests;
 
 pub use error::CliError;
 
@@ -63,6 +68,7 @@ enum Command {
     Config(config::ConfigArgs),
     Lpips(lpips::LpipsArgs),
     Doctor(doctor::DoctorArgs),
+    Completions(completions::CompletionsArgs),
 }
 
 /// Options that every command has.
@@ -160,6 +166,7 @@ impl Cli {
             Command::Config(args) => args.run(),
             Command::Lpips(args) => args.run(),
             Command::Doctor(args) => args.run(),
+            Command::Completions(args) => args.run(),
         }
     }
 }

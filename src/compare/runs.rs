@@ -1,9 +1,11 @@
 //! Run folders as outcomes: what `volseggs compare` lays side by side.
 
+use super::metric::METRICS;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use crate::eval::run::Summary;
 use crate::files::read_text;
 use crate::train::run::RunRecord;
+use crate::words::plain;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -29,12 +31,40 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
     metrics
 }
 
-/// A run that cannot be compared.
+/// What cannot be compared.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", path.display())]
-pub struct RunError {
-    path: PathBuf,
-    problem: String,
+pub enum RunError {
+    /// A folder or a file of it.
+    #[error("{}: {problem}", path.display())]
+    Folder {
+        /// The folder or file.
+        path: PathBuf,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A metric that nobody knows and no run has.
+    #[error("there is no metric \"{id}\"; there is {known}")]
+    Metric {
+        /// What was asked for.
+        id: String,
+        /// All that can be.
+        known: String,
+    },
+}
+
+/// Refuses metrics that neither this program nor any of the outcomes knows.
+fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunError> {
+    let mut known: Vec<String> = METRICS.iter().map(|m| m.id.to_owned()).collect();
+    let more = crate::extend::metrics().into_iter().map(|(name, _)| name);
+    for name in more.chain(outcomes.iter().flat_map(|o| o.metrics.keys().cloned())) {
+        if !known.contains(&name) {
+            known.push(name);
+        }
+    }
+    match metrics.iter().find(|m| !known.contains(m)) {
+        Some(id) => Err(RunError::Metric { id: id.clone(), known: known.join(", ") }),
+        None => Ok(()),
+    }
 }
 
 /// Run folders, each evaluated by `volseggs eval`, as one set: runs whose configurations differ in the seed alone are
@@ -47,13 +77,13 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
     let mut datasets: Vec<(String, String)> = Vec::new();
     let mut outcomes: Vec<Outcome> = Vec::new();
     for folder in folders {
-        let bad = |problem: String| RunError { path: folder.clone(), problem };
-        let record: RunRecord = read(&folder.join("run.json"))
-            .map_err(|e| bad(format!("{e}; give folders that `volseggs train --out` made")))?;
-        let summary: Summary = read(&folder.join("eval/test/mean.json"))
-            .map_err(|e| bad(format!("{e}; run `volseggs eval {}` first", folder.display())))?;
-        let text = read_text(&folder.join("config.toml")).map_err(|e| bad(format!("config.toml: {e}")))?;
-        let mut config: Table = text.parse().map_err(|e| bad(format!("config.toml: {e}")))?;
+        let record: RunRecord = read(&folder.join("run.json"), "give folders that `volseggs train --out` made")?;
+        let first = format!("run `volseggs eval {}` first", folder.display());
+        let summary: Summary = read(&folder.join("eval/test/mean.json"), &first)?;
+        let path = folder.join("config.toml");
+        let bad = |problem: String| RunError::Folder { path: path.clone(), problem };
+        let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
+        let mut config: Table = text.parse().map_err(|e: toml::de::Error| bad(plain(&e.to_string())))?;
         config.remove("seed");
         // datasets of one name are told apart by their whole path
         let short = record.dataset.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -87,6 +117,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             metrics: self::metrics(&summary, &record),
         });
     }
+    check_metrics(metrics, &outcomes)?;
     Ok(ResultSet {
         name: "compare".into(),
         title: "Comparison".into(),
@@ -99,9 +130,11 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
     })
 }
 
-fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, String> {
-    let text = read_text(path).map_err(|e| format!("{}: {e}", path.display()))?;
-    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
+/// Reads a JSON file of a run; `hint` says where it comes from.
+fn read<T: serde::de::DeserializeOwned>(path: &Path, hint: &str) -> Result<T, RunError> {
+    let bad = |problem: String| RunError::Folder { path: path.to_owned(), problem: format!("{problem}; {hint}") };
+    let text = read_text(path).map_err(|e| bad(e.to_string()))?;
+    serde_json::from_str(&text).map_err(|e| bad(plain(&e.to_string())))
 }
 
 /// Leaves of `config` that are not as in `base`, by dotted key.
@@ -122,4 +155,32 @@ fn differences(base: &Table, config: &Table) -> BTreeMap<String, String> {
     let mut out = BTreeMap::new();
     walk("", Some(base), config, &mut out);
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_metrics_are_refused_with_the_known_ones() {
+        let outcome = Outcome { metrics: BTreeMap::from([("edge_error".to_owned(), 0.5)]), ..Outcome::default() };
+        let check = |ids: &[&str]| {
+            check_metrics(&ids.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), std::slice::from_ref(&outcome))
+        };
+        check(&["psnr", "lpips_alex", "edge_error"]).unwrap();
+        let told = check(&["psnr", "foo"]).unwrap_err().to_string();
+        assert!(told.contains("no metric \"foo\"; there is psnr, ssim") && told.contains("edge_error"), "{told}");
+    }
+
+    #[test]
+    fn a_file_that_is_not_there_or_damaged_is_named_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let told = || from_folders(&[dir.path().to_owned()], &[]).unwrap_err().to_string();
+        let name = dir.path().display().to_string();
+        let missing = told();
+        assert!(missing.contains("run.json") && missing.matches(&name).count() == 1, "{missing}");
+        std::fs::write(dir.path().join("run.json"), "garbage").unwrap();
+        let damaged = told();
+        assert!(damaged.contains("run.json") && damaged.matches(&name).count() == 1, "{damaged}");
+    }
 }

@@ -132,6 +132,13 @@ impl Table {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.difference.is_some())
     }
 
+    /// Whether any difference has a confidence interval: two seeds or more on both sides.
+    #[must_use]
+    pub fn has_intervals(&self) -> bool {
+        let cells = self.rows.iter().flat_map(|row| &row.cells);
+        cells.filter_map(|cell| cell.difference).any(|found| found.interval.is_some())
+    }
+
     /// The rows by dataset, device and segment.
     pub fn groups(&self) -> impl Iterator<Item = &[Row]> {
         self.rows.chunk_by(Row::same_group)

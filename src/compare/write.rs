@@ -31,6 +31,13 @@ pub fn table_text(set: &ResultSet) -> String {
     text::markdown(&table, &orderings(set, &table))
 }
 
+/// The folder of a comparison.
+pub const FOLDER: FolderKind = FolderKind {
+    what: "a comparison",
+    markers: &["results.json"],
+    entries: &["report.md", "report.html", "table.tex", "results.csv", "tensorboard"],
+};
+
 /// Writes all files of a report into `folder`, which is made; gives the Markdown.
 ///
 /// # Errors
@@ -58,7 +65,11 @@ pub fn write_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError
 fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::report::Report {
     let plain = |caption: String, grid: text::Grid| PlainTable { caption, rows: grid.starred(), head: grid.head };
     let mut tables = vec![plain("Mean and deviation over seeds; the best is bold.".to_owned(), text::results(table))];
-    let caption = || format!("Difference to {}, with its 95 % confidence interval.", set.baseline);
+    let caption = || {
+        let sure =
+            if table.has_intervals() { ", with its 95 % confidence interval" } else { " (one seed: no intervals)" };
+        format!("Difference to {}{sure}.", set.baseline)
+    };
     tables.extend(text::differences(table).map(|grid| plain(caption(), grid)));
     let lines: Vec<String> = orderings.iter().map(|o| o.text.clone()).collect();
     report(set, &tables, &lines)

@@ -26,6 +26,8 @@ pub use schema::{file_schema, schema};
 use sources::{Leaf, Reader};
 use text::{dotted, one_line};
 
+use crate::words::plain;
+
 /// Prefix of the environment variables that set keys.
 pub const ENV_PREFIX: &str = "VOLSEGGS_";
 
@@ -113,7 +115,7 @@ impl<'a> Layers<'a> {
     }
 
     /// Adds those of `vars` (such as `std::env::vars_os()`) that start with [`ENV_PREFIX`], in
-    /// name order; `reserved` names are used elsewhere and left out.
+    /// name order; `reserved` names are used elsewhere and left out, as are all that begin like one that ends in `*`.
     ///
     /// # Errors
     /// [`ConfigError::Env`] for a variable of ours that is not UTF-8.
@@ -124,7 +126,8 @@ impl<'a> Layers<'a> {
     ) -> Result<Self, ConfigError> {
         for (name, value) in vars {
             let name = name.to_string_lossy().into_owned();
-            if !name.starts_with(ENV_PREFIX) || reserved.contains(&name.as_str()) {
+            let is = |known: &&str| known.strip_suffix('*').map_or(name == **known, |start| name.starts_with(start));
+            if !name.starts_with(ENV_PREFIX) || reserved.iter().any(is) {
                 continue;
             }
             let value = value
@@ -296,10 +299,10 @@ fn blame<T: DeserializeOwned>(leaves: &[Leaf], defaults: &Table, whole: &toml::d
         return ConfigError::Value(Box::new(ValueError {
             origin: leaf.origin.clone(),
             key: dotted(&leaf.path),
-            message: error.message().trim_end().to_owned(),
+            message: plain(error.message()),
             got: one_line(&leaf.value),
             default: default.map(one_line),
         }));
     }
-    ConfigError::Inconsistent(whole.message().trim_end().to_owned())
+    ConfigError::Inconsistent(plain(whole.message()))
 }

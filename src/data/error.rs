@@ -108,6 +108,15 @@ pub enum DataError {
 }
 
 impl DataError {
+    /// Whether the user can mend it; otherwise the system failed or refused.
+    #[must_use]
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => crate::files::is_mendable(source),
+            _ => true,
+        }
+    }
+
     /// The file or folder that the error is about, where there is one.
     #[must_use]
     pub fn path(&self) -> Option<&Path> {

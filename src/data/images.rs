@@ -159,6 +159,12 @@ fn over(pixel: &[u8], background: [f32; 3]) -> [f32; 4] {
 
 /// Decodes one PNG to 8-bit RGBA; the error says what is wrong with it.
 pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
+    let (width, height) = size(path)?;
+    if u64::from(width) * u64::from(height) > LARGE {
+        // as many may be decoded at a time as there are threads
+        let bytes = product(&[width as usize, height as usize, DECODING, rayon::current_num_threads()]);
+        Budget::now().check(format!("decoding {width}x{height} pixels"), bytes).map_err(|e| e.to_string())?;
+    }
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
     reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
@@ -179,6 +185,8 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
     Ok(ImageReader::new(BufReader::new(file)))
 }
 
+/// Pixels of an image from which memory is asked about before it is decoded.
+const LARGE: u64 = 1 << 24;
 /// Bytes of a pixel while its image is decoded: 16-bit RGBA as it is stored, and as bytes.
 const DECODING: usize = 12;
 

@@ -8,7 +8,7 @@ use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::{Dataset, OpenOptions, SplitName};
-use crate::eval::results::write_results;
+use crate::eval::results::{DataId, write_results};
 use crate::eval::run::{Costs, Evaluation, evaluate};
 use crate::files::{RunLock, Work};
 use crate::log::progress;
@@ -140,6 +140,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     let costs = Costs {
         training_seconds: outcome.record.training_seconds,
         model_bytes: std::fs::metadata(&scene_path).map_err(failed("evaluate"))?.len(),
+        data: DataId { dataset: outcome.record.dataset.clone(), fingerprint: outcome.record.fingerprint.clone() },
     };
     let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");

@@ -81,7 +81,8 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.join("eval/masks")).map_err(|e| e.to_string())?;
-    let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))?;
+    let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
+        .map_err(|e| e.to_string())?;
     write_results(&run.join("eval/segments"), &evaluation).map_err(|e| e.to_string())?;
 
     let mut found = Segmentation::new(scene.gaussians.count(), scene.fingerprint());

@@ -1,18 +1,84 @@
-//! The files of an evaluation: per-view table, means, contact sheet, PSNR over time.
+//! The files of an evaluation: per-view table, means, contact sheet, PSNR over time; and the folder they go to.
 
-use super::run::{Evaluation, to_csv};
+use super::run::{Evaluation, Summary, to_csv};
 use crate::draw::plot::{Series, line_plot};
 use crate::export::images::encode_png;
-use crate::files::write_atomic;
+use crate::files::{AtomicDir, FolderKind, ReplaceError, read_regular};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A file that could not be written.
+/// Results that could not be written.
 #[derive(Debug, Error)]
-#[error("{}: {reason}", path.display())]
-pub struct WriteError {
-    path: PathBuf,
-    reason: String,
+pub enum WriteError {
+    /// Something else stands where they belong.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
+    /// A file could not be written.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The folder.
+        path: PathBuf,
+        /// What happened.
+        reason: String,
+    },
+}
+
+impl WriteError {
+    /// Whether the user can mend it by making room.
+    #[must_use]
+    pub fn is_input(&self) -> bool {
+        matches!(self, Self::Replace(error) if error.is_input())
+    }
+
+    /// The error of a file in `folder`.
+    pub(super) fn at<E: std::fmt::Display>(folder: &Path) -> impl Fn(E) -> Self {
+        move |e| Self::File { path: folder.to_owned(), reason: e.to_string() }
+    }
+}
+
+/// The folder of an evaluation.
+pub const KIND: FolderKind = FolderKind {
+    what: "an evaluation",
+    markers: &["mean.json"],
+    entries: &["views.csv", "psnr-over-time.svg", "contact-sheet.png", "pictures"],
+};
+
+/// What tells the data of an evaluation from others.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct DataId {
+    /// Its folder.
+    pub dataset: PathBuf,
+    /// Its fingerprint; empty if it has no training views to take one of.
+    pub fingerprint: String,
+}
+
+/// Where results of what is called `what` (such as `test`) on `data` belong in the run's folder `eval`: `WHAT` for the
+/// dataset that the run was trained on (`trained`, a fingerprint), `WHAT-NAME` for another, with its fingerprint behind
+/// it where `WHAT-NAME` holds results of yet another one (or of one that is not known). `file` is the file in there
+/// that says which data it is of, in its fields `dataset` and `fingerprint`.
+#[must_use]
+pub fn results_folder(eval: &Path, what: &str, file: &str, data: &DataId, trained: &str) -> PathBuf {
+    if data.fingerprint == trained && !trained.is_empty() {
+        return eval.join(what);
+    }
+    let whole = std::fs::canonicalize(&data.dataset).unwrap_or_else(|_| data.dataset.clone());
+    let fits = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+    let name: String = whole.file_name().unwrap_or_default().to_string_lossy().chars().map(fits).take(60).collect();
+    let folder = eval.join(format!("{what}-{name}"));
+    match owner(&folder.join(file)) {
+        Some(owner) if owner != data.fingerprint => {
+            let short = if data.fingerprint.is_empty() { "no-training-views" } else { &data.fingerprint };
+            eval.join(format!("{what}-{name}-{short}"))
+        }
+        _ => folder,
+    }
+}
+
+/// The fingerprint that the results in `file` are of; none if there are no results.
+fn owner(file: &Path) -> Option<String> {
+    let value: serde_json::Value = serde_json::from_slice(&read_regular(file).ok()?).ok()?;
+    Some(value["fingerprint"].as_str().unwrap_or_default().to_owned())
 }
 
 /// PSNR of each view over its time, as SVG.
@@ -25,31 +91,53 @@ pub fn psnr_over_time(evaluation: &Evaluation) -> String {
 }
 
 /// Writes `views.csv`, `mean.json`, `psnr-over-time.svg`, `contact-sheet.png` and `pictures/VIEW-{truth,render}.png`
-/// into `folder`, which is made.
+/// into `folder`, which appears whole, in place of an earlier evaluation.
 ///
 /// # Errors
-/// The first file that cannot be written.
+/// If something else stands there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), WriteError> {
-    let error = |path: &Path, e: &dyn std::fmt::Display| WriteError { path: path.into(), reason: e.to_string() };
-    std::fs::create_dir_all(folder).map_err(|e| error(folder, &e))?;
-    let write = |name: &str, bytes: &[u8]| {
-        let path = folder.join(name);
-        write_atomic(&path, bytes).map_err(|e| error(&path, &e))
-    };
+    if let Some(parent) = folder.parent() {
+        std::fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
+    }
+    let out = AtomicDir::create(folder).map_err(WriteError::at(folder))?;
+    let write = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
+    let summary: &Summary = &evaluation.summary;
     write("views.csv", to_csv(&evaluation.views).as_bytes())?;
-    write("mean.json", &serde_json::to_vec_pretty(&evaluation.summary).map_err(|e| error(folder, &e))?)?;
+    write("mean.json", &serde_json::to_vec_pretty(summary).map_err(WriteError::at(folder))?)?;
     write("psnr-over-time.svg", psnr_over_time(evaluation).as_bytes())?;
     if let Some(sheet) = &evaluation.sheet {
-        write("contact-sheet.png", &encode_png(sheet).map_err(|e| error(folder, &e))?)?;
+        write("contact-sheet.png", &encode_png(sheet).map_err(WriteError::at(folder))?)?;
     }
-    let pictures = folder.join("pictures");
-    std::fs::create_dir_all(&pictures).map_err(|e| error(&pictures, &e))?;
+    std::fs::create_dir(out.dir().join("pictures")).map_err(WriteError::at(folder))?;
     for picture in &evaluation.pictures {
         // a view's name may hold folders
         let name = picture.view.replace(['/', '\\'], "-");
         for (kind, image) in [("truth", &picture.truth), ("render", &picture.render)] {
-            write(&format!("pictures/{name}-{kind}.png"), &encode_png(image).map_err(|e| error(&pictures, &e))?)?;
+            let png = encode_png(image).map_err(WriteError::at(folder))?;
+            write(&format!("pictures/{name}-{kind}.png"), &png)?;
         }
     }
-    Ok(())
+    Ok(out.commit_replacing(&KIND, &[])?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_of_other_data_have_folders_of_their_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let eval = dir.path().join("eval");
+        let id = |folder: &str, print: &str| DataId { dataset: folder.into(), fingerprint: print.into() };
+        let folder = |data: &DataId| results_folder(&eval, "test", "mean.json", data, "aaaa");
+        assert_eq!(folder(&id("/moved/data", "aaaa")), eval.join("test"));
+        let other = folder(&id("/one/other data", "bbbb"));
+        assert_eq!(other, eval.join("test-other-data"));
+        std::fs::create_dir_all(&other).unwrap();
+        std::fs::write(other.join("mean.json"), "{\"fingerprint\": \"bbbb\"}").unwrap();
+        assert_eq!(folder(&id("/one/other data", "bbbb")), other, "its own results are replaced");
+        assert_eq!(folder(&id("/two/other data", "cccc")), eval.join("test-other-data-cccc"));
+        assert_eq!(folder(&id("/one/views", "")), eval.join("test-views"));
+        assert_eq!(results_folder(&eval, "test", "mean.json", &id("/x", ""), ""), eval.join("test-x"));
+    }
 }

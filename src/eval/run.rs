@@ -1,5 +1,6 @@
 //! Evaluation of a scene over a split: the paper's metrics for each view and their mean.
 
+use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
 use crate::data::Split;
 use crate::extend::{self, MetricInput};
@@ -11,6 +12,7 @@ use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Metrics of one view.
@@ -40,6 +42,12 @@ pub struct ViewMetrics {
 pub struct Summary {
     /// Split.
     pub split: String,
+    /// Folder of the dataset; empty in results of early versions.
+    #[serde(default)]
+    pub dataset: PathBuf,
+    /// Fingerprint of the dataset; empty if it has no training views, and in results of early versions.
+    #[serde(default)]
+    pub fingerprint: String,
     /// Views.
     pub views: usize,
     /// Mean PSNR, decibels.
@@ -104,7 +112,13 @@ pub struct Costs {
     pub training_seconds: f64,
     /// Bytes of the scene file.
     pub model_bytes: u64,
+    /// The data.
+    pub data: DataId,
 }
+
+/// Where LPIPS weights come from.
+const LPIPS_WEIGHTS: &str = "LPIPS is null without --lpips-weights FILE: convert the published files with `volseggs lpips`; \
+                             see `volseggs lpips --help`";
 
 /// Rounds to 8 bits and back, as an image file would.
 fn quantise(v: f32) -> f32 {
@@ -176,10 +190,12 @@ pub fn evaluate(
     };
     let mut notes = vec!["renders and truths are compared as 8-bit images".to_owned()];
     if networks.is_empty() {
-        notes.push("LPIPS is null: give a weights file with --lpips-weights".to_owned());
+        notes.push(LPIPS_WEIGHTS.to_owned());
     }
     let summary = Summary {
         split: split.name.as_str().to_owned(),
+        dataset: costs.data.dataset.clone(),
+        fingerprint: costs.data.fingerprint.clone(),
         views: n,
         psnr: mean(&|v| v.psnr),
         ssim: mean(&|v| v.ssim),

@@ -64,7 +64,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
     if metadata.is_file() {
         return Ok(());
     }
-    Err(io::Error::new(ErrorKind::InvalidInput, format!("is {}, not a regular file", kind(metadata.file_type()))))
+    Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {}, not a regular file", kind(metadata.file_type()))))
 }
 
 /// What stands there in place of a file, with its article.
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    #[cfg(unix)]
+    #[cfg(target_os = "linux")]
     fn nothing_else_is_opened_and_nothing_waits() {
         let dir = tempfile::tempdir().unwrap();
         let pipe = dir.path().join("pipe");

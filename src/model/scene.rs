@@ -3,6 +3,7 @@
 use super::extra_encoder::ExtraEncoder;
 use super::gaussians::HostGaussians;
 use super::params::{self, FitError, HostTensor};
+use super::size::{check_model, field_parameters};
 use super::{DeformationField, Deformed, Gaussians};
 use crate::config::types::{EncoderKind, ModelConfig};
 use crate::tensors::{self, DIGEST, TensorFileError};
@@ -162,6 +163,7 @@ impl Scene {
         let spec =
             metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
         let spec: SceneSpec = serde_json::from_str(spec).map_err(|e| format(format!("header: {e}")))?;
+        check_spec(&spec, &tensors).map_err(|e| format(format!("header: {e}")))?;
         if spec.model.encoder == EncoderKind::Extra {
             ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
         }
@@ -177,11 +179,34 @@ impl Scene {
         let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let g = &scene.gaussians;
         let n = g.count();
+        if n == 0 {
+            return Err(format("holds no Gaussian".into()));
+        }
         if [g.rotations.dims()[0], g.log_scales.dims()[0], g.opacity_logits.dims()[0], g.sh.dims()[0]] != [n; 4] {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
         Ok(scene)
     }
+}
+
+/// Refuses a spec that no scene has, or that asks for a larger field than the file holds: the field is made as the spec
+/// says before the tensors are put into it.
+fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
+    check_model(&spec.model)?;
+    if spec.sh_degree > spec.model.sh_degree {
+        return Err(format!("sh_degree = {} is above model.sh_degree = {}", spec.sh_degree, spec.model.sh_degree));
+    }
+    let box_of = spec.centre.iter().chain(&spec.half_size).chain(&spec.background);
+    if !box_of.copied().all(f32::is_finite) || spec.half_size.iter().any(|h| *h <= 0.0) {
+        return Err("centre, half_size and background must be finite, half_size above 0".into());
+    }
+    let of_field = tensors.iter().filter(|(name, _)| name.starts_with("field."));
+    let held: u128 = of_field.map(|(_, tensor)| tensor.values.len() as u128).sum();
+    let asked = field_parameters(&spec.model);
+    if asked > held {
+        return Err(format!("the model has a field of {asked} values, the file holds {held}"));
+    }
+    Ok(())
 }
 
 /// Writes named tensors as safetensors with one entry of the header and a digest, atomically.
@@ -251,4 +276,55 @@ pub fn refuse_not_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) ->
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::types::Config;
+    use crate::device::DeviceName;
+
+    fn scene() -> Scene {
+        let device = DeviceName::all()[0].open().unwrap();
+        let mut model = Config::default().model;
+        (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
+        let gaussians = HostGaussians {
+            means: vec![0.0; 6],
+            rotations: [1.0, 0.0, 0.0, 0.0].repeat(2),
+            log_scales: vec![-3.0; 6],
+            opacity_logits: vec![0.0; 2],
+            sh: vec![0.1; 6],
+        };
+        let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
+        let spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0 };
+        Scene::new(gaussians, spec, 0, &device)
+    }
+
+    #[test]
+    fn a_header_that_asks_for_more_than_the_file_holds_is_refused_before_it_is_allocated() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let device = DeviceName::all()[0].open().unwrap();
+        let good = scene();
+        good.save(&path).unwrap();
+        assert_eq!(Scene::load(&path, &device).unwrap().gaussians.count(), 2);
+        type Edit = fn(&mut SceneSpec);
+        let cases: [(Edit, &str); 7] = [
+            (|s| s.model.resolution = 20_000, "the file holds"),
+            (|s| s.model.levels = usize::MAX, "the file holds"),
+            (|s| s.model.width = 1_000_000, "the file holds"),
+            (|s| s.model.channels = 0, "model.channels = 0"),
+            (|s| s.model.sh_degree = usize::MAX, "at most 3"),
+            (|s| s.sh_degree = 3, "above model.sh_degree"),
+            (|s| s.half_size[1] = 0.0, "half_size above 0"),
+        ];
+        for (edit, words) in cases {
+            let mut spec = good.spec.clone();
+            edit(&mut spec);
+            let text = serde_json::to_string(&spec).unwrap();
+            write_tensors(&path, &params::collect(&good), Some(("volseggs", text))).unwrap();
+            let error = Scene::load(&path, &device).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("scene.safetensors"), "{error}");
+        }
+    }
 }

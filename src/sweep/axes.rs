@@ -2,8 +2,9 @@
 
 use super::SweepError;
 use super::file::{RandomSpec, RangeSpec, SampleMethod, SweepFile};
+use crate::memory::{Budget, product};
 use crate::rng::{Purpose, Rng};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 use toml::{Table, Value};
 
@@ -80,6 +81,37 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
     Ok(found)
 }
 
+/// Most entries of a sweep: far more than anybody can train, and planned within minutes.
+const MOST: u128 = 100_000;
+/// Bytes of an entry and its run while a sweep is planned: the configuration as text, settings, names.
+const ENTRY: u128 = 16_384;
+
+/// Refuses a file of more entries than can be planned, before any is made. `places` are datasets times devices. The error
+/// is the key that counts most, and what is wrong.
+pub(super) fn check_count(
+    file: &SweepFile,
+    seeds: usize,
+    places: usize,
+    budget: Budget,
+) -> Result<(), (String, String)> {
+    let mut factors = vec![
+        ("variant".to_owned(), file.variant.len()),
+        ("seeds".to_owned(), seeds),
+        ("data and devices".to_owned(), places),
+        ("random.count".to_owned(), file.random.as_ref().map_or(1, |r| r.count)),
+    ];
+    let grid = flatten(&file.grid).into_iter();
+    factors.extend(grid.map(|(key, value)| (format!("grid.{key}"), value.as_array().map_or(1, Vec::len))));
+    let sizes: Vec<usize> = factors.iter().map(|(_, n)| (*n).max(1)).collect();
+    let entries = product(&sizes);
+    let (key, n) = factors.into_iter().max_by_key(|(_, n)| *n).unwrap_or_default();
+    if entries > MOST {
+        return Err((key, format!("{n} of them make {entries} runs in all; a sweep has {MOST} at most")));
+    }
+    let fits = budget.check(format!("{n} of them make {entries} runs in all"), entries.saturating_mul(ENTRY));
+    fits.map_err(|e| (key, e.to_string()))
+}
+
 impl Variant {
     /// The same with more keys; its name says what they are.
     fn with(&self, more: &[(String, Value)]) -> Self {
@@ -113,14 +145,10 @@ fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
     let units: Vec<Vec<f64>> = (0..spec.keys.len()).map(|axis| unit_numbers(spec, axis)).collect();
     let point =
         |i: usize| spec.keys.iter().zip(&units).map(|((key, range), u)| (key.clone(), range.at(u[i]))).collect();
-    let mut points: Vec<Point> = Vec::new();
-    for new in (0..spec.count).map(point) {
-        // whole numbers and choices meet again; a run twice says nothing more
-        if !points.contains(&new) {
-            points.push(new);
-        }
-    }
-    Ok(points)
+    // whole numbers and choices meet again; a run twice says nothing more
+    let mut met = HashSet::new();
+    let new = |point: &Point| met.insert(format!("{point:?}"));
+    Ok((0..spec.count).map(point).filter(new).collect())
 }
 
 /// Numbers in [0, 1) of one axis, one for each point.

@@ -72,3 +72,18 @@ fn a_latin_hypercube_meets_each_part_once() {
         assert_eq!(parts, (0..16).collect::<Vec<_>>());
     }
 }
+
+#[test]
+fn more_runs_than_can_be_planned_are_refused_before_any_is_made() {
+    let check = |text: &str, seeds, budget| check_count(&file(text), seeds, 2, Budget::of(budget));
+    let random = "[random]\ncount = 100000000000\n[random.keys]\n'a' = { low = 0, high = 1 }";
+    let (key, problem) = check(random, 1, u64::MAX).unwrap_err();
+    assert!(key == "random.count" && problem.contains("100000000000 of them"), "{key}: {problem}");
+    let axes: String = (0..20).map(|k| format!("'k{k}' = [1, 2, 3]\n")).collect();
+    let (key, problem) = check(&format!("[grid]\n{axes}"), 1, u64::MAX).unwrap_err();
+    assert!(key.starts_with("grid.k") && problem.contains("6973568802 runs"), "{key}: {problem}");
+    assert_eq!(check("", usize::MAX, u64::MAX).unwrap_err().0, "seeds");
+    let (key, problem) = check("", 50, 1_000_000).unwrap_err();
+    assert!(key == "seeds" && problem.contains("--memory"), "{key}: {problem}");
+    check("[grid]\n'a' = [1, 2]", 50, 8_000_000_000).unwrap();
+}

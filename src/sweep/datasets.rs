@@ -6,6 +6,7 @@ use super::key::short_hash;
 use crate::data::paths::FOV_X;
 use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
 use crate::log::progress;
+use crate::memory::{Budget, product};
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
 use crate::volume::placement::published_side;
@@ -88,7 +89,7 @@ pub(super) fn datasets(
                 let text = serde_json::to_string(spec).map_err(|e| bad(&e))?;
                 DataPlan {
                     folder: out.join("datasets").join(format!("{name}-{}", short_hash(&text))),
-                    views: spec.times * spec.views,
+                    views: spec.times.saturating_mul(spec.views),
                     test_views: spec.test_views,
                     size: [spec.size; 2],
                     source,
@@ -154,6 +155,12 @@ impl DataPlan {
 
 fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), SweepError> {
     let failed = |e: &dyn std::fmt::Display| SweepError::io(folder, e);
+    let voxels = spec.voxels();
+    // a step of values and one of labels
+    let bytes = product(&[voxels, voxels, voxels, 8]);
+    Budget::now()
+        .check(format!("voxels = {voxels} of {}", spec.synthetic), bytes)
+        .map_err(|e| SweepError::Choice(format!("{}: {e}", folder.display())))?;
     let scene = spec.scene().map_err(|e| failed(&e))?;
     let source = Source::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS };
     let options = PrepareOptions {

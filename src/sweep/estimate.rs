@@ -3,6 +3,7 @@
 //! The model was fitted to this program's own runs on two cores with AVX2; it is meant to tell minutes from hours.
 
 use super::datasets::DataPlan;
+use super::file::EvalSpec;
 use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
@@ -22,12 +23,30 @@ const PER_PIXEL_DSSIM: f64 = 2.0e-7;
 const IMPLICIT: f64 = 1.6;
 /// Part of the cores that a run keeps busy.
 const BUSY: f64 = 0.8;
+/// Seconds of CPU time until a run's first step, beside its images: the process, the plan, the visual hull.
+const START: f64 = 1.5;
+/// More for each pixel of the images: decoding and carving.
+const PER_PIXEL_READ: f64 = 1.0e-7;
+/// For each view that is measured at the end or on the way.
+const PER_VIEW: f64 = 0.01;
+/// More for each of its Gaussians: field, decoder, splatting.
+const PER_GAUSSIAN_VIEW: f64 = 1.0e-6;
+/// More for each of its pixels at the end: PSNR, both SSIM.
+const PER_PIXEL_VIEW: f64 = 2.0e-6;
+/// More for each of its pixels and each network of LPIPS.
+const PER_PIXEL_LPIPS: f64 = 1.5e-5;
+/// For each pixel of a synthetic dataset that is still to be rendered.
+const PER_PIXEL_RENDERED: f64 = 3.0e-6;
+/// Seconds of the report at the end.
+const REPORT: f64 = 2.0;
 
 /// What one run will take.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cost {
-    /// Seconds of CPU time; of the device's time on a GPU it says nothing.
+    /// Seconds of CPU time of the steps; of the device's time on a GPU it says nothing.
     pub cpu_seconds: f64,
+    /// Seconds of CPU time before and after them: start, images, evaluation.
+    pub around: f64,
     /// Peak memory, bytes.
     pub memory: f64,
 }
@@ -45,9 +64,9 @@ pub struct Estimate {
     pub correction: f64,
 }
 
-/// What a run of `config` on `data` will take.
+/// What a run of `config` on `data`, measured as `eval` says, will take.
 #[must_use]
-pub fn cost(config: &Config, data: &DataPlan) -> Cost {
+pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
     let growing = config.densify.budget > config.init.points;
@@ -63,7 +82,17 @@ pub fn cost(config: &Config, data: &DataPlan) -> Cost {
     // images as bytes; parameters, gradients, two moments and the tape's copies of each Gaussian; the program itself
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
     let memory = views * pixels * 4.0 + end * 4.0e3 + 1.5e8;
-    Cost { cpu_seconds, memory }
+    let measured = eval.views.unwrap_or(data.test_views).min(data.test_views) as f64;
+    let live = match config.output.eval_every {
+        0 => 0.0,
+        every => (warm + joint) / every as f64 * config.output.eval_views.min(data.test_views) as f64,
+    };
+    let lpips = eval.lpips_weights.len() as f64;
+    let around = START
+        + (views + measured) * pixels * PER_PIXEL_READ
+        + (measured + live) * (PER_VIEW + end * PER_GAUSSIAN_VIEW + pixels * PER_PIXEL)
+        + measured * pixels * (PER_PIXEL_VIEW + lpips * PER_PIXEL_LPIPS);
+    Cost { cpu_seconds, around, memory }
 }
 
 /// What is left of `runs`, `jobs` at a time.
@@ -72,11 +101,12 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let cores = std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64);
     let of = |run: &Run| -> Option<Cost> {
         let config: Config = toml::from_str(&run.config).ok()?;
-        Some(cost(&config, plan.datasets.get(&run.dataset)?))
+        Some(cost(&config, plan.datasets.get(&run.dataset)?, &plan.eval))
     };
-    let wall = |cost: Cost| cost.cpu_seconds / (cores * BUSY) * jobs.min(runs.len()).max(1) as f64;
+    // processes share the cores, so that many at a time take as long as one after the other
+    let wall = |cpu_seconds: f64| cpu_seconds / (cores * BUSY);
     let mut ratios = Vec::new();
-    let (mut seconds, mut memory, mut open) = (0.0, 0.0f64, 0);
+    let (mut seconds, mut around, mut memory, mut open) = (0.0, 0.0, 0.0f64, 0);
     for (i, run) in plan.runs.iter().enumerate() {
         let Some(cost) = of(run) else { continue };
         let record: Option<RunRecord> = read(&plan.run_folder(i).join("run.json"));
@@ -86,12 +116,49 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
         }
         if runs.contains(&i) && progress(plan, i) == Progress::Open {
             open += 1;
-            seconds += wall(cost) / jobs.max(1) as f64;
+            seconds += wall(cost.cpu_seconds);
+            around += wall(cost.around);
             memory = memory.max(cost.memory);
         }
     }
     ratios.sort_by(f64::total_cmp);
     let correction = ratios.get(ratios.len() / 2).copied().unwrap_or(1.0);
     let together = jobs.min(open).max(1) as f64;
-    Estimate { open, seconds: seconds * correction, memory: memory * together, correction }
+    if open > 0 {
+        let images = |d: &DataPlan| (d.views + d.test_views) as f64 * f64::from(d.size[0]) * f64::from(d.size[1]);
+        let rendered = plan.datasets.values().filter(|d| !d.folder.is_dir()).map(images).sum::<f64>();
+        around += REPORT + wall(rendered * PER_PIXEL_RENDERED);
+    }
+    Estimate { open, seconds: seconds * correction + around, memory: memory * together, correction }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::PlanOptions;
+
+    fn plan(seeds: &str, test_views: usize) -> Plan {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("short.toml");
+        let text = format!(
+            "config = 'demo'\nseeds = {seeds}\nset = {{ 'stages.warmup_steps' = 1, 'stages.joint_steps' = 1 }}\n[data]\n\
+             jets = {{ synthetic = 'jets', size = 100, times = 3, views = 4, test_views = {test_views} }}\n"
+        );
+        std::fs::write(&path, text).unwrap();
+        Plan::new(&path, &PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() }).unwrap()
+    }
+
+    fn seconds(plan: &Plan) -> f64 {
+        estimate(plan, &(0..plan.runs.len()).collect::<Vec<_>>(), 1).seconds
+    }
+
+    #[test]
+    fn short_runs_take_their_start_their_evaluation_and_the_report() {
+        let cores = std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64);
+        let (one, four) = (seconds(&plan("[0]", 5)), seconds(&plan("[0, 1, 2, 3]", 5)));
+        assert!(one > REPORT + START / cores, "{one}");
+        assert!(four - one > 3.0 * START / cores, "{one} {four}");
+        assert!(seconds(&plan("[0]", 500)) > one + 495.0 * PER_VIEW / cores);
+        assert_eq!(estimate(&plan("[0]", 5), &[], 1).seconds, 0.0, "nothing is left to do");
+    }
 }

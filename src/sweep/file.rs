@@ -2,7 +2,9 @@
 
 use super::SweepError;
 use crate::compare::PaperTable;
+use crate::name::Name;
 use crate::volume::synthetic::Synthetic;
+use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -22,8 +24,8 @@ pub struct SweepFile {
     pub config: Option<String>,
     /// Keys set in every run; dotted, or in sections.
     pub set: Table,
-    /// Seeds; each variant runs with each.
-    pub seeds: Vec<u64>,
+    /// Seeds; each variant runs with each. 0 if not given.
+    pub seeds: Option<Vec<u64>>,
     /// Devices, as an axis.
     pub devices: Vec<String>,
     /// Metrics to report.
@@ -187,7 +189,7 @@ impl SweepFile {
     pub fn read(path: &Path) -> Result<Self, SweepError> {
         let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
         let text = crate::files::read_text(path).map_err(|e| bad(e.to_string()))?;
-        let mut file: Self = toml::from_str(&text).map_err(|e| bad(e.to_string().trim_end().to_owned()))?;
+        let mut file: Self = toml::from_str(&text).map_err(|e| bad(plain(&e.to_string())))?;
         if file.title.is_empty() {
             file.title = name_of(path);
         }
@@ -214,13 +216,16 @@ impl SweepFile {
                 Value::String(folder) => DataSource::Folder(dir.join(folder)),
                 Value::Table(table) => {
                     let spec: SyntheticSpec =
-                        table.clone().try_into().map_err(|e: toml::de::Error| bad(e.message().to_owned()))?;
+                        table.clone().try_into().map_err(|e: toml::de::Error| bad(plain(e.message())))?;
                     spec.scene().map_err(bad)?;
+                    spec.check().map_err(bad)?;
                     DataSource::Synthetic(spec)
                 }
                 _ => return Err(bad("neither a folder (text) nor a table such as { synthetic = \"jets\" }".into())),
             };
-            Ok((name.clone(), source))
+            // the folder of a rendered scene is called after it
+            let name = Name::new(name.as_str()).map_err(|e| bad(e.to_string()))?;
+            Ok((name.into(), source))
         };
         self.data.iter().map(read).collect()
     }
@@ -235,6 +240,27 @@ impl SyntheticSpec {
         self.synthetic.parse().map_err(|e| format!("{e}"))
     }
 
+    /// Refuses sizes that no dataset has.
+    ///
+    /// # Errors
+    /// The first key that is too small or too large.
+    pub fn check(&self) -> Result<(), String> {
+        let images = self.times.saturating_mul(self.views);
+        for (key, value, least, most) in [
+            ("size", self.size as usize, 8, 16_384),
+            ("times", self.times, 1, 100_000),
+            ("views", self.views, 1, 100_000),
+            ("times * views", images, 1, 1_000_000),
+            ("test_views", self.test_views, 1, 100_000),
+            ("voxels", self.voxels(), 2, 4096),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(format!("{key} = {value}: from {least} to {most}"));
+            }
+        }
+        Ok(())
+    }
+
     /// Voxels an axis: a voxel is about as large as a pixel.
     #[must_use]
     pub fn voxels(&self) -> usize {
@@ -242,17 +268,41 @@ impl SyntheticSpec {
     }
 }
 
-/// The file's name without its extension, as it may stand in names of folders.
+/// Longest name of a sweep's folder, bytes.
+const LONGEST: usize = 80;
+
+/// The file's name without its extension, as a [`Name`] of a folder.
 #[must_use]
 pub fn name_of(path: &Path) -> String {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
-    let name: String = stem.chars().map(plain).collect();
-    if name.is_empty() { "sweep".to_owned() } else { name }
+    let fits = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
+    let name: String = stem.chars().map(fits).take(LONGEST).collect();
+    match name.trim_start_matches(['.', '-']) {
+        "" => "sweep".to_owned(),
+        // where the runs and the datasets of all sweeps lie
+        taken @ ("runs" | "datasets") => format!("sweep-{taken}"),
+        name => name.to_owned(),
+    }
 }
 
 /// The file `name` beside the sweep file if there is one, else `name` itself: a preset, or a path from here.
 fn beside(dir: &Path, name: &str) -> String {
     let found = [dir.join(name), dir.join(format!("{name}.toml"))].into_iter().find(|p| p.is_file());
     found.map_or_else(|| name.to_owned(), |p| p.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_of_a_sweep_is_a_name_of_one_folder_of_its_own() {
+        let long = format!("{}.toml", "x".repeat(300));
+        for path in ["a b.toml", "...toml", "-x.toml", ".toml", "runs.toml", "datasets.toml", "\u{e9}.toml", &long] {
+            let name = name_of(Path::new(path));
+            assert!(Name::new(name.as_str()).is_ok(), "{path}: {name}");
+            assert!(name != "runs" && name != "datasets");
+        }
+        assert_eq!(name_of(Path::new("x/my sweep.toml")), "my-sweep");
+    }
 }

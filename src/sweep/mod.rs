@@ -4,6 +4,7 @@
 //! and `slurm` where; `result` and `collect` are what is left in the end. Tables and pages are `compare`'s.
 
 pub mod axes;
+mod checks;
 pub mod claim;
 pub mod collect;
 mod datasets;

@@ -4,7 +4,8 @@
 //! training, an *entry* is one place in the table.
 
 use super::SweepError;
-use super::axes::{Settings, Variant, flatten, variants};
+use super::axes::{Settings, Variant, check_count, flatten, variants};
+use super::checks::{baseline, check_halving, check_lists, check_seed_keys};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, short_hash};
@@ -14,7 +15,8 @@ use crate::compare::metric::metric;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
-use crate::device::DeviceName;
+use crate::memory::Budget;
+use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -118,20 +120,25 @@ impl Plan {
     pub fn new(path: &Path, options: &PlanOptions) -> Result<Self, SweepError> {
         let mut file = SweepFile::read(path)?;
         let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-        if !options.seeds.is_empty() {
-            file.seeds = options.seeds.clone();
-        }
+        let seeds = match &file.seeds {
+            _ if !options.seeds.is_empty() => options.seeds.clone(),
+            Some(seeds) if seeds.is_empty() => {
+                return Err(bad("seeds", "an empty list leaves no run; leave the key out for seed 0".into()));
+            }
+            Some(seeds) => seeds.clone(),
+            None => vec![0],
+        };
         if !options.devices.is_empty() {
             file.devices = options.devices.clone();
-        }
-        if file.seeds.is_empty() {
-            file.seeds = vec![0];
         }
         if file.devices.is_empty() {
             file.devices = vec!["flex".to_owned()];
         }
         file.eval.lpips_weights.extend(options.lpips_weights.iter().cloned());
-        check_lists(&file, path, options.elsewhere)?;
+        check_lists(&file, &seeds, path, options.elsewhere)?;
+        check_seed_keys(&file, options).map_err(|(key, problem)| bad(&key, problem))?;
+        let places = options.data.len().max(file.data.len()).saturating_mul(file.devices.len());
+        check_count(&file, seeds.len(), places, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
         let variants = variants(&file, path)?;
         let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
         let datasets = datasets(&file, path, &options.data, &options.out)?;
@@ -164,9 +171,9 @@ impl Plan {
         };
         let base = Base { file: &file, path, options };
         let mut fingerprints = HashMap::new();
-        let mut by_key = HashMap::new();
+        let mut placed = Placed::default();
         // seeds outermost, so that a first table is there early
-        for &seed in &file.seeds {
+        for &seed in &seeds {
             for (dataset, data) in plan.datasets.clone() {
                 for device in &file.devices {
                     for variant in &variants {
@@ -179,7 +186,7 @@ impl Plan {
                             }
                         };
                         let key = key(&one.toml, print, device, &file.tag);
-                        plan.place(variant, seed, (&dataset, device), one, key, &mut by_key).map_err(|e| {
+                        plan.place(variant, seed, (&dataset, device), one, key, &mut placed).map_err(|e| {
                             let key = format!("variant \"{}\"", variant.name);
                             SweepError::Key { path: path.to_owned(), key, problem: e }
                         })?;
@@ -204,9 +211,9 @@ impl Plan {
         (dataset, device): (&str, &str),
         one: Resolved,
         key: String,
-        by_key: &mut HashMap<String, usize>,
+        placed: &mut Placed,
     ) -> Result<(), String> {
-        let index = *by_key.entry(key.clone()).or_insert_with(|| {
+        let index = *placed.runs.entry(key.clone()).or_insert_with(|| {
             let several = |one: bool, text: String| if one { String::new() } else { text };
             self.runs.push(Run {
                 key,
@@ -231,8 +238,8 @@ impl Plan {
                 run.segments.len() - 1
             })
         });
-        let same = |e: &&Entry| e.run == index && e.segments == segments;
-        if let Some(twin) = self.entries.iter().find(same) {
+        if let Some(twin) = placed.entries.insert((index, segments), self.entries.len()) {
+            let twin = &self.entries[twin];
             return Err(format!(
                 "the same configuration as \"{}\" (seed {}); duplicates are left out of a sweep, so remove one",
                 twin.variant, twin.seed
@@ -293,6 +300,15 @@ impl Plan {
 const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
 const SEGMENT_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "iou"];
 
+/// What has its place in a plan already.
+#[derive(Default)]
+struct Placed {
+    /// Runs by key.
+    runs: HashMap<String, usize>,
+    /// Entries by run and measurement of segments.
+    entries: HashMap<(usize, Option<usize>), usize>,
+}
+
 /// What every variant starts from.
 struct Base<'a> {
     file: &'a SweepFile,
@@ -346,7 +362,7 @@ impl Base<'_> {
                 table.get_or_insert_default().insert(key.to_owned(), value);
             }
         }
-        let read = |t: Table| t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", e.message()));
+        let read = |t: Table| t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
         table.map(read).transpose()
     }
 }
@@ -358,65 +374,6 @@ fn value_text(assignment: &str) -> String {
 /// Settings as `--set` takes them, without those of segments.
 fn assignments(settings: &Settings) -> Vec<String> {
     settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
-}
-
-fn check_lists(file: &SweepFile, path: &Path, elsewhere: bool) -> Result<(), SweepError> {
-    let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-    for (i, seed) in file.seeds.iter().enumerate() {
-        if file.seeds[..i].contains(seed) {
-            return Err(bad("seeds", format!("{seed} stands there twice")));
-        }
-    }
-    for (i, device) in file.devices.iter().enumerate() {
-        let name: DeviceName = device.parse().map_err(|e| bad("devices", format!("{e}")))?;
-        if !elsewhere {
-            name.open().map_err(|e| bad("devices", e.to_string()))?;
-        }
-        if file.devices[..i].contains(device) {
-            return Err(bad("devices", format!("{device} stands there twice")));
-        }
-    }
-    for weights in &file.eval.lpips_weights {
-        if !weights.is_file() {
-            return Err(bad("eval.lpips_weights", format!("{}: there is no such file", weights.display())));
-        }
-    }
-    if file.eval.views == Some(0) {
-        return Err(bad("eval.views", "0 leaves no view; leave it out for all".into()));
-    }
-    Ok(())
-}
-
-fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, String> {
-    let first = variants.first().map(|v| v.name.clone()).unwrap_or_default();
-    match &file.baseline {
-        None => Ok(first),
-        Some(name) if variants.iter().any(|v| v.name == *name) => Ok(name.clone()),
-        Some(name) => {
-            let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
-            Err(format!("there is no variant \"{name}\"; there is {}", names.join(", ")))
-        }
-    }
-}
-
-fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), String> {
-    if !(halving.keep > 0.0 && halving.keep < 1.0) {
-        return Err(format!("keep = {} is not between 0 and 1", halving.keep));
-    }
-    if halving.rungs.is_empty() || !halving.rungs.windows(2).all(|w| w[0] < w[1]) {
-        return Err("rungs must rise, and there must be one".into());
-    }
-    for run in &plan.runs {
-        let config: Config = toml::from_str(&run.config).map_err(|e| e.to_string())?;
-        let every = config.output.eval_every;
-        if every == 0 || halving.rungs[0] < every {
-            return Err(format!(
-                "run \"{}\" has no live test PSNR by step {}: output.eval_every is {every}",
-                run.label, halving.rungs[0]
-            ));
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]

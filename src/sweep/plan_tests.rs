@@ -48,6 +48,12 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("[[variant]]\nname = 'x'\nset = { 'init.points' = 0 }", "init.points"),
         ("devices = ['abacus']", "abacus"),
         ("seeds = [1, 1]", "twice"),
+        ("seeds = []", "seeds: an empty list"),
+        ("seeds = [-4]", "expected a whole number, 0 or above, not -4"),
+        ("set = { seed = -4 }", "set.seed: seeds are an axis of their own; write seeds = [4]"),
+        ("[[variant]]\nname = 'x'\nset = { seed = 3 }", "variant \"x\": set.seed"),
+        ("[grid]\nseed = [1, 2]", "grid.seed: seeds are an axis of their own; write seeds = [1, 2]"),
+        ("[random]\ncount = 100000000000\n[random.keys]\n'loss.tv' = { low = 0, high = 1 }", "random.count"),
         ("metrics = ['psnrr']", "psnrr"),
         ("baseline = 'nobody'", "nobody"),
         ("sedes = [1]", "sedes"),
@@ -58,6 +64,9 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("[eval]\nviews = 0", "eval.views"),
         ("[eval]\nlpips_weights = ['nothing.safetensors']", "nothing.safetensors"),
         ("[segments]\nmethod = 'guess'", "guess"),
+        ("[segments]\nviews = 99999999999", "segments.views = 99999999999: at most 100000"),
+        ("[segments]\nclusters = 0", "segments.clusters = 0"),
+        ("[segments]\nmargin = 1e300", "segments.margin"),
         ("[segments]\nveiws = 3", "veiws"),
         ("set = { 'data.downscale' = 3 }", "downscale"),
         ("[segments]\nviews = 7", "segments = true"),
@@ -68,6 +77,20 @@ fn what_would_not_run_is_an_error_that_names_it() {
     }
     assert!(error("[data]\nx = { synthetic = 'teapot' }").contains("data.x"));
     assert!(error("[data]\nx = '/no/such/folder'").contains("data.x"));
+    for name in ["../../evil", "/abs", "..", "a/b", ""] {
+        let said = error(&format!("[data]\n'{name}' = {{ synthetic = 'jets' }}"));
+        assert!(said.contains("cannot be a name") && said.contains("my sweep.toml: data."), "{said}");
+    }
+    for (key, said) in [
+        ("size = 4000000000", "size = 4000000000: from 8 to 16384"),
+        ("times = 9223372036854775807", "times = 9223372036854775807: from 1"),
+        ("times = 90000, views = 90000", "times * views = 8100000000"),
+        ("voxels = 100000", "voxels = 100000: from 2 to 4096"),
+        ("views = 0", "views = 0"),
+    ] {
+        let told = error(&format!("[data]\nx = {{ synthetic = 'jets', {key} }}"));
+        assert!(told.contains("data.x") && told.contains(said), "{told}");
+    }
     assert!(error("title = 'no data'").contains("--data"));
     let data = vec!["/one/data".into(), "/two/data".into()];
     let twice = plan_with("", &PlanOptions { data, ..PlanOptions::default() }).unwrap_err().to_string();

@@ -8,6 +8,10 @@ use crate::segment::fine::train::FineOptions;
 use serde::{Deserialize, Serialize};
 use volseggs_kernels::contrast::Repulsion;
 
+/// Most views with masks, and most colours, that anybody can want; beyond, memory ends.
+const MOST_VIEWS: usize = 100_000;
+const MOST_COLOURS: usize = 10_000;
+
 /// One measurement of segments, as `volseggs eval --segments` does it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -84,6 +88,16 @@ impl SegmentSpec {
         ];
         if let Some((key, _)) = counts.into_iter().find(|(_, n)| *n == 0) {
             return Err(format!("segments.{key}: at least 1"));
+        }
+        let most = [("views", self.views, MOST_VIEWS), ("clicks", self.clicks, 1000)];
+        if let Some((key, n, most)) = most.into_iter().find(|(_, n, most)| n > most) {
+            return Err(format!("segments.{key} = {n}: at most {most}"));
+        }
+        if let Some(clusters) = self.clusters.filter(|n| !(1..=MOST_COLOURS).contains(n)) {
+            return Err(format!("segments.clusters = {clusters}: from 1 to {MOST_COLOURS}"));
+        }
+        if !(self.margin.is_finite() && (-1.0..=1.0).contains(&self.margin)) {
+            return Err(format!("segments.margin = {}: a cosine, from -1 to 1", self.margin));
         }
         if !(0.0..=1.0).contains(&self.time) {
             return Err(format!("segments.time: {} is not in [0, 1]", self.time));

@@ -8,7 +8,7 @@ use crate::config::types::Config;
 use crate::data::dataset::read_split;
 use crate::data::{SplitName, Truth};
 use crate::device::DeviceName;
-use crate::eval::results::write_results;
+use crate::eval::results::{DataId, write_results};
 use crate::eval::run::{Costs, evaluate};
 use crate::eval::segments;
 use crate::files::{AtomicDir, LockError, RunLock, Work, clean_stale};
@@ -174,7 +174,11 @@ impl Worker<'_> {
     ) -> Result<(), Failure> {
         let split = read_split(data, SplitName::Test, config.data.downscale, self.plan.eval.views);
         let split = split.map_err(failed("eval"))?;
-        let costs = Costs { training_seconds: record.training_seconds, model_bytes };
+        let costs = Costs {
+            training_seconds: record.training_seconds,
+            model_bytes,
+            data: DataId { dataset: record.dataset.clone(), fingerprint: record.fingerprint.clone() },
+        };
         let evaluation = evaluate(scene, &split, networks, &costs, |_, _| ()).map_err(failed("eval"))?;
         write_results(&self.folder.join("eval/test"), &evaluation).map_err(failed("eval"))?;
         let mut metrics = crate::compare::runs::metrics(&evaluation.summary, record);
@@ -200,9 +204,11 @@ impl Worker<'_> {
         // never published: it goes when this ends, or now if an earlier one was killed
         clean_stale(self.folder).map_err(failed("segments"))?;
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
-        let evaluation =
+        let mut evaluation =
             segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))
                 .map_err(failed("segments"))?;
+        let record = self.record()?;
+        evaluation.data = DataId { dataset: record.dataset, fingerprint: record.fingerprint };
         let name = path.file_stem().unwrap_or_default();
         segments::write_results(&self.folder.join("eval").join(name), &evaluation).map_err(failed("segments"))?;
         let mut by_segment: BTreeMap<String, Metrics> = BTreeMap::new();

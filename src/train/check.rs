@@ -129,10 +129,10 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
     match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
         None => Ok(()),
         Some((key, value, least, _)) if value < least && least < 1e-5 => {
-            Err(TrainError::Config(format!("{key} = {value}: above 0 (at least {least:e})")))
+            Err(TrainError::Config(format!("{key} = {value:?}: above 0 (at least {least:.1e})")))
         }
         Some((key, value, least, most)) => {
-            Err(TrainError::Config(format!("{key} = {value}: between {least} and {most}")))
+            Err(TrainError::Config(format!("{key} = {value:?}: between {least} and {most}")))
         }
     }
 }

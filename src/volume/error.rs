@@ -33,6 +33,15 @@ pub enum VolumeError {
 }
 
 impl VolumeError {
+    /// Whether the user can mend it; otherwise the system failed or refused.
+    #[must_use]
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Io { source, .. } => crate::files::is_mendable(source),
+            Self::Invalid { .. } => true,
+        }
+    }
+
     /// An error of the file system.
     pub fn io(path: &Path, action: &'static str, source: std::io::Error, hint: impl Into<String>) -> Self {
         Self::Io { path: path.to_owned(), action, source, hint: hint.into() }

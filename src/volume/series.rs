@@ -207,7 +207,15 @@ impl Series {
         let path = self.read_as_stored(step, values)?;
         let Some((count, at)) = offenders(values, |v| !v.is_finite()) else { return Ok(()) };
         let Some(value) = self.nan_as else {
-            let problem = format!("{count} voxels of {} are NaN or infinite, this is the first", self.name(step));
+            let first = values[at];
+            let wide = matches!(self.header.scalar, ScalarType::F64);
+            let kind = match (first.is_nan(), wide) {
+                (true, _) => "is NaN",
+                (false, false) => "is infinite",
+                (false, true) => "is infinite, or too large for single precision (at most 3.4e38)",
+            };
+            let problem =
+                format!("{count} voxels of {} are NaN, infinite or too large; the first {kind}", self.name(step));
             let hint = "replace them with --nan VALUE";
             return Err(VolumeError::invalid(path, self.voxel(at), problem, hint));
         };

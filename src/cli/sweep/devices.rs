@@ -2,6 +2,7 @@
 
 use super::CliError;
 use crate::cli::config::ConfigSource;
+use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
 use crate::device::DeviceName;
 use crate::sweep::devices::{DeviceComparison, compare_devices};
@@ -21,7 +22,7 @@ pub(super) struct DevicesArgs {
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     devices: Vec<String>,
     /// Steps between two comparisons of parameters.
-    #[arg(long, default_value_t = 50, value_name = "STEPS")]
+    #[arg(long, default_value_t = 50, value_name = "STEPS", value_parser = count)]
     every: usize,
     /// Print one JSON object on standard output.
     #[arg(long)]

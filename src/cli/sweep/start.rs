@@ -1,6 +1,7 @@
 //! `volseggs sweep FILE`: plan, then run here or submit to Slurm.
 
 use super::{CliError, OUT, folder, results};
+use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
 use crate::log::progress::duration;
 use crate::sweep::estimate::estimate;
@@ -18,7 +19,7 @@ pub(super) struct StartArgs {
     #[arg(required = true, value_name = "FILE")]
     file: Option<PathBuf>,
     /// Processes at a time on this machine; the cores are shared out among them.
-    #[arg(long, default_value_t = 1, value_name = "N")]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = count)]
     jobs: usize,
     /// Folder of sweeps: OUT/NAME for this one, OUT/runs for the runs of all.
     #[arg(long, default_value = OUT, value_name = "OUT")]
@@ -61,10 +62,11 @@ pub(super) struct StartArgs {
 impl StartArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let file = self.file.clone().ok_or_else(|| CliError::input("give a sweep file"))?;
-        if self.jobs == 0 {
-            return Err(CliError::input("--jobs 0: at least 1"));
+        let out = std::path::absolute(&self.out)
+            .map_err(|e| CliError::input(format!("--out {}: {e}", self.out.display())))?;
+        if out.exists() && !out.is_dir() {
+            return Err(CliError::input(format!("--out {}: is a file; name a folder", out.display())));
         }
-        let out = std::path::absolute(&self.out).map_err(CliError::failure)?;
         let options = PlanOptions {
             out: out.clone(),
             data: self.data.clone(),
@@ -219,5 +221,8 @@ impl StartArgs {
 }
 
 fn absolute(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
-    paths.iter().map(|p| std::path::absolute(p).map_err(CliError::failure)).collect()
+    let absolute = |p: &PathBuf| {
+        std::path::absolute(p).map_err(|e| CliError::input(format!("--lpips-weights {}: {e}", p.display())))
+    };
+    paths.iter().map(absolute).collect()
 }

@@ -16,14 +16,17 @@ pub fn markdown(table: &Table, orderings: &[Ordering]) -> String {
     }
     parts.push(if table.rows.is_empty() { "No runs.".to_owned() } else { grid(&results(table)) });
     if let Some(found) = differences(table) {
-        parts.push(format!("## Difference to {} (95 % confidence)", escape(&table.baseline)));
+        let sure = if table.has_intervals() { " (95 % confidence)" } else { "" };
+        parts.push(format!("## Difference to {}{sure}", escape(&table.baseline)));
         parts.push(grid(&found));
-        let cells = table.rows.iter().flat_map(|row| &row.cells);
-        if cells.filter_map(|cell| cell.difference).any(|d| d.interval.is_some()) {
-            parts.push(
-                "Intervals compare seed by seed where the seeds are the same, and are Welch's elsewhere.".to_owned(),
-            );
-        }
+        parts.push(
+            if table.has_intervals() {
+                "Intervals compare seed by seed where the seeds are the same, and are Welch's elsewhere."
+            } else {
+                "No intervals: they need two seeds or more of both."
+            }
+            .to_owned(),
+        );
     }
     if !orderings.is_empty() {
         parts.push("## Order in the paper".to_owned());

@@ -59,6 +59,7 @@ fn markdown_of_single_seeds_has_no_deviations() {
     let one = set(&["psnr"], vec![outcome("a|b", 0, &[("psnr", 27.0)]), outcome("*c*", 0, &[("psnr", 27.311)])]);
     let text = markdown(&Table::new(&one), &[]);
     assert!(!text.contains('±') && !text.contains("runs"), "{text}");
+    assert!(!text.contains("95 %") && text.contains("No intervals"), "{text}");
     assert!(text.contains("| a\\|b  |      27.00 |"), "{text}");
     assert!(text.contains("| \\*c\\* |  **27.31** |"), "{text}");
     assert!(text.contains("| \\*c\\* |      +0.31 |"), "{text}");

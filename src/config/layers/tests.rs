@@ -145,7 +145,7 @@ fn an_unknown_key_names_its_origin_and_the_closest_key() {
 #[test]
 fn a_wrong_type_names_key_origin_expected_and_got() {
     let error = set_error("train.steps=many");
-    for part in ["--set", "`train.steps`", "expected u32", "\"many\"", "`30000`"] {
+    for part in ["--set", "`train.steps`", "expected a whole number", "\"many\"", "`30000`"] {
         assert!(error.contains(part), "{part} not in {error}");
     }
     assert!(set_error("train.steps=-1").contains("`train.steps`"));

@@ -15,5 +15,5 @@ mod truth;
 
 pub use measure::FrameScore;
 pub use methods::Method;
-pub use run::{MaskKind, SegmentEvaluation, SegmentOptions, evaluate_segments};
-pub use table::{Row, markdown, write_results};
+pub use run::{MaskKind, SegmentEvalError, SegmentEvaluation, SegmentOptions, evaluate_segments};
+pub use table::{KIND, Row, markdown, write_results};

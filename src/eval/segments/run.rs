@@ -7,8 +7,9 @@ use super::prompt::{Click, Prompt};
 use super::table::Row;
 use super::train::{Trained, Trainers};
 use super::truth::{TruthFrame, frames, labelled};
-use crate::data::Truth;
 use crate::data::paths::Axis;
+use crate::data::{DataError, Truth};
+use crate::eval::results::DataId;
 use crate::export::images::to_rgb8;
 use crate::metrics::lpips::Lpips;
 use crate::model::{GaussiansAt, Scene};
@@ -90,6 +91,9 @@ pub struct SegmentResult {
 /// All of it.
 #[derive(Clone, Debug, Serialize)]
 pub struct SegmentEvaluation {
+    /// The data; the caller says which.
+    #[serde(flatten)]
+    pub data: DataId,
     /// Time of the clicks.
     pub time: f64,
     /// Source of the masks.
@@ -108,6 +112,23 @@ pub struct SegmentEvaluation {
     pub columns: usize,
 }
 
+/// Why segments cannot be evaluated.
+#[derive(Debug, thiserror::Error)]
+pub enum SegmentEvalError {
+    /// What the dataset knows of its segments cannot be used.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// A method failed.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl From<String> for SegmentEvalError {
+    fn from(message: String) -> Self {
+        Self::Failed(message)
+    }
+}
+
 /// Evaluates; `work` is a folder for files that nobody needs afterwards, and `say` is told what is being done.
 ///
 /// # Errors
@@ -119,8 +140,8 @@ pub fn evaluate_segments(
     networks: &[Lpips],
     work: &Path,
     mut say: impl FnMut(&str),
-) -> Result<SegmentEvaluation, String> {
-    let views = labelled(truth, options.time).map_err(|e| e.to_string())?;
+) -> Result<SegmentEvaluation, SegmentEvalError> {
+    let views = labelled(truth, options.time)?;
     let time = views.first().map_or(options.time, |v| v.view.time);
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
@@ -136,6 +157,7 @@ pub fn evaluate_segments(
         networks,
     };
     let mut evaluation = SegmentEvaluation {
+        data: DataId::default(),
         time,
         masks: options.masks,
         palette: trained.coarse.palette.iter().map(|p| p.name.clone()).collect(),

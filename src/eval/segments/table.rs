@@ -6,6 +6,7 @@ use super::methods::Method;
 use super::run::SegmentEvaluation;
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
+use crate::eval::results::WriteError;
 use crate::export::images::encode_png;
 use crate::files::{AtomicDir, FolderKind};
 use serde::Serialize;
@@ -115,7 +116,7 @@ fn csv(rows: &[&Row]) -> String {
 }
 
 /// The folder of an evaluation of segments.
-const KIND: FolderKind = FolderKind {
+pub const KIND: FolderKind = FolderKind {
     what: "an evaluation of segments",
     markers: &["segments.json"],
     entries: &["*.csv", "table.md", "*.svg", "segments.png"],
@@ -125,14 +126,14 @@ const KIND: FolderKind = FolderKind {
 /// `iou-METHOD.svg` and `segments.png` into `folder`, in place of what was there.
 ///
 /// # Errors
-/// If a file cannot be written.
-pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<(), Box<dyn std::error::Error>> {
+/// If something else stands there, or a file cannot be written.
+pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<(), WriteError> {
     if let Some(parent) = folder.parent() {
-        std::fs::create_dir_all(parent)?;
+        std::fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
     }
-    let out = AtomicDir::create(folder)?;
-    let put = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes);
-    put("segments.json", &serde_json::to_vec_pretty(evaluation)?)?;
+    let out = AtomicDir::create(folder).map_err(WriteError::at(folder))?;
+    let put = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
+    put("segments.json", &serde_json::to_vec_pretty(evaluation).map_err(WriteError::at(folder))?)?;
     put("segments.csv", csv(&evaluation.results.iter().filter_map(|r| r.at.as_ref()).collect::<Vec<_>>()).as_bytes())?;
     put("tracking.csv", csv(&evaluation.results.iter().flat_map(|r| &r.times).collect::<Vec<_>>()).as_bytes())?;
     put("table.md", markdown(evaluation).as_bytes())?;
@@ -152,8 +153,8 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
         }
     }
     if !evaluation.pictures.is_empty() {
-        put("segments.png", &encode_png(&view_sheet(&evaluation.pictures, evaluation.columns, 300))?)?;
+        let sheet = view_sheet(&evaluation.pictures, evaluation.columns, 300);
+        put("segments.png", &encode_png(&sheet).map_err(WriteError::at(folder))?)?;
     }
-    out.commit_replacing(&KIND, &[])?;
-    Ok(())
+    Ok(out.commit_replacing(&KIND, &[])?)
 }

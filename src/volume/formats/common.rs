@@ -8,6 +8,9 @@ use memmap2::{Mmap, MmapOptions};
 use std::fs::File;
 use std::path::Path;
 
+/// Largest distance that is read: products of a few such numbers are still finite.
+const FARTHEST: f64 = 1e30;
+
 /// Sizes of the values of a file, checked: nothing computed from them overflows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
@@ -76,23 +79,25 @@ pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
 /// Checks a spacing.
 ///
 /// # Errors
-/// A value that is not a finite positive number.
+/// A value that is not a number above 0, or beyond what can be computed with.
 pub fn check_spacing(path: &Path, field: &str, spacing: [f64; 3]) -> Result<[f64; 3], VolumeError> {
-    if spacing.iter().all(|s| s.is_finite() && *s > 0.0) {
+    if spacing.iter().all(|s| (1.0 / FARTHEST..=FARTHEST).contains(s)) {
         return Ok(spacing);
     }
-    Err(VolumeError::invalid(path, field, format!("{spacing:?} is no spacing"), "give three finite positive numbers"))
+    let hint = "give three numbers above 0, from 1e-30 to 1e30";
+    Err(VolumeError::invalid(path, field, format!("{spacing:?} is no spacing"), hint))
 }
 
 /// Checks an origin.
 ///
 /// # Errors
-/// A value that is not finite.
+/// A value that is not finite, or too far.
 pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 3], VolumeError> {
-    if origin.iter().all(|s| s.is_finite()) {
+    if origin.iter().all(|s| s.abs() <= FARTHEST) {
         return Ok(origin);
     }
-    Err(VolumeError::invalid(path, field, format!("{origin:?} is no position"), "give three finite numbers"))
+    let hint = "give three finite numbers, up to 1e30";
+    Err(VolumeError::invalid(path, field, format!("{origin:?} is no position"), hint))
 }
 
 /// Opens a regular file for reading and gives its length in bytes.
@@ -170,6 +175,17 @@ mod tests {
         assert!(Shape::new(p, "dims", [1, 1, 1], 0, ScalarType::U8).is_err());
         let s = Shape::new(p, "dims", [2, 3, 4], 5, ScalarType::U16).unwrap();
         assert_eq!((s.voxels, s.step_bytes, s.total_bytes), (24, 48, 240));
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn a_step_that_does_not_fit_into_memory_is_refused_before_it_is_allocated() {
+        // as f32, a volume of bytes takes four times its file
+        let told = room(Path::new("a.raw"), &mut Vec::new(), 1 << 44).unwrap_err().to_string();
+        assert!(told.contains("one step of 17592186044416 voxels") && told.contains("--memory"), "{told}");
+        let mut out = vec![1.0; 3];
+        prepare(Path::new("a.raw"), &mut out, 5).unwrap();
+        assert_eq!(out, [0.0; 5]);
     }
 
     #[test]

@@ -203,6 +203,8 @@ fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid
     } else {
         notes.push("origin ignored: it is not finite".to_owned());
     }
+    common::check_spacing(path, "pixdim", grid.spacing)?;
+    common::check_origin(path, "offset of the first voxel", grid.origin)?;
     if !aligned {
         notes.push("orientation ignored: axes as stored".to_owned());
     }

@@ -11,11 +11,12 @@ mod xml;
 
 use super::common;
 use super::stream::read_error;
+use crate::memory::Budget;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
 use crate::volume::source::{Header, VolumeFile};
 use data::{Encoding, Layout, Packing};
-use std::io::BufReader;
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use xml::{Array, Document, Section};
 
@@ -26,6 +27,7 @@ use xml::{Array, Document, Section};
 /// that claims more values than it can hold, or an unknown type or compressor.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let (file, file_len) = common::open_file(path)?;
+    check_inline(path, file_len)?;
     let doc = xml::parse(path, BufReader::new(file))?;
     let mut notes = Vec::new();
     let (array, cells) = choose(path, &doc, &mut notes)?;
@@ -33,6 +35,20 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let layout = layout(path, &doc, array, grid.dims, file_len)?;
     let header = Header { grid, scalar: layout.kind, steps: 1, notes };
     Ok(Box::new(Vti { path: path.to_owned(), header, layout, field: field_name(array) }))
+}
+
+/// Refuses a file whose values stand between its tags and do not fit into memory: the text of a tag is held whole.
+/// Appended values are not.
+fn check_inline(path: &Path, file_len: u64) -> Result<(), VolumeError> {
+    const MARKUP: u64 = 1 << 20;
+    let Err(error) = Budget::now().check("text between its tags", u128::from(file_len) * 3) else { return Ok(()) };
+    let mut start = Vec::new();
+    let (file, _) = common::open_file(path)?;
+    file.take(MARKUP).read_to_end(&mut start).map_err(|e| read_error(path, "markup", e))?;
+    if start.windows(13).any(|w| w == b"<AppendedData") {
+        return Ok(());
+    }
+    Err(VolumeError::invalid(path, "DataArray", error.to_string(), "or write the values as appended data"))
 }
 
 /// An open `.vti` file: what to read, and where it lies.
@@ -146,6 +162,8 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
             grid.origin[a] += spacing / 2.0;
         }
     }
+    common::check_spacing(path, "Spacing", grid.spacing)?;
+    common::check_origin(path, "Origin", grid.origin)?;
     Ok(grid)
 }
 

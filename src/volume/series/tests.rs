@@ -232,3 +232,27 @@ fn a_thousand_files_need_few_handles() {
     let s = open(&[here(&d, "")]).unwrap();
     assert_eq!(s.range().unwrap(), [0.0, 1499.0]);
 }
+
+#[test]
+fn values_beyond_single_precision_are_called_so() {
+    let d = dir();
+    let path = d.path().join("wide.nrrd");
+    let head = "NRRD0004\ntype: double\ndimension: 3\nsizes: 2 1 1\nendian: little\nencoding: raw\n\n";
+    for (value, words) in
+        [(1e300f64, "too large for single precision (at most 3.4e38)"), (f64::NAN, "the first is NaN")]
+    {
+        let data: Vec<u8> = [1.0, value].iter().flat_map(|v: &f64| v.to_le_bytes()).collect();
+        write(&path, [head.as_bytes(), &data].concat()).unwrap();
+        let told = open(&[here(&d, "wide.nrrd")]).unwrap().load(0).unwrap_err().to_string();
+        assert!(told.contains(words) && told.contains("x=1 y=0 z=0"), "{told}");
+    }
+}
+
+#[test]
+fn spacings_that_cannot_be_computed_with_are_refused() {
+    let d = dir();
+    for spacings in ["1e-320 1 1", "1 1e300 1", "1 1 0"] {
+        let told = refused(&[with(&d, "s.nrrd", "2 2 1", spacings, &[0.0; 4])]);
+        assert!(told.contains("spacings") && told.contains("no spacing"), "{told}");
+    }
+}

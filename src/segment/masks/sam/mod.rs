@@ -101,7 +101,8 @@ impl Sam {
         config.validate()?;
         let device = if device.is_autodiff() { device.clone().inner() } else { device.clone() };
         let path = path.as_ref();
-        let bytes = std::fs::read(path).map_err(|source| SamError::Read { path: path.to_path_buf(), source })?;
+        let bytes =
+            crate::files::read_regular(path).map_err(|source| SamError::Read { path: path.to_path_buf(), source })?;
         let weights = Weights::parse(path, &bytes, &device)?;
         let root = weights.root();
         let prompt = PromptEncoder::load(&root.at("prompt_encoder"), config)?;

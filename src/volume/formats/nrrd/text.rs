@@ -42,6 +42,9 @@ const USED: [&str; 11] = [
     "byteskip",
 ];
 
+/// Longest name of a data file in a pattern, bytes: one header must not make gigabytes of names.
+const MAX_NAME: usize = 4096;
+
 /// Most files that one header may name.
 const MAX_FILES: usize = 1 << 20;
 
@@ -165,6 +168,9 @@ fn pattern(value: &str) -> Result<Vec<String>, String> {
     }
     let count = usize::try_from(span / i128::from(step)).ok().filter(|&n| n < MAX_FILES);
     let count = count.ok_or_else(|| format!("the pattern names more than {MAX_FILES} files"))? + 1;
+    if before.len() + after.len() > MAX_NAME {
+        return Err(format!("the name is longer than {MAX_NAME} bytes"));
+    }
     let zeros = width.starts_with('0');
     let width: usize = width.parse().unwrap_or(0);
     let name = |i: usize| {
@@ -188,5 +194,7 @@ mod tests {
         assert!(pattern("%03d.raw 0 9 -1").is_err());
         assert!(pattern("%03d.raw 0 9223372036854775807 1").is_err());
         assert!(pattern("").is_err());
+        let long = format!("{}%d.raw 0 1000000 1", "x".repeat(5000));
+        assert!(pattern(&long).unwrap_err().contains("longer than 4096"));
     }
 }

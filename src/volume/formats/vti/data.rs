@@ -1,6 +1,7 @@
 //! The numbers of a `.vti` array: ascii, base64 or raw, plain or in packed blocks. Where the array lies and how many
 //! values it must hold is decided by the caller; nothing here is allocated on the word of a block header alone.
 
+use crate::memory::Budget;
 use crate::volume::formats::stream::{damaged, read_values, reserve};
 use crate::volume::grid::ScalarType;
 use flate2::read::ZlibDecoder;
@@ -162,7 +163,10 @@ impl<R: Read> Blocks<R> {
                 "{blocks} blocks of {full} bytes, the last of {last}, do not make the {needed} bytes of the extent"
             )));
         }
-        // Both sizes are at most `needed`, which the caller found to fit the file.
+        // Both sizes are at most `needed`, which the caller found to fit the file; packed, at most what is left of it.
+        let at_once = u128::from(full).saturating_add(u128::from(full.min(layout.len)));
+        let free = Budget::now().check(format!("blocks of {full} bytes"), at_once);
+        free.map_err(|e| io::Error::new(ErrorKind::OutOfMemory, e))?;
         let mut packed = Vec::new();
         for _ in 0..blocks {
             packed.push(word(&mut src, layout)?);

@@ -1,0 +1,92 @@
+//! What must hold of a sweep file before its variants are resolved one by one.
+
+use super::SweepError;
+use super::axes::{Variant, flatten};
+use super::file::{HalvingSpec, SweepFile};
+use super::plan::{Plan, PlanOptions};
+use crate::config::types::Config;
+use crate::device::DeviceName;
+use std::collections::HashSet;
+use std::path::Path;
+use toml::Table;
+
+/// Refuses lists that name something twice, devices that are not there, and weights that are no files.
+pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewhere: bool) -> Result<(), SweepError> {
+    let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
+    let mut met = HashSet::new();
+    for seed in seeds {
+        if !met.insert(seed) {
+            return Err(bad("seeds", format!("{seed} stands there twice")));
+        }
+    }
+    for (i, device) in file.devices.iter().enumerate() {
+        let name: DeviceName = device.parse().map_err(|e| bad("devices", format!("{e}")))?;
+        if !elsewhere {
+            name.open().map_err(|e| bad("devices", e.to_string()))?;
+        }
+        if file.devices[..i].contains(device) {
+            return Err(bad("devices", format!("{device} stands there twice")));
+        }
+    }
+    for weights in &file.eval.lpips_weights {
+        if !weights.is_file() {
+            return Err(bad("eval.lpips_weights", format!("{}: there is no such file", weights.display())));
+        }
+    }
+    if file.eval.views == Some(0) {
+        return Err(bad("eval.views", "0 leaves no view; leave it out for all".into()));
+    }
+    Ok(())
+}
+
+/// Refuses `seed` where keys are set: it is an axis of its own, and would be overwritten without a word.
+pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result<(), (String, String)> {
+    let set_in = |table: &Table| flatten(table).get("seed").map(ToString::to_string);
+    let mut found = vec![("set.seed".to_owned(), set_in(&file.set)), ("grid.seed".to_owned(), set_in(&file.grid))];
+    found.extend(file.variant.iter().map(|v| (format!("variant \"{}\": set.seed", v.name), set_in(&v.set))));
+    let random = file.random.iter().flat_map(|r| r.keys.keys()).find(|key| *key == "seed");
+    found.push(("random.keys.seed".to_owned(), random.map(|_| "0".to_owned())));
+    let typed = options.set.iter().find_map(|s| s.split_once('=').filter(|(key, _)| key.trim() == "seed"));
+    found.push(("--set seed".to_owned(), typed.map(|(_, value)| value.to_owned())));
+    match found.into_iter().find_map(|(key, value)| Some((key, value?))) {
+        None => Ok(()),
+        Some((key, value)) => {
+            let list = if value.starts_with('[') { value } else { format!("[{}]", value.trim_start_matches('-')) };
+            Err((key, format!("seeds are an axis of their own; write seeds = {list} at the top of the file")))
+        }
+    }
+}
+
+/// The variant that differences are taken to: the one that is named, or the first.
+pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, String> {
+    let first = variants.first().map(|v| v.name.clone()).unwrap_or_default();
+    match &file.baseline {
+        None => Ok(first),
+        Some(name) if variants.iter().any(|v| v.name == *name) => Ok(name.clone()),
+        Some(name) => {
+            let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
+            Err(format!("there is no variant \"{name}\"; there is {}", names.join(", ")))
+        }
+    }
+}
+
+/// Refuses early stopping at steps by which runs have nothing to be judged by.
+pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), String> {
+    if !(halving.keep > 0.0 && halving.keep < 1.0) {
+        return Err(format!("keep = {} is not between 0 and 1", halving.keep));
+    }
+    if halving.rungs.is_empty() || !halving.rungs.windows(2).all(|w| w[0] < w[1]) {
+        return Err("rungs must rise, and there must be one".into());
+    }
+    for run in &plan.runs {
+        let config: Config = toml::from_str(&run.config).map_err(|e| e.to_string())?;
+        let every = config.output.eval_every;
+        if every == 0 || halving.rungs[0] < every {
+            return Err(format!(
+                "run \"{}\" has no live test PSNR by step {}: output.eval_every is {every}",
+                run.label, halving.rungs[0]
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,131 @@
+//! Messages of parsers (serde, TOML, JSON) in plain words: no names of types of the program's language.
+
+/// `message` with what serde writes about types, fields and variants said plainly; other lines stay as they are.
+#[must_use]
+pub fn plain(message: &str) -> String {
+    message.trim_end().lines().map(plain_line).collect::<Vec<_>>().join("\n")
+}
+
+fn plain_line(line: &str) -> String {
+    // serde_json ends with the place
+    let (text, place) = match line.rfind(" at line ") {
+        Some(at) => line.split_at(at),
+        None => (line, ""),
+    };
+    let new = wrong_value(text).or_else(|| wrong_name(text)).unwrap_or_else(|| text.to_owned());
+    format!("{new}{place}")
+}
+
+/// `invalid type: string "many", expected u32` and its like.
+fn wrong_value(text: &str) -> Option<String> {
+    let text = ["invalid type: ", "invalid value: ", "invalid length "].iter().find_map(|p| text.strip_prefix(p))?;
+    let (found, wanted) = text.rsplit_once(", expected ")?;
+    Some(format!("expected {}, not {}", expected(wanted), given(found)))
+}
+
+fn expected(wanted: &str) -> String {
+    let whole = |most: u64| format!("a whole number from 0 to {most}");
+    match wanted {
+        "u8" => whole(u64::from(u8::MAX)),
+        "u16" => whole(u64::from(u16::MAX)),
+        "u32" => whole(u64::from(u32::MAX)),
+        "u64" | "usize" | "u128" => "a whole number, 0 or above".to_owned(),
+        "i8" | "i16" | "i32" | "i64" | "isize" | "i128" | "integer" => "a whole number".to_owned(),
+        "a nonzero usize" | "a nonzero u32" | "a nonzero u64" => "a whole number, 1 or above".to_owned(),
+        "f32" | "f64" | "float" => "a number".to_owned(),
+        "bool" | "a boolean" => "true or false".to_owned(),
+        "a string" | "string" | "str" | "path string" => "text".to_owned(),
+        "a sequence" | "sequence" => "a list".to_owned(),
+        "a map" | "map" => "a section (a table of keys)".to_owned(),
+        "string or table" | "variant identifier" | "field identifier" => "a name".to_owned(),
+        other => structured(other).unwrap_or_else(|| other.to_owned()),
+    }
+}
+
+/// Types with a name or a length.
+fn structured(wanted: &str) -> Option<String> {
+    if wanted.starts_with("struct ") || wanted.starts_with("internally tagged enum ") {
+        return Some("a section (a table of keys)".to_owned());
+    }
+    if wanted.starts_with("enum ") {
+        return Some("one of its names, as text".to_owned());
+    }
+    let length = ["an array of length ", "an array of size ", "a tuple of size "];
+    let count = length.iter().find_map(|p| wanted.strip_prefix(p))?;
+    Some(format!("a list of {count} values"))
+}
+
+fn given(found: &str) -> String {
+    let after = |kind: &str| found.strip_prefix(kind).map(|rest| rest.trim().trim_matches('`').to_owned());
+    if let Some(number) = after("integer ").or_else(|| after("floating point ")) {
+        return number;
+    }
+    if let Some(text) = after("string ") {
+        return format!("the text {text}");
+    }
+    if let Some(flag) = after("boolean ") {
+        return flag;
+    }
+    match found {
+        "sequence" => "a list".to_owned(),
+        "map" => "a section".to_owned(),
+        "unit value" | "null" | "Option value" => "nothing".to_owned(),
+        // of `invalid length`
+        count if count.parse::<usize>().is_ok() => format!("{count} values"),
+        other => other.to_owned(),
+    }
+}
+
+/// `unknown field`, `unknown variant`, `missing field`, `duplicate field`.
+fn wrong_name(text: &str) -> Option<String> {
+    let quoted = |prefix: &str| {
+        let (name, rest) = text.strip_prefix(prefix)?.strip_prefix('`')?.split_once('`')?;
+        Some((name, rest.strip_prefix(", ").unwrap_or(rest)))
+    };
+    let known = |rest: &str| {
+        let list = rest.strip_prefix("expected one of ").or_else(|| rest.strip_prefix("expected "));
+        list.map_or_else(String::new, |list| format!("; there is {}", list.replace('`', "")))
+    };
+    if let Some((name, rest)) = quoted("unknown field ") {
+        return Some(format!("unknown key `{name}`{}", known(rest)));
+    }
+    if let Some((name, rest)) = quoted("unknown variant ") {
+        return Some(format!("there is no `{name}`{}", known(rest)));
+    }
+    if let Some((name, _)) = quoted("missing field ") {
+        return Some(format!("`{name}` is missing"));
+    }
+    quoted("duplicate field ").map(|(name, _)| format!("`{name}` is given twice"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_type_of_the_language_is_left() {
+        for (was, is) in [
+            (
+                "invalid type: string \"many\", expected u32",
+                "expected a whole number from 0 to 4294967295, not the text \"many\"",
+            ),
+            ("invalid value: integer `-4`, expected u64", "expected a whole number, 0 or above, not -4"),
+            ("invalid type: floating point `0.5`, expected usize", "expected a whole number, 0 or above, not 0.5"),
+            ("invalid type: integer `3`, expected struct ModelConfig", "expected a section (a table of keys), not 3"),
+            (
+                "invalid type: boolean `true`, expected f64 at line 3 column 7",
+                "expected a number, not true at line 3 column 7",
+            ),
+            ("invalid length 3, expected an array of length 2", "expected a list of 2 values, not 3 values"),
+            ("invalid type: sequence, expected a string", "expected text, not a list"),
+            ("unknown variant `l3`, expected `l1` or `l2`", "there is no `l3`; there is l1 or l2"),
+            ("unknown field `sedes`, expected one of `title`, `seeds`", "unknown key `sedes`; there is title, seeds"),
+            ("missing field `name`", "`name` is missing"),
+            ("duplicate field `a`", "`a` is given twice"),
+            ("line 3\ninvalid type: map, expected a string\n", "line 3\nexpected text, not a section"),
+            ("the file ends", "the file ends"),
+        ] {
+            assert_eq!(plain(was), is);
+        }
+    }
+}
