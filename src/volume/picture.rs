@@ -19,6 +19,35 @@ const HISTOGRAM: [u8; 3] = [208, 211, 217];
 /// Unit lengths that the filled area and the lower half of the bar are thick.
 const THICKNESS: f32 = 10.0;
 
+/// Whole numbers beyond this are not told from their neighbours in single precision.
+const EXACT: f64 = (1 << 22) as f64;
+
+/// The equal bins of a histogram.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bins {
+    /// How many.
+    pub count: usize,
+    /// Data values at the lower end of the first and the upper end of the last.
+    pub range: [f64; 2],
+}
+
+impl Bins {
+    /// At most `most` bins over the data values `span`. Of `whole` numbers each bin holds as many, so that none stays
+    /// empty or is twice as high because of where its ends fall.
+    #[must_use]
+    pub fn new(span: [f64; 2], whole: bool, most: usize) -> Self {
+        let [first, last] = [span[0].ceil(), span[1].floor()];
+        let exact = first.abs() < EXACT && last.abs() < EXACT;
+        if !whole || !exact || last < first || most == 0 {
+            return Self { count: most, range: span };
+        }
+        let values = last - first + 1.0;
+        let width = (values / most as f64).ceil();
+        let count = (values / width).ceil();
+        Self { count: count as usize, range: [first - 0.5, first - 0.5 + count * width] }
+    }
+}
+
 /// Where data values and opacities are in the image.
 struct Frame {
     /// Data values at the left and right edge.
@@ -54,12 +83,18 @@ impl Frame {
     }
 }
 
-/// A picture of 900 x 420 pixels: the `histogram` (counts in equal bins over the data values `span`, logarithmic) in
+/// A picture of 900 x 420 pixels: the `histogram` (counts in equal bins over the data values `range`, logarithmic) in
 /// grey, the opacity per unit length as a line with its control points over an area in the colours, a colour bar, the
 /// axis in data values and the segments as brackets. The area and the lower half of the bar show the material ten unit
-/// lengths thick on a checkerboard. The axis covers `span` and the range of the function.
+/// lengths thick on a checkerboard. The axis covers the data values `span` and the range of the function.
 #[must_use]
-pub fn transfer_picture(histogram: &[u64], span: [f64; 2], tf: &TransferFunction, title: &str) -> RgbImage {
+pub fn transfer_picture(
+    histogram: &[u64],
+    range: [f64; 2],
+    span: [f64; 2],
+    tf: &TransferFunction,
+    title: &str,
+) -> RgbImage {
     let mut image = RgbImage::from_pixel(SIZE[0], SIZE[1], Rgb([255; 3]));
     let data = if span[1] > span[0] { span } else { [span[0], span[0] + span[0].abs().max(1.0)] };
     let own = tf.span(span);
@@ -67,9 +102,10 @@ pub fn transfer_picture(histogram: &[u64], span: [f64; 2], tf: &TransferFunction
     let top = [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().find(|t| most <= *t).unwrap_or(1.0);
     let frame = Frame { low: data[0].min(own[0]), high: data[1].max(own[1]), span: own, top };
     grid(&mut image, &frame);
-    bars(&mut image, &frame, histogram, data);
+    let range = if range[1] > range[0] { range } else { data };
+    bars(&mut image, &frame, histogram, range);
     area(&mut image, &frame, tf);
-    outline(&mut image, &frame, histogram, data);
+    outline(&mut image, &frame, histogram, range);
     curve(&mut image, &frame, tf);
     color_bar(&mut image, &frame, tf);
     brackets(&mut image, &frame, tf);
@@ -301,7 +337,7 @@ mod tests {
         for name in TransferFunction::presets() {
             let tf = TransferFunction::load(name).unwrap();
             let span = tf.span([0.0, 7.5]);
-            let image = transfer_picture(&bell(256), span, &tf, name);
+            let image = transfer_picture(&bell(256), span, span, &tf, name);
             assert_eq!(image.dimensions(), (900, 420));
             let solid = image.get_pixel(400, BAR[0] + 6).0;
             let fraction = (400.5 - 70.0) / 806.0;
@@ -316,15 +352,50 @@ mod tests {
     fn odd_input_is_drawn_without_panic() {
         let mut tf = TransferFunction::load("vortex").unwrap();
         for span in [[0.0, 0.0], [-1e300, 1e300], [3.0, 2.0], [1e-12, 2e-12]] {
-            let _ = transfer_picture(&[], span, &tf, "a \"title\" \u{e9} that is far too long to be drawn in one line");
-            let _ = transfer_picture(&[0, u64::MAX], span, &tf, "");
+            let _ = transfer_picture(
+                &[],
+                span,
+                span,
+                &tf,
+                "a \"title\" \u{e9} that is far too long to be drawn in one line",
+            );
+            let _ = transfer_picture(&[0, u64::MAX], span, span, &tf, "");
         }
         tf.range = Some([-5.0, 400.0]);
         tf.opacity = vec![(0.5, 0.0), (0.5, 1.0)];
-        let _ = transfer_picture(&[1, 2, 3], [0.0, 1.0], &tf, "wide");
+        let _ = transfer_picture(&[1, 2, 3], [-0.5, 1.5], [0.0, 1.0], &tf, "wide");
         tf.opacity.clear();
         tf.colors.clear();
-        let _ = transfer_picture(&[1], [0.0, 1.0], &tf, "empty");
+        let _ = transfer_picture(&[1], [0.0; 2], [0.0, 1.0], &tf, "empty");
+    }
+
+    /// The counts of each whole number from `first` to `last`, once each.
+    fn counts(bins: Bins, first: i32, last: i32) -> Vec<u64> {
+        let mut counts = vec![0; bins.count];
+        let [low, high] = bins.range;
+        for v in first..=last {
+            let part = (f64::from(v) - low) / (high - low);
+            counts[((part * bins.count as f64) as usize).min(bins.count - 1)] += 1;
+        }
+        counts
+    }
+
+    #[test]
+    fn whole_numbers_leave_no_false_gaps() {
+        // 254 values in 256 bins left two of them empty, near 85 and 169
+        for last in [3, 200, 253, 254, 255] {
+            let bins = Bins::new([0.0, f64::from(last)], true, 256);
+            assert_eq!(bins.count, last as usize + 1);
+            assert_eq!(counts(bins, 0, last), vec![1; bins.count], "0 to {last}");
+        }
+        let bins = Bins::new([-1000.0, 64_534.0], true, 256);
+        let counts = counts(bins, -1000, 64_534);
+        let (rest, whole) = counts.split_last().unwrap();
+        assert!(bins.count <= 256 && whole.iter().all(|n| *n == 256) && *rest <= 256, "{counts:?}");
+        for (span, whole) in [([0.0, 255.0], false), ([0.2, 0.8], true), ([0.0, 4e9], true)] {
+            assert_eq!(Bins::new(span, whole, 256), Bins { count: 256, range: span });
+        }
+        assert_eq!(Bins::new([7.0, 7.0], true, 256), Bins { count: 1, range: [6.5, 7.5] });
     }
 
     #[test]
