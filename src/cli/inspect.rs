@@ -8,11 +8,13 @@ use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
 use crate::export::images::encode_png;
 use crate::export::ply::PlyGaussians;
 use crate::files::{check_file, write_named};
+use crate::model::params::HostTensor;
 use crate::model::scene::read_tensors;
 use crate::train::checkpoint;
 use crate::volume::formats::READ;
 use clap::Args;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Show what a volume, a dataset, a run, a PLY or a checkpoint holds, and check it.
@@ -112,7 +114,8 @@ impl InspectArgs {
         let steps: Vec<usize> = checkpoints.iter().map(|(s, _)| *s).collect();
         for (_, path) in &checkpoints {
             for name in ["scene.safetensors", "optimizer.safetensors"] {
-                read_tensors(&path.join(name)).map_err(CliError::input)?;
+                let path = path.join(name);
+                check_finite(&path, &read_tensors(&path).map_err(CliError::input)?.0)?;
             }
         }
         self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": steps.len() }))
@@ -128,12 +131,7 @@ impl InspectArgs {
             })
             .collect();
         self.show(&json!({ "kind": "tensors", "tensors": shapes, "metadata": metadata.keys().collect::<Vec<_>>() }))?;
-        match tensors.iter().find(|(_, t)| !t.values.iter().all(|v| v.is_finite())) {
-            None => Ok(()),
-            Some((name, _)) => {
-                Err(CliError::input(format!("{}: tensor {name} holds NaN or infinite values", path.display())))
-            }
-        }
+        check_finite(path, &tensors)
     }
 
     fn show(&self, value: &serde_json::Value) -> Result<(), CliError> {
@@ -146,6 +144,16 @@ impl InspectArgs {
             }
         }
         Ok(())
+    }
+}
+
+/// Refuses a tensor with a value that is no finite number.
+fn check_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) -> Result<(), CliError> {
+    match tensors.iter().find(|(_, t)| !t.values.iter().all(|v| v.is_finite())) {
+        None => Ok(()),
+        Some((name, _)) => {
+            Err(CliError::input(format!("{}: tensor {name} holds NaN or infinite values", path.display())))
+        }
     }
 }
 

@@ -227,7 +227,7 @@ impl PrepareArgs {
         let side = self.side.unwrap_or_else(|| self.radius * (0.5 * self.fov).to_radians().tan());
         if self.side.is_none() && !LENGTHS.contains(&side) {
             return Err(CliError::input(format!(
-                "--radius {} with --fov {}: the frame is {side:e} wide there; use lengths from {:e} to {:e}",
+                "--radius {:?} with --fov {:?}: half the frame is {side:e} wide there; use lengths from {:e} to {:e}",
                 self.radius,
                 self.fov,
                 LENGTHS.start(),

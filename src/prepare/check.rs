@@ -59,7 +59,7 @@ pub(super) fn check(
     }
     for (name, length) in [("radius", views.radius), ("side", options.side)] {
         if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
-            return wrong(format!("{name} {length}: a length from {:e} to {:e}", LENGTHS[0], LENGTHS[1]));
+            return wrong(format!("{name} {length:?}: a length from {:e} to {:e}", LENGTHS[0], LENGTHS[1]));
         }
     }
     let reach = Placement::new(&source.grid(), options.side).half.length();

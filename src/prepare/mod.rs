@@ -123,7 +123,7 @@ pub enum PrepareError {
     #[error(
         "every training image is empty, so nothing was written: the transfer function {transfer} (over the values {} to \
          {}) makes nothing visible in {source_of_values}; compare its opacities with the histogram: volseggs inspect \
-         VOLUME --transfer-function {transfer} --picture histogram.png", span[0], span[1]
+         VOLUME --transfer-function TF --picture histogram.png", span[0], span[1]
     )]
     Empty {
         /// What was rendered.
