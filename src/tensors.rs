@@ -67,7 +67,7 @@ pub fn write(
 /// # Errors
 /// If the file cannot be read, is no safetensors file, or its bytes differ from those that were written.
 pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
-    let bytes = std::fs::read(path).map_err(|source| TensorFileError::Io { path: path.into(), source })?;
+    let bytes = crate::files::read_regular(path).map_err(|source| TensorFileError::Io { path: path.into(), source })?;
     let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
     let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
     if let Some(at) = digest_place(&bytes, &file)

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 use volseggs::export::ply::PlyGaussians;
+use volseggs::name::Name;
 
 /// A folder with the dataset in `data` and a run with segments in `run`, made once.
 fn made_once() -> &'static Path {
@@ -53,7 +54,7 @@ impl Run {
         copy(&made_once().join("run"), &folder.path().join("run"));
         let file = made_once().join("run/segments/segments.safetensors");
         let all = volseggs::segment::segmentation::Segmentation::load(&file).unwrap();
-        let mut segments: Vec<_> = all.segments.into_iter().map(|s| (s.name, s.members.len())).collect();
+        let mut segments: Vec<_> = all.segments.into_iter().map(|s| (s.name.to_string(), s.members.len())).collect();
         segments.sort_by_key(|s| std::cmp::Reverse(s.1));
         Self { folder, segments }
     }
@@ -244,6 +245,20 @@ fn depth_velocity_and_segments_are_shown_in_colour() {
 }
 
 #[test]
+fn edits_at_the_same_time_are_all_kept() {
+    let run = Run::new();
+    let name = run.segments[0].0.as_str();
+    std::thread::scope(|scope| {
+        for i in 0..6 {
+            let factor = format!("0.{}", i + 1);
+            let mut command = run.command(&["edit", "opacity", "run", "--segment", name, "--factor", &factor]);
+            scope.spawn(move || command.assert().success());
+        }
+    });
+    assert_eq!(json(&run.path("run/edits.json"))["operations"].as_array().unwrap().len(), 6);
+}
+
+#[test]
 fn what_is_refused_changes_nothing() {
     let run = Run::new();
     let name = run.segments[0].0.as_str();
@@ -261,9 +276,14 @@ fn what_is_refused_changes_nothing() {
         let of = |what, rest: &[&'static str]| [&[what, "--segment", name], rest].concat();
         for (arguments, words) in [
             (of("recolour", &["--colour", "orange"]), &["--colour", "'#ff8800'"][..]),
-            (of("opacity", &["--factor", "-1"]), &["--factor", "-1", "at least 0"]),
-            (of("opacity", &["--factor", "nan"]), &["--factor", "NaN"]),
+            (of("opacity", &["--factor", "-1"]), &["--factor", "-1", "0 or above"]),
+            (of("opacity", &["--factor", "nan"]), &["--factor", "nan"]),
             (of("scale", &["--factor", "0"]), &["--factor", "above 0"]),
+            (of("scale", &["--factor", "inf"]), &["--factor", "above 0"]),
+            (of("scale", &["--factor", "1e300"]), &["--factor", "1e300"]),
+            (of("opacity", &["--factor", "inf"]), &["--factor", "inf"]),
+            (of("translate", &["--by", "1e300,0,0"]), &["--by", "three finite numbers"]),
+            (of("rotate", &["--axis", "0,0,1", "--degrees", "nan"]), &["--degrees", "finite"]),
             (of("translate", &["--by", "1,2"]), &["--by", "three finite numbers"]),
             (of("translate", &["--by", "-1,inf,0"]), &["--by", "three finite numbers"]),
             (of("rotate", &["--axis", "0,0,0", "--degrees", "-5"]), &["--axis", "direction"]),
@@ -279,7 +299,7 @@ fn what_is_refused_changes_nothing() {
     run.edit("hide", &["--segment", name]);
     assert!(all(&run).is_some());
     refuse(&["undo", "--count", "2"], &["--count 2", "between 1 and 1"]);
-    refuse(&["undo", "--count", "0"], &["--count 0"]);
+    refuse(&["undo", "--count", "0"], &["--count", "at least 1"]);
     refused(&mut run.command(&["edit", "list", "data"]), &["data", "no checkpoint"]);
 
     // a damaged file is told, and can be cleared
@@ -298,7 +318,7 @@ fn edits_of_segments_that_are_gone_name_the_way_out() {
     let file = run.path("run/segments/segments.safetensors");
     let mut all = volseggs::segment::segmentation::Segmentation::load(&file).unwrap();
     let mut part = all.get(name).unwrap().clone();
-    (part.name, part.parent) = ("part".into(), Some(name.into()));
+    (part.name, part.parent) = (Name::new("part").unwrap(), Some(Name::new(name).unwrap()));
     part.members.truncate(5);
     all.add(part).unwrap();
     all.save(&file).unwrap();

@@ -48,6 +48,7 @@ fn wrong_companions_are_told_before_anything_is_read() {
     with(&["--source", "sam", "--points", "0"], &["at least 1"]);
     with(&["--pictures", "--source", "labels"], &["leave --source out"]);
     with(&["--time", "2"], &["between 0 and 1"]);
+    with(&["--pictures", "--replace"], &["--pictures", "--replace", "cannot be used with"]);
     // the network's weights are looked for first, and the message says how to make them
     let places = ["cache/volseggs/mobile_sam.safetensors", "--sam-weights", "ChaoningZhang/MobileSAM", "save_file"];
     with(&["--source", "sam"], &places);
@@ -87,10 +88,12 @@ fn the_truth_of_a_dataset_becomes_masks() {
     }
     run_json(root, &["segment", "fine", "run", "--steps", "5", "--pixels", "128"]);
     // more views than training has at that time: the test view of the time joins; fewer: some of them
-    run_json(root, &["segment", "masks", "run", "--source", "labels"]);
+    let again = ["segment", "masks", "run", "--source", "labels", "--replace"];
+    refused_and_unchanged(root, &["--source", "labels"], &["masks.jsonl", "--replace"]);
+    run_json(root, &again);
     let files = |reader: &MaskReader| reader.header().views.iter().map(|v| v.file.clone()).collect::<Vec<_>>();
     assert_eq!(files(&masks(root).0)[6..], ["test/r_3"]);
-    run_json(root, &["segment", "masks", "run", "--source", "labels", "--views", "2", "--time", "0.1"]);
+    run_json(root, &[&again[..], &["--views", "2", "--time", "0.1"]].concat());
     let (reader, _) = masks(root);
     assert_eq!((reader.header().views.len(), reader.header().time), (2, 0.0));
 
@@ -98,15 +101,21 @@ fn the_truth_of_a_dataset_becomes_masks() {
     let wrong = root.join("data/labels").join(format!("{}.png", files(&reader)[1]));
     let kept = std::fs::read(&wrong).unwrap();
     GrayImage::new(60, 64).save(&wrong).unwrap();
-    let labels = ["--source", "labels", "--time", "0.1"];
+    let labels = ["--source", "labels", "--time", "0.1", "--replace"];
     refused_and_unchanged(root, &labels, &["60x64", "64x64", wrong.file_name().unwrap().to_str().unwrap()]);
     std::fs::write(&wrong, kept).unwrap();
     std::fs::rename(root.join("data"), root.join("moved")).unwrap();
     refused_and_unchanged(root, &labels, &["data", "not there any more", "--data"]);
-    run_json(root, &["segment", "masks", "run", "--source", "labels", "--data", "moved"]);
+    run_json(root, &[&again[..], &["--data", "moved"]].concat());
     assert_eq!(masks(root).0.header().source, "labels of moved");
+    // a dataset of other cameras, to which the scene does not belong
+    let moved = ["--source", "labels", "--data", "moved", "--replace"];
+    let cameras = root.join("moved/transforms_train.json");
+    let kept = std::fs::read_to_string(&cameras).unwrap();
+    std::fs::write(&cameras, format!("{kept}\n")).unwrap();
+    refused_and_unchanged(root, &moved, &["moved", "of another scene", "--data"]);
+    std::fs::write(&cameras, kept).unwrap();
     std::fs::remove_file(root.join("moved/segments.json")).unwrap();
-    let moved = ["--source", "labels", "--data", "moved"];
     refused_and_unchanged(root, &moved, &["segments.json", "volseggs prepare"]);
 }
 
@@ -116,7 +125,7 @@ fn masks_of_another_program_come_back() {
     let root = folder.path();
     train(root, "run", &[]).assert().success();
     run_json(root, &["segment", "coarse", "run", "--clusters", "2"]);
-    let dir = ["--source", "dir", "--masks", "masks"];
+    let dir = ["--source", "dir", "--masks", "masks", "--replace"];
     refused_and_unchanged(root, &dir, &["--pictures"]);
 
     // 1. the pictures
@@ -173,9 +182,10 @@ fn masks_of_another_program_come_back() {
     // the same in a COCO file; of one segment alone
     let text = serde_json::json!({ "images": coco.0, "annotations": coco.1 }).to_string();
     std::fs::write(root.join("masks.json"), text).unwrap();
-    run_json(root, &["segment", "masks", "run", "--source", "dir", "--masks", "masks.json"]);
+    refused_and_unchanged(root, &["--source", "dir", "--masks", "masks.json"], &["masks.jsonl", "--replace"]);
+    run_json(root, &["segment", "masks", "run", "--source", "dir", "--masks", "masks.json", "--replace"]);
     assert_eq!(masks(root).1, all);
-    let one = ["segment", "masks", "run", "--source", "dir", "--masks", "masks", "--segment", &groups[1]];
+    let one = ["segment", "masks", "run", "--source", "dir", "--masks", "masks", "--replace", "--segment", &groups[1]];
     assert_eq!(run_json(root, &one)["masks"], 4);
     run_json(root, &["segment", "fine", "run", "--steps", "5", "--pixels", "128"]);
 

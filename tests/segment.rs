@@ -104,7 +104,7 @@ fn clicks_and_groups(root: &Path, name: &str) {
         (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "0,0"], &["nothing is there"]),
         (&["pick", "run", "--pixel", "1,1"], &["--camera"]),
         (&["pick", "run", "--view", "999", "--pixel", "1,1"], &["--view 999"]),
-        (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--scale", "2"], &["--scale 2"]),
+        (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--scale", "2"], &["--scale", "between 0 and 1"]),
         (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--within", "nobody"], &["nobody"]),
         (&["group", "run", name, "some"], &["there is one of that name"]),
         (&["group", "run", "a b", "some"], &["letters"]),

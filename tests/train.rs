@@ -20,7 +20,7 @@ fn a_run_leaves_a_complete_folder() {
     let output = train(root.path(), "run", &[]).arg("--json").assert().success().get_output().clone();
     let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
 
-    assert_eq!(names(&run), ["checkpoints", "config.toml", "metrics.jsonl", "run.json", "tensorboard"]);
+    assert_eq!(names(&run), [".lock", "checkpoints", "config.toml", "metrics.jsonl", "run.json", "tensorboard"]);
     assert_eq!(names(&run.join("checkpoints")), ["step-000070", "step-000080"]);
     let files = names(&run.join("checkpoints/step-000080"));
     assert_eq!(files, ["optimizer.safetensors", "scene.safetensors", "state.json"]);
@@ -147,7 +147,10 @@ fn so_does_one_with_every_saving() {
 
 fn spawn(root: &Path, name: &str, more: &[&str]) -> Child {
     let mut command = Command::new(BINARY);
-    command.args(train_arguments(root, name, more)).arg("--resume");
+    command.args(train_arguments(root, name, more));
+    if !checkpoint::list(&root.join(name)).is_empty() {
+        command.arg("--resume");
+    }
     command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
@@ -228,7 +231,11 @@ fn signals_save_a_checkpoint() {
         let output = child.wait_with_output().unwrap();
         let text = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.contains("with a checkpoint") && text.contains("--resume"), "{text}");
+        assert!(
+            text.contains("with a checkpoint")
+                && text.contains(&format!("next: volseggs train --resume {}", run.display())),
+            "{text}"
+        );
 
         let record = json(&run.join("run.json"));
         assert_eq!(record["status"], "interrupted");
@@ -250,14 +257,14 @@ fn a_run_is_neither_overwritten_nor_continued_with_something_else() {
     let before = (newest_bytes(&run), std::fs::read(run.join("config.toml")).unwrap(), metrics(&run));
     let unchanged = || (newest_bytes(&run), std::fs::read(run.join("config.toml")).unwrap(), metrics(&run));
 
-    refused(&mut train(root.path(), "run", &[]), &["run", "checkpoints of another run", "--resume", "--out"]);
+    refused(&mut train(root.path(), "run", &[]), &["run", "checkpoints of a run", "--resume", "--out"]);
     assert!(unchanged() == before);
     let mut changed = train(root.path(), "run", &["loss.dssim=0.1"]);
-    refused(changed.arg("--resume"), &["step-000012", "the configuration differs"]);
+    refused(changed.arg("--resume"), &["step-000012", "loss.dssim was 0.2 and is 0.1 now", "12 steps already taken"]);
     assert!(unchanged() == before);
     let json = root.path().join("data/transforms_train.json");
     let text = std::fs::read_to_string(&json).unwrap();
     std::fs::write(&json, format!("{text}\n")).unwrap();
-    refused(train(root.path(), "run", &[]).arg("--resume"), &["step-000012", "the dataset differs"]);
+    refused(train(root.path(), "run", &[]).arg("--resume"), &["step-000012", "another dataset"]);
     assert!(unchanged() == before);
 }

@@ -74,6 +74,9 @@ impl EvalArgs {
         outln!("PSNR           {:.2} dB", s.psnr);
         outln!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
         outln!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
+        if self.lpips_weights.is_empty() {
+            errln!("note: LPIPS needs --lpips-weights; `volseggs lpips --help` says where they come from");
+        }
         for (name, value) in &s.extra {
             outln!("{name:<14} {value:.4}");
         }

@@ -11,6 +11,7 @@ mod eval_segments;
 mod export;
 mod inspect;
 mod inspect_volume;
+mod lpips;
 mod prepare;
 mod render;
 mod run_folder;
@@ -60,6 +61,7 @@ enum Command {
     Sweep(Box<sweep::SweepArgs>),
     Compare(compare::CompareArgs),
     Config(config::ConfigArgs),
+    Lpips(lpips::LpipsArgs),
     Doctor(doctor::DoctorArgs),
 }
 
@@ -156,6 +158,7 @@ impl Cli {
             Command::Sweep(args) => args.run(),
             Command::Compare(args) => args.run(),
             Command::Config(args) => args.run(),
+            Command::Lpips(args) => args.run(),
             Command::Doctor(args) => args.run(),
         }
     }

@@ -35,7 +35,7 @@ struct Line {
 
 /// The lines of a run by step; of lines with the same step the last counts.
 fn lines(run: &Path) -> BTreeMap<u64, Line> {
-    let bytes = std::fs::read(run.join("metrics.jsonl")).unwrap_or_default();
+    let bytes = crate::files::read_regular(&run.join("metrics.jsonl")).unwrap_or_default();
     let parsed = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Line>(line).ok());
     parsed.map(|line| (line.step, line)).collect()
 }

@@ -2,6 +2,7 @@
 
 use super::results::{Outcome, OutcomeState, ResultSet};
 use crate::eval::run::Summary;
+use crate::files::read_text;
 use crate::train::run::RunRecord;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -51,7 +52,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             .map_err(|e| bad(format!("{e}; give folders that `volseggs train --out` made")))?;
         let summary: Summary = read(&folder.join("eval/test/mean.json"))
             .map_err(|e| bad(format!("{e}; run `volseggs eval {}` first", folder.display())))?;
-        let text = std::fs::read_to_string(folder.join("config.toml")).map_err(|e| bad(e.to_string()))?;
+        let text = read_text(&folder.join("config.toml")).map_err(|e| bad(format!("config.toml: {e}")))?;
         let mut config: Table = text.parse().map_err(|e| bad(format!("config.toml: {e}")))?;
         config.remove("seed");
         // datasets of one name are told apart by their whole path
@@ -99,7 +100,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
 }
 
 fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, String> {
-    let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let text = read_text(path).map_err(|e| format!("{}: {e}", path.display()))?;
     serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
 }
 

@@ -123,7 +123,7 @@ fn sheet(set: &ResultSet, dataset: &str) -> Option<VariantSheet> {
 
 fn load(outcome: &Outcome, view: &str) -> Option<Shown> {
     let open = |kind: &str| {
-        let bytes = std::fs::read(folder(outcome).join(format!("{view}-{kind}.png"))).ok()?;
+        let bytes = crate::files::read_regular(&folder(outcome).join(format!("{view}-{kind}.png"))).ok()?;
         Some(image::load_from_memory(&bytes).ok()?.to_rgb8())
     };
     let (truth, render) = (open("truth")?, open("render")?);

@@ -97,7 +97,12 @@ impl Split {
     /// # Errors
     /// If `factor` is 0 or does not divide the images' width and height.
     pub fn reduced(&self, factor: u32) -> Result<Self, DataError> {
-        let images = self.images.downscale(factor)?;
+        let images = self.images.downscale(factor).map_err(|mut e| {
+            if let DataError::Option { path, option, .. } = &mut e {
+                (*path, *option) = (self.name.json_path(Path::new("")), "speed.coarse_factor");
+            }
+            e
+        })?;
         let reduce = |f: &Frame| Frame { camera: f.camera.downscaled(factor), ..f.clone() };
         Ok(Self { name: self.name, frames: self.frames.iter().map(reduce).collect(), images })
     }
@@ -147,6 +152,7 @@ impl Dataset {
         };
         let (path, text) = (SplitName::Train.json_path(root), read_text(&SplitName::Train.json_path(root))?);
         let json = Transforms::parse(&path, &text)?;
+        json.check_images()?;
         let all: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
         let train = match read(SplitName::Train)? {
             Some(split) => split,
@@ -208,6 +214,7 @@ pub fn scene_extent(frames: &[Frame]) -> f64 {
 /// As [`Dataset::open`].
 pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
     let json = Transforms::read(&name.json_path(root))?;
+    json.check_images()?;
     let (mut split, kept) = outline(root, name, &json, downscale, max_views)?;
     let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
     // With fewer views than frames, a message must still name the frame's place in the file.

@@ -138,3 +138,29 @@ fn published_dataset() {
     assert_eq!((dataset.train.images.width, dataset.train.images.len()), (100, 60));
     assert!((dataset.train.frames[0].camera.fx - 50.0 / 15f64.to_radians().tan()).abs() < 1e-9);
 }
+
+#[test]
+fn two_frames_of_one_image_are_refused_with_both_numbers() {
+    let folder = dataset(4, 8);
+    let path = folder.path().join("transforms_train.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("./train/r_3", "train/../train/r_1.png")).unwrap();
+    for splits in [&[][..], &[SplitName::Train]] {
+        let options = OpenOptions { downscale: 1, splits, max_views: None };
+        let text = Dataset::open(folder.path(), &options).unwrap_err().to_string();
+        assert!(["frame 3", "frame 1", "`file_path`"].iter().all(|w| text.contains(w)), "{text}");
+    }
+    let report = crate::data::inspect::inspect(folder.path());
+    assert!(report.problems.iter().any(|p| p.contains("frame 3") && p.contains("frame 1")), "{report:#?}");
+}
+
+#[test]
+fn a_number_beyond_single_precision_is_called_so() {
+    let folder = dataset(2, 8);
+    let path = folder.path().join("transforms_train.json");
+    let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    json["frames"][1]["transform_matrix"][0][3] = 1e300.into();
+    std::fs::write(&path, json.to_string()).unwrap();
+    let text = Dataset::open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(text.contains("entry (0, 3) is 1e300, too large: at most 3.4e38") && text.contains("frame 1"), "{text}");
+}

@@ -1,12 +1,16 @@
 //! Sets of equally large RGBA images in one block of bytes: decoding PNGs, area downscaling, compositing. Knows
 //! nothing of cameras.
 
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, ImageReader, RgbaImage};
 use rayon::prelude::*;
 
 use super::error::DataError;
+use crate::files::open_regular;
+use crate::memory::{Budget, product};
 
 /// All images of a split, `[frames, height, width, 4]` bytes, rows from the top, straight (not premultiplied)
 /// alpha.
@@ -35,16 +39,9 @@ impl ImageSet {
     pub fn load(json: &Path, paths: &[PathBuf], downscale: u32) -> Result<Self, DataError> {
         let (full_width, full_height) = common_size(json, paths)?;
         let (width, height) = downscaled_size(json, (full_width, full_height), downscale)?;
+        check_memory(json, paths.len(), (full_width, full_height), downscale, Budget::now())?;
         let frame = width as usize * height as usize * Self::CHANNELS;
-        let mut pixels = Vec::new();
-        let total = frame.saturating_mul(paths.len());
-        pixels.try_reserve_exact(total).map_err(|_| DataError::Option {
-            path: json.to_owned(),
-            option: "downscale",
-            problem: format!("{} images of {width}x{height} need {} MiB of memory", paths.len(), total >> 20),
-            hint: "use a larger downscale factor or fewer views".to_owned(),
-        })?;
-        pixels.resize(total, 0);
+        let mut pixels = vec![0; frame * paths.len()];
         let results: Vec<Result<(), DataError>> = pixels
             .par_chunks_mut(frame.max(1))
             .zip(paths)
@@ -95,6 +92,13 @@ impl ImageSet {
     /// If `factor` is 0 or does not divide width and height.
     pub fn downscale(&self, factor: u32) -> Result<Self, DataError> {
         let (width, height) = downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
+        let bytes = product(&[self.len(), width as usize, height as usize, Self::CHANNELS]);
+        Budget::now().check(format!("images reduced by {factor}"), bytes).map_err(|e| DataError::Option {
+            path: "image set".into(),
+            option: "downscale",
+            problem: e.to_string(),
+            hint: "use a larger factor or fewer views".to_owned(),
+        })?;
         let mut out = vec![0; width as usize * height as usize * Self::CHANNELS * self.len()];
         out.par_chunks_mut((width as usize * height as usize * Self::CHANNELS).max(1))
             .zip(self.pixels.par_chunks(self.frame_len().max(1)))
@@ -167,10 +171,30 @@ pub(crate) fn size(path: &Path) -> Result<(u32, u32), String> {
     reader.into_dimensions().map_err(|e| format!("not a readable PNG: {e}"))
 }
 
-fn open(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>, String> {
-    ImageReader::open(path).map_err(|e| match e.kind() {
+fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
+    let file = open_regular(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => "the image is missing".to_owned(),
         _ => format!("cannot read the image: {e}"),
+    })?;
+    Ok(ImageReader::new(BufReader::new(file)))
+}
+
+/// Bytes of a pixel while its image is decoded: 16-bit RGBA as it is stored, and as bytes.
+const DECODING: usize = 12;
+
+/// Refuses images that do not fit into memory, by their number and size: all of them as they are kept, and as many in
+/// full size as are decoded at a time.
+fn check_memory(json: &Path, count: usize, full: (u32, u32), downscale: u32, budget: Budget) -> Result<(), DataError> {
+    let (width, height) = downscaled_size(json, full, downscale)?;
+    let kept = product(&[count, width as usize, height as usize, ImageSet::CHANNELS]);
+    let at_a_time = rayon::current_num_threads().min(count);
+    let decoding = product(&[at_a_time, full.0 as usize, full.1 as usize, DECODING]);
+    let what = format!("{downscale} keeps {count} images of {width}x{height}");
+    budget.check(what, kept.saturating_add(decoding)).map_err(|e| DataError::Option {
+        path: json.to_owned(),
+        option: "data.downscale",
+        problem: e.to_string(),
+        hint: "use a larger factor or fewer views".to_owned(),
     })
 }
 

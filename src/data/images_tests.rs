@@ -65,3 +65,27 @@ fn every_bit_depth_and_colour_type_is_read() {
     assert_eq!(ImageSet::load(Path::new("t.json"), &paths, 2).unwrap().width, 1);
     assert!(ImageSet::load(Path::new("t.json"), &[], 1).unwrap().is_empty());
 }
+
+#[test]
+fn images_that_do_not_fit_into_memory_are_refused_before_they_are_decoded() {
+    let json = Path::new("transforms_train.json");
+    let check = |count, downscale| check_memory(json, count, (8000, 8000), downscale, Budget::of(8_000_000_000));
+    let text = check(600, 1).unwrap_err().to_string();
+    let words =
+        ["transforms_train.json", "`data.downscale`", "1 keeps 600 images of 8000x8000", "--memory", "larger factor"];
+    assert!(words.iter().all(|w| text.contains(w)), "{text}");
+    check(600, 8).unwrap();
+    // a size that a damaged header may claim
+    let huge = check_memory(json, usize::MAX, (u32::MAX, u32::MAX), 1, Budget::of(u64::MAX));
+    assert!(huge.is_err());
+}
+
+#[test]
+#[cfg(unix)]
+fn a_pipe_is_no_image_and_does_not_hang() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r_0.png");
+    rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
+    let text = ImageSet::load(Path::new("t.json"), &[path], 1).unwrap_err().to_string();
+    assert!(text.contains("a pipe, not a regular file"), "{text}");
+}

@@ -1,7 +1,6 @@
 //! Every check of a dataset folder, gathered into one report: it never stops at the first problem and changes
 //! nothing. Pictures are in `layout`.
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -11,7 +10,7 @@ use super::dataset::{Dataset, SplitName};
 use super::images::{decode, size};
 use super::inspect_views::{cameras, times};
 use super::scan::{ROTATION_TOLERANCE, scan};
-use super::transforms::{FrameRecord, read_text};
+use super::transforms::{FrameRecord, read_text, repeated, same_image};
 
 /// How many problems a check's detail spells out; the report's `problems` has them all.
 const SHOWN: usize = 5;
@@ -148,10 +147,10 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
 /// Decodes every image once, in parallel, keeping nothing but counts.
 fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path, records: &[(usize, &FrameRecord)]) {
     let paths: Vec<PathBuf> = records.iter().map(|(_, r)| r.image_path(root)).collect();
-    let unique: HashSet<&PathBuf> = paths.iter().collect();
-    if unique.len() < paths.len() {
-        report.notes.push(format!("{}: {} images are named more than once", facts.name, paths.len() - unique.len()));
-    }
+    let twice = same_image(records.iter().copied());
+    let twice = twice.and_then(|pair| Some((pair, &records.iter().find(|(i, _)| *i == pair.0)?.1.file_path)));
+    let twice = twice.map(|(pair, file_path)| repeated(json, pair, file_path).to_string());
+    report.check_list(&facts.name.clone(), "images differ", twice.into_iter().collect(), "each frame has its own");
     let looked: Vec<Result<[u64; 4], String>> = paths.par_iter().map(|p| count_alpha(p)).collect();
     let (mut missing, mut broken, mut odd) = (Vec::new(), Vec::new(), Vec::new());
     let (mut seen, mut opaque, mut pixels) = (0, 0, 0);

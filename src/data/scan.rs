@@ -204,6 +204,9 @@ fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
             let number = entry.as_f64().filter(|x| x.is_finite());
             rows[r][c] =
                 number.ok_or_else(|| format!("entry ({r}, {c}) is {} where a finite number is needed", show(entry)))?;
+            if rows[r][c].abs() > f64::from(f32::MAX) {
+                return Err(format!("entry ({r}, {c}) is {:e}, too large: at most 3.4e38", rows[r][c]));
+            }
         }
     }
     Ok(rows)
@@ -214,7 +217,7 @@ fn show(value: &Value) -> String {
     match value {
         Value::Number(n) => n.to_string(),
         Value::Bool(b) => b.to_string(),
-        Value::Null => "null (or NaN or infinite)".to_owned(),
+        Value::Null => "null (or NaN or infinite, or beyond 1.8e308)".to_owned(),
         Value::String(_) => "a string".to_owned(),
         Value::Array(_) => "a list".to_owned(),
         Value::Object(_) => "an object".to_owned(),

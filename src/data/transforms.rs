@@ -1,7 +1,9 @@
 //! `transforms_*.json` of D-NeRF/Blender datasets: the values, reading, writing. What makes a file wrong is in
 //! `scan`; images are not looked at here.
 
-use std::path::{Path, PathBuf};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::path::{Component, Path, PathBuf};
 
 use glam::DMat4;
 use serde_json::{Value, json};
@@ -91,6 +93,31 @@ impl FrameRecord {
     }
 }
 
+/// The first two frames of `records` (each with its number) that name one image file, the later one first.
+pub(crate) fn same_image<'a>(records: impl Iterator<Item = (usize, &'a FrameRecord)>) -> Option<(usize, usize)> {
+    let mut first: HashMap<PathBuf, usize> = HashMap::new();
+    for (i, record) in records {
+        match first.entry(plain(&record.image_path(Path::new("")))) {
+            Entry::Vacant(new) => drop(new.insert(i)),
+            Entry::Occupied(known) => return Some((i, *known.get())),
+        }
+    }
+    None
+}
+
+/// The path without `.`, and without folders that `..` leaves at once.
+fn plain(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if out.file_name().is_some() => drop(out.pop()),
+            part => out.push(part),
+        }
+    }
+    out
+}
+
 /// The content of one `transforms_*.json`, checked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transforms {
@@ -124,6 +151,17 @@ impl Transforms {
                 intrinsics: scan.intrinsics,
                 frames: scan.frames.into_iter().flatten().collect(),
             }),
+        }
+    }
+
+    /// Refuses two frames of one image: at most one of their poses is right.
+    ///
+    /// # Errors
+    /// The first such pair, with the numbers of both frames.
+    pub fn check_images(&self) -> Result<(), DataError> {
+        match same_image(self.frames.iter().enumerate()) {
+            None => Ok(()),
+            Some((frame, other)) => Err(repeated(&self.path, (frame, other), &self.frames[frame].file_path)),
         }
     }
 
@@ -174,9 +212,16 @@ impl Transforms {
     }
 }
 
+/// The error of two frames, the later one first, that name the image `file_path`.
+pub(crate) fn repeated(json: &Path, (frame, other): (usize, usize), file_path: &str) -> DataError {
+    let problem = format!("\"{file_path}\" is the image of frame {other} too");
+    let hint = "each frame needs an image of its own; correct the path, or remove one of the two frames";
+    DataError::field_error(json, Some(frame), "file_path", problem, hint)
+}
+
 /// Reads a JSON file as text, with an error that says what to do.
 pub(crate) fn read_text(path: &Path) -> Result<String, DataError> {
-    let bytes = std::fs::read(path).map_err(|source| DataError::Io {
+    let bytes = crate::files::read_regular(path).map_err(|source| DataError::Io {
         path: path.to_owned(),
         action: "read the file",
         source,

@@ -1,9 +1,10 @@
 //! What a dataset tells of its segments: `segments.json` and the label images beside its views. Making them is
 //! `prepare`'s.
 
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::DynamicImage;
+use image::{DynamicImage, ImageError, ImageFormat, ImageReader};
 use serde::{Deserialize, Serialize};
 
 use super::camera::Camera;
@@ -90,7 +91,7 @@ impl Truth {
     /// If the file is missing or not what it should be.
     pub fn read(root: &Path) -> Result<Self, DataError> {
         let path = root.join(FILE);
-        let text = std::fs::read_to_string(&path).map_err(|source| DataError::Io {
+        let text = crate::files::read_text(&path).map_err(|source| DataError::Io {
             path: path.clone(),
             action: "read what is known of segments",
             source,
@@ -162,19 +163,21 @@ impl Truth {
     pub fn labels(&self, view: &LabelledView) -> Result<Vec<u16>, DataError> {
         let hint = "make the dataset again with `volseggs prepare`";
         let fail = |field: &str, problem: String| DataError::field_error(&view.path, None, field, problem, hint);
-        let bytes = std::fs::read(&view.path).map_err(|source| DataError::Io {
+        let bytes = crate::files::read_regular(&view.path).map_err(|source| DataError::Io {
             path: view.path.clone(),
             action: "read the label image",
             source,
             hint: hint.to_owned(),
         })?;
-        let image = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
-            .map_err(|e| fail("pixels", format!("not a readable PNG: {e}")))?;
-        let (width, height) = (image.width(), image.height());
+        let reader = || ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png);
+        let broken = |e: ImageError| fail("pixels", format!("not a readable PNG: {e}"));
+        // the size first, so that nothing is decoded on the word of a damaged header
+        let (width, height) = reader().into_dimensions().map_err(broken)?;
         if [width, height] != self.file.size {
             let [w, h] = self.file.size;
             return Err(fail("size", format!("the label image is {width}x{height}, {FILE} says {w}x{h}")));
         }
+        let image = reader().decode().map_err(broken)?;
         let ids: Vec<u16> = match image {
             DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
             DynamicImage::ImageLuma16(grey) => grey.into_raw(),

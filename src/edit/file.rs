@@ -4,7 +4,7 @@
 use super::error::EditError;
 use super::operation::{Edit, Operation};
 use super::stack::{EditStack, VERSION};
-use crate::files::write_atomic;
+use crate::files::{read_regular, write_atomic};
 use serde_json::{Map, Value};
 use std::path::Path;
 
@@ -16,7 +16,7 @@ impl EditStack {
     /// unknown or wrong field, with its path.
     pub fn load(path: &Path) -> Result<Self, EditError> {
         let io = |source| EditError::Io { path: path.to_owned(), action: "read the edits", source };
-        let bytes = std::fs::read(path).map_err(io)?;
+        let bytes = read_regular(path).map_err(io)?;
         let value: Value =
             serde_json::from_slice(&bytes).map_err(|source| EditError::Json { path: path.to_owned(), source })?;
         Reader { path }.stack(&value)

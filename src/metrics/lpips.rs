@@ -1,9 +1,12 @@
 //! LPIPS v0.1, the learned perceptual distance of two images, with the AlexNet and VGG-16 backbones.
 //!
-//! The image path lives here: scaling, feature maps, distance. `net` holds the layer tables and
-//! `weights` the reader of the weights file. Weights are never fetched: the caller names a local file.
+//! The image path lives here: scaling, feature maps, distance. `net` holds the layer tables, `weights` the reader of the
+//! weights file, and [`convert`] makes that file from the published ones, which `state_dict` reads. Weights are never
+//! fetched: the caller names a local file.
 
+pub mod convert;
 mod net;
+mod state_dict;
 #[cfg(test)]
 mod tests;
 mod weights;
@@ -12,6 +15,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::module::{conv2d, max_pool2d};
 use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
 use burn::tensor::{DType, Device, Tensor, TensorData};
+pub use state_dict::StateDictError;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use weights::{Conv, Weights};
@@ -53,13 +57,16 @@ pub enum LpipsError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The weights file is not a whole safetensors file.
-    #[error("{path} is not a whole safetensors file ({source}); copy the weights again", path = path.display())]
-    Format {
+    /// The weights file is no safetensors file, or cut short or changed.
+    #[error(
+        "{path}: damaged: {reason}; copy the weights again, or make them with `volseggs lpips`",
+        path = path.display()
+    )]
+    Damaged {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
-        source: safetensors::SafeTensorError,
+        /// How it shows.
+        reason: String,
     },
     /// The first convolution is of neither net.
     #[error(
@@ -75,7 +82,7 @@ pub enum LpipsError {
         found: Vec<usize>,
     },
     /// A tensor is absent.
-    #[error("{path}: the tensor `{tensor}` is missing; use a file of LPIPS v0.1 weights", path = path.display())]
+    #[error("{path}: the tensor `{tensor}` is missing; use a file that `volseggs lpips` made", path = path.display())]
     Missing {
         /// The file.
         path: PathBuf,
@@ -84,7 +91,7 @@ pub enum LpipsError {
     },
     /// A tensor has the wrong shape.
     #[error(
-        "{path}: `{tensor}` has shape {found:?}, expected {expected:?}; use a file of LPIPS v0.1 weights",
+        "{path}: `{tensor}` has shape {found:?}, expected {expected:?}; use a file that `volseggs lpips` made",
         path = path.display()
     )]
     Shape {

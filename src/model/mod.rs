@@ -10,6 +10,7 @@ pub mod extra_encoder;
 pub mod gaussians;
 pub mod params;
 pub mod scene;
+pub mod size;
 
 pub use at::GaussiansAt;
 pub use deformation::{DeformationField, Deformed};

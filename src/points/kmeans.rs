@@ -4,6 +4,7 @@
 use super::chunks::CHUNK;
 use super::error::{PointsError, check_len, rows};
 use super::sampling::fine_uniform;
+use crate::memory::product;
 use rayon::prelude::*;
 
 /// Settings of [`kmeans`].
@@ -46,6 +47,14 @@ impl KMeans {
     pub fn clusters(&self) -> usize {
         self.weights.len()
     }
+}
+
+/// Bytes that [`kmeans`] needs beside its input, for `count` points: the sums of each chunk above all.
+#[must_use]
+pub fn memory(count: usize, dimensions: usize, clusters: usize) -> u128 {
+    let sums = product(&[count.div_ceil(CHUNK), clusters, dimensions + 1, size_of::<f64>()]);
+    // points, centroids, labels and distances
+    sums.saturating_add(product(&[count.max(clusters), dimensions + 6, size_of::<f32>()]))
 }
 
 /// Clusters `points` `[N, dimensions]` with weights `[N]` (opacity; empty for all equal).
@@ -161,7 +170,8 @@ impl Data {
     fn seed(&self, clusters: usize, uniform: &mut impl FnMut() -> f32) -> Vec<f32> {
         let mut costs: Vec<f64> = self.weights.iter().map(|&w| f64::from(w)).collect();
         let mut nearest = vec![f64::INFINITY; self.rows.len()];
-        let mut centroids: Vec<f32> = Vec::with_capacity(clusters * self.dimensions);
+        // no more are found than there are points
+        let mut centroids: Vec<f32> = Vec::with_capacity(clusters.min(self.rows.len()) * self.dimensions);
         for _ in 0..clusters {
             let Some(chosen) = draw(&costs, fine_uniform(uniform)) else { break };
             let centre = self.row(chosen).to_vec();

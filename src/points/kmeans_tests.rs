@@ -75,6 +75,10 @@ fn fewer_places_than_clusters_give_fewer_clusters() {
     assert!(same.labels.iter().all(|&l| l == 1));
     let one = kmeans(&[1.0, 2.0], 2, &[0.0], &KMeansConfig::new(3), &mut generator(1)).unwrap();
     assert_eq!(one.centroids, [1.0, 2.0]);
+    // memory is asked for by the points, not by the clusters wanted
+    let many = kmeans(&[1.0, 2.0, 4.0], 1, &[], &KMeansConfig::new(usize::MAX), &mut generator(1)).unwrap();
+    assert_eq!(many.clusters(), 3);
+    assert!(memory(1_000_000, 3, 1_000_000) > 1 << 30 && memory(3, 1, usize::MAX) > 1 << 60);
     let none = kmeans(&[], 3, &[], &KMeansConfig::new(3), &mut generator(1)).unwrap();
     assert_eq!((none.clusters(), none.labels.len()), (0, 0));
 }

@@ -52,12 +52,17 @@ impl Default for CoarseOptions {
 /// Gaussians by colour.
 #[derive(Clone, Debug)]
 pub struct Coarse {
-    /// The colours, the one with most opacity first.
+    /// The colours that any Gaussian has, the one with most opacity first.
     pub palette: Vec<PaletteEntry>,
     /// `[N]`: position in the palette + 1; 0 for Gaussians that are always transparent, and outliers.
     pub labels: Vec<u32>,
     /// Gaussians removed as outliers.
     pub outliers: usize,
+    /// Gaussians that are less opaque than [`CoarseOptions::min_opacity`] at all times.
+    pub transparent: usize,
+    /// Gaussians with a position or colour that is not finite. With these three numbers and the labelled ones every
+    /// Gaussian is accounted for.
+    pub not_finite: usize,
     /// View-independent colours `[N, 3]`, the paper's equation of the mean over directions.
     pub colours: Vec<f32>,
 }
@@ -86,6 +91,7 @@ pub fn coarse(
         let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
         if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
     };
+    let not_finite = gaussians.len() - shown.len() - hidden.len();
     let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
     let points = points_of(&shown);
     let mut rng = Rng::new(options.seed, 0, Purpose::Clusters as u64);
@@ -123,7 +129,30 @@ pub fn coarse(
             labels[i as usize] = nearest(colour, &found.centroids, 3).0 as u32 + 1;
         }
     }
-    Ok(Coarse { palette: name_colours(&centroids), labels, outliers: removed, colours })
+    let centroids = without_empty(&centroids, &mut labels);
+    let none = labels.iter().filter(|l| **l == 0).count();
+    let transparent = none - removed - not_finite;
+    Ok(Coarse { palette: name_colours(&centroids), labels, outliers: removed, transparent, not_finite, colours })
+}
+
+/// The rows of `centroids` `[K, 3]` whose label, from 1, any of `labels` is; those then count in the rows that are left.
+fn without_empty(centroids: &[f32], labels: &mut [u32]) -> Vec<f32> {
+    let mut held = vec![false; centroids.len() / 3];
+    for &label in labels.iter().filter(|l| **l > 0) {
+        held[label as usize - 1] = true;
+    }
+    let mut left = 0;
+    let to: Vec<u32> = held
+        .iter()
+        .map(|held| {
+            left += u32::from(*held);
+            left
+        })
+        .collect();
+    for label in labels.iter_mut().filter(|l| **l > 0) {
+        *label = to[*label as usize - 1];
+    }
+    centroids.chunks_exact(3).zip(held).filter(|(_, held)| *held).flat_map(|(row, _)| row).copied().collect()
 }
 
 #[cfg(test)]
@@ -178,6 +207,30 @@ mod tests {
         let out = coarse(&g, None, &kept).unwrap();
         assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
         assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same twice");
+    }
+
+    #[test]
+    fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
+        let (mut g, _) = two_balls();
+        g.means[0] = f32::NAN;
+        let options = CoarseOptions::default();
+        for clusters in [None, Some(2), Some(40)] {
+            let out = coarse(&g, None, &CoarseOptions { clusters, ..options }).unwrap();
+            let mut counts = vec![0; out.palette.len()];
+            out.labels.iter().filter(|l| **l > 0).for_each(|l| counts[*l as usize - 1] += 1);
+            assert!(counts.iter().all(|n| *n > 0), "{counts:?}");
+            let inside: usize = counts.iter().sum();
+            assert_eq!(inside + out.outliers + out.transparent + out.not_finite, g.len());
+            assert_eq!(out.not_finite, 1);
+            assert!(out.outliers > 0 && out.transparent >= 300, "{out:?}");
+        }
+        // so lonely is each that none is left
+        let outliers = Some(OutlierConfig { radius: Some(1e-6), ..OutlierConfig::default() });
+        let out = coarse(&g, None, &CoarseOptions { outliers, ..options }).unwrap();
+        assert!(out.palette.is_empty() && out.labels.iter().all(|l| *l == 0));
+        let mut labels = [0, 3, 1, 3];
+        assert_eq!(without_empty(&[1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0], &mut labels)[3..], [3.0; 3]);
+        assert_eq!(labels, [0, 2, 1, 2]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Scene -> segments: which Gaussians belong together.
 //!
 //! Coarse by view-independent colour ([`coarse`]), fine by a field trained on 2D masks ([`masks`], [`mod@fine`]); a
-//! [`segmentation`] is what the commands after it read; [`voxels`] carries labels back to a volume, [`dice`]
+//! [`segmentation`] is what the commands after it read, [`history`] takes changes of it back; [`voxels`] carries labels back to a volume, [`dice`]
 //! compares label volumes; [`paint`] shows them in colour. Published methods to compare with are in [`baselines`].
 //! Nothing here knows what segments do over time (see `track`).
 
@@ -11,6 +11,7 @@ pub mod coarse;
 pub mod colour;
 pub mod dice;
 pub mod fine;
+pub mod history;
 pub mod masks;
 pub mod paint;
 pub mod palette;

@@ -91,6 +91,7 @@ pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::name::Name;
     use crate::segment::segmentation::{Origin, Segment};
 
     fn gaussians(n: usize) -> GaussiansAt {
@@ -112,7 +113,8 @@ mod tests {
     fn the_deepest_part_wins_and_those_in_none_are_faint() {
         let mut all = Segmentation::new(5, "scene".into());
         let mut add = |name: &str, parent: Option<&str>, colour, members: &[u32]| {
-            let (name, parent, members) = (name.into(), parent.map(Into::into), members.to_vec());
+            let (name, parent, members) =
+                (Name::new(name).unwrap(), parent.map(|p| Name::new(p).unwrap()), members.to_vec());
             let segment = Segment { name, parent, colour, time: 0.0, origin: Origin::Coarse, members };
             all.add(segment).unwrap();
         };

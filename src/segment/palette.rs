@@ -51,7 +51,17 @@ const NAMED: [(&str, u32); 34] = [
     ("beige", 0xdcc8aa),
 ];
 
-/// Names the rows of `colours` `[K, 3]` (sRGB in `[0, 1]`) by the nearest named colour in CIE Lab.
+/// The first of [`NAMED`], which have no hue.
+const GREYS: usize = 5;
+/// Chroma in CIE Lab from which on one sees a hue.
+const CLEAR: f32 = 10.0;
+/// A colour of less chroma has its hue compared as if it had this much.
+const COMPARED: f32 = 40.0;
+/// How much a difference of chroma counts beside one of lightness, where a dull colour is named by its hue.
+const DULL: f32 = 0.3;
+
+/// Names the rows of `colours` `[K, 3]` (sRGB in `[0, 1]`) by the nearest named colour in CIE Lab. Where that is a grey
+/// although a hue shows, as in the dull blue of thin smoke, the nearest in hue and lightness is taken.
 ///
 /// A name met again gets `-2`, `-3`, ... in row order. Values are clamped to `[0, 1]`; a row with a non-finite value is
 /// shown black and named `unknown`. Trailing values short of a row are left out.
@@ -88,14 +98,33 @@ pub fn hex(rgb: [f32; 3]) -> String {
 
 fn nearest(table: &[[f32; 3]], rgb: [f32; 3]) -> &'static str {
     let lab = rgb_to_lab(rgb);
-    let mut best = (f32::INFINITY, NAMED[0].0);
-    for (entry, (name, _)) in table.iter().zip(NAMED) {
-        let distance: f32 = (0..3).map(|i| (entry[i] - lab[i]).powi(2)).sum();
+    let plain = |entry: &[f32; 3]| (0..3).map(|i| (entry[i] - lab[i]).powi(2)).sum();
+    let found = least(table, plain);
+    if found >= GREYS || lab[1].hypot(lab[2]) < CLEAR {
+        return NAMED[found].0;
+    }
+    NAMED[GREYS + least(&table[GREYS..], |entry| by_hue(*entry, lab))].0
+}
+
+/// The first entry of the least distance.
+fn least(table: &[[f32; 3]], distance: impl Fn(&[f32; 3]) -> f32) -> usize {
+    let mut best = (f32::INFINITY, 0);
+    for (i, entry) in table.iter().enumerate() {
+        let distance = distance(entry);
         if distance < best.0 {
-            best = (distance, name);
+            best = (distance, i);
         }
     }
     best.1
+}
+
+/// Squared distance of two colours in CIE Lab, in which hue counts as much for dull colours as for others, and chroma
+/// little.
+fn by_hue(a: [f32; 3], b: [f32; 3]) -> f32 {
+    let [ca, cb] = [a, b].map(|c| c[1].hypot(c[2]));
+    let turn = a[2].atan2(a[1]) - b[2].atan2(b[1]);
+    let hue = 2.0 * (ca.max(COMPARED) * cb.max(COMPARED)).sqrt() * (0.5 * turn).sin();
+    (a[0] - b[0]).powi(2) + (DULL * (ca - cb)).powi(2) + hue.powi(2)
 }
 
 fn unpack(code: u32) -> [f32; 3] {
@@ -112,6 +141,28 @@ mod tests {
         let rows = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.7, 0.1, 1.0, 1.0, 0.0, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0];
         let names: Vec<String> = name_colours(&rows).into_iter().map(|e| e.name).collect();
         assert_eq!(names, ["red", "blue", "green", "yellow", "grey", "white"]);
+    }
+
+    #[test]
+    fn a_dull_colour_whose_hue_shows_is_no_grey() {
+        for (code, name) in [
+            (0x3c466e, "dark blue"),
+            (0x404858, "dark blue"),
+            (0x303850, "dark blue"),
+            (0x101830, "dark blue"),
+            (0x8090b0, "light blue"),
+            (0xa0a8c0, "light blue"),
+            (0x605040, "brown"),
+            (0x485848, "dark green"),
+            (0x4a3a3a, "dark grey"),
+            (0xe0d8d0, "light grey"),
+            (0x101014, "black"),
+            (0xf0f0ff, "white"),
+        ] {
+            assert_eq!(name_colours(&unpack(code))[0].name, name, "{code:06x}");
+        }
+        let greys = NAMED[..GREYS].iter().all(|(name, _)| ["black", "white"].contains(name) || name.ends_with("grey"));
+        assert!(greys && !NAMED[GREYS..].iter().any(|(name, _)| name.ends_with("grey")));
     }
 
     #[test]

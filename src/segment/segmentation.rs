@@ -1,16 +1,17 @@
 //! Named segments of a scene, and their file in a run folder: which Gaussians each holds, whose part it is, and how it
 //! was made. How segments are found is not decided here.
 
-use crate::name::Name;
-use crate::tensors::{self, TensorFileError};
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+pub(super) mod file;
+
+pub use file::key as members_key;
+
+use crate::name::{Name, NameError};
+use crate::tensors::{DIGEST, TensorFileError};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Name of the file within a run folder.
 pub const FILE: &str = "segments/segments.safetensors";
-/// The header's entry.
-const ENTRY: &str = "volseggs.segments";
 
 /// How a segment came to be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -111,6 +112,9 @@ impl Segmentation {
         if self.get(&segment.name).is_ok() {
             return fail("there is one of that name; remove it first or choose another");
         }
+        if segment.name == DIGEST {
+            return fail("the file of segments needs that name for itself; choose another");
+        }
         segment.members.sort_unstable();
         segment.members.dedup();
         self.segments.push(segment);
@@ -140,6 +144,65 @@ impl Segmentation {
             depths.push(whole.map_or(0, |i| depths[i] + 1));
         }
         depths
+    }
+
+    /// All segments with their depths, each whole followed by its parts and theirs, in the order in which they were made.
+    #[must_use]
+    pub fn tree(&self) -> Vec<(usize, &Segment)> {
+        let place = |name: &Name| self.segments.iter().position(|s| s.name == **name);
+        let mut parts = vec![Vec::new(); self.segments.len()];
+        let mut next = Vec::new();
+        for (i, segment) in self.segments.iter().enumerate() {
+            match segment.parent.as_ref().and_then(place).filter(|whole| *whole < i) {
+                Some(whole) => parts[whole].push(i),
+                None => next.push((0, i)),
+            }
+        }
+        next.reverse();
+        let mut tree = Vec::with_capacity(self.segments.len());
+        while let Some((depth, i)) = next.pop() {
+            tree.push((depth, &self.segments[i]));
+            next.extend(parts[i].iter().rev().map(|part| (depth + 1, *part)));
+        }
+        tree
+    }
+
+    /// Segments that people made below the parts of an earlier split of `whole`: picked in one of those, or in a part of it.
+    #[must_use]
+    pub fn made_below_parts(&self, whole: &str) -> Vec<&Segment> {
+        let (mut below, mut made) = (Vec::new(), Vec::new());
+        for segment in &self.segments {
+            let Some(parent) = &segment.parent else { continue };
+            if *parent == *whole && matches!(segment.origin, Origin::Fine { .. }) {
+                below.push(&segment.name);
+            } else if below.contains(&parent) {
+                below.push(&segment.name);
+                if matches!(segment.origin, Origin::Pick { .. } | Origin::Group) {
+                    made.push(segment);
+                }
+            }
+        }
+        made
+    }
+
+    /// Removes the parts of an earlier split of `whole` with all below them. What was picked in `whole` itself stays.
+    pub fn remove_parts(&mut self, whole: &str) {
+        self.remove(|s| s.parent.as_deref() == Some(whole) && matches!(s.origin, Origin::Fine { .. }));
+    }
+
+    /// The first of `NAME.1`, `NAME.2`, ... from `NAME.from` on that is free, and its number.
+    ///
+    /// # Errors
+    /// If it is too long for a name.
+    pub fn free_part(&self, whole: &Name, from: usize) -> Result<(Name, usize), NameError> {
+        let mut number = from;
+        loop {
+            let name = Name::new(format!("{whole}.{number}"))?;
+            if self.get(&name).is_err() {
+                return Ok((name, number));
+            }
+            number += 1;
+        }
     }
 
     /// Removes the segments for which `drop` holds, and their parts.
@@ -173,58 +236,6 @@ impl Segmentation {
             }
         }
         Ok(labels)
-    }
-
-    /// Writes the file, atomically.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), SegmentationError> {
-        let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
-        let bytes: Vec<(String, Vec<u8>)> = self
-            .segments
-            .iter()
-            .map(|s| (s.name.to_string(), s.members.iter().flat_map(|i| i.to_le_bytes()).collect()))
-            .collect();
-        let views = bytes
-            .iter()
-            .map(|(name, data)| Ok((name.as_str(), TensorView::new(Dtype::U32, vec![data.len() / 4], data)?)))
-            .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
-            .map_err(|e| format(e.to_string()))?;
-        let entry = serde_json::to_string(self).map_err(|e| format(e.to_string()))?;
-        if let Some(folder) = path.parent() {
-            let io = |source| TensorFileError::Io { path: path.into(), source };
-            std::fs::create_dir_all(folder).map_err(io)?;
-        }
-        Ok(tensors::write(path, views, Some((ENTRY, entry)))?)
-    }
-
-    /// Reads what [`Segmentation::save`] wrote.
-    ///
-    /// # Errors
-    /// If the file is missing or damaged, or names a Gaussian that the scene has not.
-    pub fn load(path: &Path) -> Result<Self, SegmentationError> {
-        let bytes = tensors::read(path)?;
-        let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
-        let damaged = |e: safetensors::SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
-        let file = SafeTensors::deserialize(&bytes).map_err(damaged)?;
-        let entry = header.metadata().as_ref().and_then(|m| m.get(ENTRY));
-        let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a file of segments")))?;
-        let mut all: Self = serde_json::from_str(entry).map_err(|e| format(format!("header: {e}")))?;
-        let n = all.gaussians;
-        for segment in &mut all.segments {
-            let tensor = file.tensor(&segment.name).map_err(damaged)?;
-            if tensor.dtype() != Dtype::U32 {
-                return Err(format(format!("segment {}: {:?}, expected U32", segment.name, tensor.dtype())));
-            }
-            let index = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-            segment.members = tensor.data().chunks_exact(4).map(index).collect();
-            if let Some(bad) = segment.members.iter().find(|&&i| i as usize >= n) {
-                return Err(format(format!("segment {}: Gaussian {bad}, but the scene has {n}", segment.name)));
-            }
-        }
-        Ok(all)
     }
 }
 
@@ -272,9 +283,46 @@ mod tests {
     }
 
     #[test]
+    fn a_tree_has_each_part_below_its_whole() {
+        let mut all = three();
+        for (name, parent) in [("blue.1", Some("blue")), ("red.2", Some("red")), ("red.1.1", Some("red.1"))] {
+            all.add(segment(name, parent, &[1])).unwrap();
+        }
+        all.add(segment("lost", Some("nobody"), &[1])).unwrap();
+        let tree: Vec<(usize, &str)> = all.tree().iter().map(|(depth, s)| (*depth, s.name.as_str())).collect();
+        let wanted = [(0, "red"), (1, "red.1"), (2, "red.1.1"), (1, "red.2"), (0, "blue"), (1, "blue.1"), (0, "lost")];
+        assert_eq!(tree, wanted);
+    }
+
+    #[test]
+    fn a_split_makes_room_for_itself_alone() {
+        let mut all = three();
+        let pick = |all: &mut Segmentation, name: &str, parent: &str| {
+            let origin = Origin::Pick { scale: 0.5, threshold: 0.8 };
+            all.add(Segment { origin, ..segment(name, Some(parent), &[1]) }).unwrap();
+        };
+        pick(&mut all, "mine", "red");
+        pick(&mut all, "red.2", "red");
+        assert!(all.made_below_parts("red").is_empty());
+        pick(&mut all, "deep", "red.1");
+        pick(&mut all, "deeper", "deep");
+        let made =
+            |all: &Segmentation| all.made_below_parts("red").iter().map(|s| s.name.to_string()).collect::<Vec<_>>();
+        assert_eq!(made(&all), ["deep", "deeper"]);
+        assert!(all.made_below_parts("blue").is_empty());
+        all.remove_parts("red");
+        assert_eq!(all.segments.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["red", "blue", "mine", "red.2"]);
+        let red = Name::new("red").unwrap();
+        assert_eq!(all.free_part(&red, 1).unwrap(), (Name::new("red.1").unwrap(), 1));
+        assert_eq!(all.free_part(&red, 2).unwrap().1, 3, "red.2 is taken");
+        assert!(all.free_part(&Name::new("x".repeat(99)).unwrap(), 1).is_err());
+    }
+
+    #[test]
     fn names_are_unique_and_plain_and_parts_go_with_their_whole() {
         let mut all = three();
         assert!(all.add(segment("red", None, &[])).is_err());
+        assert!(all.add(segment(DIGEST, None, &[])).is_err(), "the file's own tensor");
         assert!(all.get("green").unwrap_err().to_string().contains("red, red.1, blue"));
         assert_eq!(all.depths(), [0, 1, 0]);
         assert_eq!(all.labels(&["red".into(), "red.1".into()]).unwrap(), [0, 2, 0, 2, 0, 1, 0, 0, 0, 0]);

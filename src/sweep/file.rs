@@ -186,7 +186,7 @@ impl SweepFile {
     /// If it cannot be read, is no TOML, or has an unknown key or a value of another type.
     pub fn read(path: &Path) -> Result<Self, SweepError> {
         let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
-        let text = std::fs::read_to_string(path).map_err(|e| bad(e.to_string()))?;
+        let text = crate::files::read_text(path).map_err(|e| bad(e.to_string()))?;
         let mut file: Self = toml::from_str(&text).map_err(|e| bad(e.to_string().trim_end().to_owned()))?;
         if file.title.is_empty() {
             file.title = name_of(path);

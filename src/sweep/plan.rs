@@ -282,7 +282,7 @@ impl Plan {
     /// If it is not there, or no plan of this version of the program.
     pub fn load(dir: &Path, hash: Option<&str>) -> Result<Self, SweepError> {
         let path = hash.map_or(dir.join("plan.json"), |hash| dir.join("plans").join(format!("{hash}.json")));
-        let text = std::fs::read_to_string(&path).map_err(|e| SweepError::io(&path, e))?;
+        let text = crate::files::read_text(&path).map_err(|e| SweepError::io(&path, e))?;
         let plan: Self = serde_json::from_str(&text)
             .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
         let runs_folder = dir.parent().map(|out| out.join("runs")).unwrap_or_default();

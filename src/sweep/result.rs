@@ -4,7 +4,7 @@ use super::file::EvalSpec;
 use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
-use crate::files::write_atomic;
+use crate::files::{read_text, write_atomic};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -51,7 +51,7 @@ fn text_of(value: &impl Serialize) -> String {
 /// Reads one of these files; none if it is not there or not whole.
 #[must_use]
 pub fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()
+    serde_json::from_str(&read_text(path).ok()?).ok()
 }
 
 /// Writes one of these files.
@@ -90,7 +90,7 @@ pub fn progress(plan: &Plan, index: usize) -> Progress {
 /// The test PSNR that a run's log has nearest before `step`, and its step.
 #[must_use]
 pub fn live_psnr(folder: &Path, step: usize) -> Option<(usize, f64)> {
-    let text = std::fs::read_to_string(folder.join("metrics.jsonl")).ok()?;
+    let text = read_text(&folder.join("metrics.jsonl")).ok()?;
     let lines = text.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
     let scored = lines.filter_map(|l| Some((l["step"].as_u64()? as usize, l["test_psnr"].as_f64()?)));
     scored.take_while(|(s, _)| *s <= step).last()

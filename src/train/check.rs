@@ -3,7 +3,9 @@
 use super::{TrainError, losses, schedule};
 use crate::config::types::{Config, EncoderKind};
 use crate::extend::find_schedule;
+use crate::memory::product;
 use crate::model::extra_encoder::ExtraEncoder;
+use crate::model::size::check_model;
 use burn::tensor::Device;
 
 /// What lies behind the Gaussians.
@@ -50,16 +52,16 @@ pub(super) fn check_device(
     device: &Device,
 ) -> Result<(), TrainError> {
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
-    let n = config.densify.budget.max(start) as u64;
-    let pixels = (images[0] * images[1]) as u64;
+    let n = config.densify.budget.max(start);
     let m = &config.model;
+    let k = m.sh_degree + 1;
     let needs = [
-        ("spherical harmonics of densify.budget Gaussians", n * 4 * 3 * (m.sh_degree as u64 + 1).pow(2)),
-        ("hidden layers of the decoder for densify.budget Gaussians", n * 4 * 4 * m.width as u64),
-        ("statistics of DSSIM at this image size", pixels * 4 * 15),
+        ("spherical harmonics of densify.budget Gaussians", product(&[n, 4 * 3, k, k])),
+        ("hidden layers of the decoder for densify.budget Gaussians", product(&[n, 4 * 4, m.width])),
+        ("statistics of DSSIM at this image size", product(&[images[0], images[1], 4 * 15])),
     ];
     let (what, bytes) = needs.into_iter().max_by_key(|(_, bytes)| *bytes).unwrap_or_default();
-    if bytes > limit {
+    if bytes > u128::from(limit) {
         return Err(TrainError::Config(format!(
             "the {what} take {} MB in one buffer, this GPU binds {} MB at most: fewer Gaussians, a smaller model or \
              smaller images, or --device flex",
@@ -76,8 +78,10 @@ pub(super) fn check_device(
 /// The first such value, by its key.
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
-    if config.model.sh_degree > 3 {
-        return bad(format!("model.sh_degree = {}: at most 3", config.model.sh_degree));
+    check_model(&config.model).map_err(TrainError::Config)?;
+    let whole = serde_json::to_value(config).map_err(|e| TrainError::Config(e.to_string()))?;
+    if let Some(text) = bad_number(&whole, String::new()) {
+        return bad(text);
     }
     if config.init.points == 0 {
         return bad("init.points = 0: at least 1".into());
@@ -85,22 +89,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     if !(config.init.opacity > 0.0 && config.init.opacity < 1.0) {
         return bad(format!("init.opacity = {}: between 0 and 1", config.init.opacity));
     }
-    let m = &config.model;
-    for (name, value) in [
-        ("levels", m.levels),
-        ("channels", m.channels),
-        ("time_knots", m.time_knots),
-        ("width", m.width),
-        ("resolution", m.resolution),
-    ] {
-        if value == 0 {
-            return bad(format!("model.{name} = 0: at least 1"));
-        }
-    }
-    let whole = serde_json::to_value(config).map_err(|e| TrainError::Config(e.to_string()))?;
-    if let Some(key) = not_a_rate(&whole, String::new()) {
-        return bad(format!("{key}: a finite number, 0 or above"));
-    }
+    check_ranges(config)?;
     if config.speed.coarse_factor == 0 {
         return bad("speed.coarse_factor = 0: at least 1".into());
     }
@@ -113,7 +102,39 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
     }
+    if config.output.keep == 0 {
+        return bad("output.keep = 0: at least 1, or a run could not be resumed".into());
+    }
+    if config.output.eval_every > 0 && config.output.eval_views == 0 {
+        return bad("output.eval_views = 0: at least 1; output.eval_every=0 turns evaluations off".into());
+    }
     check_registered(config)
+}
+
+/// Refuses numbers with which a training would soon hold NaN, and then blame its learning rates.
+fn check_ranges(config: &Config) -> Result<(), TrainError> {
+    let (init, optim) = (&config.init, &config.optim);
+    let [first, second] = optim.betas;
+    // (key, value, least, most)
+    let ranges = [
+        ("init.scale", init.scale, 1e-6, 1e6),
+        ("init.box_half_size", init.box_half_size, 1e-6, 1e6),
+        ("model.bounds_margin", config.model.bounds_margin, 0.0, 1e3),
+        ("optim.epsilon", optim.epsilon, f64::from(f32::MIN_POSITIVE), 1.0),
+        // 1 in single precision would divide by zero
+        ("optim.betas[0]", first, 0.0, 0.999_999),
+        ("optim.betas[1]", second, 0.0, 0.999_999),
+        ("densify.prune_opacity", config.densify.prune_opacity, 0.0, 0.999),
+    ];
+    match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+        None => Ok(()),
+        Some((key, value, least, _)) if value < least && least < 1e-5 => {
+            Err(TrainError::Config(format!("{key} = {value}: above 0 (at least {least:e})")))
+        }
+        Some((key, value, least, most)) => {
+            Err(TrainError::Config(format!("{key} = {value}: between {least} and {most}")))
+        }
+    }
 }
 
 /// Refuses names of registered things that are not there, before hours of training and not after them.
@@ -138,16 +159,70 @@ fn check_registered(config: &Config) -> Result<(), TrainError> {
     }
 }
 
-/// The first number below 0 or not finite (which JSON writes as null): no key takes either.
-fn not_a_rate(value: &serde_json::Value, key: String) -> Option<String> {
+/// What is wrong with the first number below 0, not finite (which JSON writes as null) or beyond single precision: no
+/// key takes any of these.
+fn bad_number(value: &serde_json::Value, key: String) -> Option<String> {
     match value {
-        serde_json::Value::Null => Some(key),
-        serde_json::Value::Number(n) => n.as_f64().is_none_or(|v| v < 0.0).then_some(key),
-        serde_json::Value::Array(items) => items.iter().find_map(|v| not_a_rate(v, key.clone())),
+        serde_json::Value::Null => Some(format!("{key}: NaN or infinite; a finite number, 0 or above")),
+        serde_json::Value::Number(n) => match n.as_f64() {
+            Some(v) if v < 0.0 => Some(format!("{key} = {n}: a finite number, 0 or above")),
+            Some(v) if v > f64::from(f32::MAX) => Some(format!("{key} = {v:e}: too large, at most 3.4e38")),
+            _ => None,
+        },
+        serde_json::Value::Array(items) => items.iter().find_map(|v| bad_number(v, key.clone())),
         serde_json::Value::Object(fields) => fields.iter().find_map(|(name, v)| {
             let dot = if key.is_empty() { "" } else { "." };
-            not_a_rate(v, format!("{key}{dot}{name}"))
+            bad_number(v, format!("{key}{dot}{name}"))
         }),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refusal(edit: impl Fn(&mut Config)) -> String {
+        let mut config = Config::default();
+        edit(&mut config);
+        check(&config).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn values_that_make_no_sense_are_named_with_what_may_stand_there() {
+        check(&Config::default()).unwrap();
+        type Edit = fn(&mut Config);
+        let cases: [(Edit, [&str; 2]); 12] = [
+            (|c| c.init.scale = 0.0, ["init.scale = 0", "above 0"]),
+            (|c| c.init.scale = 1e-300, ["init.scale", "above 0"]),
+            (|c| c.init.scale = 1e300, ["init.scale = 1e300", "too large, at most 3.4e38"]),
+            (|c| c.init.box_half_size = 0.0, ["init.box_half_size = 0", "above 0"]),
+            (|c| c.optim.betas[1] = 1.0, ["optim.betas[1] = 1", "between 0 and 0.999999"]),
+            (|c| c.optim.epsilon = 0.0, ["optim.epsilon = 0", "above 0"]),
+            (|c| c.optim.means = 1e300, ["optim.means = 1e300", "too large"]),
+            (|c| c.optim.means = f64::NAN, ["optim.means", "NaN or infinite"]),
+            (|c| c.densify.prune_opacity = 1.0, ["densify.prune_opacity = 1", "between"]),
+            (|c| c.output.keep = 0, ["output.keep = 0", "at least 1"]),
+            (|c| c.output.eval_views = 0, ["output.eval_views = 0", "at least 1"]),
+            (
+                |c| (c.model.encoder, c.model.implicit_octaves) = (EncoderKind::Implicit, 64),
+                ["model.implicit_octaves = 64", "at most 24"],
+            ),
+        ];
+        for (edit, words) in cases {
+            let text = refusal(edit);
+            assert!(words.iter().all(|w| text.contains(w)), "{text}");
+            assert!(!text.contains("learning rate"), "{text}");
+        }
+    }
+
+    #[test]
+    fn every_preset_passes() {
+        use crate::config::PRESETS;
+        use crate::config::layers::Layers;
+        for (name, _) in PRESETS {
+            let config = Layers::new(PRESETS).source(*name).resolve::<Config>().unwrap().value;
+            check(&config).unwrap_or_else(|e| panic!("{name}: {e}"));
+        }
     }
 }

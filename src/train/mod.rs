@@ -3,6 +3,7 @@
 //! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
 //! with logs, evaluation, checkpoints and signals.
 
+mod budget;
 mod check;
 pub mod checkpoint;
 pub mod densify;

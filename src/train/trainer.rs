@@ -1,5 +1,6 @@
 //! One training step at a time: view, forward, loss, backward, optimiser, densification.
 
+use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::densify::{self, Statistics};
 use super::gather::{Gathered, View};
@@ -13,6 +14,7 @@ use crate::config::types::{Config, WarmupTimes};
 use crate::data::error::DataError;
 use crate::data::{Dataset, Split};
 use crate::extend::LossInput;
+use crate::memory::Budget;
 use crate::model::gaussians::HostGaussians;
 use crate::model::params::to_vec;
 use crate::model::{Gaussians, Scene};
@@ -133,6 +135,12 @@ impl Trainer {
     /// If the configuration contradicts itself or the data do not allow to start.
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
+        let images = &dataset.train.images;
+        let views = Views {
+            count: dataset.train.frames.len(),
+            pixels: (images.width as usize).saturating_mul(images.height as usize),
+        };
+        check_memory(&config, views, crate::device::runs_ahead(device), Budget::now())?;
         let shown = evaluation_background(&config.data.background)?;
         let (mut gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
         if config.speed.sort_every > 0 {

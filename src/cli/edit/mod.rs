@@ -3,6 +3,7 @@
 mod stack;
 mod values;
 
+use super::values::{count, finite_f32, not_negative_f32, positive_f32};
 use super::{CliError, Common};
 use crate::edit::Operation;
 use clap::{Args, Subcommand};
@@ -57,7 +58,7 @@ enum EditCommand {
     #[command(after_help = "Example:\n  volseggs edit opacity RUN --segment red --factor 0.3")]
     Opacity {
         /// At least 0; the result is at most 0.99.
-        #[arg(long, allow_negative_numbers = true)]
+        #[arg(long, value_parser = not_negative_f32, allow_negative_numbers = true)]
         factor: f32,
         #[command(flatten)]
         targets: Targets,
@@ -87,7 +88,7 @@ enum EditCommand {
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         axis: [f32; 3],
         /// Angle, right-handed about the axis.
-        #[arg(long, allow_negative_numbers = true)]
+        #[arg(long, value_parser = finite_f32, allow_negative_numbers = true)]
         degrees: f32,
         /// A point that stays, world units; without it each segment's own centre at each time.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
@@ -99,7 +100,7 @@ enum EditCommand {
     #[command(after_help = "Example:\n  volseggs edit scale RUN --segment red --factor 1.5")]
     Scale {
         /// More than 0.
-        #[arg(long, allow_negative_numbers = true)]
+        #[arg(long, value_parser = positive_f32, allow_negative_numbers = true)]
         factor: f32,
         /// A point that stays, world units; without it each segment's own centre at each time.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
@@ -111,7 +112,7 @@ enum EditCommand {
     #[command(after_help = "Example:\n  volseggs edit undo RUN --count 2")]
     Undo {
         /// How many.
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = 1, value_parser = count)]
         count: usize,
         #[command(flatten)]
         target: Target,
@@ -120,7 +121,7 @@ enum EditCommand {
     #[command(after_help = "Example:\n  volseggs edit redo RUN")]
     Redo {
         /// How many.
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = 1, value_parser = count)]
         count: usize,
         #[command(flatten)]
         target: Target,

@@ -76,7 +76,7 @@ impl Edits {
         if there == 0 {
             return Err(CliError::input(format!("nothing to {what} in {}", self.path().display())));
         }
-        if count == 0 || count > there {
+        if count > there {
             return Err(CliError::input(format!(
                 "--count {count}: between 1 and {there}, as many as there are to {what}"
             )));

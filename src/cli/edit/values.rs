@@ -9,10 +9,7 @@ pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
 
 /// Three finite numbers with commas between them.
 pub(super) fn point(text: &str) -> Result<[f32; 3], String> {
-    let numbers: Option<Vec<f32>> =
-        text.split(',').map(|v| v.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
-    let point = numbers.and_then(|v| <[f32; 3]>::try_from(v).ok());
-    point.ok_or_else(|| "three finite numbers with commas between them, such as 0.2,0,-1".to_owned())
+    super::super::values::point(text).map(|p| p.as_vec3().to_array())
 }
 
 #[cfg(test)]

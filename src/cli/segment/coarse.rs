@@ -1,45 +1,51 @@
 //! `volseggs segment coarse`
 
 use super::super::run_folder::RunFolder;
+use super::super::values::{count, fraction, fraction_f32, positive_f32};
 use super::super::{CliError, Common, print_json};
-use super::{check_time, write_picture};
+use super::history::History;
+use super::{check_clusters, write_picture};
 use crate::data::paths::orbit;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::files::Work;
 use crate::name::Name;
 use crate::points::outliers::OutlierConfig;
-use crate::segment::coarse::{CoarseOptions, ColourSpace, coarse};
+use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace, coarse};
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 use std::path::PathBuf;
+
+/// Segments that the picture shows at most, those of most opacity.
+const SHOWN: usize = 40;
 
 /// Segments by view-independent colour.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone."
+    after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone. `volseggs segment undo RUN` brings back what --replace removed."
 )]
 pub struct CoarseArgs {
     /// Folder of the run.
     run: PathBuf,
     /// Time in [0, 1] at which outliers are looked for.
-    #[arg(long, default_value_t = 0.5)]
+    #[arg(long, default_value_t = 0.5, value_parser = fraction)]
     time: f64,
     /// Number of colours; suggested from the data if not given.
-    #[arg(long, value_name = "K")]
+    #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
     /// Space in which colours are near or far.
     #[arg(long, value_enum, default_value_t = Space::Rgb)]
     space: Space,
     /// Gaussians less opaque than this make no colours; those that never are more opaque belong to no segment.
-    #[arg(long, default_value_t = 0.02, value_name = "ALPHA")]
+    #[arg(long, default_value_t = 0.02, value_name = "ALPHA", value_parser = fraction_f32)]
     min_opacity: f32,
     /// Keep Gaussians without neighbours.
     #[arg(long)]
     keep_outliers: bool,
     /// Radius in which neighbours are counted, world units; from the scene's spacing if not given.
-    #[arg(long, value_name = "R")]
+    #[arg(long, value_name = "R", value_parser = positive_f32)]
     radius: Option<f32>,
     /// Neighbours that a Gaussian has at least.
     #[arg(long, value_name = "N")]
@@ -54,6 +60,21 @@ pub struct CoarseArgs {
     common: Common,
 }
 
+/// What was found, and what became of each Gaussian.
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    all: &'a Segmentation,
+    /// Gaussians in segments.
+    in_segments: usize,
+    /// Gaussians that are never as opaque as --min-opacity.
+    transparent: usize,
+    /// Gaussians without neighbours.
+    outliers: usize,
+    /// Gaussians with a position or colour that is not finite.
+    not_finite: usize,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Space {
     /// Red, green and blue as displayed.
@@ -64,17 +85,19 @@ enum Space {
 
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        check_time(self.time)?;
         let (_, device) = self.common.device()?;
         let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
         let n = run.scene.gaussians.count();
-        let mut all = if self.replace { Segmentation::new(n, run.scene.fingerprint()) } else { run.segments()? };
-        if !all.segments.is_empty() {
+        let mut history = if self.replace { History::replacing(&run) } else { History::open(&run)? };
+        let there = history.now().segments.len();
+        if there > 0 && !self.replace {
             return Err(CliError::input(format!(
-                "{}: {} segments are there already; pass --replace to begin again",
-                run.segments_path().display(),
-                all.segments.len()
+                "{}: {there} segments are there already; pass --replace to begin again",
+                run.segments_path().display()
             )));
+        }
+        if let Some(clusters) = self.clusters {
+            check_clusters(clusters, n, "the scene has", 3)?;
         }
         let mut outliers = OutlierConfig { radius: self.radius, ..OutlierConfig::default() };
         outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);
@@ -87,6 +110,10 @@ impl CoarseArgs {
         };
         let at = run.scene.host_at(self.time as f32);
         let found = coarse(&at, Some(&run.scene.largest_opacity()), &options).map_err(CliError::input)?;
+        if found.palette.is_empty() {
+            return Err(CliError::input(format!("no segments: of {n} Gaussians {}", self.left_out(&found))));
+        }
+        let mut all = Segmentation::new(n, run.scene.fingerprint());
         for (label, entry) in (1..).zip(&found.palette) {
             let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
             let segment = Segment {
@@ -99,12 +126,13 @@ impl CoarseArgs {
             };
             all.add(segment).map_err(CliError::failure)?;
         }
-        all.save(&run.segments_path()).map_err(CliError::failure)?;
+        history.change("coarse".into(), all.segments.clone());
+        history.save()?;
 
         let (lens, radius) = run.lens(None);
         let cameras = orbit(4, radius, 20f64.to_radians(), lens);
         let mut pictures = Vec::new();
-        for segment in &all.segments {
+        for segment in all.segments.iter().take(SHOWN) {
             let alone = at.subset(&segment.members);
             for camera in &cameras[..3] {
                 let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
@@ -114,13 +142,32 @@ impl CoarseArgs {
         }
         let sheet = run.path.join("segments/coarse.png");
         write_picture(&sheet, &view_sheet(&pictures, 3, 400))?;
+        let (outliers, transparent, not_finite) = (found.outliers, found.transparent, found.not_finite);
+        let in_segments = n - outliers - transparent - not_finite;
         if self.common.json {
-            return print_json(&all);
+            return print_json(&Report { all: &all, in_segments, transparent, outliers, not_finite });
         }
         for segment in &all.segments {
             outln!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
         }
-        errln!("{} outliers removed; pictures: {}", found.outliers, sheet.display());
+        errln!("{in_segments} of {n} Gaussians are in segments; {}", self.left_out(&found));
+        let shown = if all.segments.len() > SHOWN { format!(" of the first {SHOWN}") } else { String::new() };
+        errln!("pictures{shown}: {}", sheet.display());
         Ok(())
+    }
+
+    /// What becomes of the Gaussians that are in no segment.
+    fn left_out(&self, found: &Coarse) -> String {
+        let mut parts = vec![
+            format!(
+                "{} are too transparent at all times (below --min-opacity {})",
+                found.transparent, self.min_opacity
+            ),
+            format!("{} are outliers (too few neighbours; --keep-outliers keeps them)", found.outliers),
+        ];
+        if found.not_finite > 0 {
+            parts.push(format!("{} have a position or colour that is not finite", found.not_finite));
+        }
+        parts.join(", ")
     }
 }

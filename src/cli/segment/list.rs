@@ -2,7 +2,10 @@
 
 use super::super::run_folder::RunFolder;
 use super::super::{CliError, Common, print_json};
+use super::history::History;
+use crate::segment::segmentation::Segment;
 use clap::Args;
+use serde::Serialize;
 use std::path::PathBuf;
 
 /// The segments of a run, parts under their wholes.
@@ -14,16 +17,43 @@ pub struct ListArgs {
     common: Common,
 }
 
+#[derive(Serialize)]
+struct Report<'a> {
+    /// Gaussians of the scene.
+    gaussians: usize,
+    /// Fingerprint of the scene.
+    scene: &'a str,
+    /// Each whole followed by its parts.
+    segments: Vec<&'a Segment>,
+    /// Changes that can be undone, the next one first.
+    undo: Vec<&'a str>,
+    /// Changes that can be redone, the next one first.
+    redo: Vec<&'a str>,
+}
+
 impl ListArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let all = RunFolder::open(&self.run, &device)?.segments()?;
+        let run = RunFolder::open(&self.run, &device)?;
+        let history = History::open(&run)?;
+        let (all, undo, redo) = (history.now(), history.undoable(), history.redoable());
+        let tree = all.tree();
         if self.common.json {
-            return print_json(&all);
+            let segments = tree.into_iter().map(|(_, segment)| segment).collect();
+            return print_json(&Report { gaussians: all.gaussians, scene: &all.scene, segments, undo, redo });
         }
-        for (segment, depth) in all.segments.iter().zip(all.depths()) {
+        for (depth, segment) in &tree {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
             outln!("{name:30} {:>8} Gaussians  found at {:.3}", segment.members.len(), segment.time);
+        }
+        let path = run.path.display();
+        if tree.is_empty() {
+            errln!("no segments yet; next: volseggs segment coarse {path}");
+        }
+        for (changes, what) in [(undo, "undo"), (redo, "redo")] {
+            if let Some(next) = changes.first() {
+                errln!("{} to {what}, next: {next} (volseggs segment {what} {path})", changes.len());
+            }
         }
         Ok(())
     }

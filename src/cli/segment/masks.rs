@@ -3,8 +3,9 @@
 mod plan;
 
 use super::super::run_folder::RunFolder;
+use super::super::values::{count, fraction, pixels};
 use super::super::{CliError, Common, print_json, stop_flag};
-use super::{check_time, write_picture};
+use super::write_picture;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::files::{AtomicDir, Work, clean_stale};
@@ -19,6 +20,9 @@ use image::RgbImage;
 use plan::Plan;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
+
+/// Segments that the picture of masks shows at most.
+const SHOWN: usize = 20;
 
 /// 2D masks of each segment rendered alone from views all around.
 #[derive(Debug, Args)]
@@ -36,15 +40,15 @@ pub struct MasksArgs {
     source: Kind,
     /// Views on a Fibonacci sphere [default: 30]; for labels: so many of the dataset's training views of the time, all
     /// if not given, and its test views of the time where they are fewer.
-    #[arg(long)]
+    #[arg(long, value_parser = count)]
     views: Option<usize>,
     /// Pixels a side; those of the training images if not given.
-    #[arg(long)]
+    #[arg(long, value_parser = pixels)]
     size: Option<u32>,
     /// Time in [0, 1]; that at which the segments were found if not given.
-    #[arg(long)]
+    #[arg(long, value_parser = fraction)]
     time: Option<f64>,
-    /// For labels: the dataset, if it is not where the run was trained on it.
+    /// For labels: the dataset that the run was trained on, if it is not where it was then.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
     /// For dir: the folder of masks, or the COCO file.
@@ -54,11 +58,14 @@ pub struct MasksArgs {
     #[arg(long, value_name = "FILE")]
     sam_weights: Option<PathBuf>,
     /// For sam: points along a side of the grid that is asked [default: 32].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count)]
     points: Option<usize>,
     /// Write the pictures for another program to segment, and no masks.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "replace")]
     pictures: bool,
+    /// Take the place of the masks that are there.
+    #[arg(long)]
+    replace: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -81,7 +88,15 @@ impl MasksArgs {
         let weights = self.weights()?;
         let (_, device) = self.common.device()?;
         let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
+        let path = run.path.join("segments/masks.jsonl");
+        if path.exists() && !self.pictures && !self.replace {
+            return Err(CliError::input(format!(
+                "{}: masks are there already; pass --replace to make them anew",
+                path.display()
+            )));
+        }
         let plan = self.plan(&run)?;
+        self.check_memory(&plan)?;
         // what a killed command left
         let segments = run.path.join("segments");
         clean_stale(&segments).map_err(|e| CliError::failure(format!("{}: {e}", segments.display())))?;
@@ -92,12 +107,11 @@ impl MasksArgs {
         let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
         let at = run.scene.host_at(plan.time as f32);
         let job = plan.job(&run, &at, &device);
-        let path = run.path.join("segments/masks.jsonl");
         let (views, every) = (plan.shots.len(), plan.shots.len().div_ceil(4));
         let bar = progress::bar(views * plan.groups.len(), "pictures");
         let mut shown = Vec::new();
         let count = make_masks(&job, source.as_ref(), &path, |seen, found| {
-            if seen.view % every == 0 {
+            if seen.view % every == 0 && seen.group < SHOWN {
                 let label = format!("{} {}", plan.groups[seen.group].name, seen.view);
                 shown.push((label, outlined(seen.picture, found)));
             }
@@ -120,10 +134,6 @@ impl MasksArgs {
 
     /// What can be known to be wrong without the run.
     fn check(&self) -> Result<(), CliError> {
-        if [self.views, self.points].contains(&Some(0)) || self.size == Some(0) {
-            return Err(CliError::input("--views, --size and --points: at least 1"));
-        }
-        self.time.map_or(Ok(()), check_time)?;
         let source = self.source;
         let name = source.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
         for (given, option, of) in [
@@ -207,7 +217,7 @@ impl MasksArgs {
 
 fn make_error(error: MakeError) -> CliError {
     match error {
-        MakeError::Camera { .. } => CliError::input(error),
+        MakeError::Camera { .. } | MakeError::NoViews | MakeError::Member { .. } => CliError::input(error),
         MakeError::Source(e) if e.is_input() => CliError::input(e),
         _ => CliError::failure(error),
     }

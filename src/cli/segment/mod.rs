@@ -3,14 +3,18 @@
 mod change;
 mod coarse;
 mod fine;
+mod history;
 mod list;
 mod masks;
 mod pick;
+mod split;
 
 use super::CliError;
 use super::run_folder::RunFolder;
 use crate::export::images::encode_png;
 use crate::files::write_atomic;
+use crate::memory::Budget;
+use crate::points::kmeans;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::{self, AffinitySpec};
 use burn::tensor::Device;
@@ -21,7 +25,7 @@ use std::path::Path;
 /// Find segments: by colour, and within a colour by masks of rendered views.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # what is like a click\n  volseggs segment group RUN pair red.1 red.2         # several as one\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
+    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # what is like a click\n  volseggs segment group RUN pair red.1 red.2         # several as one\n  volseggs segment undo RUN                           # take the last change back\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
 )]
 pub struct SegmentArgs {
     #[command(subcommand)]
@@ -33,10 +37,12 @@ enum SegmentCommand {
     Coarse(coarse::CoarseArgs),
     Masks(masks::MasksArgs),
     Fine(fine::FineArgs),
-    Split(fine::SplitArgs),
+    Split(split::SplitArgs),
     Pick(pick::PickArgs),
     Group(change::GroupArgs),
     Remove(change::RemoveArgs),
+    Undo(history::UndoArgs),
+    Redo(history::RedoArgs),
     List(list::ListArgs),
 }
 
@@ -50,6 +56,8 @@ impl SegmentArgs {
             SegmentCommand::Pick(args) => args.run(),
             SegmentCommand::Group(args) => args.run(),
             SegmentCommand::Remove(args) => args.run(),
+            SegmentCommand::Undo(args) => args.run(),
+            SegmentCommand::Redo(args) => args.run(),
             SegmentCommand::List(args) => args.run(),
         }
     }
@@ -58,6 +66,15 @@ impl SegmentArgs {
 /// A time in [0, 1].
 pub(super) fn check_time(time: f64) -> Result<(), CliError> {
     if (0.0..=1.0).contains(&time) { Ok(()) } else { Err(CliError::input(format!("--time {time}: between 0 and 1"))) }
+}
+
+/// Refuses more clusters than `points`, or more than memory has room for; `of` says what has the points.
+fn check_clusters(clusters: usize, points: usize, of: &str, dimensions: usize) -> Result<(), CliError> {
+    if clusters > points {
+        return Err(CliError::input(format!("--clusters {clusters}: {of} only {points} Gaussians")));
+    }
+    let needed = kmeans::memory(points, dimensions, clusters);
+    Budget::now().check(format!("--clusters {clusters}"), needed).map_err(CliError::input)
 }
 
 /// The run's affinity field.

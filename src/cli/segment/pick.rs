@@ -1,10 +1,13 @@
 //! `volseggs segment pick`
 
 use super::super::run_folder::RunFolder;
+use super::super::values::{cosine_f32, fraction, fraction_f32, pixels, point};
 use super::super::{CliError, Common, print_json};
-use super::{affinity, check_time};
+use super::affinity;
+use super::history::History;
 use crate::data::{Camera, SplitName};
 use crate::files::Work;
+use crate::memory::{Budget, product};
 use crate::model::params::to_vec;
 use crate::name::Name;
 use crate::segment::click::{heaviest, under};
@@ -17,6 +20,9 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
+/// A camera nearer to the centre than this, world units, looks in no direction.
+const NEAREST: f64 = 1e-6;
+
 /// What is under a click; with --name, a segment of all that is like it.
 #[derive(Debug, Args)]
 #[command(
@@ -26,8 +32,8 @@ pub struct PickArgs {
     /// Folder of the run.
     run: PathBuf,
     /// Camera at x,y,z that looks at the centre.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
-    camera: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    camera: Option<DVec3>,
     /// Test view of the dataset, from 0, in place of --camera.
     #[arg(long, value_name = "N", conflicts_with = "camera")]
     view: Option<usize>,
@@ -35,10 +41,10 @@ pub struct PickArgs {
     #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true)]
     pixel: Vec<u32>,
     /// Pixels a side of the picture; those of the training images if not given.
-    #[arg(long)]
+    #[arg(long, value_parser = pixels)]
     size: Option<u32>,
     /// Time in [0, 1]; that of the test view, or else the one at which the segments were found.
-    #[arg(long)]
+    #[arg(long, value_parser = fraction)]
     time: Option<f64>,
     /// Make a segment of this name.
     #[arg(long)]
@@ -47,10 +53,10 @@ pub struct PickArgs {
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
     /// Mask scale in [0, 1], from small parts to large ones.
-    #[arg(long, default_value_t = 0.5)]
+    #[arg(long, default_value_t = 0.5, value_parser = fraction_f32)]
     scale: f32,
     /// Cosine of the affinity features that what is like the click has at least.
-    #[arg(long, default_value_t = 0.8, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0.8, value_parser = cosine_f32, allow_negative_numbers = true)]
     threshold: f32,
     /// Keep small pieces that do not touch the rest.
     #[arg(long)]
@@ -77,11 +83,6 @@ struct Report {
 
 impl PickArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        for (flag, value, low) in [("--scale", self.scale, 0.0), ("--threshold", self.threshold, -1.0)] {
-            if !(low..=1.0).contains(&value) {
-                return Err(CliError::input(format!("{flag} {value}: between {low} and 1")));
-            }
-        }
         let [x, y] = self.pixel[..] else {
             return Err(CliError::input("--pixel: two numbers, such as --pixel 210,180"));
         };
@@ -90,11 +91,11 @@ impl PickArgs {
             Some(_) => RunFolder::open_to_write(&self.run, &device, Work::Short)?,
             None => RunFolder::open(&self.run, &device)?,
         };
-        let mut all = run.segments()?;
+        let mut history = History::open(&run)?;
+        let mut all = history.now().clone();
         let (camera, view_time) = self.seen_from(&run)?;
         let found_at = all.segments.first().map(|s| s.time);
         let time = self.time.or(view_time).or(found_at).unwrap_or(0.5);
-        check_time(time)?;
         let within = self.within.as_ref().map(|name| all.get(name)).transpose().map_err(CliError::input)?.cloned();
         let field = match self.name {
             Some(_) => Some(affinity(&run, &device)?),
@@ -130,6 +131,12 @@ impl PickArgs {
             if !self.keep_strays {
                 members = without_strays(&at, &members).map_err(CliError::failure)?;
             }
+            if members.is_empty() {
+                return Err(CliError::input(format!(
+                    "{name}: nothing but strays is like the click; choose another pixel or a lower --threshold, or pass \
+                     --keep-strays"
+                )));
+            }
             made = Some((name.clone(), members.len()));
             let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
             let origin = Origin::Pick { scale: self.scale, threshold: self.threshold };
@@ -137,8 +144,9 @@ impl PickArgs {
             all.add(Segment { name, parent, colour, time, origin, members }).map_err(CliError::input)?;
         }
         let seconds = started.elapsed().as_secs_f64();
-        if made.is_some() {
-            all.save(&run.segments_path()).map_err(CliError::failure)?;
+        if let Some((name, _)) = &made {
+            history.change(format!("pick {name}"), all.segments.clone());
+            history.save()?;
         }
         let mean = [0, 1, 2].map(|k| at.means[3 * gaussian as usize + k]);
         let report = Report { gaussian, weight, mean, segments, made, seconds };
@@ -155,10 +163,10 @@ impl PickArgs {
     }
 
     fn seen_from(&self, run: &RunFolder) -> Result<(Camera, Option<f64>), CliError> {
-        if self.size == Some(0) {
-            return Err(CliError::input("--size 0: at least 1 pixel"));
-        }
         let (lens, _) = run.lens(self.size);
+        let side = |n: u32| n as usize;
+        let what = format!("--size {}", lens.width.max(lens.height));
+        Budget::now().check(what, product(&[side(lens.width), side(lens.height), 16])).map_err(CliError::input)?;
         if let Some(n) = self.view {
             let split = run.split(SplitName::Test, None, None)?;
             let count = split.frames.len();
@@ -167,11 +175,16 @@ impl PickArgs {
             let pose = frame.camera.camera_to_world;
             return Ok((Camera::from_fov_x(frame.camera.fov_x(), lens.width, lens.height, pose), Some(frame.time)));
         }
-        let Some([x, y, z]) = self.camera.as_deref() else {
+        let Some(eye) = self.camera else {
             return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N"));
         };
         let centre = DVec3::from_array(run.scene.spec.centre.map(f64::from));
-        let camera = Camera::look_at(DVec3::new(*x, *y, *z), centre, DVec3::Z, lens.fov_x, lens.width, lens.height);
-        Ok((camera, None))
+        if eye.distance(centre) < NEAREST {
+            return Err(CliError::input(format!(
+                "--camera {},{},{}: is the centre, at which the camera looks; choose a point away from it",
+                eye.x, eye.y, eye.z
+            )));
+        }
+        Ok((Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height), None))
     }
 }

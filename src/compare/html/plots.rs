@@ -216,7 +216,7 @@ fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
 
 /// The run's resolved configuration, in which settings stand that a variant leaves at the base's value.
 fn config(run: &Path) -> Option<toml::Table> {
-    std::fs::read_to_string(run.join("config.toml")).ok()?.parse().ok()
+    crate::files::read_text(&run.join("config.toml")).ok()?.parse().ok()
 }
 
 fn setting(outcome: &Outcome, config: Option<&toml::Table>, key: &str) -> Option<Setting> {

@@ -44,7 +44,7 @@ pub enum ConfigError {
     #[error("{0}: `extends` must be a string that names a file or a preset")]
     Extends(Origin),
     /// An override is not of the form `a.b=value`.
-    #[error("--set {0:?}: expected KEY=VALUE with a dotted key such as train.seed=1")]
+    #[error("--set {0:?}: expected KEY=VALUE with a dotted key such as loss.dssim=0.2")]
     Override(String),
     /// An environment variable cannot be understood.
     #[error("environment variable {name}: {reason}")]

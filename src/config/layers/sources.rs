@@ -62,7 +62,7 @@ impl<'a> Reader<'a> {
     ) -> Result<(), ConfigError> {
         let (id, text, dir, path) = match self.find(name, dir, wanted_by)? {
             Found::File(path) => {
-                let text = std::fs::read_to_string(&path)
+                let text = crate::files::read_text(&path)
                     .map_err(|source| ConfigError::Read { path: path.clone(), source })?;
                 let id = path.canonicalize().unwrap_or_else(|_| path.clone());
                 let dir = path.parent().map(Path::to_path_buf);
@@ -188,7 +188,7 @@ pub(super) fn parse_env(
     if path.iter().any(String::is_empty) {
         return Err(ConfigError::Env {
             name: name.to_owned(),
-            reason: "expected a key with `__` for each dot, such as VOLSEGGS_TRAIN__SEED".to_owned(),
+            reason: "expected a key with `__` for each dot, such as VOLSEGGS_LOSS__DSSIM".to_owned(),
         });
     }
     let value = parse_value(value, node_at(root, &path).as_ref());

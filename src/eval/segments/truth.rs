@@ -1,8 +1,10 @@
 //! The pictures of known segments: each rendered alone with its mask, and the label images of training views.
 
 use crate::data::{Camera, DataError, Truth, truth};
+use crate::files::read_regular;
 use glam::DMat4;
-use image::DynamicImage;
+use image::{DynamicImage, ImageFormat, ImageReader};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 /// A segment alone in one view.
@@ -75,14 +77,15 @@ impl TruthFrame {
     fn open(&self, path: &Path) -> Result<DynamicImage, DataError> {
         let hint = "make the dataset again with `volseggs prepare`";
         let fail = |problem: String| DataError::field_error(path, None, "pixels", problem, hint);
-        let image = image::open(path).map_err(|e| fail(e.to_string()))?;
-        let size = (image.width(), image.height());
+        let bytes = read_regular(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
+        let reader = || ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png);
+        let size = reader().into_dimensions().map_err(|e| fail(e.to_string()))?;
         if size != (self.camera.width, self.camera.height) {
             return Err(fail(format!(
                 "{}x{}, segments.json says {}x{}",
                 size.0, size.1, self.camera.width, self.camera.height
             )));
         }
-        Ok(image)
+        reader().decode().map_err(|e| fail(e.to_string()))
     }
 }

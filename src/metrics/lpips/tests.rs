@@ -203,7 +203,7 @@ fn a_file_cut_short() {
     for length in [0, 7, 8, 40, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
         let error = Lpips::load(&path, &Device::flex()).unwrap_err();
-        assert!(matches!(error, LpipsError::Format { .. }), "{length}: {error}");
+        assert!(matches!(error, LpipsError::Damaged { .. }), "{length}: {error}");
         assert!(error.to_string().contains("weights.safetensors"), "{error}");
     }
     std::fs::remove_file(&path).unwrap();

@@ -2,6 +2,7 @@
 
 use super::net::ConvSpec;
 use super::{LpipsError, LpipsNet};
+use crate::tensors::{self, TensorFileError};
 use burn::tensor::{DType, Device, Tensor, TensorData, f16};
 use safetensors::{Dtype, SafeTensors};
 use std::path::{Path, PathBuf};
@@ -33,9 +34,12 @@ struct Source<'a> {
 
 impl Weights {
     pub(super) fn load(path: &Path, device: &Device) -> Result<Self, LpipsError> {
-        let bytes = std::fs::read(path).map_err(|source| LpipsError::Read { path: path.to_path_buf(), source })?;
+        let bytes = tensors::read(path).map_err(|error| match error {
+            TensorFileError::Io { path, source } => LpipsError::Read { path, source },
+            TensorFileError::Damaged { path, reason } => LpipsError::Damaged { path, reason },
+        })?;
         let file = SafeTensors::deserialize(&bytes)
-            .map_err(|source| LpipsError::Format { path: path.to_path_buf(), source })?;
+            .map_err(|e| LpipsError::Damaged { path: path.to_path_buf(), reason: e.to_string() })?;
         let source = Source { path, file };
         let net = source.net()?;
         let mut convs = Vec::new();

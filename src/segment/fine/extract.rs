@@ -67,7 +67,10 @@ pub fn similar(
     let features = field.features(&frame.encode(means), scale);
     let of = &features[clicked * FEATURES..][..FEATURES];
     let cosine = |row: &[f32]| row.iter().zip(of).map(|(a, b)| a * b).sum::<f32>();
-    features.chunks_exact(FEATURES).map(|row| cosine(row) >= threshold).collect()
+    let mut like: Vec<bool> = features.chunks_exact(FEATURES).map(|row| cosine(row) >= threshold).collect();
+    // rounding must not part the clicked one from itself
+    like[clicked] = true;
+    like
 }
 
 /// The `members` without strays: pieces that do not touch the rest and are small beside the largest. They come of

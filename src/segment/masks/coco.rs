@@ -4,7 +4,6 @@
 
 use std::{
     collections::HashMap,
-    fs::File,
     io::BufReader,
     path::{Path, PathBuf},
 };
@@ -16,6 +15,7 @@ use super::{
     rle,
     store::{StoreError, mask_of_size},
 };
+use crate::files::open_regular;
 
 /// One image that a COCO file lists.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -85,7 +85,7 @@ impl CocoFile {
     /// [`StoreError::Io`]; [`StoreError::Field`] for text that is no COCO file, ids listed twice and annotations of an
     /// image that is not listed.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let input = BufReader::new(File::open(path).map_err(StoreError::io(path))?);
+        let input = BufReader::new(open_regular(path).map_err(StoreError::io(path))?);
         let Document { images, annotations } =
             serde_json::from_reader(input).map_err(|e| StoreError::field(path, "images, annotations", e))?;
         let mut places = HashMap::with_capacity(images.len());
@@ -208,6 +208,21 @@ mod tests {
                 "{message}"
             );
         }
+    }
+
+    #[test]
+    fn what_is_no_file_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = CocoFile::open(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("is a folder"), "{message}");
+    }
+
+    #[test]
+    fn sizes_that_a_file_claims_are_not_believed() {
+        let huge = file(r#"{"size":[4294967295,4294967295],"counts":[4294967295]}"#);
+        let huge = huge.replace("\"width\":2,\"height\":3", "\"width\":4294967295,\"height\":4294967295");
+        let message = open(&huge).unwrap().masks(0).unwrap_err().to_string();
+        assert!(message.contains("pixels"), "{message}");
     }
 
     #[test]

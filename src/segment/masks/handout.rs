@@ -2,6 +2,8 @@
 
 use super::make::{MakeError, MaskJob, Shot};
 use super::store::StoreError;
+use crate::data::Camera;
+use crate::files::read_regular;
 use crate::segment::pictures::draw;
 use image::{ImageFormat, RgbImage};
 use serde::{Deserialize, Serialize};
@@ -9,6 +11,8 @@ use std::io::Cursor;
 use std::path::Path;
 use thiserror::Error;
 
+/// Largest side of a picture, pixels.
+const LARGEST: u32 = 16_384;
 /// Name of the list in the folder of the pictures.
 pub const FILE: &str = "pictures.json";
 
@@ -91,7 +95,60 @@ impl Handout {
     /// If it is missing or not what it should be.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(FILE);
-        let bytes = std::fs::read(&path).map_err(StoreError::io(&path))?;
-        serde_json::from_slice(&bytes).map_err(|e| StoreError::field(&path, "list", e))
+        let bytes = read_regular(&path).map_err(StoreError::io(&path))?;
+        let list: Self = serde_json::from_slice(&bytes).map_err(|e| StoreError::field(&path, "list", e))?;
+        if !(0.0..=1.0).contains(&list.time) {
+            return Err(StoreError::field(&path, "time", format!("is {}; it must be in [0, 1]", list.time)));
+        }
+        for (i, Shot { camera, .. }) in list.views.iter().enumerate() {
+            if !fits(camera) {
+                let problem = "is none that pictures were drawn from; write them again with --pictures";
+                return Err(StoreError::field(&path, format!("views[{i}].camera"), problem));
+            }
+        }
+        Ok(list)
+    }
+}
+
+/// Whether pictures can be drawn from a camera.
+fn fits(camera: &Camera) -> bool {
+    let side = |n: u32| (1..=LARGEST).contains(&n);
+    let finite = [camera.fx, camera.fy, camera.cx, camera.cy].iter().all(|v| v.is_finite());
+    side(camera.width) && side(camera.height) && finite && camera.fx > 0.0 && camera.camera_to_world.is_finite()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn a_list_that_no_picture_can_be_of_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let camera = Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Z, 0.5, 8, 6);
+        let good = Handout {
+            scene: "abc".into(),
+            time: 0.5,
+            groups: vec![HandoutGroup { name: "red".into(), gaussians: 3 }],
+            views: Shot::numbered(vec![camera.clone()]),
+        };
+        let read = |list: &Handout| {
+            std::fs::write(folder.path().join(FILE), serde_json::to_vec(list).unwrap()).unwrap();
+            Handout::read(folder.path()).map_err(|e| e.to_string())
+        };
+        assert_eq!(read(&good), Ok(good.clone()));
+        let with = |camera: Camera| Handout { views: Shot::numbered(vec![camera]), ..good.clone() };
+        for (list, field) in [
+            (with(Camera { width: u32::MAX, height: u32::MAX, ..camera.clone() }), "views[0].camera"),
+            (with(Camera { height: 0, ..camera.clone() }), "views[0].camera"),
+            (with(Camera { fx: -1.0, ..camera }), "views[0].camera"),
+            (Handout { time: 7.0, ..good.clone() }, "time"),
+        ] {
+            let error = read(&list).unwrap_err();
+            assert!(error.contains(field) && error.contains(FILE), "{error}");
+        }
+        std::fs::remove_file(folder.path().join(FILE)).unwrap();
+        std::fs::create_dir(folder.path().join(FILE)).unwrap();
+        assert!(Handout::read(folder.path()).unwrap_err().to_string().contains("is a folder"));
     }
 }

@@ -7,6 +7,7 @@ use super::store::{Annotation, Header, MaskWriter, StoreError, View};
 use crate::data::Camera;
 use crate::model::GaussiansAt;
 use crate::segment::pictures::{Picture, picture, share};
+use crate::segment::segmentation::members_key;
 use burn::tensor::Device;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -123,7 +124,8 @@ impl MaskJob<'_> {
             fov_x: s.camera.fov_x() as f32,
         });
         let names = self.groups.iter().map(|g| g.name.clone()).collect();
-        Header::new(width, height, self.time, views.collect(), names, source.name().to_owned())
+        let header = Header::new(width, height, self.time, views.collect(), names, source.name().to_owned());
+        Header { members: self.groups.iter().map(|g| members_key(&g.members)).collect(), ..header }
     }
 
     /// Where `members` are what one sees in the whole scene; `picture` is of them alone.

@@ -5,12 +5,15 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
+    io::Cursor,
     path::{Path, PathBuf},
 };
 
-use image::DynamicImage;
+use image::codecs::png::PngDecoder;
+use image::{DynamicImage, ImageDecoder};
 
 use super::{coco::ForeignMask, mask::Mask, store::StoreError};
+use crate::files::read_regular;
 
 /// Where a view's masks are.
 #[derive(Debug, Clone)]
@@ -129,16 +132,17 @@ impl PngFolder {
     }
 
     fn read(&self, path: &Path) -> Result<Vec<u16>, StoreError> {
-        let bytes = std::fs::read(path).map_err(StoreError::io(path))?;
-        let picture = image::load_from_memory_with_format(&bytes, image::ImageFormat::Png)
-            .map_err(|e| StoreError::field(path, "PNG", e))?;
-        let (found_width, found_height) = (picture.width(), picture.height());
+        let bytes = read_regular(path).map_err(StoreError::io(path))?;
+        let wrong = |e: image::ImageError| StoreError::field(path, "PNG", e);
+        let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(wrong)?;
+        // before any pixel is unpacked: a small file may claim any size
+        let (found_width, found_height) = decoder.dimensions();
         if (found_width, found_height) != (self.width, self.height) {
             let (width, height) = (self.width, self.height);
             let problem = format!("the mask is {found_width}x{found_height} where the image is {width}x{height}");
             return Err(StoreError::field(path, "size", problem));
         }
-        match picture {
+        match DynamicImage::from_decoder(decoder).map_err(wrong)? {
             DynamicImage::ImageLuma8(grey) => Ok(grey.into_raw().into_iter().map(u16::from).collect()),
             DynamicImage::ImageLuma16(grey) => Ok(grey.into_raw()),
             other => {
@@ -182,6 +186,24 @@ mod tests {
         assert!(opened.masks(3).is_err());
     }
 
+    /// A grey PNG whose header speaks of `side` by `side` pixels; there are none.
+    fn claims_to_be(side: u32) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        GrayImage::new(1, 1).write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+        bytes[16..20].copy_from_slice(&side.to_be_bytes());
+        bytes[20..24].copy_from_slice(&side.to_be_bytes());
+        // the checksum of type and content of the first chunk
+        let mut crc = u32::MAX;
+        for byte in &bytes[12..29] {
+            crc ^= u32::from(*byte);
+            for _ in 0..8 {
+                crc = (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg());
+            }
+        }
+        bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
+        bytes
+    }
+
     #[test]
     fn wrong_files_are_named() {
         let views = vec!["a.png".to_owned()];
@@ -200,6 +222,8 @@ mod tests {
             grey(folder, "a.png", 2);
             grey(folder, "a_1.png", 2);
         });
+        check("is a folder", &|folder| std::fs::create_dir(folder.join("a_1.png")).unwrap());
+        check("65000x65000", &|folder| std::fs::write(folder.join("a.png"), claims_to_be(65000)).unwrap());
         check("PNG", &|folder| std::fs::write(folder.join("a_1.png"), b"\x89PNG nonsense").unwrap());
     }
 }

@@ -13,11 +13,9 @@ use serde::Deserialize;
 
 use super::{
     rle,
-    store::{Annotation, Header, Line, StoreError, check_header, check_line, mask_of_size},
+    store::{Annotation, Header, LONGEST_LINE, Line, StoreError, check_header, check_line, mask_of_size},
 };
-
-/// No line of a mask file is longer; a longer one means that the file is something else.
-const LONGEST_LINE: u64 = 256 << 20;
+use crate::files::open_regular;
 
 /// Where one annotation's line is.
 #[derive(Debug, Clone, Copy)]
@@ -48,7 +46,7 @@ impl MaskReader {
         struct OnlyView {
             image_id: u32,
         }
-        let file = File::open(path).map_err(StoreError::io(path))?;
+        let file = open_regular(path).map_err(StoreError::io(path))?;
         let mut input = BufReader::new(file);
         let mut line = Vec::new();
         let mut offset = read_line(path, 1, &mut input, &mut line)?;

@@ -19,6 +19,8 @@ pub use super::reader::MaskReader;
 
 /// Value of the header's `format` field.
 pub const FORMAT: &str = "volseggs-masks";
+/// No line of a mask file is as long; a longer one means that the file is something else.
+pub(super) const LONGEST_LINE: u64 = 256 << 20;
 /// Version of the file format that this code writes and reads.
 pub const VERSION: u32 = 1;
 
@@ -41,13 +43,27 @@ pub struct Header {
     pub segments: Vec<String>,
     /// What made the masks, for people to read.
     pub source: String,
+    /// What tells the Gaussians of each segment from others, see
+    /// [`members_key`](crate::segment::segmentation::members_key); empty where that is not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub members: Vec<String>,
 }
 
 impl Header {
     /// A header of the current format and version.
     #[must_use]
     pub fn new(width: u32, height: u32, time: f64, views: Vec<View>, segments: Vec<String>, source: String) -> Self {
-        Self { format: FORMAT.to_owned(), version: VERSION, width, height, time, views, segments, source }
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            width,
+            height,
+            time,
+            views,
+            segments,
+            source,
+            members: Vec::new(),
+        }
     }
 }
 
@@ -189,6 +205,10 @@ impl MaskWriter {
         let out = AtomicFile::create(path).map_err(StoreError::io(path))?;
         let mut writer = Self { path: path.to_owned(), out, header, written: 0 };
         let line = serde_json::to_string(&writer.header).map_err(|e| StoreError::field(path, "header", e))?;
+        if line.len() as u64 + 1 >= LONGEST_LINE {
+            let problem = format!("lists {} views, which is more than a mask file holds", writer.header.views.len());
+            return Err(StoreError::field(path, "header, views", problem));
+        }
         writer.put(&line)?;
         Ok(writer)
     }
@@ -245,6 +265,10 @@ pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreErro
     }
     if header.width == 0 || header.height == 0 || header.width.checked_mul(header.height).is_none() {
         return fail("width, height", format!("{}x{} is no image size", header.width, header.height));
+    }
+    let (members, segments) = (header.members.len(), header.segments.len());
+    if members > 0 && members != segments {
+        return fail("members", format!("are of {members} segments where the header lists {segments}"));
     }
     if !header.time.is_finite() {
         return fail("time", "is not a finite number".to_owned());

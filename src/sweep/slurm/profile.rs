@@ -79,7 +79,7 @@ impl Profile {
     /// [`SlurmError::Io`], [`SlurmError::Toml`] for unknown keys and wrong types, [`SlurmError::Key`] for a value that
     /// Slurm would not take.
     pub fn read(path: &Path) -> Result<Self, SlurmError> {
-        let text = fs::read_to_string(path).map_err(io_at(path))?;
+        let text = crate::files::read_text(path).map_err(io_at(path))?;
         Self::parse(path, &text)
     }
 

@@ -1,5 +1,7 @@
 //! What the readers share: checked sizes, names of scalar types, mapped files. No file format here.
 
+use crate::files::open_regular;
+use crate::memory::{Budget, product};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
 use memmap2::{Mmap, MmapOptions};
@@ -99,11 +101,9 @@ pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 
 /// It is absent, a folder, or may not be read.
 pub fn open_file(path: &Path) -> Result<(File, u64), VolumeError> {
     let fail = |source| VolumeError::io(path, "open the file", source, "check the name and the permissions");
-    let meta = std::fs::metadata(path).map_err(fail)?;
-    if !meta.is_file() {
-        return Err(VolumeError::invalid(path, "file", "is not a regular file", "name a volume file"));
-    }
-    Ok((File::open(path).map_err(fail)?, meta.len()))
+    let file = open_regular(path).map_err(fail)?;
+    let len = file.metadata().map_err(fail)?.len();
+    Ok((file, len))
 }
 
 /// Maps `len` bytes from `offset` on. The handle is closed before this returns.
@@ -128,13 +128,21 @@ pub fn map(path: &Path, offset: u64, len: u64) -> Result<Mmap, VolumeError> {
 /// # Errors
 /// Not enough memory.
 pub fn prepare(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeError> {
-    out.clear();
-    if out.try_reserve_exact(n).is_err() {
-        let problem = format!("one step of {n} voxels does not fit in memory");
-        return Err(VolumeError::invalid(path, "size", problem, "use a coarser volume or a larger machine"));
-    }
+    room(path, out, n)?;
     out.resize(n, 0.0);
     Ok(())
+}
+
+/// Empties `out` and gives it room for `n` values: four bytes each, however small they are in the file.
+///
+/// # Errors
+/// Not enough memory.
+pub fn room(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeError> {
+    out.clear();
+    let more = product(&[n.saturating_sub(out.capacity()), size_of::<f32>()]);
+    let refused = |problem: String| VolumeError::invalid(path, "size", problem, "or use a coarser volume");
+    Budget::now().check(format!("one step of {n} voxels"), more).map_err(|e| refused(e.to_string()))?;
+    out.try_reserve_exact(n).map_err(|_| refused(format!("one step of {n} voxels does not fit into memory")))
 }
 
 /// Checks that a reader was asked for a step that the file has.

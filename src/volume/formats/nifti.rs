@@ -4,13 +4,14 @@
 #[cfg(test)]
 mod tests;
 
+use super::common;
 use super::stream::{read_error, read_values};
+use crate::files::open_regular;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, ScalarType};
 use crate::volume::source::{Header, VolumeFile};
 use flate2::read::MultiGzDecoder;
 use nifti::{Endianness, NiftiError, NiftiHeader, NiftiType};
-use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
@@ -34,9 +35,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     if [".hdr", ".img", ".hdr.gz", ".img.gz"].iter().any(|e| name.ends_with(e)) {
         return Err(VolumeError::invalid(path, "format", "a .hdr/.img pair is not read", CONVERT));
     }
-    let io_error = |e| VolumeError::io(path, "open the file", e, "check the path and the permissions");
-    let mut file = File::open(path).map_err(io_error)?;
-    let file_len = file.metadata().map_err(io_error)?.len();
+    let io_error = |e| VolumeError::io(path, "read the file", e, "check the disk");
+    let (mut file, file_len) = common::open_file(path)?;
     let mut magic = Vec::new();
     file.by_ref().take(2).read_to_end(&mut magic).map_err(io_error)?;
     file.rewind().map_err(io_error)?;
@@ -85,6 +85,7 @@ impl VolumeFile for Nifti {
             let hint = format!("the file has {} steps, counted from 0", self.header.steps);
             return Err(VolumeError::invalid(&self.path, "step", format!("no step {step}"), hint));
         }
+        common::room(&self.path, out, self.header.grid.len())?;
         self.read_step(step, out).map_err(|e| read_error(&self.path, &format!("step {step}"), e))
     }
 }
@@ -93,7 +94,7 @@ impl Nifti {
     fn read_step(&self, step: usize, out: &mut Vec<f32>) -> io::Result<()> {
         let count = self.header.grid.len();
         let skip = self.start + step as u64 * (count * self.kind.bytes()) as u64;
-        let mut file = File::open(&self.path)?;
+        let mut file = open_regular(&self.path)?;
         if !self.gz {
             file.seek(SeekFrom::Start(skip))?;
             return read_values(&mut file, self.kind, self.big_endian, count, self.scale, out);

@@ -9,12 +9,12 @@ mod data;
 mod tests;
 mod xml;
 
+use super::common;
 use super::stream::read_error;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
 use crate::volume::source::{Header, VolumeFile};
 use data::{Encoding, Layout, Packing};
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use xml::{Array, Document, Section};
@@ -25,9 +25,7 @@ use xml::{Array, Document, Section};
 /// An unreadable file, one that is not serial VTK image data of one piece, one without a one-component array, one
 /// that claims more values than it can hold, or an unknown type or compressor.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
-    let io = |e| VolumeError::io(path, "open the file", e, "check the path and the permissions");
-    let file = File::open(path).map_err(io)?;
-    let file_len = file.metadata().map_err(io)?.len();
+    let (file, file_len) = common::open_file(path)?;
     let doc = xml::parse(path, BufReader::new(file))?;
     let mut notes = Vec::new();
     let (array, cells) = choose(path, &doc, &mut notes)?;
@@ -61,7 +59,8 @@ impl VolumeFile for Vti {
                 "the file has step 0 only",
             ));
         }
-        let file = File::open(&self.path).map_err(|e| read_error(&self.path, &self.field, e))?;
+        let (file, _) = common::open_file(&self.path)?;
+        common::room(&self.path, out, self.layout.count)?;
         data::read(file, &self.layout, out).map_err(|e| read_error(&self.path, &self.field, e))
     }
 }

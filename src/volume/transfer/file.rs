@@ -62,7 +62,7 @@ struct SegmentTable {
 }
 
 pub(super) fn read(path: &Path) -> Result<TransferFunction, VolumeError> {
-    let text = std::fs::read_to_string(path).map_err(|e| {
+    let text = crate::files::read_text(path).map_err(|e| {
         VolumeError::io(path, "read the transfer function", e, "check that the file is there and is text")
     })?;
     parse(&text, path)
@@ -244,7 +244,8 @@ pub(super) fn check(function: &TransferFunction, path: &Path) -> Result<(), Volu
         ("power", power, f32::MIN_POSITIVE),
     ] {
         if !(value >= least && value.is_finite()) {
-            let hint = if least > 0.0 { "write a finite number above 0" } else { "write a finite number, 0 or more" };
+            let hint =
+                if least > 0.0 { "write a number above 0, at most 3.4e38" } else { "write a number from 0 to 3.4e38" };
             return wrong(format!("shading.{field}"), format!("{value} cannot be used"), hint);
         }
     }

@@ -53,7 +53,7 @@ pub(super) fn split_spec(spec: &str) -> Option<(&str, Option<&str>)> {
 /// # Errors
 /// A file that cannot be read or is no JSON, no map of the name, a categorical map, or wrong points.
 pub fn read(path: &Path, name: Option<&str>) -> Result<TransferFunction, VolumeError> {
-    let text = std::fs::read_to_string(path).map_err(|e| {
+    let text = crate::files::read_text(path).map_err(|e| {
         VolumeError::io(path, "read the ParaView color map", e, "check that the file is there and is text")
     })?;
     parse(&text, name, path)

@@ -4,8 +4,10 @@ use super::{Kind, MasksArgs};
 use crate::cli::CliError;
 use crate::cli::run_folder::RunFolder;
 use crate::data::Truth;
+use crate::data::dataset::{Dataset, OpenOptions};
 use crate::data::paths::training_cameras;
 use crate::data::truth::LabelledView;
+use crate::memory::{Budget, product};
 use crate::model::GaussiansAt;
 use crate::segment::masks::RegionOptions;
 use crate::segment::masks::handout::{FILE, Handout};
@@ -23,6 +25,15 @@ use std::path::{Path, PathBuf};
 const VIEWS: usize = 30;
 /// Points along a side of the grid, as published.
 const POINTS: usize = 32;
+
+/// Bytes of a view in memory and in the header of the file of masks.
+const VIEW: usize = 1000;
+/// Bytes of a pixel of a picture that is drawn and asked for masks.
+const PIXEL: usize = 100;
+/// Pictures at once, and those kept to look at.
+const AT_ONCE: usize = 8;
+/// Bytes of a point of the grid that the network is asked at.
+const POINT: usize = 64;
 
 /// What is drawn.
 pub(super) struct Plan {
@@ -81,9 +92,25 @@ impl MasksArgs {
         if self.source == Kind::Labels {
             return self.labels_plan(run, groups, time);
         }
+        let views = self.views.unwrap_or(VIEWS);
+        Budget::now().check(format!("--views {views}"), product(&[views, VIEW])).map_err(CliError::input)?;
         let (lens, radius) = run.lens(self.size);
-        let shots = Shot::numbered(training_cameras(self.views.unwrap_or(VIEWS), radius, lens));
+        let shots = Shot::numbered(training_cameras(views, radius, lens));
         Ok(Plan { groups, shots, time, labels: None })
+    }
+
+    /// Refuses pictures and grids that memory has no room for.
+    pub(super) fn check_memory(&self, plan: &Plan) -> Result<(), CliError> {
+        let budget = Budget::now();
+        let shown = plan.groups.len().min(super::SHOWN) * 4;
+        if let Some(camera) = plan.shots.first().map(|s| &s.camera) {
+            let [width, height] = [camera.width, camera.height].map(|n| n as usize);
+            let all = product(&[width, height, PIXEL * plan.shots.len().min(AT_ONCE) + 3 * shown]);
+            let what = self.size.map_or(format!("pictures of {width}x{height} pixels"), |n| format!("--size {n}"));
+            budget.check(what, all).map_err(CliError::input)?;
+        }
+        let points = self.points.unwrap_or(POINTS);
+        budget.check(format!("--points {points}"), product(&[points, points, POINT])).map_err(CliError::input)
     }
 
     /// The views of the dataset that have a label image, of the time nearest to `time`.
@@ -96,6 +123,7 @@ impl MasksArgs {
             )));
         }
         let truth = Truth::read(root)?;
+        check_dataset(run, root)?;
         let mut views = truth.views_near(time, self.views.unwrap_or(VIEWS), run.config.data.downscale)?;
         if let Some(count) = self.views.filter(|n| *n < views.len()) {
             views = (0..count).map(|i| views[i * views.len() / count].clone()).collect();
@@ -138,6 +166,20 @@ impl MasksArgs {
         }
         Ok(Box::new(Regions::new(run.scene.spec.background, RegionOptions::default())))
     }
+}
+
+/// Refuses a dataset that the run was not trained on: masks of one scene on the Gaussians of another look right to
+/// everything that comes after.
+fn check_dataset(run: &RunFolder, root: &Path) -> Result<(), CliError> {
+    let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: Some(1) };
+    if Dataset::open(root, &options)?.fingerprint() == run.record.fingerprint {
+        return Ok(());
+    }
+    Err(CliError::input(format!(
+        "{}: its training images or cameras are not those that the run was trained on, so its labels are of another scene; \
+         name the dataset of the run with --data",
+        root.display()
+    )))
 }
 
 fn read_handout(run: &RunFolder) -> Result<Handout, CliError> {

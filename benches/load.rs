@@ -1,0 +1,92 @@
+//! What opening a scene costs, and how much of it is the check of its digest.
+//!
+//! `cargo bench --bench load -- [GAUSSIANS]... [--repeats N]`, by default 30000 and 150000 Gaussians with the model of the
+//! `best` preset. The file lies in the system's cache; from a disk, reading takes longer and the share is smaller.
+//! Prints a Markdown table of medians; the two ways of reading take turns, so that both see the same machine.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+use burn::tensor::Device;
+use safetensors::SafeTensors;
+use std::time::Instant;
+use volseggs::config::types::Config;
+use volseggs::model::Scene;
+use volseggs::model::gaussians::HostGaussians;
+use volseggs::model::scene::SceneSpec;
+use volseggs::tensors;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let repeats = words.iter().position(|w| w == "--repeats").and_then(|i| words.get(i + 1)?.parse().ok());
+    let repeats: usize = repeats.unwrap_or(21);
+    let mut sizes: Vec<usize> = words
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| *i == 0 || words[i - 1] != "--repeats")
+        .filter_map(|(_, w)| w.parse().ok())
+        .collect();
+    if sizes.is_empty() {
+        sizes = vec![30_000, 150_000];
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.safetensors");
+    let device = Device::flex();
+    println!(
+        "| Gaussians | MB | bytes read and parsed, ms | with the digest, ms | scene on the device, ms | digest, % of loading |"
+    );
+    println!("|--:|--:|--:|--:|--:|--:|");
+    for n in sizes {
+        scene(n, &device).save(&path).unwrap();
+        let megabytes = std::fs::metadata(&path).unwrap().len() as f64 / 1e6;
+        let (mut plain, mut checked, mut whole) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..repeats {
+            plain.push(milliseconds(|| {
+                let bytes = std::fs::read(&path).unwrap();
+                assert!(!SafeTensors::deserialize(&bytes).unwrap().is_empty());
+            }));
+            checked.push(milliseconds(|| drop(tensors::read(&path).unwrap())));
+            whole.push(milliseconds(|| drop(Scene::load(&path, &device).unwrap())));
+        }
+        let [plain, checked, whole] = [plain, checked, whole].map(median);
+        println!(
+            "| {n} | {megabytes:.1} | {plain:.2} | {checked:.2} | {whole:.2} | {:.1} |",
+            100.0 * (checked - plain) / whole
+        );
+    }
+}
+
+fn milliseconds(work: impl FnOnce()) -> f64 {
+    let started = Instant::now();
+    work();
+    1e3 * started.elapsed().as_secs_f64()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// A scene of `n` Gaussians, as the `best` preset has them.
+fn scene(n: usize, device: &Device) -> Scene {
+    let config = Config::default();
+    let k = (config.model.sh_degree + 1).pow(2);
+    let values = |len: usize| (0..len).map(|i| (i as f32 * 0.618).fract() - 0.5).collect::<Vec<f32>>();
+    let gaussians = HostGaussians {
+        means: values(3 * n),
+        rotations: values(4 * n),
+        log_scales: values(3 * n),
+        opacity_logits: values(n),
+        sh: values(3 * k * n),
+    };
+    let spec = SceneSpec {
+        sh_degree: config.model.sh_degree,
+        model: config.model,
+        centre: [0.0; 3],
+        half_size: [1.0; 3],
+        background: [1.0; 3],
+        deformed: true,
+    };
+    Scene::new(gaussians, spec, 0, device)
+}

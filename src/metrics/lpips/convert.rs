@@ -1,0 +1,284 @@
+//! LPIPS weights from the files in which they are published: a backbone of torchvision and the heads of LPIPS v0.1 become
+//! the one file that [`Lpips::load`](super::Lpips::load) reads.
+
+use super::LpipsNet;
+use super::state_dict::{StateDict, StateDictError};
+use crate::files::{MARK, ReplaceError, check_file};
+use crate::memory::{Budget, TooLarge, product};
+use crate::tensors::{TensorFileError, write};
+use safetensors::Dtype;
+use safetensors::tensor::TensorView;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The first convolution of both backbones, whose kernel tells them apart.
+const FIRST: &str = "features.0.weight";
+const NETS: [LpipsNet; 2] = [LpipsNet::Alex, LpipsNet::Vgg];
+
+/// What is published of a network.
+struct Published {
+    /// Places of the convolutions in torchvision's `features`.
+    features: &'static [usize],
+    /// How the SHA-256 of the backbone's file begins, which is a part of its name too.
+    backbone: &'static str,
+    /// How the SHA-256 of the heads' file begins.
+    heads: &'static str,
+}
+
+const ALEX: Published = Published { features: &[0, 3, 6, 8, 10], backbone: "7be5be79", heads: "df73285e" };
+const VGG: Published =
+    Published { features: &[0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28], backbone: "397923af", heads: "a78928a0" };
+
+/// Why weights are not converted.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConvertError {
+    /// A file gives no tensors, or lacks the right one.
+    #[error("{}: {source}{}", path.display(), hint(source))]
+    Source {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: StateDictError,
+    },
+    /// The backbone is of another network.
+    #[error(
+        "{}: `{FIRST}` has shape {found:?}; AlexNet has [64, 3, 11, 11] and VGG-16 [64, 3, 3, 3] there; \
+         `volseggs lpips --help` says which file is needed",
+        path.display()
+    )]
+    UnknownNet {
+        /// The backbone's file.
+        path: PathBuf,
+        /// The shape in it.
+        found: Vec<usize>,
+    },
+    /// The heads were given as backbone.
+    #[error("{}: holds the heads of LPIPS (`lin0.model.1.weight`) and no `{FIRST}`; give it with --heads", path.display())]
+    HeadsAsBackbone {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The backbone was given as heads.
+    #[error("{}: holds a backbone (`{FIRST}`) and no `lin0.model.1.weight`; give it with --backbone", path.display())]
+    BackboneAsHeads {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The heads are of the other network.
+    #[error(
+        "{}: holds the heads of {found} (`{key}` has shape {shape:?}), and the backbone is {net}; give {net}.pth",
+        path.display()
+    )]
+    OtherHeads {
+        /// The heads' file.
+        path: PathBuf,
+        /// The network of the heads.
+        found: LpipsNet,
+        /// The network of the backbone.
+        net: LpipsNet,
+        /// A tensor in which they differ.
+        key: String,
+        /// Its shape in the file.
+        shape: Vec<usize>,
+    },
+    /// The weights do not fit into memory.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
+    /// The result may not be written where it was asked for.
+    #[error(transparent)]
+    Out(#[from] ReplaceError),
+    /// The result cannot be written.
+    #[error(transparent)]
+    Write(#[from] TensorFileError),
+}
+
+/// What to do where the file itself is sound.
+fn hint(source: &StateDictError) -> &'static str {
+    use StateDictError::{Missing, Shape, Unsupported};
+    match source {
+        Missing(_) | Shape { .. } | Unsupported(_) => "; `volseggs lpips --help` says which file is needed",
+        _ => "",
+    }
+}
+
+impl ConvertError {
+    /// Whether the user can mend it with other files or another name.
+    #[must_use]
+    pub fn is_input(&self) -> bool {
+        match self {
+            Self::Out(error) => error.is_input(),
+            Self::Write(_) => false,
+            _ => true,
+        }
+    }
+}
+
+/// A file that was read.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Input {
+    /// The file.
+    pub file: PathBuf,
+    /// Tensors taken from it.
+    pub tensors: usize,
+    /// The first eight digits of its SHA-256.
+    pub sha256: String,
+    /// Whether that is the published file's.
+    pub published: bool,
+}
+
+/// A tensor that was written.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Written {
+    /// Its name.
+    pub name: String,
+    /// Its shape.
+    pub shape: Vec<usize>,
+}
+
+/// What a conversion found and wrote.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Converted {
+    /// `alex` or `vgg`.
+    pub network: String,
+    /// Where the backbone came from.
+    pub backbone: Input,
+    /// Where the heads came from.
+    pub heads: Input,
+    /// The file that was written.
+    pub file: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// The tensors in it, all F32.
+    pub tensors: Vec<Written>,
+}
+
+/// Tensors on their way into the file: names, shapes, little-endian values.
+type Tensors = Vec<(Written, Vec<u8>)>;
+
+/// Converts the backbone of torchvision (`features.0.weight`, ...) and the heads of LPIPS v0.1 (`lin0.model.1.weight`,
+/// ...), each a PyTorch file or safetensors, F32 or F16, to the safetensors file `out`: `net.conv{i}.weight`
+/// `[output, input, k, k]`, `net.conv{i}.bias` `[output]` and `lin{0..4}.weight` `[1, C, 1, 1]`.
+///
+/// # Errors
+/// If a file is unreadable or damaged, a tensor is missing, of another shape or not finite, the heads are of the other
+/// network, or `out` cannot be written or is not this program's to replace. Nothing is written then.
+pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, ConvertError> {
+    check_file(out)?;
+    for input in [backbone, heads] {
+        if let (Ok(a), Ok(b)) = (input.canonicalize(), out.canonicalize())
+            && a == b
+        {
+            return Err(ReplaceError::Needed { path: out.into(), inner: input.into() }.into());
+        }
+    }
+    let (mut convolutions, net) = open_backbone(backbone)?;
+    let mut lins = open_heads(heads, net)?;
+    let published = if net == LpipsNet::Alex { ALEX } else { VGG };
+
+    let shapes = net.stages().iter().flat_map(|s| s.convs).map(|c| [c.output, c.input, c.kernel, c.kernel]);
+    let values: u128 = shapes.clone().map(|s| product(&s)).sum();
+    // the tensors and the file made of them, four bytes a value, and room for biases, heads and the one being read
+    Budget::now().check(format!("--backbone {}", backbone.display()), values * 10)?;
+
+    let mut all = Tensors::new();
+    for (i, (shape, feature)) in shapes.zip(published.features).enumerate() {
+        for (part, shape) in [("weight", &shape[..]), ("bias", &shape[..1])] {
+            let key = format!("features.{feature}.{part}");
+            all.push(take(&mut convolutions, backbone, &key, format!("net.conv{i}.{part}"), shape)?);
+        }
+    }
+    let of_backbone = all.len();
+    for (i, shape) in head_shapes(net).iter().enumerate() {
+        all.push(take(&mut lins, heads, &head_key(i), format!("lin{i}.weight"), shape)?);
+    }
+
+    let backbone = input(backbone, of_backbone, published.backbone)?;
+    let heads = input(heads, all.len() - of_backbone, published.heads)?;
+    let bytes = save(out, &all, net)?;
+    let tensors = all.into_iter().map(|(written, _)| written).collect();
+    Ok(Converted { network: net.to_string(), backbone, heads, file: out.into(), bytes, tensors })
+}
+
+fn open(path: &Path) -> Result<StateDict<File>, ConvertError> {
+    StateDict::open(path).map_err(|source| ConvertError::Source { path: path.into(), source })
+}
+
+fn head_key(index: usize) -> String {
+    format!("lin{index}.model.1.weight")
+}
+
+fn head_shapes(net: LpipsNet) -> [[usize; 4]; 5] {
+    let channels = |i: usize| net.stages()[i].convs.last().map_or(0, |c| c.output);
+    std::array::from_fn(|i| [1, channels(i), 1, 1])
+}
+
+fn open_backbone(path: &Path) -> Result<(StateDict<File>, LpipsNet), ConvertError> {
+    let file = open(path)?;
+    let Some(found) = file.shape(FIRST) else {
+        if file.shape(&head_key(0)).is_some() {
+            return Err(ConvertError::HeadsAsBackbone { path: path.into() });
+        }
+        return Err(ConvertError::Source { path: path.into(), source: StateDictError::Missing(FIRST.into()) });
+    };
+    let first = |net: &LpipsNet| net.stages()[0].convs[0];
+    let fits = |net: &LpipsNet| {
+        let conv = first(net);
+        found == [conv.output, conv.input, conv.kernel, conv.kernel]
+    };
+    match NETS.into_iter().find(fits) {
+        Some(net) => Ok((file, net)),
+        None => Err(ConvertError::UnknownNet { path: path.into(), found: found.to_vec() }),
+    }
+}
+
+/// The heads of `net`; what is missing in them or of another shape is found when it is read.
+fn open_heads(path: &Path, net: LpipsNet) -> Result<StateDict<File>, ConvertError> {
+    let file = open(path)?;
+    if file.shape(&head_key(0)).is_none() && file.shape(FIRST).is_some() {
+        return Err(ConvertError::BackboneAsHeads { path: path.into() });
+    }
+    let differs = |net| (0..5).find(|i| file.shape(&head_key(*i)) != Some(&head_shapes(net)[*i]));
+    if let Some(i) = differs(net)
+        && let Some(found) = NETS.into_iter().find(|n| differs(*n).is_none())
+    {
+        let (key, shape) = (head_key(i), head_shapes(found)[i].to_vec());
+        return Err(ConvertError::OtherHeads { path: path.into(), found, net, key, shape });
+    }
+    Ok(file)
+}
+
+fn take(
+    file: &mut StateDict<File>,
+    path: &Path,
+    key: &str,
+    name: String,
+    shape: &[usize],
+) -> Result<(Written, Vec<u8>), ConvertError> {
+    let values = file.values(key, shape).map_err(|source| ConvertError::Source { path: path.into(), source })?;
+    let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    Ok((Written { name, shape: shape.to_vec() }, bytes))
+}
+
+fn input(path: &Path, tensors: usize, published: &str) -> Result<Input, ConvertError> {
+    let mut hash = Sha256::new();
+    let read = File::open(path).and_then(|mut file| io::copy(&mut file, &mut hash));
+    read.map_err(|e| ConvertError::Source { path: path.into(), source: e.into() })?;
+    let sha256: String = hash.finalize().iter().take(4).map(|b| format!("{b:02x}")).collect();
+    Ok(Input { file: path.into(), tensors, published: sha256 == published, sha256 })
+}
+
+/// Writes the file; the entry of its header is the mark by which it is known again.
+fn save(out: &Path, all: &Tensors, net: LpipsNet) -> Result<u64, ConvertError> {
+    let io = |source| TensorFileError::Io { path: out.into(), source };
+    let mut views = Vec::new();
+    for (written, bytes) in all {
+        let view = TensorView::new(Dtype::F32, written.shape.clone(), bytes).map_err(|e| io(io::Error::other(e)))?;
+        views.push((written.name.as_str(), view));
+    }
+    write(out, views, Some((MARK, format!("LPIPS v0.1 {net}"))))?;
+    Ok(std::fs::metadata(out).map_err(io)?.len())
+}

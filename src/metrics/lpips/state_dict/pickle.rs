@@ -1,0 +1,324 @@
+//! The instructions of Python's pickle that `torch.save` writes for a state dict. What they call is in `torch`, containers
+//! and files are elsewhere.
+//!
+//! Values are nodes of one list and refer to each other by number, so that nothing is copied and nothing is walked
+//! deeper than the tables ask for; a pickle makes at most one node an instruction.
+
+use super::torch::{Name, Storage, TorchTensor};
+use super::{Kind, Result, StateDictError, damaged, unsupported};
+use std::collections::{BTreeMap, HashMap};
+
+/// Number of a node.
+pub(super) type Id = usize;
+
+/// A value.
+#[derive(Clone, Debug)]
+pub(super) enum Node<'a> {
+    Nothing,
+    Flag(bool),
+    Int(i64),
+    Text(&'a str),
+    Name(Name),
+    Items(Vec<Id>),
+    Pairs(Vec<(Id, Id)>),
+    /// `first` elements of the storage come before this view of it, which ends before element `end`.
+    Storage {
+        kind: Kind,
+        storage: Storage<'a>,
+        first: u64,
+        end: u64,
+    },
+    Tensor(TorchTensor<'a>),
+}
+
+/// A pickle that has been read.
+pub(super) struct Pickle<'a> {
+    nodes: Vec<Node<'a>>,
+    root: Id,
+    /// Bytes up to its end.
+    pub length: usize,
+}
+
+/// Reads the pickle at the start of `bytes`.
+pub(super) fn read(bytes: &[u8]) -> Result<Pickle<'_>> {
+    let (nodes, stack, marks) = (Vec::new(), Vec::new(), Vec::new());
+    let mut machine = Machine { bytes, at: 0, nodes, stack, marks, memo: HashMap::new(), copied: 0 };
+    while machine.step()? {}
+    let root = machine.pop()?;
+    Ok(Pickle { nodes: machine.nodes, root, length: machine.at })
+}
+
+impl<'a> Pickle<'a> {
+    fn pairs(&self) -> &[(Id, Id)] {
+        match &self.nodes[self.root] {
+            Node::Pairs(pairs) => pairs,
+            _ => &[],
+        }
+    }
+
+    /// The tensors of a dictionary; other entries are left out.
+    pub(super) fn tensors(&self) -> BTreeMap<String, TorchTensor<'a>> {
+        let tensor = |(key, value): &(Id, Id)| match (&self.nodes[*key], &self.nodes[*value]) {
+            (Node::Text(key), Node::Tensor(tensor)) => Some(((*key).to_owned(), tensor.clone())),
+            _ => None,
+        };
+        self.pairs().iter().filter_map(tensor).collect()
+    }
+
+    /// A flag in a dictionary.
+    pub(super) fn flag(&self, key: &str) -> Option<bool> {
+        self.pairs().iter().find_map(|(k, value)| match (&self.nodes[*k], &self.nodes[*value]) {
+            (Node::Text(k), Node::Flag(flag)) if *k == key => Some(*flag),
+            _ => None,
+        })
+    }
+
+    /// The texts of a list of texts.
+    pub(super) fn texts(&self) -> Option<Vec<&'a str>> {
+        let Node::Items(items) = &self.nodes[self.root] else { return None };
+        let text = |id: &Id| if let Node::Text(text) = &self.nodes[*id] { Some(*text) } else { None };
+        items.iter().map(text).collect()
+    }
+}
+
+/// The stack machine that a pickle is a program for.
+pub(super) struct Machine<'a> {
+    pub bytes: &'a [u8],
+    at: usize,
+    pub nodes: Vec<Node<'a>>,
+    pub stack: Vec<Id>,
+    /// Heights of the stack.
+    marks: Vec<usize>,
+    memo: HashMap<u32, Id>,
+    /// Pairs that calls have copied.
+    pub copied: usize,
+}
+
+impl<'a> Machine<'a> {
+    /// Does one instruction; false after the last.
+    fn step(&mut self) -> Result<bool> {
+        let [instruction] = self.array()?;
+        match instruction {
+            0x80 => {
+                let [protocol] = self.array()?;
+                if protocol > 5 {
+                    return damaged(format!("protocol {protocol} of pickle"));
+                }
+            }
+            b'.' => return Ok(false),
+            b'(' => self.marks.push(self.stack.len()),
+            b'N' => self.push(Node::Nothing),
+            0x88 => self.push(Node::Flag(true)),
+            0x89 => self.push(Node::Flag(false)),
+            b'J' => {
+                let value = i32::from_le_bytes(self.array()?);
+                self.push(Node::Int(value.into()));
+            }
+            b'K' => {
+                let [value] = self.array()?;
+                self.push(Node::Int(value.into()));
+            }
+            b'M' => {
+                let value = u16::from_le_bytes(self.array()?);
+                self.push(Node::Int(value.into()));
+            }
+            0x8a => {
+                let [length] = self.array()?;
+                self.long(length.into())?;
+            }
+            b'U' => {
+                let [length] = self.array()?;
+                self.text(length.into())?;
+            }
+            b'T' | b'X' => {
+                let length = u32::from_le_bytes(self.array()?);
+                self.text(length as usize)?;
+            }
+            b'c' => {
+                let (module, name) = (self.line()?, self.line()?);
+                self.push(Node::Name(Name::of(module, name)?));
+            }
+            b')' | b']' => self.push(Node::Items(Vec::new())),
+            b'}' => self.push(Node::Pairs(Vec::new())),
+            b't' => {
+                let items = self.above_mark()?;
+                self.push(Node::Items(items));
+            }
+            0x85..=0x87 => {
+                let count = usize::from(instruction - 0x84);
+                let mut items = (0..count).map(|_| self.pop()).collect::<Result<Vec<_>>>()?;
+                items.reverse();
+                self.push(Node::Items(items));
+            }
+            b'a' => {
+                let item = self.pop()?;
+                self.append(vec![item])?;
+            }
+            b'e' => {
+                let items = self.above_mark()?;
+                self.append(items)?;
+            }
+            b's' => {
+                let value = self.pop()?;
+                let key = self.pop()?;
+                self.insert(&[key, value])?;
+            }
+            b'u' => {
+                let items = self.above_mark()?;
+                self.insert(&items)?;
+            }
+            b'q' => {
+                let [index] = self.array()?;
+                self.remember(index.into())?;
+            }
+            b'r' => {
+                let index = u32::from_le_bytes(self.array()?);
+                self.remember(index)?;
+            }
+            b'h' => {
+                let [index] = self.array()?;
+                self.recall(index.into())?;
+            }
+            b'j' => {
+                let index = u32::from_le_bytes(self.array()?);
+                self.recall(index)?;
+            }
+            b'Q' => {
+                let id = self.pop()?;
+                let storage = self.storage(id)?;
+                self.push(storage);
+            }
+            b'R' => {
+                let (arguments, function) = (self.pop()?, self.pop()?);
+                self.call(function, arguments)?;
+            }
+            // attributes of a dictionary, such as the versions of layers
+            b'b' => {
+                self.pop()?;
+                let object = self.top()?;
+                if !matches!(self.nodes[object], Node::Pairs(_)) {
+                    return unsupported("it builds an object that is not a dictionary");
+                }
+            }
+            other => return unsupported(format!("instruction 0x{other:02x} of pickle at byte {}", self.at - 1)),
+        }
+        Ok(true)
+    }
+
+    fn take(&mut self, count: usize) -> Result<&'a [u8]> {
+        let end = self.at.checked_add(count).filter(|end| *end <= self.bytes.len());
+        let Some(end) = end else { return damaged("it ends in the middle of its description") };
+        let taken = &self.bytes[self.at..end];
+        self.at = end;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.take(N)?);
+        Ok(array)
+    }
+
+    /// Up to the end of the line, which is left out.
+    fn line(&mut self) -> Result<&'a str> {
+        let length = self.bytes[self.at..].iter().position(|b| *b == b'\n').unwrap_or(usize::MAX - 1);
+        let line = self.take(length.saturating_add(1))?;
+        utf8(&line[..length])
+    }
+
+    fn text(&mut self, length: usize) -> Result<()> {
+        let text = utf8(self.take(length)?)?;
+        self.push(Node::Text(text));
+        Ok(())
+    }
+
+    /// A whole number of up to eight bytes.
+    fn long(&mut self, length: usize) -> Result<()> {
+        let bytes = self.take(length)?;
+        if length > 8 {
+            return damaged(format!("a number of {length} bytes"));
+        }
+        let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
+        let mut wide = [if negative { 0xff } else { 0 }; 8];
+        wide[..length].copy_from_slice(bytes);
+        self.push(Node::Int(i64::from_le_bytes(wide)));
+        Ok(())
+    }
+
+    pub(super) fn push(&mut self, node: Node<'a>) {
+        self.stack.push(self.nodes.len());
+        self.nodes.push(node);
+    }
+
+    fn top(&self) -> Result<Id> {
+        let floor = self.marks.last().copied().unwrap_or(0);
+        match self.stack.last() {
+            Some(id) if self.stack.len() > floor => Ok(*id),
+            _ => damaged("its description takes a value that is not there"),
+        }
+    }
+
+    fn pop(&mut self) -> Result<Id> {
+        let id = self.top()?;
+        self.stack.pop();
+        Ok(id)
+    }
+
+    fn above_mark(&mut self) -> Result<Vec<Id>> {
+        match self.marks.pop() {
+            Some(mark) => Ok(self.stack.split_off(mark)),
+            None => damaged("its description ends a list that was not begun"),
+        }
+    }
+
+    fn append(&mut self, items: Vec<Id>) -> Result<()> {
+        let list = self.top()?;
+        match &mut self.nodes[list] {
+            Node::Items(all) => all.extend(items),
+            _ => return damaged("its description adds to something that is not a list"),
+        }
+        Ok(())
+    }
+
+    fn insert(&mut self, items: &[Id]) -> Result<()> {
+        let dictionary = self.top()?;
+        let (pairs, rest) = items.as_chunks::<2>();
+        match &mut self.nodes[dictionary] {
+            Node::Pairs(all) if rest.is_empty() => all.extend(pairs.iter().map(|[key, value]| (*key, *value))),
+            _ => return damaged("its description adds to something that is not a dictionary"),
+        }
+        Ok(())
+    }
+
+    fn remember(&mut self, index: u32) -> Result<()> {
+        let id = self.top()?;
+        self.memo.insert(index, id);
+        Ok(())
+    }
+
+    fn recall(&mut self, index: u32) -> Result<()> {
+        match self.memo.get(&index) {
+            Some(id) => self.stack.push(*id),
+            None => return damaged(format!("its description recalls value {index}, which it never stored")),
+        }
+        Ok(())
+    }
+
+    pub(super) fn items(&self, id: Id) -> &[Id] {
+        match &self.nodes[id] {
+            Node::Items(items) => items,
+            _ => &[],
+        }
+    }
+
+    pub(super) fn count(&self, id: Id) -> Option<u64> {
+        match &self.nodes[id] {
+            Node::Int(value) => u64::try_from(*value).ok(),
+            _ => None,
+        }
+    }
+}
+
+fn utf8(bytes: &[u8]) -> Result<&str> {
+    std::str::from_utf8(bytes).map_err(|_| StateDictError::Damaged("a name in it is no text".into()))
+}

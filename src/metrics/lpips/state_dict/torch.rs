@@ -1,0 +1,138 @@
+//! The functions and classes of PyTorch that a state dict names, and what they make. Nothing else can be called.
+
+use super::pickle::{Id, Machine, Node};
+use super::{Kind, Result, StateDictError, damaged, elements, unsupported};
+
+/// The most sides a tensor may have.
+const RANK: usize = 8;
+
+/// The functions and classes that a state dict names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Name {
+    OrderedDict,
+    RebuildTensor,
+    RebuildParameter,
+    Storage(Kind),
+}
+
+impl Name {
+    pub(super) fn of(module: &str, name: &str) -> Result<Self> {
+        Ok(match (module, name) {
+            ("collections", "OrderedDict") => Self::OrderedDict,
+            ("torch._utils", "_rebuild_tensor" | "_rebuild_tensor_v2") => Self::RebuildTensor,
+            ("torch._utils", "_rebuild_parameter") => Self::RebuildParameter,
+            ("torch", "FloatStorage") => Self::Storage(Kind::Single),
+            ("torch", "HalfStorage") => Self::Storage(Kind::Half),
+            _ => return unsupported(format!("it names {module}.{name}, which is not read")),
+        })
+    }
+}
+
+/// A storage as a pickle describes it: `count` values, of which tensors use a part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Storage<'a> {
+    pub key: &'a str,
+    pub count: u64,
+}
+
+/// A tensor as a pickle describes it; `offset` and shape lie within the storage, in row-major order.
+#[derive(Clone, Debug)]
+pub(super) struct TorchTensor<'a> {
+    pub kind: Kind,
+    pub storage: Storage<'a>,
+    /// Elements before the first.
+    pub offset: u64,
+    pub shape: Vec<usize>,
+}
+
+impl<'a> Machine<'a> {
+    /// `('storage', type, key, device, count[, (view, first, count)])`.
+    pub(super) fn storage(&self, id: Id) -> Result<Node<'a>> {
+        let items = self.items(id);
+        let found = match items {
+            [tag, kind, key, _device, count, view @ ..] => self.storage_of([*tag, *kind, *key, *count], view.first()),
+            _ => None,
+        };
+        found.ok_or_else(|| StateDictError::Damaged("the description of a storage".into()))
+    }
+
+    fn storage_of(&self, [tag, kind, key, count]: [Id; 4], view: Option<&Id>) -> Option<Node<'a>> {
+        let (Node::Text("storage"), Node::Name(Name::Storage(kind)), Node::Text(key)) =
+            (&self.nodes[tag], &self.nodes[kind], &self.nodes[key])
+        else {
+            return None;
+        };
+        // that its bytes can be counted
+        let count = self.count(count).filter(|n| *n < 1 << 60)?;
+        let (first, end) = match view.map(|v| &self.nodes[*v]) {
+            None | Some(Node::Nothing) => (0, count),
+            Some(Node::Items(view)) => {
+                let [_, first, size] = view.as_slice() else { return None };
+                let first = self.count(*first)?;
+                (first, first.checked_add(self.count(*size)?).filter(|end| *end <= count)?)
+            }
+            Some(_) => return None,
+        };
+        Some(Node::Storage { kind: *kind, storage: Storage { key, count }, first, end })
+    }
+
+    pub(super) fn call(&mut self, function: Id, arguments: Id) -> Result<()> {
+        let Node::Name(name) = self.nodes[function] else { return damaged("it calls something that is no function") };
+        let node = match name {
+            Name::OrderedDict => self.ordered(arguments),
+            Name::RebuildTensor => self.tensor(arguments).map(Node::Tensor),
+            Name::RebuildParameter => {
+                let Some(tensor) = self.items(arguments).first().copied() else {
+                    return damaged("the description of a parameter");
+                };
+                self.stack.push(tensor);
+                return Ok(());
+            }
+            Name::Storage(_) => return unsupported("it makes a storage of its own"),
+        };
+        self.push(node?);
+        Ok(())
+    }
+
+    /// `OrderedDict()` or `OrderedDict([[key, value], ...])`.
+    fn ordered(&mut self, arguments: Id) -> Result<Node<'a>> {
+        let Some(list) = self.items(arguments).first().copied() else { return Ok(Node::Pairs(Vec::new())) };
+        self.copied += self.items(list).len();
+        if self.copied > self.bytes.len() {
+            return damaged("its description copies the same dictionary again and again");
+        }
+        let pair = |id: &Id| match self.items(*id) {
+            [key, value] => Ok((*key, *value)),
+            _ => damaged("the description of a dictionary"),
+        };
+        Ok(Node::Pairs(self.items(list).iter().map(pair).collect::<Result<_>>()?))
+    }
+
+    /// `(storage, offset, shape, strides, ...)`.
+    fn tensor(&self, arguments: Id) -> Result<TorchTensor<'a>> {
+        let wrong = || StateDictError::Damaged("the description of a tensor".into());
+        let [storage, offset, shape, strides, ..] = *self.items(arguments) else { return Err(wrong()) };
+        let Node::Storage { kind, storage, first, end } = self.nodes[storage] else { return Err(wrong()) };
+        if self.items(shape).len().max(self.items(strides).len()) > RANK {
+            return unsupported(format!("a tensor of {} dimensions", self.items(shape).len()));
+        }
+        let sizes = |id| self.items(id).iter().map(|n| self.count(*n)).collect::<Option<Vec<u64>>>();
+        let (shape, strides) = (sizes(shape).ok_or_else(wrong)?, sizes(strides).ok_or_else(wrong)?);
+        let shape = shape.into_iter().map(usize::try_from).collect::<std::result::Result<Vec<_>, _>>();
+        let shape = shape.map_err(|_| wrong())?;
+        let count = elements(&shape).ok_or_else(wrong)?;
+        let offset = self.count(offset).and_then(|n| n.checked_add(first)).ok_or_else(wrong)?;
+        if shape.len() != strides.len() || offset.checked_add(count).is_none_or(|n| n > end) {
+            return Err(wrong());
+        }
+        let mut expected = 1u64;
+        for (side, stride) in shape.iter().zip(strides).rev() {
+            if *side > 1 && stride != expected {
+                return unsupported(format!("a tensor of shape {shape:?} is not stored in row-major order"));
+            }
+            // may be too large where another side is 0
+            expected = expected.saturating_mul((*side).max(1) as u64);
+        }
+        Ok(TorchTensor { kind, storage, offset, shape })
+    }
+}

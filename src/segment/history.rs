@@ -1,0 +1,274 @@
+//! Changes of segments that can be taken back, as those of edits can: the segments of now with the states before and
+//! after them, kept in one file (see [`segmentation`](super::segmentation)).
+
+use super::segmentation::file::{Past, Step, Steps, key, read, write};
+use super::segmentation::{Segment, Segmentation, SegmentationError};
+use std::path::Path;
+
+/// Changes that are remembered at most.
+pub const MOST: usize = 50;
+
+/// Segments with what was done to them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct History {
+    now: Segmentation,
+    steps: Steps,
+}
+
+impl History {
+    /// Segments of which nothing is known from before.
+    #[must_use]
+    pub fn new(now: Segmentation) -> Self {
+        Self { now, steps: Steps::default() }
+    }
+
+    /// Reads what [`History::save`] wrote, or a file without history.
+    ///
+    /// # Errors
+    /// If the file is missing or damaged.
+    pub fn load(path: &Path) -> Result<Self, SegmentationError> {
+        let (now, steps) = read(path)?;
+        Ok(Self { now, steps })
+    }
+
+    /// Writes the file, atomically.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), SegmentationError> {
+        write(path, &self.now, &self.steps)
+    }
+
+    /// The segments of now.
+    #[must_use]
+    pub fn now(&self) -> &Segmentation {
+        &self.now
+    }
+
+    /// Puts `segments` in the place of those of now, which [`History::undo`] brings back. `change` says what was done,
+    /// such as `remove pair`. Changes that were taken back are forgotten, and so are those before the last [`MOST`].
+    pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
+        if segments == self.now.segments {
+            // a step that does nothing would only puzzle whoever takes it back
+            return;
+        }
+        let before = std::mem::replace(&mut self.now.segments, segments);
+        let step = self.put_away(change.into(), before);
+        self.steps.undo.push(step);
+        self.steps.redo.clear();
+        let over = self.steps.undo.len().saturating_sub(MOST);
+        self.steps.undo.drain(..over);
+    }
+
+    /// Takes the last change back and says what it was; `None` if there is none.
+    pub fn undo(&mut self) -> Option<String> {
+        let step = self.steps.undo.pop()?;
+        let (change, step) = self.exchange(step);
+        self.steps.redo.push(step);
+        Some(change)
+    }
+
+    /// Brings the change that was taken back last into force again and says what it was; `None` if there is none.
+    pub fn redo(&mut self) -> Option<String> {
+        let step = self.steps.redo.pop()?;
+        let (change, step) = self.exchange(step);
+        self.steps.undo.push(step);
+        Some(change)
+    }
+
+    /// Changes that can be undone, the next one first.
+    #[must_use]
+    pub fn undoable(&self) -> Vec<&str> {
+        self.steps.undo.iter().rev().map(|s| s.change.as_str()).collect()
+    }
+
+    /// Changes that can be redone, the next one first.
+    #[must_use]
+    pub fn redoable(&self) -> Vec<&str> {
+        self.steps.redo.iter().rev().map(|s| s.change.as_str()).collect()
+    }
+
+    /// Takes the segments of a step; the step back holds those of now.
+    fn exchange(&mut self, step: Step) -> (String, Step) {
+        let members = &self.steps.members;
+        let of =
+            |past: Past| Segment { members: members.get(&past.members).cloned().unwrap_or_default(), ..past.segment };
+        let segments = step.segments.into_iter().map(of).collect();
+        let before = std::mem::replace(&mut self.now.segments, segments);
+        (step.change.clone(), self.put_away(step.change, before))
+    }
+
+    fn put_away(&mut self, change: String, segments: Vec<Segment>) -> Step {
+        let mut put = |mut segment: Segment| {
+            let members = std::mem::take(&mut segment.members);
+            let key = key(&members);
+            self.steps.members.entry(key.clone()).or_insert(members);
+            Past { segment, members: key }
+        };
+        Step { change, segments: segments.into_iter().map(&mut put).collect() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::segmentation::Origin;
+    use super::*;
+    use crate::name::Name;
+    use safetensors::SafeTensors;
+    use safetensors::tensor::{Dtype, TensorView};
+
+    fn segment(name: &str, members: &[u32]) -> Segment {
+        Segment {
+            name: Name::new(name).unwrap(),
+            parent: None,
+            colour: [0.1, 0.25, 1.0],
+            time: 0.3,
+            origin: Origin::Coarse,
+            members: members.to_vec(),
+        }
+    }
+
+    fn names(history: &History) -> Vec<&str> {
+        history.now().segments.iter().map(|s| s.name.as_str()).collect()
+    }
+
+    fn tensors(path: &Path) -> Vec<String> {
+        let bytes = std::fs::read(path).unwrap();
+        let file = SafeTensors::deserialize(&bytes).unwrap();
+        let mut names: Vec<String> = file.names().into_iter().map(|n| n.to_string()).collect();
+        names.sort();
+        names
+    }
+
+    /// Two segments, then one of them, then none.
+    fn two_changes() -> History {
+        let mut history = History::new(Segmentation::new(10, "abc".into()));
+        history.change("coarse", vec![segment("red", &[1, 5]), segment("blue", &[2, 3])]);
+        history.change("remove blue", vec![segment("red", &[1, 5])]);
+        history.change("remove red", Vec::new());
+        history
+    }
+
+    #[test]
+    fn changes_are_taken_back_and_brought_back_also_from_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("segments.safetensors");
+        let mut history = two_changes();
+        let all = history.clone();
+        let keep = |history: &mut History| {
+            history.save(&path).unwrap();
+            *history = History::load(&path).unwrap();
+        };
+        keep(&mut history);
+        assert_eq!(history.undoable(), ["remove red", "remove blue", "coarse"]);
+        assert_eq!(history.undo().unwrap(), "remove red");
+        keep(&mut history);
+        assert_eq!(history.undo().unwrap(), "remove blue");
+        keep(&mut history);
+        assert_eq!((names(&history), history.redoable()), (vec!["red", "blue"], vec!["remove blue", "remove red"]));
+        assert_eq!(history.now().get("blue").unwrap(), &segment("blue", &[2, 3]));
+        keep(&mut history);
+        assert_eq!(history.undo().unwrap(), "coarse");
+        assert_eq!(history.undo(), None);
+        for change in ["coarse", "remove blue", "remove red"] {
+            keep(&mut history);
+            assert_eq!(history.redo().unwrap(), change);
+        }
+        assert_eq!((history.redo(), history.now()), (None, all.now()));
+        history.undo();
+        history.change("group pair", vec![segment("pair", &[1])]);
+        assert!(history.redoable().is_empty(), "a new change forgets what was taken back");
+        let before = history.clone();
+        history.change("group pair", vec![segment("pair", &[1])]);
+        assert_eq!(history, before, "what changes nothing is no step");
+    }
+
+    #[test]
+    fn members_are_kept_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("segments.safetensors");
+        let mut history = two_changes();
+        history.save(&path).unwrap();
+        assert_eq!(tensors(&path).iter().filter(|n| n.starts_with("history/")).count(), 2);
+        history.undo();
+        history.save(&path).unwrap();
+        assert_eq!(tensors(&path).iter().filter(|n| n.starts_with("history/")).count(), 1, "red's are those of now");
+        let bytes = std::fs::read(&path).unwrap();
+        history.save(&path).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), bytes, "the same content gives the same bytes");
+        // whoever looks at the segments alone reads the same file
+        assert_eq!(&Segmentation::load(&path).unwrap(), history.now());
+    }
+
+    #[test]
+    fn the_oldest_changes_are_forgotten_and_their_members_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("segments.safetensors");
+        let mut history = History::new(Segmentation::new(1000, "abc".into()));
+        for i in 0..80 {
+            history.change(format!("change {i}"), vec![segment("red", &[i])]);
+        }
+        assert_eq!(history.undoable().len(), MOST);
+        history.save(&path).unwrap();
+        let mut history = History::load(&path).unwrap();
+        assert_eq!(tensors(&path).len(), MOST + 2, "with the segment of now and the digest");
+        while history.undo().is_some() {}
+        assert_eq!(history.now().segments, [segment("red", &[29])]);
+    }
+
+    #[test]
+    fn a_file_without_history_opens_and_a_hostile_one_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("segments.safetensors");
+        let write = |entry: serde_json::Value, indices: &[u32]| {
+            let data: Vec<u8> = indices.iter().flat_map(|i| i.to_le_bytes()).collect();
+            let view = |d| TensorView::new(Dtype::U32, vec![indices.len()], d).unwrap();
+            let header = [("volseggs.segments".to_owned(), entry.to_string())].into_iter().collect();
+            let named = [("red", view(&data)), ("../x", view(&data)), ("history/k", view(&data))];
+            std::fs::write(&path, safetensors::serialize(named, Some(header)).unwrap()).unwrap();
+        };
+        let entry = |names: &[&str]| {
+            let one = |name: &&str| serde_json::json!({ "name": name, "colour": [0.0, 0.0, 1.0], "time": 0.5, "origin": { "kind": "coarse" } });
+            let all: Vec<_> = names.iter().map(one).collect();
+            serde_json::json!({ "gaussians": 9, "scene": "abc", "segments": all })
+        };
+        write(entry(&["red"]), &[1, 2]);
+        let mut found = History::load(&path).unwrap();
+        assert_eq!(names(&found), ["red"]);
+        assert_eq!(found.undo(), None);
+        let refused = |word: &str| {
+            for error in [History::load(&path).unwrap_err(), Segmentation::load(&path).unwrap_err()] {
+                let error = error.to_string();
+                assert!(error.contains(word) && error.contains("segments.safetensors"), "{error}");
+            }
+        };
+        write(entry(&["../x"]), &[1, 2]);
+        refused("cannot be a name");
+        write(entry(&["red", "red"]), &[1, 2]);
+        refused("two segments");
+        write(entry(&["red"]), &[2, 1]);
+        refused("ascending");
+        let mut many = entry(&["red"]);
+        many["gaussians"] = u64::MAX.into();
+        write(many, &[1, 2]);
+        refused("more than any scene has");
+        // a state of before is held to the same
+        let mut with = entry(&["red"]);
+        let past = |name: &str, members: &str| {
+            let mut segment = entry(&[name])["segments"][0].clone();
+            segment["time"] = 0.25.into();
+            serde_json::json!([{ "change": "coarse", "segments": [{ "segment": segment, "members": members }] }])
+        };
+        for (name, members, word) in [("../x", "k", "cannot be a name"), ("blue", "other", "members other")] {
+            with["undo"] = past(name, members);
+            write(with.clone(), &[1, 2]);
+            let error = History::load(&path).unwrap_err().to_string();
+            assert!(error.contains(word), "{error}");
+        }
+        with["undo"] = past("blue", "k");
+        write(with, &[1, 2]);
+        let mut found = History::load(&path).unwrap();
+        found.undo().unwrap();
+        assert_eq!(names(&found), ["blue"]);
+    }
+}

@@ -1,0 +1,211 @@
+//! The file of segments: one tensor of indices for each, one entry of the header for all else. The states that can be
+//! brought back lie in the same file, so that segments and history are always those of one moment.
+
+use super::{Segment, Segmentation, SegmentationError};
+use crate::tensors::{self, TensorFileError};
+use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// The header's entry.
+const ENTRY: &str = "volseggs.segments";
+/// Before the key of members that only states of before have; no segment's name holds a slash.
+const PAST: &str = "history/";
+
+/// A segment of a state of before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(in crate::segment) struct Past {
+    /// The segment without its members ...
+    pub segment: Segment,
+    /// ... which are found by this, see [`key`].
+    pub members: String,
+}
+
+/// A change, and the segments on its other side: before it of one that can be undone, after it of one that can be redone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(in crate::segment) struct Step {
+    /// What was done, such as `remove pair`.
+    pub change: String,
+    /// The segments.
+    pub segments: Vec<Past>,
+}
+
+/// Changes that can be undone and redone, the next one last, and the members of their segments by key.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::segment) struct Steps {
+    pub undo: Vec<Step>,
+    pub redo: Vec<Step>,
+    pub members: BTreeMap<String, Vec<u32>>,
+}
+
+impl Steps {
+    /// Keys of members that a step needs.
+    fn needed(&self) -> BTreeSet<&str> {
+        let steps = self.undo.iter().chain(&self.redo);
+        steps.flat_map(|s| &s.segments).map(|s| s.members.as_str()).collect()
+    }
+}
+
+#[derive(Serialize)]
+struct Entry<'a> {
+    gaussians: usize,
+    scene: &'a str,
+    segments: &'a [Segment],
+    undo: &'a [Step],
+    redo: &'a [Step],
+}
+
+#[derive(Deserialize)]
+struct FoundEntry {
+    gaussians: usize,
+    scene: String,
+    segments: Vec<Segment>,
+    #[serde(default)]
+    undo: Vec<Step>,
+    #[serde(default)]
+    redo: Vec<Step>,
+}
+
+fn bytes(members: &[u32]) -> Vec<u8> {
+    members.iter().flat_map(|i| i.to_le_bytes()).collect()
+}
+
+/// What tells the members of one segment from those of others: 32 hexadecimal digits, a 128-bit hash.
+#[must_use]
+pub fn key(members: &[u32]) -> String {
+    format!("{:032x}", xxh3_128(&bytes(members)))
+}
+
+impl Segmentation {
+    /// Writes the file, atomically, without states of before.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), SegmentationError> {
+        write(path, self, &Steps::default())
+    }
+
+    /// Reads the segments of a file.
+    ///
+    /// # Errors
+    /// If the file is missing or damaged, or names a Gaussian that the scene has not.
+    pub fn load(path: &Path) -> Result<Self, SegmentationError> {
+        Ok(open(path, |_, _| Ok(Steps::default()))?.0)
+    }
+}
+
+/// Writes segments and steps.
+pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) -> Result<(), SegmentationError> {
+    let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
+    let mut tensors: Vec<(String, Vec<u8>)> =
+        all.segments.iter().map(|s| (s.name.to_string(), bytes(&s.members))).collect();
+    if !steps.undo.is_empty() || !steps.redo.is_empty() {
+        // what a segment of now holds is found there
+        let now: BTreeSet<String> = all.segments.iter().map(|s| key(&s.members)).collect();
+        for key in steps.needed().into_iter().filter(|k| !now.contains(*k)) {
+            let members = steps.members.get(key).ok_or_else(|| format(format!("members {key} are not known")))?;
+            tensors.push((format!("{PAST}{key}"), bytes(members)));
+        }
+    }
+    let views = tensors
+        .iter()
+        .map(|(name, data)| Ok((name.as_str(), TensorView::new(Dtype::U32, vec![data.len() / 4], data)?)))
+        .collect::<Result<Vec<_>, SafeTensorError>>()
+        .map_err(|e| format(e.to_string()))?;
+    let entry = Entry {
+        gaussians: all.gaussians,
+        scene: &all.scene,
+        segments: &all.segments,
+        undo: &steps.undo,
+        redo: &steps.redo,
+    };
+    let entry = serde_json::to_string(&entry).map_err(|e| format(e.to_string()))?;
+    if let Some(folder) = path.parent() {
+        let io = |source| TensorFileError::Io { path: path.into(), source };
+        std::fs::create_dir_all(folder).map_err(io)?;
+    }
+    Ok(tensors::write(path, views, Some((ENTRY, entry)))?)
+}
+
+/// Reads segments and steps; a file from before there were steps has none.
+pub(in crate::segment) fn read(path: &Path) -> Result<(Segmentation, Steps), SegmentationError> {
+    open(path, past)
+}
+
+/// An opened file.
+struct Opened<'a> {
+    tensors: SafeTensors<'a>,
+    all: &'a Segmentation,
+    undo: Vec<Step>,
+    redo: Vec<Step>,
+}
+
+fn open(
+    path: &Path,
+    rest: impl Fn(&Path, Opened<'_>) -> Result<Steps, SegmentationError>,
+) -> Result<(Segmentation, Steps), SegmentationError> {
+    let bytes = tensors::read(path)?;
+    let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
+    let damaged = |e: SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
+    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
+    let tensors = SafeTensors::deserialize(&bytes).map_err(damaged)?;
+    let entry = header.metadata().as_ref().and_then(|m| m.get(ENTRY));
+    let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a file of segments")))?;
+    let found: FoundEntry = serde_json::from_str(entry).map_err(|e| format(format!("header: {e}")))?;
+    let mut all = Segmentation { gaussians: found.gaussians, scene: found.scene, segments: found.segments };
+    if u32::try_from(all.gaussians).is_err() {
+        return Err(format(format!("header: gaussians: {} are more than any scene has", all.gaussians)));
+    }
+    for i in 0..all.segments.len() {
+        let (before, from) = all.segments.split_at_mut(i);
+        let segment = &mut from[0];
+        if before.iter().any(|s| s.name == segment.name) {
+            return Err(format(format!("two segments are called {}", segment.name)));
+        }
+        let members = members(&tensors, &segment.name, all.gaussians);
+        segment.members = members.map_err(|e| format(format!("segment {}: {e}", segment.name)))?;
+    }
+    let steps = rest(path, Opened { tensors, all: &all, undo: found.undo, redo: found.redo })?;
+    Ok((all, steps))
+}
+
+/// The steps of a file, with the members of their segments.
+fn past(path: &Path, file: Opened<'_>) -> Result<Steps, SegmentationError> {
+    let mut steps = Steps { undo: file.undo, redo: file.redo, members: BTreeMap::new() };
+    let keys: BTreeSet<String> = steps.needed().into_iter().map(str::to_owned).collect();
+    if keys.is_empty() {
+        return Ok(steps);
+    }
+    let now: BTreeMap<String, &Segment> = file.all.segments.iter().map(|s| (key(&s.members), s)).collect();
+    for key in keys {
+        let found = match now.get(&key) {
+            Some(segment) => Ok(segment.members.clone()),
+            None => members(&file.tensors, &format!("{PAST}{key}"), file.all.gaussians),
+        };
+        let found = found.map_err(|e| SegmentationError::Format {
+            path: path.into(),
+            reason: format!("members {key} of a segment of before: {e}"),
+        })?;
+        steps.members.insert(key, found);
+    }
+    Ok(steps)
+}
+
+/// Ascending indices below `count`.
+fn members(file: &SafeTensors<'_>, name: &str, count: usize) -> Result<Vec<u32>, String> {
+    let tensor = file.tensor(name).map_err(|e| e.to_string())?;
+    if tensor.dtype() != Dtype::U32 {
+        return Err(format!("{:?}, expected U32", tensor.dtype()));
+    }
+    let index = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+    let members: Vec<u32> = tensor.data().chunks_exact(4).map(index).collect();
+    if let Some(bad) = members.iter().find(|&&i| i as usize >= count) {
+        return Err(format!("Gaussian {bad}, but the scene has {count}"));
+    }
+    if members.windows(2).any(|pair| pair[0] >= pair[1]) {
+        return Err("its Gaussians are not in ascending order".into());
+    }
+    Ok(members)
+}

@@ -1,0 +1,173 @@
+//! Whether a training fits into memory, asked before anything of it is allocated: an allocation that fails ends the
+//! program. The sizes are counted from the configuration; what kernels need besides is estimated.
+
+use super::TrainError;
+use crate::config::types::{Config, DensifyMode};
+use crate::memory::Budget;
+use crate::model::size;
+
+/// Bytes of a value.
+const VALUE: u128 = 4;
+/// Copies of each parameter in a step: itself, its gradient, two moments, and one in passing.
+const COPIES: u128 = 5;
+/// Copies of each Gaussian's attributes while Gaussians are added and removed: on the device, on the host, old and new.
+const COPIES_MOVED: u128 = 7;
+/// Values of each Gaussian in a step beside attributes, features and hidden layers: outputs, projections, tile entries.
+const VALUES_DRAWN: u128 = 60;
+/// Values of each pixel in a step: target, image, gradients, and the statistics of DSSIM.
+const VALUES_PIXEL: u128 = 60;
+/// Entries of a view's table while the visual hull is carved, at most.
+const HULL_TABLE: u128 = 257 * 257;
+
+/// The training images as memory sees them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Views {
+    /// How many.
+    pub count: usize,
+    /// Pixels of each.
+    pub pixels: usize,
+}
+
+/// Refuses a training that needs more memory than `budget`; of the tensors that live `on_gpu`, copies on the host count.
+///
+/// # Errors
+/// The key that takes most, with its value.
+pub(super) fn check_memory(config: &Config, views: Views, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
+    let need = |config: &Config| needed(config, views, on_gpu);
+    let bytes = need(config);
+    budget.check(largest(config, need), bytes).map_err(|e| TrainError::Config(e.to_string()))
+}
+
+/// Bytes at the peak of a training, beside the images themselves.
+fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
+    let (model, count) = (&config.model, views.count as u128);
+    let (n, attributes) = (most_gaussians(config), size::attributes(model));
+    let parameters = size::field_parameters(model);
+    let pixels = views.pixels as u128;
+    let (each, copies, shown) = if on_gpu {
+        (attributes.saturating_mul(3), 2, 16)
+    } else {
+        let features = size::features(model).saturating_mul(2);
+        let step = attributes.saturating_mul(COPIES - 1).saturating_add(features);
+        let step = step.saturating_add(size::hidden(model)).saturating_add(VALUES_DRAWN);
+        (step.max(attributes.saturating_mul(COPIES_MOVED)), COPIES, VALUES_PIXEL)
+    };
+    let hull = count.saturating_mul(pixels / 8 + pixels.min(HULL_TABLE).saturating_mul(VALUE));
+    let reduced = pixels / u128::from(config.speed.coarse_factor.max(1)).pow(2);
+    let reduced = if config.speed.coarse_steps > 0 { count.saturating_mul(reduced).saturating_mul(4) } else { 0 };
+    let values = n.saturating_mul(each).saturating_add(parameters.saturating_mul(copies));
+    let values = values.saturating_add(pixels.saturating_mul(shown));
+    values.saturating_mul(VALUE).saturating_add(hull.max(reduced))
+}
+
+/// The most Gaussians that there can be: no more than twice as many after each time that some are added.
+fn most_gaussians(config: &Config) -> u128 {
+    let (start, d, stages) = (config.init.points as u128, &config.densify, &config.stages);
+    if d.mode == DensifyMode::Off {
+        return start;
+    }
+    let warmup = stages.warmup_steps.saturating_sub(d.warmup_from);
+    let joint = d.joint_until.min(stages.joint_steps).saturating_sub(d.joint_from);
+    let times = (warmup / d.every.max(1)).saturating_add(joint / d.every.max(1)).saturating_add(2);
+    let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
+    doubled.min(d.budget as u128).max(start)
+}
+
+/// A key and where its value is.
+type Key = (&'static str, fn(&mut Config) -> &mut usize);
+
+/// The keys that sizes follow from.
+const KEYS: [Key; 8] = [
+    ("init.points", |c| &mut c.init.points),
+    ("densify.budget", |c| &mut c.densify.budget),
+    ("model.levels", |c| &mut c.model.levels),
+    ("model.resolution", |c| &mut c.model.resolution),
+    ("model.time_knots", |c| &mut c.model.time_knots),
+    ("model.channels", |c| &mut c.model.channels),
+    ("model.width", |c| &mut c.model.width),
+    ("model.implicit_octaves", |c| &mut c.model.implicit_octaves),
+];
+
+/// The key, with its value, whose return to its default would save most; the number of Gaussians where none would.
+fn largest(config: &Config, need: impl Fn(&Config) -> u128) -> String {
+    let mut defaults = Config::default();
+    let saved = |(name, place): &Key| {
+        let (mut other, default) = (config.clone(), *place(&mut defaults));
+        let value = *place(&mut other);
+        *place(&mut other) = value.min(default);
+        (need(&other), format!("{name} = {value}"))
+    };
+    let best = KEYS.iter().map(saved).min_by_key(|(bytes, _)| *bytes);
+    match best {
+        Some((bytes, key)) if bytes < need(config) => key,
+        _ if config.densify.mode == DensifyMode::Off || config.init.points > config.densify.budget => {
+            format!("init.points = {}", config.init.points)
+        }
+        _ => format!("densify.budget = {}", config.densify.budget),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::types::EncoderKind;
+
+    const VIEWS: Views = Views { count: 100, pixels: 400 * 400 };
+
+    fn refusal(config: &Config, on_gpu: bool) -> String {
+        check_memory(config, VIEWS, on_gpu, Budget::of(8_000_000_000)).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_default_fits_where_it_runs() {
+        let bytes = needed(&Config::default(), VIEWS, false);
+        assert!((300_000_000..2_000_000_000).contains(&bytes), "{bytes}");
+        check_memory(&Config::default(), VIEWS, false, Budget::of(2_000_000_000)).unwrap();
+        assert!(needed(&Config::default(), VIEWS, true) < bytes / 3);
+    }
+
+    #[test]
+    fn the_key_that_takes_most_is_named() {
+        type Huge = fn(&mut Config);
+        let cases: [(Huge, &str); 8] = [
+            (|c| c.init.points = 2_000_000_000, "init.points = 2000000000"),
+            (|c| c.densify.budget = 1_000_000_000_000, "densify.budget = 1000000000000"),
+            (|c| c.model.resolution = 20_000, "model.resolution = 20000"),
+            (|c| c.model.levels = 60, "model.levels = 60"),
+            (|c| c.model.time_knots = 1_000_000_000, "model.time_knots = 1000000000"),
+            (|c| c.model.channels = 1_000_000, "model.channels = 1000000"),
+            (|c| c.model.width = 1_000_000, "model.width = 1000000"),
+            (|c| (c.model.encoder, c.model.width) = (EncoderKind::Implicit, 1_000_000), "model.width = 1000000"),
+        ];
+        for (huge, key) in cases {
+            let mut config = Config::default();
+            huge(&mut config);
+            let text = refusal(&config, false);
+            assert!(text.contains(key) && text.contains("needs about") && text.contains("--memory"), "{text}");
+            // tensors on a GPU pass through the host as well
+            assert!(refusal(&config, true).contains(key));
+        }
+    }
+
+    #[test]
+    fn sizes_beyond_all_bounds_do_not_overflow() {
+        let mut config = Config::default();
+        for (_, place) in KEYS {
+            *place(&mut config) = usize::MAX;
+        }
+        config.speed.coarse_steps = 1;
+        config.model.sh_degree = usize::MAX;
+        let views = Views { count: usize::MAX, pixels: usize::MAX };
+        assert!(check_memory(&config, views, false, Budget::of(u64::MAX)).is_err());
+    }
+
+    #[test]
+    fn a_budget_that_no_training_reaches_takes_no_memory() {
+        let mut config = Config::default();
+        (config.init.points, config.densify.budget) = (300, 1_000_000_000_000);
+        (config.stages.warmup_steps, config.stages.joint_steps) = (0, 1000);
+        assert!(most_gaussians(&config) < 300 << 8);
+        config.densify.mode = DensifyMode::Off;
+        assert_eq!(most_gaussians(&config), 300);
+    }
+}

@@ -1,0 +1,326 @@
+//! Tensor files: scenes, optimiser states, affinity fields, segments, weights.
+
+use crate::driver::{Scratch, Target, accepted, fuzz};
+use safetensors::SafeTensors;
+use safetensors::tensor::{Dtype, TensorView};
+use std::collections::BTreeMap;
+use std::path::Path;
+use volseggs::burn::tensor::Device;
+use volseggs::config::types::{Config, ModelConfig};
+use volseggs::data::paths::{Lens, training_cameras};
+use volseggs::device::DeviceName;
+use volseggs::metrics::lpips::Lpips;
+use volseggs::model::gaussians::HostGaussians;
+use volseggs::model::params::{self, HostTensor};
+use volseggs::model::scene::{read_tensors, write_tensors};
+use volseggs::model::{Scene, SceneSpec};
+use volseggs::segment::fine::AffinityField;
+use volseggs::segment::fine::file as affinity;
+use volseggs::segment::fine::network::Frame;
+use volseggs::segment::masks::sam::{Sam, SamConfig};
+use volseggs::segment::segmentation::{Origin, Segment, Segmentation};
+use volseggs::tensors::{self, DIGEST};
+use volseggs::train::optimizer::{AdamConstants, Optimizer};
+use volseggs::train::sleep::Sleep;
+use xxhash_rust::xxh3::Xxh3Default;
+
+/// A case that begins so is a header and, after [`SPLIT`], the data; any other is a file as it is.
+const APART: &[u8] = b"apart ";
+const SPLIT: u8 = 1;
+
+pub fn device() -> Device {
+    DeviceName::all()[0].open().unwrap()
+}
+
+/// The file as it is and taken apart.
+fn both(file: &[u8]) -> [Vec<u8>; 2] {
+    let length = u64::from_le_bytes(file[..8].try_into().unwrap()) as usize;
+    let (header, data) = file[8..].split_at(length);
+    [file.to_vec(), [APART, header, &[SPLIT], data].concat()]
+}
+
+/// Puts a file together and makes its digest right.
+fn signed(mut bytes: Vec<u8>) -> Vec<u8> {
+    if let Some(rest) = bytes.strip_prefix(APART) {
+        let at = rest.iter().position(|b| *b == SPLIT).unwrap_or(rest.len());
+        let (header, data) = (&rest[..at], rest.get(at + 1..).unwrap_or_default());
+        bytes = [&(header.len() as u64).to_le_bytes(), header, data].concat();
+    }
+    let place = SafeTensors::deserialize(&bytes).ok().and_then(|file| {
+        let data = file.tensor(DIGEST).ok()?.data().as_ptr_range();
+        let at = data.start as usize - bytes.as_ptr() as usize;
+        (data.end as usize - data.start as usize == 16).then_some(at)
+    });
+    if let Some(at) = place {
+        let mut hash = Xxh3Default::new();
+        hash.update(&bytes[..at]);
+        hash.update(&[0; 16]);
+        hash.update(&bytes[at + 16..]);
+        let digest = hash.digest128().to_be_bytes();
+        bytes[at..at + 16].copy_from_slice(&digest);
+    }
+    bytes
+}
+
+fn target(scratch: &Scratch, seeds: &[Vec<u8>], read: impl Fn(&Path) -> bool + 'static) -> Target {
+    let (path, scratch) = (scratch.path("case.safetensors"), scratch.clone());
+    let read = move |bytes: &[u8]| {
+        scratch.overwrite(&path, bytes);
+        read(&path)
+    };
+    Target::new(seeds.iter().flat_map(|s| both(s)).collect(), read).assemble(signed).sizes(64 << 10, 64).tokens(&[
+        "\"F32\"",
+        "\"F16\"",
+        "\"U32\"",
+        "\"I64\"",
+        "\"BOOL\"",
+        "\"F4\"",
+        "\"shape\":[",
+        "\"data_offsets\":[0,0]",
+        "\"__metadata__\"",
+        "volseggs.digest",
+        "[0]",
+        "[1]",
+        "[]",
+        "null",
+        "\\\"",
+    ])
+}
+
+fn small() -> ModelConfig {
+    let model = Config::default().model;
+    ModelConfig { sh_degree: 1, levels: 1, resolution: 2, time_knots: 2, channels: 2, width: 4, ..model }
+}
+
+fn spec(model: ModelConfig) -> SceneSpec {
+    SceneSpec { model, centre: [0.0; 3], half_size: [1.0; 3], background: [1.0; 3], deformed: true, sh_degree: 1 }
+}
+
+/// A scene of three Gaussians.
+pub fn scene(model: ModelConfig) -> Scene {
+    let n = 3;
+    let k = (model.sh_degree + 1).pow(2);
+    let row = |len: usize| (0..n * len).map(|i| (i as f32 * 0.37).sin()).collect::<Vec<f32>>();
+    let gaussians = HostGaussians {
+        means: row(3),
+        rotations: row(4),
+        log_scales: vec![-2.0; 3 * n],
+        opacity_logits: row(1),
+        sh: row(3 * k),
+    };
+    Scene::new(gaussians, spec(model), 1, &device())
+}
+
+/// Scenes whose header does not fit their tensors, or that are empty.
+fn contradictions() -> impl Iterator<Item = (BTreeMap<String, HostTensor>, SceneSpec)> {
+    let tensors = params::collect(&scene(small()));
+    let mut empty = tensors.clone();
+    for (_, tensor) in empty.iter_mut().filter(|(name, _)| name.starts_with("gaussians.")) {
+        tensor.shape[0] = 0;
+        tensor.values.clear();
+    }
+    let models = [
+        ModelConfig { resolution: 1 << 40, ..small() },
+        ModelConfig { resolution: 4096, channels: 64, ..small() },
+        ModelConfig { levels: 1 << 40, ..small() },
+        ModelConfig { width: 1 << 33, ..small() },
+        ModelConfig { sh_degree: usize::MAX, ..small() },
+        ModelConfig { sh_degree: 1 << 15, ..small() },
+        ModelConfig { levels: 0, ..small() },
+        ModelConfig { channels: 0, time_knots: 0, ..small() },
+    ];
+    let specs = models.map(spec).into_iter().chain([
+        SceneSpec { sh_degree: 3, ..spec(small()) },
+        SceneSpec { half_size: [0.0, 1.0, -1.0], ..spec(small()) },
+    ]);
+    let whole = specs.map(move |spec| (tensors.clone(), spec));
+    whole.chain([(empty, spec(small()))])
+}
+
+fn saved(scratch: &Scratch, save: impl FnOnce(&Path)) -> Vec<u8> {
+    let path = scratch.path("seed.safetensors");
+    save(&path);
+    std::fs::read(&path).unwrap()
+}
+
+#[test]
+fn scene_file() {
+    fuzz("scene", |scratch| {
+        let implicit = volseggs::config::types::EncoderKind::Implicit;
+        let mut seeds = [small(), ModelConfig { encoder: implicit, implicit_octaves: 1, ..small() }]
+            .map(|model| saved(scratch, |path| scene(model).save(path).unwrap()))
+            .to_vec();
+        seeds.extend(contradictions().map(|(tensors, spec)| {
+            let text = serde_json::to_string(&spec).unwrap();
+            saved(scratch, |path| write_tensors(path, &tensors, Some(("volseggs", text))).unwrap())
+        }));
+        let device = device();
+        let cameras = training_cameras(1, 4.0, Lens { fov_x: 0.5, width: 6, height: 4 });
+        target(scratch, &seeds, move |path| {
+            let Some(scene) = accepted(Scene::load(path, &device)) else { return false };
+            let _ = (scene.fingerprint(), scene.gaussians.sh_degree(), scene.gaussians.to_host());
+            let picture = scene.render(cameras[0].to_kernel(), 0.3);
+            assert_eq!(picture.len(), 4 * 6 * 4);
+            true
+        })
+    });
+}
+
+#[test]
+fn tensor_file() {
+    fuzz("tensors", |scratch| {
+        let seed = saved(scratch, |path| {
+            let tensor =
+                |shape: &[usize]| HostTensor { shape: shape.to_vec(), values: vec![0.5; shape.iter().product()] };
+            let all = BTreeMap::from([("a".to_owned(), tensor(&[2, 3])), ("b".to_owned(), tensor(&[0]))]);
+            write_tensors(path, &all, Some(("key", "{\"x\": 1}".into()))).unwrap();
+        });
+        target(scratch, &[seed], |path| {
+            let whole = accepted(tensors::read(path)).is_some();
+            let read = accepted(read_tensors(path));
+            assert!(whole || read.is_none());
+            if let Some((all, _)) = &read {
+                assert!(all.values().all(|t| t.values.len() == t.shape.iter().product::<usize>()));
+            }
+            whole
+        })
+    });
+}
+
+/// The state of Adam and of sleep, as a checkpoint has them.
+fn optimizer_file(path: &Path, steps: Vec<f32>) {
+    let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };
+    let all = BTreeMap::from([
+        ("adam.first.gaussians.means".to_owned(), tensor(vec![0.1; 9])),
+        ("adam.second.gaussians.means".to_owned(), tensor(vec![0.2; 9])),
+        ("adam.steps.gaussians.means".to_owned(), tensor(steps)),
+        ("statistics.gradient".to_owned(), tensor(vec![0.0; 3])),
+        (format!("asleep.{:016x}", 0.5f64.to_bits()), tensor(vec![2.0, 5.0])),
+    ]);
+    write_tensors(path, &all, None).unwrap();
+}
+
+#[test]
+fn optimizer() {
+    fuzz("optimizer", |scratch| {
+        let steps = [vec![0.0, 7.0], vec![1e30, 1e30], vec![f32::NAN, -1.0], vec![3.0], vec![]];
+        let seeds = steps.map(|steps| saved(scratch, |path| optimizer_file(path, steps)));
+        let device = device();
+        target(scratch, &seeds, move |path| {
+            let Some((tensors, _)) = accepted(read_tensors(path)) else { return false };
+            let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.999], epsilon: 1e-15, sh_rest: 1.0 });
+            optimizer.load(&tensors, &device);
+            let _ = optimizer.to_tensors();
+            let mut sleep = Sleep::new(4);
+            sleep.load(&tensors, 3);
+            for _ in 0..3 {
+                sleep.visit(0.5);
+            }
+            true
+        })
+    });
+}
+
+#[test]
+fn affinity_field() {
+    fuzz("affinity", |scratch| {
+        let device = device();
+        let seed = saved(scratch, |path| {
+            let frame = Frame { centre: [0.0; 3], side: 1.0 };
+            let spec =
+                affinity::AffinitySpec { frame, time: 0.5, scene: "0123456789abcdef".into(), spreads: vec![0.1, 0.2] };
+            affinity::save(path, &AffinityField::new(1, &device), &spec).unwrap();
+        });
+        target(scratch, &[seed], move |path| {
+            let Some((field, spec)) = accepted(affinity::load(path, &device)) else { return false };
+            let features = field.features(&spec.frame.encode(&[0.1, 0.2, 0.3]), 0.5);
+            assert_eq!(features.len(), 16);
+            true
+        })
+    });
+}
+
+#[test]
+fn segments() {
+    fuzz("segments", |scratch| {
+        let seed = saved(scratch, |path| {
+            let mut all = Segmentation::new(5, "0123456789abcdef".into());
+            for (name, parent, origin, members) in [
+                ("red", None, Origin::Coarse, vec![0, 1, 2]),
+                ("red.1", Some("red"), Origin::Fine { scale: 0.5 }, vec![0, 2]),
+                ("dot", Some("red"), Origin::Pick { scale: 0.1, threshold: 0.9 }, vec![]),
+            ] {
+                let parent = parent.map(|p| p.parse().unwrap());
+                let name = name.parse().unwrap();
+                all.add(Segment { name, parent, colour: [1.0, 0.5, 0.0], time: 0.5, origin, members }).unwrap();
+            }
+            all.save(path).unwrap();
+        });
+        let again = scratch.path("again.safetensors");
+        target(scratch, &[seed], move |path| {
+            let Some(mut found) = accepted(Segmentation::load(path)) else { return false };
+            let names = found.leaves();
+            // whether the number is that of the scene is for the program to check
+            if found.gaussians <= 1 << 20 {
+                let labels = accepted(found.labels(&names));
+                assert!(labels.is_none_or(|l| l.len() == found.gaussians));
+            }
+            assert_eq!(found.depths().len(), found.segments.len());
+            accepted(found.save(&again));
+            found.remove(|s| s.parent.is_none());
+            true
+        })
+    });
+}
+
+/// A file of zeros.
+fn zeros(tensors: &[(&str, &[usize])]) -> Vec<u8> {
+    let data: Vec<Vec<u8>> = tensors.iter().map(|(_, shape)| vec![0; 2 * shape.iter().product::<usize>()]).collect();
+    let views = tensors
+        .iter()
+        .zip(&data)
+        .map(|((name, shape), data)| (*name, TensorView::new(Dtype::F16, shape.to_vec(), data).unwrap()));
+    safetensors::serialize(views, None).unwrap()
+}
+
+/// The whole weights are too large to damage a million times: only what comes first is met here.
+#[test]
+fn lpips_weights() {
+    fuzz("lpips", |scratch| {
+        let seeds = [
+            zeros(&[("net.conv0.weight", &[64, 3, 11, 11]), ("net.conv0.bias", &[64])]),
+            zeros(&[("net.conv0.weight", &[64, 3, 3, 3]), ("net.conv0.bias", &[64])]),
+        ];
+        let device = device();
+        // no file of this size is whole, so one that is accepted is a failure of its own
+        let read = move |path: &Path| accepted(Lpips::load(path, &device)).is_none();
+        target(scratch, &seeds, read)
+    });
+}
+
+#[test]
+fn sam_weights() {
+    fuzz("sam", |scratch| {
+        let whole = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/sam.safetensors")).unwrap();
+        let config = SamConfig {
+            image_size: 64,
+            embed_dims: [8, 16, 16, 24],
+            depths: [1, 1, 2, 1],
+            heads: [1, 2, 4, 3],
+            windows: [1, 3, 4, 2],
+            mlp_ratio: 2,
+            expand_ratio: 3,
+            prompt_dim: 16,
+            decoder_depth: 2,
+            decoder_heads: 2,
+            decoder_mlp: 24,
+            decoder_downsample: 2,
+            candidates: 3,
+            iou_depth: 3,
+            iou_hidden: 12,
+        };
+        let device = device();
+        let read = move |path: &Path| accepted(Sam::load(path, &config, &device)).is_some();
+        target(scratch, &[whole], read).sizes(256 << 10, 64)
+    });
+}

@@ -1,0 +1,166 @@
+//! Going on with a run: by its folder alone, for longer, from an older checkpoint; and what is refused.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
+use std::path::Path;
+use volseggs::model::scene::{read_tensors, write_tensors};
+use volseggs::train::checkpoint;
+
+/// `volseggs train --resume PATH` with more arguments.
+fn resume(path: &Path, more: &[&str]) -> assert_cmd::Command {
+    let mut command = volseggs();
+    command.args(["train", "--resume"]).arg(path).args(more);
+    command
+}
+
+#[test]
+fn the_run_alone_is_enough_and_its_logs_may_change() {
+    let root = dataset();
+    let (whole, run) = (root.path().join("whole"), root.path().join("run"));
+    train(root.path(), "whole", &[]).assert().success();
+    train(root.path(), "run", &[]).args(["--stop-after", "37"]).assert().success();
+    let more = ["--set", "output.log_every=5", "--set", "output.checkpoint_every=7", "--set", "output.keep=3"];
+    let output = resume(&run, &more).assert().success().get_output().clone();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.contains("note: output.log_every was 10 and is 5 now"), "{told}");
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "a resumed run ends elsewhere");
+    assert_eq!(names(&run.join("checkpoints")).len(), 3);
+    let steps: Vec<u64> = metrics(&run).iter().map(|l| l["step"].as_u64().unwrap()).collect();
+    assert_eq!(steps[..6], [10, 20, 30, 40, 45, 50]);
+    // what was changed is the run's configuration from now on
+    resume(&run, &[]).assert().success();
+    assert!(std::fs::read_to_string(run.join("config.toml")).unwrap().contains("keep = 3"));
+}
+
+#[test]
+fn a_trained_run_can_be_lengthened_but_not_shortened_or_changed() {
+    let root = dataset();
+    let run = root.path().join("run");
+    train(root.path(), "run", &["stages.joint_steps=30"]).assert().success();
+    let before = newest_bytes(&run);
+    refused(
+        &mut resume(&run, &["--set", "stages.joint_steps=20"]),
+        &["stages.joint_steps was 30 and is 20 now", "--stop-after"],
+    );
+    refused(
+        &mut resume(&run, &["--set", "seed=5", "--set", "init.points=301"]),
+        &["seed was 0 and is 5 now", "init.points was 300 and is 301 now", "50 steps already taken"],
+    );
+    assert!(newest_bytes(&run) == before);
+    let output = resume(&run, &["--set", "stages.joint_steps=60"]).assert().success().get_output().clone();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        told.contains("stages.joint_steps was 30 and is 60 now: rates") && told.contains("not that of a run"),
+        "{told}"
+    );
+    let record = json(&run.join("run.json"));
+    assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
+}
+
+#[test]
+fn a_run_without_a_checkpoint_is_not_begun_anew() {
+    let root = dataset();
+    let run = root.path().join("run");
+    refused(&mut resume(&run, &[]), &["run"]);
+    assert!(!run.exists());
+    refused(train(root.path(), "run", &[]).arg("--resume"), &["run"]);
+    train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
+    for entry in checkpoint::list(&run) {
+        std::fs::remove_file(entry.1.join("state.json")).unwrap();
+    }
+    refused(&mut resume(&run, &[]), &["no checkpoint to go on from", "step-000012 has no state.json"]);
+    std::fs::remove_dir_all(run.join("checkpoints")).unwrap();
+    let metrics_before = std::fs::read(run.join("metrics.jsonl")).unwrap();
+    refused(&mut resume(&run, &[]), &["no checkpoint to go on from"]);
+    refused(train(root.path(), "run", &[]).arg("--resume"), &["no checkpoint to go on from"]);
+    assert_eq!(std::fs::read(run.join("metrics.jsonl")).unwrap(), metrics_before);
+}
+
+#[test]
+fn garbage_in_the_metrics_is_told_once_and_changes_nothing() {
+    let root = dataset();
+    let run = root.path().join("run");
+    train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
+    std::fs::write(run.join("metrics.jsonl"), "garbage\n").unwrap();
+    let record = std::fs::read(run.join("run.json")).unwrap();
+    let told = refused(&mut resume(&run, &[]), &["metrics.jsonl:1: not a JSON line", "remove"]);
+    assert_eq!(told.matches("metrics.jsonl").count(), 1, "{told}");
+    assert_eq!(std::fs::read(run.join("run.json")).unwrap(), record);
+}
+
+/// Changes a byte in the middle of a file.
+fn damage(path: &Path) {
+    let mut bytes = std::fs::read(path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
+    let root = dataset();
+    let (whole, run) = (root.path().join("whole"), root.path().join("run"));
+    train(root.path(), "whole", &[]).assert().success();
+    train(root.path(), "run", &[]).args(["--stop-after", "37"]).assert().success();
+    let (older, newest) = (run.join("checkpoints/step-000030"), run.join("checkpoints/step-000037"));
+    damage(&newest.join("scene.safetensors"));
+    damage(&newest.join("optimizer.safetensors"));
+    let offer = format!("volseggs train --resume {}", older.display());
+    refused(&mut resume(&run, &[]), &["step-000037", "damaged", "digest", "older checkpoint is whole", &offer]);
+    for (command, more) in [("eval", &[][..]), ("render", &["--out", "x"]), ("export", &["--out", "x.ply"])] {
+        let mut program = volseggs();
+        program.current_dir(root.path()).arg(command).arg(&run).args(more);
+        refused(&mut program, &["step-000037", "damaged", &format!("give {} in place of", older.display())]);
+    }
+    // the older one does in its place
+    let mut program = volseggs();
+    program.args(["export"]).arg(&older).args(["--out", &text(root.path(), "older.ply")]).assert().success();
+    resume(&older, &[]).assert().success();
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "the run ends elsewhere");
+    assert!(names(&run.join("checkpoints")).contains(&"aside-step-000037".to_owned()), "nothing is thrown away");
+    assert_eq!(metrics(&run), metrics(&whole));
+
+    // and where none is whole, that is said
+    for (_, path) in checkpoint::list(&run) {
+        damage(&path.join("scene.safetensors"));
+    }
+    refused(volseggs().arg("eval").arg(&run), &["damaged", "no older checkpoint is whole"]);
+}
+
+#[test]
+fn a_nan_in_a_scene_is_named_with_tensor_and_row() {
+    let root = dataset();
+    let run = root.path().join("run");
+    train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
+    let path = run.join("checkpoints/step-000012/scene.safetensors");
+    let (mut tensors, header) = read_tensors(&path).unwrap();
+    for (value, word) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf")] {
+        tensors.get_mut("gaussians.means").unwrap().values[3 * 7 + 1] = value;
+        write_tensors(&path, &tensors, Some(("volseggs", header["volseggs"].clone()))).unwrap();
+        for command in ["render", "export", "eval", "inspect"] {
+            let mut program = volseggs();
+            program.current_dir(root.path()).arg(command).arg(&run);
+            if ["render", "export"].contains(&command) {
+                program.args(["--out", "out.ply"]);
+            }
+            refused(&mut program, &["scene.safetensors", "gaussians.means, row 7", word]);
+        }
+        refused(&mut resume(&run, &[]), &["gaussians.means, row 7"]);
+    }
+}
+
+#[test]
+fn a_folder_that_is_no_run_keeps_its_files() {
+    let root = dataset();
+    let run = root.path().join("run");
+    std::fs::create_dir(&run).unwrap();
+    std::fs::write(run.join("config.toml"), "mine").unwrap();
+    refused(&mut train(root.path(), "run", &[]), &["config.toml", "belongs to no run"]);
+    assert_eq!(std::fs::read_to_string(run.join("config.toml")).unwrap(), "mine");
+    std::fs::remove_file(run.join("config.toml")).unwrap();
+    std::fs::write(run.join("notes.txt"), "mine").unwrap();
+    train(root.path(), "run", &[]).args(["--stop-after", "3"]).assert().success();
+    assert_eq!(std::fs::read_to_string(run.join("notes.txt")).unwrap(), "mine");
+}

@@ -1,0 +1,241 @@
+//! `volseggs segment` as a whole program: what is taken back, what gives way to what, and what is refused.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{dataset, names, refused, train, volseggs};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn run_json(root: &Path, arguments: &[&str]) -> Value {
+    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// What `volseggs segment` prints: standard output, standard error.
+fn segment(root: &Path, arguments: &[&str]) -> (String, String) {
+    let output = volseggs().current_dir(root).arg("segment").args(arguments).assert().success().get_output().clone();
+    (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+/// Names of a listing, in its order.
+fn listed(root: &Path) -> Vec<String> {
+    let all = run_json(root, &["segment", "list", "run"]);
+    all["segments"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect()
+}
+
+/// The file of the run's segments.
+fn file(root: &Path) -> PathBuf {
+    root.join("run/segments/segments.safetensors")
+}
+
+/// A run, which trained for `steps` if given, with two colours as segments.
+fn two_colours(more: &[&str]) -> TempDir {
+    let folder = dataset();
+    train(folder.path(), "run", &[]).args(more).assert().success();
+    run_json(folder.path(), &["segment", "coarse", "run", "--clusters", "2", "--keep-outliers"]);
+    folder
+}
+
+/// Refused for `words`, and the run is as it was.
+fn refused_and_unchanged(root: &Path, arguments: &[&str], words: &[&str]) {
+    let state = || (names(&root.join("run")), names(&root.join("run/segments")), std::fs::read(file(root)).unwrap());
+    let before = state();
+    refused(volseggs().current_dir(root).arg("segment").args(arguments), words);
+    assert!(state() == before, "{arguments:?} changed something");
+}
+
+#[test]
+fn changes_of_segments_are_taken_back() {
+    let folder = two_colours(&["--stop-after", "40"]);
+    let root = folder.path();
+    let colours = listed(root);
+    let (one, two) = (colours[0].as_str(), colours[1].as_str());
+    let members = |name: &str| {
+        let all = volseggs::segment::segmentation::Segmentation::load(&file(root)).unwrap();
+        all.get(name).unwrap().members.clone()
+    };
+    let of_two = members(two);
+
+    segment(root, &["group", "run", "both", one, two]);
+    segment(root, &["remove", "run", two]);
+    assert_eq!(listed(root), [one, "both"]);
+    let all = run_json(root, &["segment", "list", "run"]);
+    let done = [format!("remove {two}"), "group both".into(), "coarse".into()];
+    assert_eq!((&all["undo"], &all["redo"]), (&serde_json::json!(done), &serde_json::json!([])));
+    let (_, told) = segment(root, &["list", "run"]);
+    assert!(told.contains("3 to undo") && told.contains("segment undo run"), "{told}");
+
+    let (out, _) = segment(root, &["undo", "run"]);
+    assert_eq!(out, format!("undone: remove {two}\n"));
+    assert_eq!((listed(root), members(two)), (vec![one.into(), two.into(), "both".into()], of_two.clone()));
+    segment(root, &["redo", "run"]);
+    assert_eq!(listed(root), [one, "both"]);
+    let undone = run_json(root, &["segment", "undo", "run", "--count", "3"]);
+    assert_eq!(undone["undone"], serde_json::json!(done));
+    let (out, told) = segment(root, &["list", "run"]);
+    assert!(out.is_empty() && told.contains("segment coarse run") && told.contains("3 to redo"), "{out}{told}");
+    assert_eq!(run_json(root, &["segment", "list", "run"])["segments"], serde_json::json!([]));
+    refused_and_unchanged(root, &["undo", "run"], &["nothing to undo", "segments.safetensors"]);
+    refused_and_unchanged(root, &["redo", "run", "--count", "4"], &["--count 4", "between 1 and 3"]);
+    refused_and_unchanged(root, &["redo", "run", "--count", "0"], &["--count", "at least 1"]);
+    segment(root, &["redo", "run", "--count", "2"]);
+    assert_eq!(listed(root), [one, two, "both"]);
+
+    // other colours in their place, and the old ones back
+    run_json(root, &["segment", "coarse", "run", "--clusters", "3", "--replace"]);
+    let new = listed(root);
+    refused_and_unchanged(root, &["redo", "run"], &["nothing to redo"]);
+    segment(root, &["undo", "run"]);
+    assert_eq!((listed(root), members(two)), (vec![one.into(), two.into(), "both".into()], of_two));
+    segment(root, &["redo", "run"]);
+    assert_eq!(listed(root), new);
+
+    // of another state of the scene nothing can come back, nor from a damaged file
+    train(root, "run", &[]).arg("--resume").assert().success();
+    refused(volseggs().current_dir(root).args(["segment", "undo", "run"]), &["another state", "--replace"]);
+    run_json(root, &["segment", "coarse", "run", "--clusters", "2", "--replace"]);
+    assert_eq!(run_json(root, &["segment", "list", "run"])["undo"], serde_json::json!(["coarse"]));
+    let mut bytes = std::fs::read(file(root)).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    std::fs::write(file(root), bytes).unwrap();
+    refused_and_unchanged(root, &["undo", "run"], &["segments.safetensors", "damaged"]);
+    let (_, told) = segment(root, &["coarse", "run", "--clusters", "2", "--replace"]);
+    assert!(told.contains("cannot be brought back") && told.contains("damaged"), "{told}");
+    assert_eq!(run_json(root, &["segment", "list", "run"])["undo"], serde_json::json!(["coarse"]));
+}
+
+#[test]
+fn commands_at_the_same_time_lose_nothing_of_each_other() {
+    let folder = two_colours(&[]);
+    let root = folder.path();
+    let whole = &listed(root)[0];
+    std::thread::scope(|scope| {
+        for i in 0..6 {
+            let name = format!("group-{i}");
+            scope.spawn(move || segment(root, &["group", "run", &name, whole]));
+        }
+    });
+    let all = run_json(root, &["segment", "list", "run"]);
+    assert_eq!((all["segments"].as_array().unwrap().len(), all["undo"].as_array().unwrap().len()), (2 + 6, 1 + 6));
+}
+
+#[test]
+fn a_split_takes_nothing_away_that_somebody_made() {
+    let folder = two_colours(&[]);
+    let root = folder.path();
+    let colours = listed(root);
+    let name = colours[0].as_str();
+    run_json(root, &["segment", "masks", "run", "--views", "5", "--size", "64"]);
+    run_json(root, &["segment", "fine", "run", "--steps", "30", "--pixels", "256"]);
+    let split = |more: &[&str]| -> Vec<String> {
+        let arguments = ["segment", "split", "run", name, "--keep-strays"];
+        let parts = run_json(root, &[&arguments[..], more].concat());
+        parts.as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect()
+    };
+    let part = |k: usize| format!("{name}.{k}");
+    let pick = |made: &str, within: &str| {
+        let all = ["segment", "pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--threshold", "-1"];
+        run_json(root, &[&all[..], &["--keep-strays", "--name", made, "--within", within]].concat());
+    };
+    assert_eq!(split(&["--clusters", "2"]), [part(1), part(2)]);
+    pick("mine", name);
+    assert_eq!(split(&["--clusters", "3"]), [part(1), part(2), part(3)]);
+    let tree = [vec![name.to_owned(), "mine".into(), part(1), part(2), part(3)], colours[1..].to_vec()].concat();
+    assert_eq!(listed(root), tree, "parts stand below their whole");
+    let (out, _) = segment(root, &["list", "run"]);
+    assert_eq!(out.lines().filter(|l| l.starts_with("  ")).count(), 4, "{out}");
+
+    // masks are of the Gaussians that they were made of
+    let affinity = root.join("run/segments/affinity.safetensors");
+    let field = std::fs::read(&affinity).unwrap();
+    segment(root, &["coarse", "run", "--clusters", "4", "--replace"]);
+    let again = ["masks.jsonl", "volseggs segment masks run --replace"];
+    refused_and_unchanged(root, &["fine", "run", "--steps", "5"], &again);
+    segment(root, &["undo", "run"]);
+    assert!(std::fs::read(&affinity).unwrap() == field);
+
+    // picked in a part: it goes only when told, and comes back
+    let held = (1..=3).map(part).find(|p| {
+        let arguments = ["segment", "pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--within", p];
+        volseggs().current_dir(root).args(arguments).output().unwrap().status.success()
+    });
+    let held = held.unwrap();
+    pick("deep", &held);
+    refused_and_unchanged(root, &["split", "run", name], &["deep", name, "--replace"]);
+    segment(root, &["split", "run", name, "--clusters", "2", "--replace"]);
+    assert!(!listed(root).contains(&"deep".to_owned()) && listed(root).contains(&"mine".to_owned()));
+    segment(root, &["undo", "run"]);
+    assert!(listed(root).contains(&"deep".to_owned()));
+
+    // names that are taken are left out
+    segment(root, &["split", "run", name, "--clusters", "2", "--replace"]);
+    segment(root, &["remove", "run", &part(1)]);
+    segment(root, &["group", "run", &part(1), "mine"]);
+    assert_eq!(split(&["--clusters", "2"]), [part(2), part(3)]);
+    assert!(listed(root).contains(&part(1)));
+}
+
+#[test]
+fn every_gaussian_of_coarse_is_accounted_for() {
+    let folder = two_colours(&[]);
+    let root = folder.path();
+    let coarse = ["segment", "coarse", "run", "--replace", "--min-opacity", "0.05"];
+    let found = run_json(root, &coarse);
+    let number = |key: &str| found[key].as_u64().unwrap();
+    let outside = number("transparent") + number("outliers") + number("not_finite");
+    assert_eq!((number("in_segments") + outside, number("gaussians")), (400, 400), "{found}");
+    let (out, told) = segment(root, &coarse[1..]);
+    let counts: Vec<u64> = out.lines().map(|l| l.split_whitespace().nth(1).unwrap().parse().unwrap()).collect();
+    assert!(counts.iter().sum::<u64>() == number("in_segments") && counts.iter().all(|n| *n > 0), "{out}");
+    let line = format!("{} of 400 Gaussians are in segments; {} are too", number("in_segments"), number("transparent"));
+    assert!(told.contains(&line) && told.contains("--min-opacity 0.05") && told.contains("--keep-outliers"), "{told}");
+    // none that are left: the segments of before stay
+    let none = ["coarse", "run", "--replace", "--min-opacity", "1"];
+    refused_and_unchanged(root, &none, &["no segments", "400 are too transparent", "--min-opacity 1"]);
+}
+
+#[test]
+fn numbers_that_no_command_can_use_are_refused() {
+    let folder = two_colours(&[]);
+    let root = folder.path();
+    let name = &listed(root)[0];
+    let pick = ["pick", "run", "--pixel", "16,16", "--camera"];
+    let at = |camera: &'static str, more: &[&'static str]| [&pick[..], &[camera], more].concat();
+    for (arguments, words) in [
+        (vec!["coarse", "run", "--replace", "--clusters", "999999999"], &["--clusters 999999999", "only 400"][..]),
+        (vec!["coarse", "run", "--replace", "--clusters", "0"], &["--clusters", "at least 1"]),
+        (vec!["coarse", "run", "--replace", "--min-opacity", "nan"], &["--min-opacity", "between 0 and 1"]),
+        (vec!["coarse", "run", "--replace", "--radius", "nan"], &["--radius", "above 0"]),
+        (vec!["coarse", "run", "--replace", "--radius", "0"], &["--radius", "above 0"]),
+        (vec!["coarse", "run", "--replace", "--time", "nan"], &["--time", "between 0 and 1"]),
+        (vec!["split", "run", name, "--clusters", "999999999"], &["--clusters 999999999", name, "only"]),
+        (vec!["split", "run", name, "--scale", "nan"], &["--scale", "between 0 and 1"]),
+        (vec!["fine", "run", "--steps", "0"], &["--steps", "at least 1"]),
+        (vec!["fine", "run", "--pixels", "0"], &["--pixels", "at least 1"]),
+        (vec!["fine", "run", "--margin", "5"], &["--margin", "between -1 and 1"]),
+        (vec!["fine", "run", "--rate", "nan"], &["--rate", "above 0"]),
+        (vec!["fine", "run", "--hierarchy", "-1"], &["--hierarchy"]),
+        (vec!["masks", "run", "--size", "99999"], &["--size", "16384"]),
+        (vec!["masks", "run", "--size", "16384", "--memory", "100M"], &["--size 16384", "--memory"]),
+        (vec!["masks", "run", "--views", "99999999999"], &["--views 99999999999", "--memory"]),
+        (vec!["masks", "run", "--views", "0"], &["--views", "at least 1"]),
+        (at("nan,0,0", &[]), &["--camera", "three finite numbers"]),
+        (at("1e300,0,0", &[]), &["--camera", "three finite numbers"]),
+        (at("1,2", &[]), &["--camera", "three finite numbers"]),
+        (at("3,0,0", &["--size", "99999"]), &["--size", "16384"]),
+        (at("3,0,0", &["--size", "16384", "--memory", "1M"]), &["--size 16384", "--memory"]),
+        (at("3,0,0", &["--threshold", "nan"]), &["--threshold", "between -1 and 1"]),
+    ] {
+        refused_and_unchanged(root, &arguments, words);
+    }
+    // where the camera looks from the centre itself
+    let (_, newest) = volseggs::train::checkpoint::list(&root.join("run")).pop().unwrap();
+    let device = volseggs::device::DeviceName::Flex.open().unwrap();
+    let scene = volseggs::model::Scene::load(&newest.join("scene.safetensors"), &device).unwrap();
+    let [x, y, z] = scene.spec.centre;
+    let centre = format!("{x},{y},{z}");
+    refused_and_unchanged(root, &[&pick[..], &[&centre]].concat(), &["--camera", "is the centre"]);
+}
