@@ -33,7 +33,7 @@ pub struct DemoArgs {
 impl DemoArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (name, device) = self.common.device()?;
-        let stop = stop_flag("stopping; what is done is kept")?;
+        let stop = stop_flag("stopping")?;
         let started = Instant::now();
         let options = DemoOptions {
             out: self.out,

@@ -14,7 +14,7 @@ const VIEW_BYTES: usize = 2048;
 /// Bytes of a pixel of an image that a thread renders: colours, label, the eight bits that are written.
 const PIXEL_BYTES: usize = 32;
 /// Bytes of a pixel of the contact sheet's images, which are read back together.
-const SHEET_BYTES: usize = 200;
+const SHEET_BYTES: usize = 120;
 /// Bytes of a voxel: as it was read, laid out for rays, its label, the bricks.
 const VOXEL_BYTES: usize = 16;
 /// Lengths in scene units that make sense.

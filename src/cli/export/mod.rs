@@ -11,6 +11,7 @@ use super::run_folder::RunFolder;
 use super::shown::Shown;
 use super::values::{count, fraction};
 use super::{CliError, Common};
+use crate::files::Work;
 use crate::memory::{Budget, product};
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
@@ -77,7 +78,14 @@ impl Format {
 impl ExportArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = match (&self.out, self.format, self.frames) {
+            // labels without a name go into the run
+            (None, Some(Format::Nrrd | Format::Vti), None) => RunFolder::open_to_write(&self.run, &device, Work::Short),
+            (None, Some(Format::Nrrd | Format::Vti), Some(_)) => {
+                RunFolder::open_to_write(&self.run, &device, Work::Long)
+            }
+            _ => RunFolder::open(&self.run, &device),
+        }?;
         match self.format()? {
             Format::Ply => ply::run(&self, &run),
             format @ (Format::Nrrd | Format::Vti) => labels::run(&self, &run, format),
