@@ -3,6 +3,7 @@
 //! The system lets go of the lock when its process ends, however it ends, so a stale one cannot be. What the file says
 //! is for people, and for the choice between waiting and giving up.
 
+use super::atomic::clean_stale;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -18,6 +19,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const PAUSE: Duration = Duration::from_millis(10);
 /// A file that has just been locked does not say yet by whom; this long nobody is refused for it.
 const UNSIGNED: Duration = Duration::from_secs(2);
+
+/// Folders within folders of a run that may hold temporaries: `eval/test/pictures`.
+const DEPTH: usize = 3;
 
 /// How long a writer will hold the lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -77,7 +81,7 @@ pub struct RunLock {
 
 impl RunLock {
     /// Takes the lock of the run in folder `run`, which must be there, for `command` (shown to others). Waits while its
-    /// holder's work is short, a minute at most.
+    /// holder's work is short, a minute at most. Temporaries in the run that killed writers left are then removed.
     ///
     /// # Errors
     /// [`LockError::Held`] if another process has it, [`LockError::Io`] if the lock file cannot be used.
@@ -87,6 +91,9 @@ impl RunLock {
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io)?;
         let started = Instant::now();
+        // since when the file has not said by whom it is locked
+        let mut unsigned: Option<Instant> = None;
+        let mut last: Option<Holder> = None;
         loop {
             match file.try_lock() {
                 Ok(()) => break,
@@ -96,20 +103,26 @@ impl RunLock {
                 Err(TryLockError::Error(e)) => return Err(io(e)),
             }
             let holder = Holder::read(&path);
-            let waited = started.elapsed();
             let give_up = match &holder {
-                Some(holder) => holder.work == Work::Long || waited > PATIENCE,
-                None => waited > UNSIGNED,
+                // seen twice: what a killed process wrote stays until the next holder has signed
+                Some(now) if now.work == Work::Long && last.as_ref() == Some(now) => true,
+                Some(_) => started.elapsed() > PATIENCE,
+                None => unsigned.get_or_insert_with(Instant::now).elapsed() > UNSIGNED,
             };
             if give_up {
                 let holder = Box::new(holder.unwrap_or_else(Holder::unknown));
                 return Err(LockError::Held { run: run.into(), holder });
             }
+            if holder.is_some() {
+                unsigned = None;
+            }
+            last = holder;
             std::thread::sleep(PAUSE);
         }
         let text = serde_json::to_vec(&Holder::me(command, work)).map_err(|e| io(e.into()))?;
         let signed = file.seek(SeekFrom::Start(0)).and_then(|_| file.set_len(0)).and_then(|()| file.write_all(&text));
         signed.map_err(io)?;
+        clean_below(run, DEPTH).map_err(io)?;
         Ok(Self { run: run.into(), _file: file })
     }
 
@@ -118,6 +131,25 @@ impl RunLock {
     pub fn run(&self) -> &Path {
         &self.run
     }
+}
+
+/// Removes stale temporaries in `folder` and, so many levels down, in its folders.
+fn clean_below(folder: &Path, depth: usize) -> io::Result<()> {
+    clean_stale(folder)?;
+    if depth == 0 {
+        return Ok(());
+    }
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            match clean_below(&entry.path(), depth - 1) {
+                // it was a temporary, and its writer is done with it
+                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+                outcome => outcome?,
+            }
+        }
+    }
+    Ok(())
 }
 
 impl Drop for RunLock {
@@ -200,6 +232,34 @@ mod tests {
             }
         });
         assert_eq!(most.into_inner(), 1);
+    }
+
+    #[test]
+    fn one_that_has_waited_long_is_not_refused_for_a_lock_that_is_just_being_signed() {
+        let dir = tempfile::tempdir().unwrap();
+        let held = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+        std::thread::scope(|s| {
+            let waiting = s.spawn(|| RunLock::acquire(dir.path(), "volseggs edit", Work::Short).map(drop));
+            std::thread::sleep(UNSIGNED + Duration::from_millis(300));
+            // as between taking the lock and signing it
+            held._file.set_len(0).unwrap();
+            std::thread::sleep(Duration::from_millis(100));
+            drop(held);
+            waiting.join().unwrap().unwrap();
+        });
+    }
+
+    #[test]
+    fn what_killed_writers_left_in_the_run_is_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let pictures = dir.path().join("eval/test/pictures");
+        std::fs::create_dir_all(&pictures).unwrap();
+        let left = format!(".tmp-x.png-{}@{:08x}-0", u32::MAX, super::super::atomic::host());
+        for folder in [dir.path(), &pictures] {
+            std::fs::write(folder.join(&left), "half").unwrap();
+        }
+        RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+        assert!(!dir.path().join(&left).exists() && !pictures.join(&left).exists());
     }
 
     #[test]

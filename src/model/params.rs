@@ -66,6 +66,28 @@ pub fn collect<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
     collector.out
 }
 
+/// Numbers of values of the float parameters of a module, by name.
+pub fn sizes<M: Module>(module: &M) -> BTreeMap<String, usize> {
+    struct Sizes {
+        path: Path,
+        out: BTreeMap<String, usize>,
+    }
+    impl ModuleVisitor for Sizes {
+        fn enter_module(&mut self, name: &str, _: &str) {
+            self.path.enter(name);
+        }
+        fn exit_module(&mut self, _: &str, _: &str) {
+            self.path.exit();
+        }
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.out.insert(self.path.name(), param.dims().iter().product());
+        }
+    }
+    let mut sizes = Sizes { path: Path::default(), out: BTreeMap::new() };
+    module.visit(&mut sizes);
+    sizes.out
+}
+
 /// Why named tensors do not fit a module.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FitError {

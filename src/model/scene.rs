@@ -235,7 +235,10 @@ pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
 }
 
 /// Names the first value that is no finite number.
-fn refuse_not_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) -> Result<(), SceneError> {
+///
+/// # Errors
+/// [`SceneError::NotFinite`].
+pub fn refuse_not_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) -> Result<(), SceneError> {
     for (name, tensor) in tensors {
         if let Some(at) = tensor.values.iter().position(|v| !v.is_finite()) {
             let row = at / tensor.shape.iter().skip(1).product::<usize>().max(1);

@@ -8,7 +8,7 @@ use super::densify::Statistics;
 use super::resume::{self, Change};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, remove_whole, write_atomic};
 use crate::model::Scene;
-use crate::model::params::HostTensor;
+use crate::model::params::{self, HostTensor};
 use crate::model::scene::{SceneError, read_tensors, write_tensors};
 use crate::tensors::{self, TensorFileError};
 use serde::{Deserialize, Serialize};
@@ -254,7 +254,9 @@ fn restore_whole(
     let statistics =
         Statistics { gradient: statistic("gradient")?, views: statistic("views")?, opacity: statistic("opacity")? };
     trainer.statistics.replace(|_| statistics);
-    trainer.optimizer.load(&tensors, &device.inner());
+    let sizes = params::sizes(&scene);
+    let loaded = trainer.optimizer.load(&tensors, &sizes, &device.inner());
+    loaded.map_err(|reason| CheckpointError::File { path: tensors_path.clone(), reason })?;
     trainer.sleep.load(&tensors, n);
     trainer.scene = Some(scene);
     trainer.step = state.step;

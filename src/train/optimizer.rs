@@ -96,22 +96,45 @@ impl Optimizer {
         out
     }
 
-    /// Takes the state back from [`Optimizer::to_tensors`].
-    pub fn load(&mut self, tensors: &BTreeMap<String, HostTensor>, device: &Device) {
+    /// Takes the state back from [`Optimizer::to_tensors`]; `sizes` are the numbers of values of the parameters by name.
+    ///
+    /// # Errors
+    /// A message that names a tensor which does not fit; the state is then incomplete.
+    pub fn load(
+        &mut self,
+        tensors: &BTreeMap<String, HostTensor>,
+        sizes: &BTreeMap<String, usize>,
+        device: &Device,
+    ) -> Result<(), String> {
         let tensor = |t: &HostTensor| Tensor::from_data(TensorData::new(t.values.clone(), [t.values.len()]), device);
         self.moments.clear();
         for (key, first) in tensors {
             let Some(name) = key.strip_prefix("adam.first.") else { continue };
             let second = tensors.get(&format!("adam.second.{name}"));
             let steps = tensors.get(&format!("adam.steps.{name}"));
-            if let (Some(second), Some(steps)) = (second, steps) {
-                let steps = ((steps.values[0] as u64) << 24) | steps.values[1] as u64;
-                let moments = Moments { first: tensor(first), second: tensor(second), steps };
-                self.moments.insert(name.to_owned(), moments);
+            let (Some(second), Some(steps)) = (second, steps) else {
+                return Err(format!("adam.first.{name} is there without adam.second.{name} and adam.steps.{name}"));
+            };
+            let [high, low] = steps.values[..] else {
+                return Err(format!("adam.steps.{name} has {} values, expected 2", steps.values.len()));
+            };
+            let half = |v: f32| (0.0..HALF).contains(&v).then_some(v as u64);
+            let Some((high, low)) = half(high).zip(half(low)) else {
+                return Err(format!("adam.steps.{name} is no number of steps"));
+            };
+            let size = sizes.get(name).copied().unwrap_or(0);
+            if [first.values.len(), second.values.len()] != [size; 2] {
+                return Err(format!("the moments of {name} have {} values, expected {size}", first.values.len()));
             }
+            let moments = Moments { first: tensor(first), second: tensor(second), steps: high << 24 | low };
+            self.moments.insert(name.to_owned(), moments);
         }
+        Ok(())
     }
 }
+
+/// Halves of a number of steps are below this, so that f32 holds them exactly.
+const HALF: f32 = 16_777_216.0;
 
 struct Stepper<'a, F> {
     path: Path,

@@ -28,7 +28,7 @@ impl Sleep {
     /// Who may be passed over in this visit of `time`; nobody if all are due.
     pub fn visit(&mut self, time: f64) -> Option<Vec<bool>> {
         let (visits, asleep) = self.times.get_mut(&time.to_bits())?;
-        *visits += 1;
+        *visits = visits.saturating_add(1);
         (*visits < self.every).then(|| asleep.clone())
     }
 

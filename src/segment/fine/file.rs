@@ -2,7 +2,7 @@
 
 use super::network::{AffinityField, Frame};
 use crate::model::params;
-use crate::model::scene::{SceneError, read_tensors, write_tensors};
+use crate::model::scene::{SceneError, read_tensors, refuse_not_finite, write_tensors};
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -41,6 +41,7 @@ pub fn save(path: &Path, field: &AffinityField, spec: &AffinitySpec) -> Result<(
 /// If the file is missing, damaged or holds another network.
 pub fn load(path: &Path, device: &Device) -> Result<(AffinityField, AffinitySpec), SceneError> {
     let (tensors, header) = read_tensors(path)?;
+    refuse_not_finite(path, &tensors)?;
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let text =
         header.get(ENTRY).ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: no affinity field")))?;

@@ -1,0 +1,115 @@
+//! What must hold at any moment, and at the end.
+
+use crate::files::{Snapshot, fits};
+use crate::jobs::{Job, tells_the_time};
+use crate::whole::{whole, whole_dataset};
+use std::collections::BTreeSet;
+use std::path::Path;
+use volseggs::train::checkpoint;
+
+/// All faults of what a killed command left in `folder`: `before` it, and `after` one that was left alone. Nothing is in
+/// `after` yet when that one is checked itself.
+pub fn faults(job: &Job, folder: &Path, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Vec<String> {
+    let mut faults = Vec::new();
+    let may = |path: &str| fits(&job.may, path) && !fits(&job.but, path);
+    for (path, old) in before {
+        match now.get(path) {
+            None if !fits(&job.goes, path) => faults.push(format!("{path} was there before and is gone")),
+            Some(new) if new != old && !may(path) => faults.push(format!("{path} changed, which {} may not", job.name)),
+            _ => {}
+        }
+    }
+    for (path, bytes) in now {
+        let old = before.get(path);
+        if old.is_none() && !may(path) {
+            faults.push(format!("{path} came into being, which {} may not make", job.name));
+        }
+        if old == Some(bytes) {
+            continue;
+        }
+        if let Err(e) = whole(&folder.join(path)) {
+            faults.push(format!("{path} is not whole ({} bytes): {e}", bytes.len()));
+        }
+        let neither = !tells_the_time(path) && after.get(path).is_some_and(|new| new != bytes);
+        if neither {
+            faults.push(format!(
+                "{path} ({} bytes) is neither as it was ({:?}) nor as a command left alone makes it ({:?})",
+                bytes.len(),
+                old.map(Vec::len),
+                after.get(path).map(Vec::len)
+            ));
+        }
+    }
+    if !after.is_empty() {
+        faults.extend(job.at_once.iter().filter_map(|part| mixed(part, before, now, after)));
+    }
+    faults.extend(folders(folder, now));
+    faults
+}
+
+/// A folder that is neither wholly as before nor wholly as after.
+fn mixed(part: &str, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Option<String> {
+    let prefix = format!("{part}/");
+    let of = |all: &Snapshot| -> Snapshot {
+        let inside = all.iter().filter(|(path, _)| path.starts_with(&prefix));
+        inside.map(|(path, b)| (path.clone(), if tells_the_time(path) { Vec::new() } else { b.clone() })).collect()
+    };
+    let (old, there, new) = (of(before), of(now), of(after));
+    if there == old || there == new {
+        return None;
+    }
+    let names = |a: &Snapshot, b: &Snapshot| -> Vec<String> {
+        let set: BTreeSet<&String> = a.iter().filter(|(p, bytes)| b.get(*p) != Some(bytes)).map(|(p, _)| p).collect();
+        set.into_iter().take(5).cloned().collect()
+    };
+    Some(format!(
+        "{part} is neither wholly as it was nor wholly as it will be: not as before {:?}, not as after {:?}, missing of \
+         what comes {:?}",
+        names(&there, &old),
+        names(&there, &new),
+        names(&new, &there)
+    ))
+}
+
+/// Folders with final names that lack a part.
+fn folders(folder: &Path, now: &Snapshot) -> Vec<String> {
+    let mut faults = Vec::new();
+    for name in ["prepared", "fresh"] {
+        if folder.join(name).exists()
+            && let Err(e) = whole_dataset(&folder.join(name))
+        {
+            faults.push(format!("{name}: {e}"));
+        }
+    }
+    let parents = |of: &str| -> BTreeSet<String> {
+        let inside = now.keys().filter_map(|path| path.rsplit_once('/').map(|(parent, _)| parent));
+        inside.filter(|p| p.rsplit_once('/').is_some_and(|(up, _)| up.ends_with(of))).map(str::to_owned).collect()
+    };
+    let mut need = |parents: BTreeSet<String>, names: &[&str]| {
+        for parent in parents {
+            for name in names.iter().filter(|n| !now.contains_key(&format!("{parent}/{n}"))) {
+                faults.push(format!("{parent} has no {name}"));
+            }
+        }
+    };
+    need(parents("/checkpoints"), &["scene.safetensors", "optimizer.safetensors", "state.json"]);
+    need(
+        parents("run/track"),
+        &["statistics.json", "statistics.csv", "events.csv", "tracks.csv", "over-time.svg", "times.png"],
+    );
+    if now.keys().any(|p| p.starts_with("new/")) && !now.contains_key("new/run.json") {
+        faults.push("new holds files of a run and no run.json".into());
+    }
+    faults
+}
+
+/// Whether a run lost its newest checkpoint, which was there before.
+pub fn lost_checkpoint(run: &Path, before: Option<usize>) -> Option<String> {
+    let newest = newest(run);
+    (newest < before).then(|| format!("{}: the newest checkpoint was {before:?}, now {newest:?}", run.display()))
+}
+
+/// Steps of a run's newest checkpoint.
+pub fn newest(run: &Path) -> Option<usize> {
+    checkpoint::list(run).pop().map(|(step, _)| step)
+}

@@ -1,0 +1,82 @@
+//! Trees of files: copies, contents, temporaries.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// How names of what is still being written begin.
+const TEMPORARY: &str = ".tmp-";
+/// Holds nothing that anybody wants to keep.
+const LOCK: &str = ".lock";
+
+/// Contents by path below a folder, with `/`; without temporaries and locks.
+pub type Snapshot = BTreeMap<String, Vec<u8>>;
+
+/// Entries of a folder in the order of their names, with whether they are folders; none if it is not there (any more).
+fn entries(folder: &Path) -> Vec<(String, bool)> {
+    let Ok(listed) = std::fs::read_dir(folder) else { return Vec::new() };
+    let entry =
+        |e: std::fs::DirEntry| Some((e.file_name().to_string_lossy().into_owned(), e.file_type().ok()?.is_dir()));
+    let mut all: Vec<(String, bool)> = listed.flatten().filter_map(entry).collect();
+    all.sort();
+    all
+}
+
+/// All contents below a folder that nobody writes into.
+pub fn snapshot(folder: &Path) -> Snapshot {
+    let mut all = Snapshot::new();
+    add(folder, "", &mut all);
+    all
+}
+
+fn add(folder: &Path, prefix: &str, all: &mut Snapshot) {
+    for (name, is_folder) in entries(folder) {
+        let (path, shown) = (folder.join(&name), format!("{prefix}{name}"));
+        if name.starts_with(TEMPORARY) || name == LOCK {
+            continue;
+        }
+        if is_folder {
+            add(&path, &format!("{shown}/"), all);
+        } else {
+            let bytes = std::fs::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+            all.insert(shown, bytes);
+        }
+    }
+}
+
+/// Paths of the temporaries below a folder.
+pub fn temporaries(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for (name, is_folder) in entries(folder) {
+        if name.starts_with(TEMPORARY) {
+            found.push(name);
+        } else if is_folder {
+            found.extend(temporaries(&folder.join(&name)).into_iter().map(|inner| format!("{name}/{inner}")));
+        }
+    }
+    found
+}
+
+/// Copies a folder with all in it.
+pub fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for (name, is_folder) in entries(from) {
+        let (from, to) = (from.join(&name), to.join(&name));
+        if is_folder {
+            copy(&from, &to);
+        } else {
+            std::fs::copy(&from, &to).unwrap();
+        }
+    }
+}
+
+/// Removes a folder if it is there.
+pub fn remove(folder: &Path) {
+    if folder.exists() {
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}
+
+/// Whether one of the patterns fits a path; `*` stands for folders too.
+pub fn fits(patterns: &[String], path: &str) -> bool {
+    patterns.iter().any(|p| glob::Pattern::new(p).unwrap().matches(path))
+}

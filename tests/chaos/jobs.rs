@@ -1,0 +1,163 @@
+//! Every command that writes, what it may touch, and how one goes on after it was killed.
+
+use crate::program::words;
+use crate::world::{CAMERA, PREPARE, World, knows, knows_replace};
+
+/// How the command is brought to its end after a kill.
+pub enum Again {
+    /// Once more as it was.
+    Same,
+    /// A training into this folder: with `--resume` once there is a checkpoint, or else as it was; the result is that of
+    /// a training that was never killed.
+    Train(&'static str),
+    /// Once more, unless this segment is there.
+    Segment(&'static str),
+    /// Once more, unless this segment is gone.
+    NoSegment(&'static str),
+    /// Once more, unless this folder is there, which it is refused to replace.
+    Folder(&'static str),
+}
+
+/// A command under attack.
+pub struct Job {
+    pub name: &'static str,
+    pub arguments: Vec<String>,
+    /// Paths that it may make and change; `*` stands for folders too.
+    pub may: Vec<String>,
+    /// Of these, paths that it may not.
+    pub but: Vec<String>,
+    /// Paths that it may remove.
+    pub goes: Vec<String>,
+    /// Folders that are wholly as they were or wholly as they will be.
+    pub at_once: Vec<String>,
+    pub again: Again,
+}
+
+impl Job {
+    fn new(name: &'static str, line: &str, may: &[&str]) -> Self {
+        let may = owned(may);
+        let arguments = words(line);
+        Self { name, arguments, may, but: vec![], goes: vec![], at_once: vec![], again: Again::Same }
+    }
+
+    fn but(mut self, patterns: &[&str]) -> Self {
+        self.but = owned(patterns);
+        self
+    }
+
+    fn goes(mut self, patterns: &[&str]) -> Self {
+        self.goes = owned(patterns);
+        self
+    }
+
+    fn at_once(mut self, folders: &[&str]) -> Self {
+        self.at_once = owned(folders);
+        self
+    }
+
+    fn again(mut self, again: Again) -> Self {
+        self.again = again;
+        self
+    }
+}
+
+fn owned(list: &[&str]) -> Vec<String> {
+    list.iter().map(ToString::to_string).collect()
+}
+
+/// Files that tell the time or how long something took: never the same twice.
+pub fn tells_the_time(path: &str) -> bool {
+    const CLOCKS: [&str; 6] =
+        ["*/run.json", "*/metrics.jsonl", "*/state.json", "*/tensorboard/*", "*/mean.json", "*/prepare.json"];
+    crate::files::fits(&owned(&CLOCKS), path)
+}
+
+/// All of them, for copies of the world.
+pub fn jobs(world: &World) -> Vec<Job> {
+    let (a, b, pixel) = (&world.segments[0], &world.segments[1], &world.pixel);
+    let tracks = [a, b].map(|name| format!("run/track/{name}"));
+    let tracks = tracks.each_ref().map(String::as_str);
+    let segments = ["run/segments/*"];
+    let made_from_masks = ["run/segments/masks*", "run/segments/affinity*"];
+    let prepare_new = Again::Folder("fresh");
+    let mut train = Job::new("train", "", &["new/*"]).goes(&["new/checkpoints/*"]).again(Again::Train("new"));
+    train.arguments = world.training("new", &[]);
+    let mut layout = Job::new("inspect --picture", "inspect DATA --picture layout.png", &["layout.png"]);
+    layout.arguments[1] = world.data();
+    let base = world.root.join("base");
+    let mut all = vec![
+        train,
+        Job::new("train --resume", "train --resume half", &["half/*"])
+            .goes(&["half/checkpoints/*"])
+            .again(Again::Train("half")),
+        Job::new("segment coarse", "segment coarse run --clusters 2 --keep-outliers --replace", &segments)
+            .but(&made_from_masks)
+            .goes(&["run/segments/*.png"]),
+        Job::new("segment masks", "segment masks run --views 3 --size 24", &["run/segments/masks*"]),
+        Job::new("segment masks --pictures", "segment masks run --pictures --views 3", &["run/segments/pictures*"])
+            .at_once(&["run/segments/pictures"])
+            .again(Again::Folder("run/segments/pictures")),
+        Job::new("segment fine", "segment fine run --steps 10 --pixels 64 --seed 1", &["run/segments/affinity*"]),
+        Job::new("segment split", &format!("segment split run {a} --clusters 2"), &segments).but(&made_from_masks),
+        Job::new("segment pick", &format!("segment pick run {CAMERA} --pixel {pixel} --name picked"), &segments)
+            .but(&made_from_masks)
+            .again(Again::Segment("picked")),
+        Job::new("segment group", &format!("segment group run both {a} {b}"), &segments)
+            .but(&made_from_masks)
+            .again(Again::Segment("both")),
+        Job::new("segment remove", "segment remove run extra", &segments)
+            .but(&made_from_masks)
+            .again(Again::NoSegment("extra")),
+        Job::new("edit recolour", &format!("edit recolour run --segment {a} --colour #ff8800"), &["run/edits*"]),
+        Job::new("edit undo", "edit undo run", &["run/edits*"]),
+        Job::new("edit redo", "edit redo run", &["run/edits*"]),
+        Job::new("edit clear", "edit clear run", &["run/edits*"]),
+        Job::new(
+            "track",
+            &format!("track run --segment {a} --segment {b} --frames 3 --renders --size 16"),
+            &["run/track/*"],
+        )
+        .goes(&["run/track/*"])
+        .at_once(&tracks),
+        Job::new("eval", "eval run --views 4", &["run/eval/*"]).goes(&["run/eval/*"]),
+        Job::new("render", "render run --path orbit --frames 3 --size 16 --out frames", &["frames/*"])
+            .goes(&["frames/*"])
+            .at_once(&["frames"]),
+        Job::new("export ply", "export run --time 0.5 --out scene.ply", &["scene.ply"]),
+        Job::new("export --frames", "export run --frames 3 --out plys", &["plys/*"])
+            .goes(&["plys/*"])
+            .at_once(&["plys"]),
+        Job::new(
+            "export nrrd",
+            "export run --format nrrd --dims 6,7,8 --time 0.5 --out labels.seg.nrrd",
+            &["labels.seg.nrrd"],
+        ),
+        Job::new("export vti", "export run --format vti --dims 6,7,8 --time 0.5 --out labels.vti", &["labels.vti"]),
+        Job::new("prepare", &format!("{PREPARE} --out fresh"), &["fresh/*"]).at_once(&["fresh"]).again(prepare_new),
+        Job::new(
+            "prepare --replace",
+            &format!("{PREPARE} --radius 4.5 --seed 1 --out prepared --replace"),
+            &["prepared/*"],
+        )
+        .goes(&["prepared/*"])
+        .at_once(&["prepared"]),
+        Job::new("compare", "compare run --out comparison", &["comparison/*"]).goes(&["comparison/*"]),
+        layout,
+    ];
+    if knows(&base, "segment undo") {
+        all.push(Job::new("segment undo", "segment undo run", &segments).but(&made_from_masks));
+    }
+    // commands that ask before they replace what is there
+    for job in &mut all {
+        let asks = ["segment masks", "segment fine", "segment split", "track", "eval", "render", "compare"];
+        let exports = job.name.starts_with("export") || job.name.starts_with("inspect");
+        if exports || asks.contains(&job.name) {
+            let words = if job.name.starts_with("segment") { 2 } else { 1 };
+            let command: Vec<&str> = job.arguments[..words].iter().map(String::as_str).collect();
+            if knows_replace(&base, &command) {
+                job.arguments.push("--replace".into());
+            }
+        }
+    }
+    all
+}

@@ -1,0 +1,252 @@
+//! Every writing command is killed at random moments; each time all files are looked at, and then the command is run to
+//! its end.
+
+use crate::check::{faults, lost_checkpoint, newest};
+use crate::common::{json, newest_bytes};
+use crate::files::{self, Snapshot, snapshot, temporaries};
+use crate::jobs::{Again, Job, jobs};
+use crate::program::{Ended, Running, run, start, words};
+use crate::settings::Settings;
+use crate::whole::whole;
+use crate::world::{World, world};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use volseggs::rng::Rng;
+use volseggs::segment::segmentation::{FILE, Segmentation};
+
+/// Tells these random numbers from the library's own.
+const PURPOSE: u64 = 0xC4A0;
+/// Kills of each command without a number from the environment.
+const ROUNDS: usize = 3;
+/// Nor is there a second kill of a command after this long.
+const ENOUGH: Duration = Duration::from_secs(75);
+/// Most seconds from the first sight of a temporary to the kill.
+const WRITING: f64 = 0.006;
+/// Longest wait for one.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// A writer of the run: shows that a killed command does not hold its lock any more.
+const NEXT: &str = "edit undo run";
+
+/// What is found.
+#[derive(Default)]
+struct Found {
+    /// Strikes, and those of them that hit a living process.
+    strikes: usize,
+    kills: usize,
+    /// Files that were looked at.
+    files: usize,
+    faults: Vec<String>,
+}
+
+/// A command, how long it takes when it is left alone and what it leaves then.
+struct Known {
+    job: Job,
+    seconds: f64,
+    after: Snapshot,
+}
+
+/// One kill: its number tells the moment.
+struct Strike {
+    number: usize,
+    /// While something is being written, or else at any moment.
+    writing: bool,
+    rng: Rng,
+}
+
+pub fn strike_all() {
+    let (world, settings) = (world(), Settings::read());
+    let began = Instant::now();
+    let (base, data) = (snapshot(&world.root.join("base")), snapshot(&world.root.join("data")));
+    let mut found = Found::default();
+    for path in base.keys() {
+        found.faults.extend(whole(&world.root.join("base").join(path)).err().map(|e| format!("base/{path}: {e}")));
+    }
+    let mut known = Vec::new();
+    for job in jobs(world).into_iter().filter(|j| j.name.contains(&settings.only)) {
+        known.extend(left_alone(world, job, &base, &mut found));
+    }
+    assert!(!known.is_empty(), "no command to kill: {:?}\n{}", settings.only, told(&found.faults));
+    let n = known.len();
+    println!("{n} commands, {:.0} s when left alone", began.elapsed().as_secs_f64());
+    let wanted = settings.kills.unwrap_or(ROUNDS * n);
+    // a strike that comes after the end of its command counts for nothing
+    for number in 0..3 * wanted {
+        if found.kills >= wanted {
+            break;
+        }
+        if settings.kills.is_none() && number >= n && began.elapsed() > ENOUGH {
+            println!("{number} strikes are enough: this machine is slow");
+            break;
+        }
+        let rng = Rng::new(settings.seed, number as u64, PURPOSE);
+        // by turns, so that each command meets both
+        let strike = Strike { number, writing: (number / n + number % n) % 2 == 1, rng };
+        strike.at(world, &mut known[number % n], &base, settings.seed, &mut found);
+        if (number + 1) % 50 == 0 {
+            println!("{} strikes, {} faults, {:.0} s", number + 1, found.faults.len(), began.elapsed().as_secs_f64());
+        }
+    }
+    if snapshot(&world.root.join("data")) != data {
+        found.faults.push("the dataset of images changed".into());
+    }
+    println!(
+        "{} kills ({} strikes, seed {}), {} files checked, {} lost, {:.0} s",
+        found.kills,
+        found.strikes,
+        settings.seed,
+        found.files,
+        found.faults.len(),
+        began.elapsed().as_secs_f64()
+    );
+    assert!(found.faults.is_empty(), "{} faults:\n\n{}", found.faults.len(), told(&found.faults));
+    let enough = settings.kills.unwrap_or(found.strikes / 3);
+    assert!(found.kills >= enough, "{} of {} strikes hit a living process", found.kills, found.strikes);
+}
+
+/// The first faults in full, of the others their first lines.
+fn told(faults: &[String]) -> String {
+    const WHOLE: usize = 25;
+    let short = |fault: &String| fault.lines().next().unwrap_or_default().to_owned();
+    let mut all: Vec<String> = faults.iter().take(WHOLE).cloned().collect();
+    all.extend(faults.iter().skip(WHOLE).map(short));
+    all.join("\n\n")
+}
+
+/// Runs a command to its end and keeps what it leaves; none if it fails.
+fn left_alone(world: &World, job: Job, base: &Snapshot, found: &mut Found) -> Option<Known> {
+    let folder = world.fresh(&format!("alone-{}", file_name(job.name)));
+    let ended = run(&folder, &job.arguments);
+    let after = snapshot(&folder);
+    found.files += after.len();
+    let mut wrong = faults(&job, &folder, base, &after, &Snapshot::new());
+    if ended.code() != Some(0) {
+        wrong.push("fails when it is left alone, so it is not killed".into());
+    }
+    wrong.extend(left_over(&folder));
+    let sound = wrong.is_empty();
+    for fault in wrong {
+        found.faults.push(format!("{}: {fault}\n  left alone: {ended}", job.name));
+    }
+    if sound {
+        files::remove(&folder);
+    }
+    (ended.code() == Some(0)).then_some(Known { job, seconds: ended.seconds, after })
+}
+
+impl Strike {
+    /// One kill with all checks.
+    fn at(mut self, world: &World, known: &mut Known, base: &Snapshot, seed: u64, found: &mut Found) {
+        let number = self.number;
+        let folder = world.fresh(&format!("kill-{number:04}-{}", file_name(known.job.name)));
+        let before = newest(&folder.join("half"));
+        let mut child = start(&folder, &known.job.arguments);
+        let moment = self.wait(&mut child, &folder, known.seconds);
+        let ended = child.kill();
+        found.strikes += 1;
+        found.kills += usize::from(ended.was_killed());
+
+        let now = snapshot(&folder);
+        found.files += now.len();
+        let mut wrong = faults(&known.job, &folder, base, &now, &known.after);
+        wrong.extend(lost_checkpoint(&folder.join("half"), before));
+        if !ended.was_killed() {
+            // it was quicker than the strike
+            wrong.extend((ended.code() != Some(0)).then(|| "failed by itself".to_owned()));
+            known.seconds = known.seconds.min(ended.seconds);
+        }
+        wrong.extend(ended.err.contains("panicked").then(|| "panicked".to_owned()));
+        let (last, more) = to_the_end(world, &known.job, &folder, base);
+        wrong.extend(more);
+        if wrong.is_empty() {
+            files::remove(&folder);
+            return;
+        }
+        for fault in wrong {
+            found.faults.push(format!(
+                "{}: {fault}\n  kill {number}, seed {seed}, {moment} of {:.3} s; all is kept\n  killed: {ended}\n  then: {last}",
+                known.job.name, known.seconds
+            ));
+        }
+    }
+
+    /// Waits for the moment, which is told.
+    fn wait(&mut self, child: &mut Running, folder: &Path, seconds: f64) -> String {
+        let at = f64::from(self.rng.uniform()) * seconds;
+        if !self.writing {
+            std::thread::sleep(Duration::from_secs_f64(at));
+            return format!("at {at:.3} s");
+        }
+        // most of what is written is written near the end
+        std::thread::sleep(Duration::from_secs_f64(0.5 * at));
+        let mut seen = Vec::new();
+        while seen.is_empty() && !child.has_ended() && child.age() < PATIENCE {
+            std::thread::sleep(Duration::from_micros(200));
+            seen = temporaries(folder);
+        }
+        let more = f64::from(self.rng.uniform()) * WRITING;
+        let first = child.age().as_secs_f64();
+        std::thread::sleep(Duration::from_secs_f64(more));
+        format!("{more:.4} s after {seen:?} was seen at {first:.3} s")
+    }
+}
+
+/// Runs the killed command to its end, or where its work was done already another that needs the run's lock. Gives that
+/// and all faults of what is there then.
+fn to_the_end(world: &World, job: &Job, folder: &Path, base: &Snapshot) -> (Ended, Vec<String>) {
+    let has_segment = |name: &str| {
+        let all = Segmentation::load(&folder.join("run").join(FILE));
+        all.is_ok_and(|all| all.get(name).is_ok())
+    };
+    let done = match job.again {
+        Again::Same | Again::Train(_) => false,
+        Again::Segment(name) => has_segment(name),
+        Again::NoSegment(name) => !has_segment(name),
+        Again::Folder(name) => folder.join(name).exists(),
+    };
+    let arguments = match job.again {
+        _ if done => words(NEXT),
+        Again::Train(run) if newest(&folder.join(run)).is_some() => words(&format!("train --resume {run}")),
+        _ => job.arguments.clone(),
+    };
+    let ended = run(folder, &arguments);
+    let mut wrong = Vec::new();
+    if ended.code() != Some(0) {
+        wrong.push("cannot be run to its end after the kill".to_owned());
+        return (ended, wrong);
+    }
+    wrong.extend(left_over(folder));
+    if !done {
+        wrong.extend(faults(job, folder, base, &snapshot(folder), &Snapshot::new()));
+    }
+    let expected = match job.again {
+        Again::Segment(name) => has_segment(name).then_some(()).ok_or_else(|| format!("there is no segment {name}")),
+        Again::NoSegment(name) => (!has_segment(name)).then_some(()).ok_or_else(|| format!("segment {name} is there")),
+        Again::Folder(name) => folder.join(name).is_dir().then_some(()).ok_or_else(|| format!("{name} is not there")),
+        Again::Train(run) => trained(world, &folder.join(run)),
+        Again::Same => Ok(()),
+    };
+    wrong.extend(expected.err().map(|e| format!("at the end {e}")));
+    (ended, wrong)
+}
+
+/// A killed training ends with the bytes of one that was left alone.
+fn trained(world: &World, run: &Path) -> Result<(), String> {
+    let status = json(&run.join("run.json"))["status"].clone();
+    if status != "complete" {
+        return Err(format!("the status is {status}"));
+    }
+    (newest_bytes(run) == newest_bytes(&world.run()))
+        .then_some(())
+        .ok_or_else(|| "its scene or its optimiser is not that of a training that was never killed".to_owned())
+}
+
+/// Temporaries, where there should be none any more.
+fn left_over(folder: &Path) -> Option<String> {
+    let left = temporaries(folder);
+    (!left.is_empty()).then(|| format!("temporaries are left at the end: {}", left.join(", ")))
+}
+
+/// A name without spaces and dashes at its ends.
+fn file_name(name: &str) -> String {
+    name.replace(" --", "-").replace(' ', "-")
+}
