@@ -389,6 +389,11 @@ fn inspect_writes_pictures_over_its_own_only_and_fails_on_damage() {
     for _ in 0..2 {
         inspect("h.png").assert().success();
     }
+    std::fs::create_dir(root.join("early")).unwrap();
+    std::fs::copy(root.join("run/run.json"), root.join("early/run.json")).unwrap();
+    let early = call(root, "inspect early --json").assert().success();
+    let early: Value = serde_json::from_slice(&early.get_output().stdout).unwrap();
+    assert_eq!((&early["kind"], &early["checkpoints"]), (&json!("run"), &json!([])));
     call(root, "export run --out scene.ply").assert().success();
     call(root, "inspect scene.ply").assert().success();
     let mut bytes = std::fs::read(root.join("scene.ply")).unwrap();

@@ -8,13 +8,11 @@ use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
 use crate::export::images::encode_png;
 use crate::export::ply::PlyGaussians;
 use crate::files::{check_file, write_named};
-use crate::model::params::HostTensor;
-use crate::model::scene::read_tensors;
+use crate::model::scene::{read_tensors, refuse_not_finite};
 use crate::train::checkpoint;
 use crate::volume::formats::READ;
 use clap::Args;
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Show what a volume, a dataset, a run, a PLY or a checkpoint holds, and check it.
@@ -48,7 +46,8 @@ impl InspectArgs {
         }
         if SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file()) {
             self.dataset()
-        } else if !checkpoint::list(&self.path).is_empty() {
+        } else if self.path.join("run.json").is_file() || !checkpoint::list(&self.path).is_empty() {
+            // a run that was stopped at step 0 has a record, and no checkpoint yet
             self.run_folder()
         } else if extension == Some("ply") {
             let ply = PlyGaussians::read(&self.path).map_err(CliError::input)?;
@@ -115,7 +114,7 @@ impl InspectArgs {
         for (_, path) in &checkpoints {
             for name in ["scene.safetensors", "optimizer.safetensors"] {
                 let path = path.join(name);
-                check_finite(&path, &read_tensors(&path).map_err(CliError::input)?.0)?;
+                refuse_not_finite(&path, &read_tensors(&path).map_err(CliError::input)?.0).map_err(CliError::input)?;
             }
         }
         self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": steps.len() }))
@@ -131,7 +130,7 @@ impl InspectArgs {
             })
             .collect();
         self.show(&json!({ "kind": "tensors", "tensors": shapes, "metadata": metadata.keys().collect::<Vec<_>>() }))?;
-        check_finite(path, &tensors)
+        refuse_not_finite(path, &tensors).map_err(CliError::input)
     }
 
     fn show(&self, value: &serde_json::Value) -> Result<(), CliError> {
@@ -144,16 +143,6 @@ impl InspectArgs {
             }
         }
         Ok(())
-    }
-}
-
-/// Refuses a tensor with a value that is no finite number.
-fn check_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) -> Result<(), CliError> {
-    match tensors.iter().find(|(_, t)| !t.values.iter().all(|v| v.is_finite())) {
-        None => Ok(()),
-        Some((name, _)) => {
-            Err(CliError::input(format!("{}: tensor {name} holds NaN or infinite values", path.display())))
-        }
     }
 }
 
