@@ -145,7 +145,7 @@ fn render_along_paths() {
     let report: Value = serde_json::from_str(&orbit).unwrap();
     assert_eq!((&report["frames"], &report["width"]), (&4.into(), &32.into()));
     let path = folder.path().join("orbit");
-    assert_eq!(names(&path), ["0000.png", "0001.png", "0002.png", "0003.png", "animation.png"]);
+    assert_eq!(names(&path), ["0000.png", "0001.png", "0002.png", "0003.png", "animation.png", "frames.json"]);
     is_png(&path.join("0003.png"), 32, 32);
     let animation = std::fs::read(path.join("animation.png")).unwrap();
     assert!(animation.windows(4).any(|w| w == b"acTL"));
@@ -153,16 +153,16 @@ fn render_along_paths() {
 
     command(&["render", "--path", "test", "--size", "16", "--out", &out("test")]).assert().success();
     let files = names(&folder.path().join("test"));
-    assert_eq!((files.len(), files[180].as_str()), (182, "0180.png"));
+    assert_eq!((files.len(), files[180].as_str()), (183, "0180.png"));
     is_png(&folder.path().join("test/0180.png"), 16, 16);
 
     let transforms = text(root(), "data/transforms_test.json");
     command(&["render", "--path", &transforms, "--out", &out("file")]).assert().success();
-    assert_eq!(names(&folder.path().join("file")).len(), 7);
+    assert_eq!(names(&folder.path().join("file")).len(), 8);
 
     let still = ["render", "--camera", "3,-2,-1.5", "--time", "0.25", "--size", "24", "--out", &out("still")];
     command(&still).assert().success();
-    assert_eq!(names(&folder.path().join("still")), ["0000.png"]);
+    assert_eq!(names(&folder.path().join("still")), ["0000.png", "frames.json"]);
     is_png(&folder.path().join("still/0000.png"), 24, 24);
     let image = image::open(folder.path().join("still/0000.png")).unwrap().to_rgb8();
     assert!(image.pixels().any(|p| p.0 != [255; 3]), "nothing but background");
@@ -173,9 +173,9 @@ fn render_refuses_what_cannot_be_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(folder.path(), "out");
     let cases: [(&[&str], &[&str]); 4] = [
-        (&["--time", "1.5"], &["--time", "1.5"]),
-        (&["--camera", "1,2"], &["--camera", "three numbers"]),
-        (&["--size", "0"], &["--size 0"]),
+        (&["--time", "1.5"], &["--time", "1.5", "between 0 and 1"]),
+        (&["--camera", "1,2"], &["--camera", "three finite numbers"]),
+        (&["--size", "0"], &["--size", "'0'", "pixels"]),
         (&["--path", "spiral"], &["spiral"]),
     ];
     for (arguments, words) in cases {
@@ -196,6 +196,7 @@ fn export_writes_ply_files_of_the_convention() {
     let mut lines = header.lines();
     assert_eq!(lines.next(), Some("ply"));
     assert_eq!(lines.next(), Some("format binary_little_endian 1.0"));
+    assert_eq!(lines.next(), Some("comment volseggs"));
     assert_eq!(lines.next(), Some("element vertex 400"));
     let properties: Vec<&str> = lines.map(|l| l.strip_prefix("property float ").unwrap()).collect();
     let rest: Vec<String> = (0..9).map(|i| format!("f_rest_{i}")).collect();
@@ -216,13 +217,13 @@ fn export_writes_ply_files_of_the_convention() {
     let report = output(&mut command(&["export", "--frames", "3", "--out", &frames, "--json"]));
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!((report["gaussians"].as_u64(), report["files"].as_array().map(Vec::len)), (Some(400), Some(3)));
-    assert_eq!(names(&folder.path().join("frames")), ["0000.ply", "0001.ply", "0002.ply"]);
+    assert_eq!(names(&folder.path().join("frames")), ["0000.ply", "0001.ply", "0002.ply", "export.json"]);
     let read = |name: &str| PlyGaussians::read(&folder.path().join("frames").join(name)).unwrap();
     assert_eq!(read("0001.ply"), gaussians, "the middle frame is time 0.5");
     assert!(read("0000.ply").means != gaussians.means && read("0000.ply").sh == gaussians.sh);
 
-    refused(&mut command(&["export", "--time", "2", "--out", "x.ply"]), &["--time 2"]);
-    refused(&mut command(&["export", "--frames", "0", "--out", &text(folder.path(), "none")]), &["--frames 0"]);
+    refused(&mut command(&["export", "--time", "2", "--out", "x.ply"]), &["--time", "'2'"]);
+    refused(&mut command(&["export", "--frames", "0", "--out", &text(folder.path(), "none")]), &["--frames", "'0'"]);
     assert!(!folder.path().join("none").exists());
 }
 

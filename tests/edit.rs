@@ -333,9 +333,9 @@ fn edits_of_segments_that_are_gone_name_the_way_out() {
     let render = ["render", "run", "--camera", "0,-4,0", "--time", "0.5", "--size", "48", "--out", "no"];
     let text = refused(&mut run.command(&render), &words);
     assert!(text.contains("--no-edits"), "{text}");
-    refused(&mut run.command(&["export", "run", "--out", "no"]), &words);
+    refused(&mut run.command(&["export", "run", "--out", "no.ply"]), &words);
     refused(&mut run.command(&["edit", "show", "run", "--segment", name]), &words);
-    assert!(!run.path("no").exists());
+    assert!(!run.path("no").exists() && !run.path("no.ply").exists());
     assert_eq!(run.render(&["--no-edits"]), plain);
     run.edit("undo", &["--count", "2"]);
     run.render(&[]);

@@ -81,28 +81,32 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
         .success();
     let printed = String::from_utf8(printed.get_output().stdout.clone()).unwrap();
     assert!(printed.contains("mean Dice 1.0000"), "{printed}");
-    let vti = open(&root.join("run/labels/labels.vti"));
-    assert_eq!(vti.load_labels(0).unwrap(), labels);
-    vtk_reads_it(&root.join("run/labels/labels.vti"), &labels.ids);
+    let vti_path = root.join("run/labels/labels.vti");
+    assert_eq!(open(&vti_path).load_labels(0).unwrap(), labels);
+    vtk_reads_it(&vti_path, &labels.ids);
 
     // one segment, other voxels, several times
     let name = listed[1]["name"].as_str().unwrap();
     let some = ["export", "run", "--format", "nrrd", "--segment", name, "--dims", "12,24,6", "--frames", "2"];
     let frames = run_json(root, &[&some[..], &["--out", "frames"]].concat());
-    assert_eq!(names(&root.join("frames")), ["0000.nrrd", "0001.nrrd"]);
+    assert_eq!(names(&root.join("frames")), ["0000.nrrd", "0001.nrrd", "export.json"]);
     let first = open(&root.join("frames/0000.nrrd"));
     assert_eq!((first.grid().dims, first.grid().size()), ([12, 24, 6], [23.0; 3]));
     assert_eq!(frames["labels"][0]["name"], name);
     let like = run_json(root, &["export", "run", "--format", "vti", "--like", "frames/0001.nrrd", "--out", "like.vti"]);
     assert_eq!((&like["dims"], &like["spacing"]), (&frames["dims"], &frames["spacing"]));
 
-    // edits apply: what is hidden has no voxels
+    // labels are of the scene as trained; with --edited, what is hidden has no voxels
     let hide = format!(r#"{{"version":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
     std::fs::write(root.join("run/edits.json"), hide).unwrap();
-    let hidden = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5"]);
-    assert_eq!(hidden["volumes"][0]["voxels"][1], 0);
-    let shown = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5", "--no-edits"]);
-    assert_eq!(shown["volumes"][0]["voxels"], nrrd["volumes"][0]["voxels"]);
+    let hidden = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5", "--edited"]);
+    assert_eq!((&hidden["volumes"][0]["voxels"][1], &hidden["edited"]), (&0.into(), &true.into()));
+    assert!(String::from_utf8_lossy(&std::fs::read(&vti_path).unwrap()).contains("with the edits of the run"));
+    for plain in [&[][..], &["--no-edits"]] {
+        let shown = run_json(root, &[&["export", "run", "--format", "vti", "--time", "0.5"], plain].concat());
+        assert_eq!((&shown["volumes"][0]["voxels"], &shown["edited"]), (&nrrd["volumes"][0]["voxels"], &false.into()));
+        assert!(String::from_utf8_lossy(&std::fs::read(&vti_path).unwrap()).contains("as trained"));
+    }
 }
 
 #[test]
@@ -119,20 +123,25 @@ fn what_cannot_be_labelled_is_refused() {
     for (arguments, words) in [
         (&["--format", "vti", "--segment", "nobody"][..], &["nobody", "there is"][..]),
         (&["--format", "vti", "--dims", "4,4"], &["--dims", "three"]),
-        (&["--format", "vti", "--dims", "4,4,1"], &["--dims", "2 voxels"]),
+        (&["--format", "vti", "--dims", "4,4,1"], &["--dims", "at least 2 voxels"]),
         (&["--format", "vti", "--like", "flat.npy"], &["flat.npy", "proportions"]),
         (&["--format", "vti", "--like", "none.nrrd"], &["none.nrrd"]),
         (&["--format", "vti", "--truth", "small.npy"], &["--like", "small.npy"]),
         (&["--format", "vti", "--truth", "jets", "--dims", "8,8,8"], &["--truth jets", "--dims"]),
         (&["--format", "vti", "--data", "nowhere"], &["nowhere", "prepare.json"]),
-        (&["--format", "nrrd", "--threshold", "-1"], &["--threshold -1"]),
+        (&["--format", "nrrd", "--threshold", "-1"], &["--threshold", "-1"]),
         (&["--dims", "8,8,8", "--out", "x.ply"], &["--dims", "--format nrrd"]),
     ] {
         refused(&mut export(arguments), words);
     }
     assert!(!root.join("x.ply").exists() && !root.join("run/labels").exists());
-    // a dataset without a record: the box of the scene, and a note
+    // a dataset without a record: one has to say which voxels; over the box of the scene with a note
     std::fs::remove_file(root.join("data/prepare.json")).unwrap();
+    for data in [&[][..], &["--data", "data"]] {
+        refused(export(&["--format", "nrrd"]).args(data), &["data has no prepare.json", "--like", "--dims"]);
+        export(&["--dims", "4,4,4", "--out", "own.nrrd"]).args(data).assert().success();
+        export(&["--like", "small.npy", "--out", "own.vti"]).args(data).assert().success();
+    }
     let output = export(&["--format", "vti", "--dims", "8,8,8", "--out", "box.vti"]).assert().success();
     assert!(String::from_utf8_lossy(&output.get_output().stderr).contains("--like"));
     assert_eq!(open(&root.join("box.vti")).grid().dims, [8; 3]);

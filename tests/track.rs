@@ -94,7 +94,7 @@ fn masks_areas_and_pictures_of_chosen_times() {
     let before = names(&out);
     for (arguments, words) in [
         (&["--at", "0.5", "--frames", "4"][..], &["--at", "--frames"][..]),
-        (&["--at", "1.5"], &["--at 1.5"]),
+        (&["--at", "1.5"], &["--at", "1.5", "between 0 and 1"]),
         (&["--view", "99"], &["--view 99", "0 to 5"]),
         (&["--view", "1", "--camera", "1,2,3"], &["--view", "--camera"]),
         (&["--camera", "1,2"], &["--camera", "three"]),

@@ -21,7 +21,7 @@ pub struct DemoArgs {
     #[arg(long, default_value = "jets", value_name = "NAME")]
     scene: Synthetic,
     /// Width and height of the images in pixels; longer training suits larger ones.
-    #[arg(long, default_value_t = 200, value_name = "PIXELS")]
+    #[arg(long, default_value_t = 200, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(16..=4096))]
     size: u32,
     /// Override a key of the `demo` preset; may be given many times.
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -33,10 +33,7 @@ pub struct DemoArgs {
 impl DemoArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (name, device) = self.common.device()?;
-        if !(16..=4096).contains(&self.size) {
-            return Err(CliError::input(format!("--size {}: 16 to 4096 pixels", self.size)));
-        }
-        let stop = stop_flag("stopping soon")?;
+        let stop = stop_flag("stopping")?;
         let started = Instant::now();
         let options = DemoOptions {
             out: self.out,
@@ -46,7 +43,7 @@ impl DemoArgs {
             device: (name.to_string(), device),
         };
         let outcome = demo(&options, &stop).map_err(|e| match e {
-            DemoError::Stage { stage: "config", .. } => CliError::input(e),
+            DemoError::Input(_) => CliError::input(e),
             e => CliError::failure(e),
         })?;
         let s = &outcome.evaluation.summary;
@@ -61,7 +58,7 @@ impl DemoArgs {
         if self.common.json {
             let stages: serde_json::Map<String, serde_json::Value> =
                 outcome.stages.iter().map(|(name, seconds)| (name.clone(), json!(seconds))).collect();
-            print_json(&json!({ "report": outcome.report, "stages_seconds": stages, "metrics": s }))?;
+            print_json(&json!({ "report": outcome.report.to_string_lossy(), "stages_seconds": stages, "metrics": s }))?;
         }
         Ok(())
     }

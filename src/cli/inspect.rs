@@ -5,9 +5,10 @@ use super::{CliError, print_json};
 use crate::data::inspect::inspect;
 use crate::data::layout::layout_picture;
 use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
+use crate::export::images::encode_png;
 use crate::export::ply::PlyGaussians;
-use crate::files::write_atomic;
-use crate::model::scene::read_tensors;
+use crate::files::{check_file, write_named};
+use crate::model::scene::{read_tensors, refuse_not_finite};
 use crate::train::checkpoint;
 use crate::volume::formats::READ;
 use clap::Args;
@@ -36,13 +37,30 @@ pub struct InspectArgs {
 impl InspectArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let extension = self.path.extension().and_then(|e| e.to_str());
+        if let Some(picture) = &self.picture {
+            if picture.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
+                let picture = picture.display();
+                return Err(CliError::input(format!("--picture {picture}: is written as PNG; end the name in .png")));
+            }
+            check_file(picture)?;
+        }
         if SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file()) {
             self.dataset()
-        } else if !checkpoint::list(&self.path).is_empty() {
+        } else if self.path.join("run.json").is_file() || !checkpoint::list(&self.path).is_empty() {
+            // a run that was stopped at step 0 has a record, and no checkpoint yet
             self.run_folder()
         } else if extension == Some("ply") {
             let ply = PlyGaussians::read(&self.path).map_err(CliError::input)?;
-            self.show(&json!({ "kind": "ply", "gaussians": ply.len(), "sh_degree": ply.sh_degree }))
+            let damaged = not_finite(&ply);
+            self.show(
+                &json!({ "kind": "ply", "gaussians": ply.len(), "sh_degree": ply.sh_degree, "not_finite": damaged }),
+            )?;
+            match damaged {
+                0 => Ok(()),
+                n => {
+                    Err(CliError::input(format!("{}: {n} Gaussians hold NaN or infinite values", self.path.display())))
+                }
+            }
         } else if extension == Some("safetensors") {
             self.tensors(&self.path)
         } else if is_volume(&self.path) {
@@ -81,8 +99,7 @@ impl InspectArgs {
             let dataset = Dataset::open(&self.path, &options)?;
             let bounds: Aabb = VisualHull::carve(&dataset.train, &crate::data::hull::HullOptions::default())?.bounds;
             let image = layout_picture(&dataset.train.frames, &bounds);
-            let bytes = crate::export::images::encode_png(&image).map_err(CliError::failure)?;
-            write_atomic(picture, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", picture.display())))?;
+            write_named(picture, &encode_png(&image).map_err(CliError::failure)?)?;
             errln!("camera layout: {}", picture.display());
         }
         if report.ok() { Ok(()) } else { Err(CliError::input(format!("{}: some checks failed", self.path.display()))) }
@@ -96,7 +113,8 @@ impl InspectArgs {
         let steps: Vec<usize> = checkpoints.iter().map(|(s, _)| *s).collect();
         for (_, path) in &checkpoints {
             for name in ["scene.safetensors", "optimizer.safetensors"] {
-                read_tensors(&path.join(name)).map_err(CliError::input)?;
+                let path = path.join(name);
+                refuse_not_finite(&path, &read_tensors(&path).map_err(CliError::input)?.0).map_err(CliError::input)?;
             }
         }
         self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": steps.len() }))
@@ -111,7 +129,8 @@ impl InspectArgs {
                 (name.clone(), json!({ "shape": t.shape, "finite": finite }))
             })
             .collect();
-        self.show(&json!({ "kind": "tensors", "tensors": shapes, "metadata": metadata.keys().collect::<Vec<_>>() }))
+        self.show(&json!({ "kind": "tensors", "tensors": shapes, "metadata": metadata.keys().collect::<Vec<_>>() }))?;
+        refuse_not_finite(path, &tensors).map_err(CliError::input)
     }
 
     fn show(&self, value: &serde_json::Value) -> Result<(), CliError> {
@@ -125,4 +144,14 @@ impl InspectArgs {
         }
         Ok(())
     }
+}
+
+/// Gaussians with a value that is no finite number.
+fn not_finite(ply: &PlyGaussians) -> usize {
+    let colours = 3 * ply.coefficients();
+    let finite = |i: usize| {
+        let plain = ply.means[i].iter().chain(&ply.log_scales[i]).chain(&ply.rotations[i]);
+        plain.chain(&ply.sh[i * colours..][..colours]).chain([&ply.opacity_logits[i]]).all(|v| v.is_finite())
+    };
+    (0..ply.len()).filter(|i| !finite(*i)).count()
 }

@@ -2,15 +2,15 @@
 
 use super::{CliError, print_json};
 use crate::export::images::encode_png;
-use crate::files::write_atomic;
+use crate::files::write_named;
 use crate::volume::formats::format_of;
-use crate::volume::picture::transfer_picture;
+use crate::volume::picture::{Bins, transfer_picture};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::transfer::TransferFunction;
 use serde_json::json;
 use std::path::Path;
 
-/// Bars of the histogram.
+/// Bars of the histogram at most.
 const BINS: usize = 256;
 
 /// Whether a path is a volume, a folder of volumes or a glob.
@@ -58,10 +58,13 @@ pub(super) fn inspect_volume(
         let tf = TransferFunction::load(transfer.unwrap_or("ramp")).map_err(CliError::input)?;
         let span = tf.span(range.map(f64::from));
         let middle = series.len() / 2;
-        let histogram = series.histogram(middle, BINS, span.map(|v| v as f32)).map_err(CliError::input)?;
+        let whole = series.load(middle).map_err(CliError::input)?.values.iter().all(|v| v.fract() == 0.0);
+        let bins = Bins::new(span, whole, BINS);
+        let range = bins.range.map(|v| v as f32);
+        let histogram = series.histogram(middle, bins.count, range).map_err(CliError::input)?;
         let title = format!("{} - {}", tf.name, series.name(middle));
-        let bytes = encode_png(&transfer_picture(&histogram, span, &tf, &title)).map_err(CliError::failure)?;
-        write_atomic(file, &bytes).map_err(|e| CliError::failure(format!("{}: {e}", file.display())))?;
+        let picture = transfer_picture(&histogram, bins.range, span, &tf, &title);
+        write_named(file, &encode_png(&picture).map_err(CliError::failure)?)?;
         errln!("histogram and transfer function: {}", file.display());
     }
     Ok(())

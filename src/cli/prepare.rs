@@ -1,16 +1,26 @@
 //! `volseggs prepare`
 
+use super::values::{count, finite, finite_f32, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
+use crate::name::Name;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
-use crate::volume::raycast::DEFAULT_STEP;
+use crate::volume::raycast::{DEFAULT_STEP, LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
 use crate::volume::transfer::TransferFunction;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::IsTerminal;
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time between two lines of progress in a log.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+/// Lengths in scene units that make sense.
+const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Render a time-varying volume into a dataset: images, cameras, and segments where labels are known.
 #[derive(Debug, Args)]
@@ -32,63 +42,63 @@ pub struct PrepareArgs {
     labels: Vec<String>,
     /// Names of labels, such as 1=core,2=shell.
     #[arg(long, value_name = "ID=NAME", value_delimiter = ',', value_parser = label_name)]
-    label_names: Vec<(u16, String)>,
-    /// Folder of the dataset; must not be there yet.
+    label_names: Vec<(u16, Name)>,
+    /// Folder of the dataset; must not be there yet, or be one that --replace may replace.
     #[arg(long, value_name = "DATASET")]
     out: PathBuf,
-    /// Replace a dataset that is there.
+    /// Replace a dataset that is there; nothing else is ever replaced.
     #[arg(long)]
     replace: bool,
     /// Image size in pixels: 800, or 640x480.
     #[arg(long, default_value = "800", value_parser = image_size)]
     size: [u32; 2],
     /// Whole horizontal field of view, degrees.
-    #[arg(long, default_value_t = 30.0, value_name = "DEGREES")]
+    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = fov, allow_negative_numbers = true)]
     fov: f64,
     /// Distance of the cameras from the centre.
-    #[arg(long, default_value_t = RADIUS)]
+    #[arg(long, default_value_t = RADIUS, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
     radius: f64,
     /// Length of the volume's longest side; half of the frame's width if not given.
-    #[arg(long)]
+    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     side: Option<f64>,
     /// Times that training sees, evenly spread over the series.
-    #[arg(long, default_value_t = 30, value_name = "N")]
+    #[arg(long, default_value_t = 30, value_name = "N", value_parser = count)]
     times: usize,
     /// Steps that training sees, from 0, in place of --times.
     #[arg(long, value_name = "STEP,...", value_delimiter = ',')]
     steps: Vec<usize>,
     /// Training views of each of these times.
-    #[arg(long, default_value_t = 20, value_name = "N")]
+    #[arg(long, default_value_t = 20, value_name = "N", value_parser = count)]
     views: usize,
     /// Test views on the spiral, over all times.
-    #[arg(long, default_value_t = 181, value_name = "N")]
+    #[arg(long, default_value_t = 181, value_name = "N", value_parser = count)]
     test_views: usize,
     /// Training views near the x, y or z axis only, as in the paper's last table.
     #[arg(long, value_name = "AXIS")]
     bias: Option<Axis>,
     /// How near to it, degrees.
-    #[arg(long, default_value_t = 30.0, value_name = "DEGREES")]
+    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = bias_angle, allow_negative_numbers = true)]
     bias_angle: f64,
     /// Seed of the deal of views to times.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Distance of samples along a ray, in voxels.
-    #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS")]
+    /// Distance of samples along a ray, in voxels; from 1/64 to 16.
+    #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS", value_parser = sample_step, allow_negative_numbers = true)]
     sample_step: f64,
     /// Time of each step, in any unit, ascending; evenly spaced if not given.
-    #[arg(long, value_name = "T,...", value_delimiter = ',')]
+    #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true)]
     time_values: Vec<f64>,
     /// Accept a series with numbers missing.
     #[arg(long)]
     allow_gaps: bool,
     /// Value in place of NaN and infinite voxels.
-    #[arg(long, value_name = "VALUE", allow_hyphen_values = true)]
+    #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true)]
     nan: Option<f32>,
     /// Voxels of a synthetic scene along each axis.
-    #[arg(long, default_value_t = 128, value_name = "N")]
+    #[arg(long, default_value_t = 128, value_name = "N", value_parser = dims)]
     dims: usize,
     /// Steps of a synthetic scene.
-    #[arg(long, default_value_t = 100, value_name = "N")]
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = series_steps)]
     series_steps: usize,
     /// Test views, evenly spaced, in which each known segment is rendered alone; 0 for none.
     #[arg(long, default_value_t = 19, value_name = "N")]
@@ -121,18 +131,28 @@ impl PrepareArgs {
             series.notes().iter().for_each(|n| errln!("note: {n}"));
         }
         let stop = stop_flag("stopping; nothing is written")?;
-        let bar = ProgressBar::new(image_count(&source, &options) as u64);
+        let total = image_count(&source, &options);
+        let bar = ProgressBar::new(total as u64);
         if let Ok(style) = ProgressStyle::with_template("{bar:28} {pos}/{len} images {elapsed}<{eta} {per_sec}") {
             bar.set_style(style);
         }
-        let record =
-            prepare(&source, &transfer, &options, &self.out, &|n| bar.set_position(n as u64), &stop).map_err(|e| {
-                match e {
-                    PrepareError::Volume(_) | PrepareError::Data(_) | PrepareError::Options(_) => CliError::input(e),
-                    PrepareError::Replace(e) => e.into(),
-                    PrepareError::Write { .. } | PrepareError::Interrupted => CliError::failure(e),
-                }
-            })?;
+        let lines = (!std::io::stderr().is_terminal()).then(|| Lines::new(total, LINE_EVERY));
+        let progress = |done: usize| {
+            bar.set_position(done as u64);
+            if let Some(line) = lines.as_ref().and_then(|lines| lines.line(done)) {
+                errln!("{line}");
+            }
+        };
+        let record = prepare(&source, &transfer, &options, &self.out, &progress, &stop).map_err(|e| match e {
+            PrepareError::Exists(_) => CliError::input(format!("{e}, or pass --replace")),
+            PrepareError::Replace(e) => e.into(),
+            PrepareError::Write { .. } | PrepareError::Interrupted => CliError::failure(e),
+            PrepareError::Volume(_)
+            | PrepareError::Data(_)
+            | PrepareError::Options(_)
+            | PrepareError::Memory(_)
+            | PrepareError::Empty { .. } => CliError::input(e),
+        })?;
         bar.finish_and_clear();
         errln!(
             "{}: {} training and {} test views in {:.1} s, peak memory {:.2} GB{}; look at {}; next: volseggs train --data {} --config quick --out RUN",
@@ -149,14 +169,20 @@ impl PrepareArgs {
             self.out.join("contact-sheet.png").display(),
             self.out.display()
         );
+        if !record.empty_times.is_empty() {
+            let times: Vec<String> = record.empty_times.iter().take(8).map(|t| format!("{t:.3}")).collect();
+            let more = if record.empty_times.len() > times.len() { ", ..." } else { "" };
+            errln!(
+                "note: at {} of the times that training sees nothing shows in any training image: {}{more}",
+                record.empty_times.len(),
+                times.join(", ")
+            );
+        }
         if self.json { print_json(&record) } else { Ok(()) }
     }
 
     fn source(&self) -> Result<Source, CliError> {
         if let Some(scene) = self.synthetic {
-            if !(2..=1024).contains(&self.dims) || self.series_steps == 0 {
-                return Err(CliError::input("--dims: 2 to 1024 voxels; --series-steps: at least 1"));
-            }
             return Ok(Source::Synthetic { scene, dims: [self.dims; 3], steps: self.series_steps });
         }
         let options = SeriesOptions {
@@ -199,11 +225,14 @@ impl PrepareArgs {
             return Err(CliError::input(format!("--segment-steps {step}: the series has {} steps", source.len())));
         }
         let side = self.side.unwrap_or_else(|| self.radius * (0.5 * self.fov).to_radians().tan());
-        if !(side.is_finite() && side > 0.0) {
-            return Err(CliError::input(format!("--side {side}: a positive length")));
-        }
-        if !(self.bias_angle > 0.0 && self.bias_angle <= 90.0) {
-            return Err(CliError::input(format!("--bias-angle {}: above 0, at most 90 degrees", self.bias_angle)));
+        if self.side.is_none() && !LENGTHS.contains(&side) {
+            return Err(CliError::input(format!(
+                "--radius {:?} with --fov {:?}: half the frame is {side:e} wide there; use lengths from {:e} to {:e}",
+                self.radius,
+                self.fov,
+                LENGTHS.start(),
+                LENGTHS.end()
+            )));
         }
         let times = if self.steps.is_empty() { Times::Count(self.times) } else { Times::Steps(self.steps.clone()) };
         Ok(PrepareOptions {
@@ -231,22 +260,104 @@ impl PrepareArgs {
 }
 
 fn image_size(text: &str) -> Result<[u32; 2], String> {
-    let side = |s: &str| s.parse::<u32>().ok().filter(|n| *n > 0);
     let size = match text.split_once('x') {
-        Some((w, h)) => side(w).zip(side(h)).map(|(w, h)| [w, h]),
-        None => side(text).map(|n| [n, n]),
+        Some((w, h)) => pixels(w).and_then(|w| Ok([w, pixels(h)?])),
+        None => pixels(text).map(|n| [n, n]),
     };
-    size.ok_or_else(|| "a number of pixels such as 800, or 640x480".to_owned())
+    size.map_err(|wanted| format!("{wanted}, or two such as 640x480"))
 }
 
-fn label_name(text: &str) -> Result<(u16, String), String> {
+/// A number of `wanted`, which is what the message says.
+fn within(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
+    finite(text).ok().filter(|v| fits(*v)).ok_or_else(|| wanted.to_owned())
+}
+
+fn fov(text: &str) -> Result<f64, String> {
+    within(text, |v| (0.01..177.0).contains(&v), "an angle from 0.01 to below 177 degrees")
+}
+
+fn bias_angle(text: &str) -> Result<f64, String> {
+    within(text, |v| v > 0.0 && v <= 90.0, "an angle above 0, at most 90 degrees")
+}
+
+fn sample_step(text: &str) -> Result<f64, String> {
+    let wanted = format!("a number of voxels from {SHORTEST_STEP} (1/64) to {LONGEST_STEP}");
+    within(text, |v| (SHORTEST_STEP..=LONGEST_STEP).contains(&v), &wanted)
+}
+
+fn whole(text: &str, range: std::ops::RangeInclusive<usize>, what: &str) -> Result<usize, String> {
+    let found = text.trim().parse::<usize>().ok().filter(|n| range.contains(n));
+    found.ok_or_else(|| format!("a number of {what} from {} to {}", range.start(), range.end()))
+}
+
+fn dims(text: &str) -> Result<usize, String> {
+    whole(text, 2..=1024, "voxels")
+}
+
+fn series_steps(text: &str) -> Result<usize, String> {
+    whole(text, 1..=100_000, "steps")
+}
+
+fn label_name(text: &str) -> Result<(u16, Name), String> {
     let fault = || format!("`{text}`: write ID=NAME, such as 1=core");
     let (id, name) = text.split_once('=').ok_or_else(fault)?;
     let id = id.trim().parse::<u16>().ok().filter(|i| *i > 0).ok_or_else(fault)?;
-    let name = name.trim();
-    let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-    if name.is_empty() || !name.chars().all(plain) {
-        return Err(format!("`{text}`: names hold letters, digits, - and _, as they become folders"));
+    Ok((id, Name::new(name.trim()).map_err(|e| e.to_string())?))
+}
+
+/// Progress as lines, for logs, where a bar cannot be drawn.
+struct Lines {
+    total: usize,
+    every: Duration,
+    started: Instant,
+    last: Mutex<Instant>,
+}
+
+impl Lines {
+    fn new(total: usize, every: Duration) -> Self {
+        let now = Instant::now();
+        Self { total, every, started: now, last: Mutex::new(now) }
     }
-    Ok((id, name.to_owned()))
+
+    /// A line, if it is time for one: once in a while, and at the end.
+    fn line(&self, done: usize) -> Option<String> {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if done < self.total && last.elapsed() < self.every {
+            return None;
+        }
+        *last = Instant::now();
+        Some(format!("{done}/{} images {:.0} s", self.total, self.started.elapsed().as_secs_f64()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_has_a_line_now_and_then_and_one_at_the_end() {
+        let seldom = Lines::new(3, Duration::from_secs(3600));
+        assert_eq!([1, 2].map(|n| seldom.line(n)), [None, None]);
+        assert!(seldom.line(3).unwrap().starts_with("3/3 images"));
+        let often = Lines::new(3, Duration::ZERO);
+        assert!([1, 2, 3].iter().all(|n| often.line(*n).is_some()));
+    }
+
+    #[test]
+    fn what_cannot_be_rendered_is_no_argument() {
+        for bad in ["0", "200", "nan", "-3", "x"] {
+            assert!(fov(bad).is_err() && bias_angle(bad).is_err(), "{bad}");
+        }
+        assert!(sample_step("1e-30").is_err() && sample_step("0.01").is_err() && sample_step("17").is_err());
+        assert_eq!((sample_step("0.5"), fov("30"), bias_angle("90")), (Ok(0.5), Ok(30.0), Ok(90.0)));
+        assert_eq!((image_size("640x480"), image_size("8")), (Ok([640, 480]), Ok([8, 8])));
+        for bad in ["0", "100000", "8x", "8x99999", "x"] {
+            assert!(image_size(bad).is_err(), "{bad}");
+        }
+        assert!(dims("1").is_err() && dims("99999").is_err() && series_steps("99999999999999").is_err());
+        for bad in ["1=../up", "0=a", "1=", "a", "99999=a"] {
+            assert!(label_name(bad).is_err(), "{bad}");
+        }
+        assert_eq!(label_name("1=core"), Ok((1, Name::new("core").unwrap())));
+    }
 }

@@ -1,5 +1,9 @@
 //! A run folder as the commands after training see it.
 
+mod camera;
+
+pub(super) use camera::check_lens;
+
 use super::CliError;
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
@@ -14,7 +18,6 @@ use crate::segment::segmentation::{self, Segmentation};
 use crate::train::checkpoint;
 use crate::train::run::RunRecord;
 use burn::tensor::Device;
-use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// A run, its newest scene and its record.
@@ -73,8 +76,7 @@ impl RunFolder {
             (None, None) => (800, 800),
         };
         let fov_x = first.map_or(30f64.to_radians(), Camera::fov_x);
-        let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
-        (Lens { fov_x, width, height }, first.map_or(4.0, |c| c.position().distance(centre)))
+        (Lens { fov_x, width, height }, first.map_or(4.0, |c| c.position().distance(self.centre())))
     }
 
     /// The file of the run's segments.

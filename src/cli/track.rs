@@ -1,18 +1,20 @@
 //! `volseggs track`
 
-use super::run_folder::RunFolder;
+use super::run_folder::{RunFolder, check_lens};
 use super::shown::Shown;
+use super::values::{fraction, pixels, point, positive_f32};
 use super::{CliError, Common, print_json};
 use crate::data::paths::{Lens, orbit};
 use crate::data::{Camera, SplitName, Transforms};
 use crate::files::Work;
 use crate::log::progress;
+use crate::memory::{Budget, product};
 use crate::model::GaussiansAt;
 use crate::name::Name;
 use crate::segment::pictures::draw;
 use crate::track::events::EventKind;
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
-use crate::track::report::{PictureOptions, ReportFolder, SHEET_CELL};
+use crate::track::report::{PictureOptions, ReportError, ReportFolder, SHEET_CELL};
 use burn::tensor::Device;
 use clap::Args;
 use glam::DVec3;
@@ -21,6 +23,10 @@ use std::path::PathBuf;
 
 /// Pictures in the sheet.
 const SHEET: usize = 8;
+/// Bytes that a time takes for each segment: its statistics, its events, and their rows in the tables.
+const ROW_BYTES: usize = 4096;
+/// Bytes that a time takes for each Gaussian of a segment.
+const MEMBER_BYTES: usize = 8;
 
 /// Follow segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
@@ -37,31 +43,31 @@ pub struct TrackArgs {
     #[arg(long, value_name = "NAME")]
     group: Option<Name>,
     /// First time in [0, 1].
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = fraction, allow_negative_numbers = true)]
     from: f64,
     /// Last time in [0, 1]; before the first to go backward.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = fraction, allow_negative_numbers = true)]
     to: f64,
-    /// Times, evenly spaced.
-    #[arg(long, default_value_t = 51)]
+    /// Times, evenly spaced; at least 2.
+    #[arg(long, value_name = "N", default_value_t = 51, value_parser = frames)]
     frames: usize,
     /// A time in [0, 1] in place of evenly spaced ones; may be given many times, in any order.
-    #[arg(long, value_name = "T", conflicts_with_all = ["from", "to", "frames"])]
+    #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true, conflicts_with_all = ["from", "to", "frames"])]
     at: Vec<f64>,
     /// Write a picture and a mask of each segment alone at each time.
     #[arg(long)]
     renders: bool,
     /// Least alpha of a pixel of a mask.
-    #[arg(long, default_value_t = 0.5, value_name = "ALPHA")]
+    #[arg(long, default_value_t = 0.5, value_name = "ALPHA", value_parser = mask_alpha, allow_negative_numbers = true)]
     mask_alpha: f32,
     /// Camera of the pictures at x,y,z, looking at the centre; one beside the scene if not given.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
-    camera: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    camera: Option<DVec3>,
     /// Take the camera of this test view of the dataset, counted from 0.
     #[arg(long, value_name = "N", conflicts_with = "camera")]
     view: Option<usize>,
     /// Width of the pictures in pixels; the training images' with --renders, else at most 320.
-    #[arg(long, value_name = "PIXELS")]
+    #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     size: Option<u32>,
     /// Leave out the edits of the run.
     #[arg(long)]
@@ -72,17 +78,19 @@ pub struct TrackArgs {
 
 impl TrackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let times = self.times()?;
-        if !(self.mask_alpha > 0.0 && self.mask_alpha <= 1.0) {
-            return Err(CliError::input(format!("--mask-alpha {}: above 0, at most 1", self.mask_alpha)));
-        }
         let (_, device) = self.common.device()?;
         let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
         let wanted = self.wanted(&run)?;
         let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
+        self.check_memory(&wanted)?;
+        let times = self.times();
         let camera = self.picture_camera(&run)?;
         let edited = Shown { segments: Vec::new(), no_edits: self.no_edits }.select(&run)?;
 
+        // begun before the work, so that what cannot be replaced is told of at once
+        let options = PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha };
+        let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.path.join("track"), name, options);
+        let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
         let bar = progress::bar(times.len(), "times followed");
         let scene = |time: f64| {
             bar.inc(1);
@@ -91,9 +99,6 @@ impl TrackArgs {
         let mut found = follow(scene, &segments, &times, &FollowOptions::default()).map_err(CliError::input)?;
         bar.finish_and_clear();
 
-        let options = PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha };
-        let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.path.join("track"), name, options);
-        let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(CliError::failure)?;
         let bar = progress::bar(times.len(), "times drawn");
         for (i, &time) in times.iter().enumerate() {
             let at = edited.edited(&run.scene, time as f32)?;
@@ -103,35 +108,36 @@ impl TrackArgs {
             let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
             let size = [camera.width as usize, camera.height as usize];
             let add = |(report, rgba): (&mut ReportFolder, &Vec<f32>)| report.add(rgba, size, label.clone());
-            reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(CliError::failure)?;
+            reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(report_error)?;
             bar.inc(1);
         }
         bar.finish_and_clear();
         for (report, followup) in reports.into_iter().zip(&mut found) {
-            report.finish(followup).map_err(CliError::failure)?;
+            report.finish(followup).map_err(report_error)?;
         }
         self.print(&run, &camera, &found)
     }
 
     /// The times in the order in which they are followed.
-    fn times(&self) -> Result<Vec<f64>, CliError> {
-        let given = [("--from", self.from), ("--to", self.to)].into_iter().chain(self.at.iter().map(|t| ("--at", *t)));
-        for (flag, t) in given {
-            if !(0.0..=1.0).contains(&t) {
-                return Err(CliError::input(format!("{flag} {t}: between 0 and 1")));
-            }
-        }
+    fn times(&self) -> Vec<f64> {
         if !self.at.is_empty() {
             let mut times = self.at.clone();
             times.sort_by(f64::total_cmp);
             times.dedup();
-            return Ok(times);
-        }
-        if self.frames < 2 {
-            return Err(CliError::input(format!("--frames {}: at least 2; or give a time with --at", self.frames)));
+            return times;
         }
         let step = (self.to - self.from) / (self.frames - 1) as f64;
-        Ok((0..self.frames).map(|i| self.from + step * i as f64).collect())
+        (0..self.frames).map(|i| self.from + step * i as f64).collect()
+    }
+
+    /// Refuses more times than can be held: at each, every Gaussian of a segment has a part and an opacity.
+    fn check_memory(&self, wanted: &[(Name, Vec<u32>)]) -> Result<(), CliError> {
+        let (times, flag) = match self.at.len() {
+            0 => (self.frames, format!("--frames {}", self.frames)),
+            n => (n, format!("--at, {n} times")),
+        };
+        let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
+        Budget::now().check(flag, product(&[times, bytes])).map_err(CliError::input)
     }
 
     /// Names and members of what is followed.
@@ -159,23 +165,13 @@ impl TrackArgs {
 
     /// The camera of the pictures.
     fn picture_camera(&self, run: &RunFolder) -> Result<Camera, CliError> {
-        if self.size == Some(0) {
-            return Err(CliError::input("--size 0: at least 1 pixel"));
-        }
         let (full, radius) = run.lens(None);
         let width = self.size.unwrap_or(if self.renders { full.width } else { full.width.min(SHEET_CELL) });
         let height = (f64::from(full.height) * f64::from(width) / f64::from(full.width)).round().max(1.0) as u32;
         let lens = Lens { width, height, ..full };
-        if let Some(position) = &self.camera {
-            let centre = DVec3::from_array(run.scene.spec.centre.map(f64::from));
-            let [x, y, z] = position[..] else {
-                return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5"));
-            };
-            let eye = DVec3::new(x, y, z);
-            if !(eye.is_finite() && eye.distance(centre) > 0.0) {
-                return Err(CliError::input(format!("--camera {x},{y},{z}: away from the centre {centre}")));
-            }
-            return Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, width, height));
+        check_lens(&format!("--size {width}"), lens)?;
+        if let Some(eye) = self.camera {
+            return run.camera_at(eye, lens);
         }
         if let Some(n) = self.view {
             let path = SplitName::Test.json_path(&run.record.dataset);
@@ -211,6 +207,24 @@ impl TrackArgs {
         errln!("tables and pictures: {}", run.path.join("track").display());
         Ok(())
     }
+}
+
+fn report_error(error: ReportError) -> CliError {
+    match error {
+        ReportError::Replace(error) => error.into(),
+        error => CliError::failure(error),
+    }
+}
+
+/// A number of times that can be followed.
+fn frames(text: &str) -> Result<usize, String> {
+    let found = text.trim().parse::<usize>().ok().filter(|n| *n >= 2);
+    found.ok_or_else(|| "a whole number, at least 2; or give a time with --at".to_owned())
+}
+
+/// An alpha that a pixel can have at least.
+fn mask_alpha(text: &str) -> Result<f32, String> {
+    positive_f32(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "a number above 0, at most 1".to_owned())
 }
 
 /// Colour over the background and alpha, `[H, W, 4]`.

@@ -10,11 +10,11 @@ use crate::config::types::Config;
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::results::{DataId, write_results};
 use crate::eval::run::{Costs, Evaluation, evaluate};
-use crate::files::{RunLock, Work};
+use crate::files::{LockError, RunLock, Work};
 use crate::log::progress;
 use crate::model::Scene;
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{PrepareOptions, PrepareRecord, SegmentOptions, Source, image_count, prepare};
+use crate::prepare::{PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, Source, image_count, prepare};
 use crate::train::checkpoint::newest_scene;
 use crate::train::run::{RunOptions, RunOutcome, Start, run};
 use crate::volume::placement::published_side;
@@ -66,6 +66,9 @@ pub enum DemoError {
         /// What it said.
         reason: String,
     },
+    /// The user can mend it: another option, another folder.
+    #[error("{0}")]
+    Input(String),
     /// Stopped from outside.
     #[error("interrupted; the same command goes on from here")]
     Interrupted,
@@ -101,7 +104,10 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         .source("demo")
         .sets(options.set.iter().cloned())
         .resolve::<Config>()
-        .map_err(failed("config"))?;
+        .map_err(|e| DemoError::Input(format!("config: {e}")))?;
+    if options.out.is_file() {
+        return Err(DemoError::Input(format!("{}: is a file; choose another --out", options.out.display())));
+    }
     std::fs::create_dir_all(&options.out).map_err(failed("prepare"))?;
     let mut stages = Vec::new();
     let (data, run_folder) = (options.out.join("data"), options.out.join("run"));
@@ -117,7 +123,10 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     let open = OpenOptions { downscale: resolved.value.data.downscale, splits: &splits, max_views: None };
     let dataset = Dataset::open(&data, &open).map_err(failed("train"))?;
     std::fs::create_dir_all(&run_folder).map_err(failed("train"))?;
-    let lock = RunLock::acquire(&run_folder, COMMAND, Work::Long).map_err(failed("train"))?;
+    let lock = RunLock::acquire(&run_folder, COMMAND, Work::Long).map_err(|e| match e {
+        LockError::Held { .. } => DemoError::Input(e.to_string()),
+        e => failed("train")(e),
+    })?;
     let run_options = RunOptions {
         out: run_folder.clone(),
         start: Start::NewOrResume,
@@ -195,14 +204,22 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         if record.source == source.describe() && record.size == plan.views.size {
             return Ok(record);
         }
-        let reason = format!("{}: holds {}; choose another --out", data.display(), record.source);
-        return Err(DemoError::Stage { stage: "prepare", reason });
+        let ([w, h], data) = (record.size, data.display());
+        return Err(DemoError::Input(format!(
+            "{data}: holds {} in {w}x{h} pixels, which is not what was asked for; choose another --out",
+            record.source
+        )));
     }
     let transfer = options.scene.transfer_function().map_err(failed("prepare"))?;
     let bar = progress::bar(image_count(&source, &plan), "images");
     let record =
         prepare(&source, &transfer, &plan, data, &|n| bar.set_position(n as u64), stop).map_err(|e| match e {
-            crate::prepare::PrepareError::Interrupted => DemoError::Interrupted,
+            PrepareError::Interrupted => DemoError::Interrupted,
+            PrepareError::Exists(path) => DemoError::Input(format!(
+                "{}: was not made by the demo (there is no prepare.json in it); choose another --out",
+                path.display()
+            )),
+            e @ PrepareError::Memory(_) => DemoError::Input(e.to_string()),
             e => failed("prepare")(e),
         })?;
     bar.finish_and_clear();

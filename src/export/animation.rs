@@ -4,8 +4,9 @@ use std::error::Error;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use png::{BitDepth, ColorType, Encoder};
+use png::ColorType;
 
+use super::images::encoder;
 use crate::files::AtomicFile;
 
 /// Why an animation cannot be written.
@@ -58,7 +59,7 @@ pub enum AnimationError {
 
 /// Writes frames `[height, width, 3]` of 8-bit RGB as an APNG that repeats for ever.
 ///
-/// One frame is held at a time, and the file appears only when all are in it.
+/// One frame is held at a time, and the file appears only when all are in it. It carries [`crate::files::MARK`].
 ///
 /// # Errors
 /// Any variant of [`AnimationError`]; no file is then written.
@@ -91,9 +92,7 @@ where
         }
     };
     let mut file = AtomicFile::create(path).map_err(io_error)?;
-    let mut encoder = Encoder::new(&mut file, width, height);
-    encoder.set_color(ColorType::Rgb);
-    encoder.set_depth(BitDepth::Eight);
+    let mut encoder = encoder(&mut file, width, height, ColorType::Rgb).map_err(encode_error)?;
     encoder.set_animated(count, 0).map_err(encode_error)?;
     encoder.set_frame_delay(1, fps).map_err(encode_error)?;
     let mut writer = encoder.write_header().map_err(encode_error)?;
@@ -122,6 +121,7 @@ mod tests {
         let path = dir.path().join("a.png");
         let frame = |i: u8| (0..4 * 3 * 3).map(|b| b * 5 + i).collect::<Vec<u8>>();
         write_apng(&path, (0..3).map(frame), 4, 3, 25).unwrap();
+        crate::files::check_file(&path).unwrap();
         let decoder = png::Decoder::new(BufReader::new(File::open(&path).unwrap()));
         let mut reader = decoder.read_info().unwrap();
         assert_eq!(reader.info().animation_control().unwrap().num_frames, 3);

@@ -1,7 +1,11 @@
-//! Images of renders: from floats to 8 bits, to PNG.
+//! Images of renders: from floats to 8 bits, to PNG. Each file carries [`MARK`], so that it is known again as one of
+//! this program's own when a person has it replaced.
 
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageResult, RgbImage};
+use crate::files::MARK;
+use image::error::{EncodingError, ImageFormatHint};
+use image::{GrayImage, ImageError, ImageFormat, ImageResult, RgbImage};
+use png::{BitDepth, ColorType, Encoder};
+use std::io::Write;
 
 /// The colours of a render `[H, W, 4]` (already over its background) as 8-bit RGB, rounded and clamped.
 pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
@@ -16,9 +20,7 @@ pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
 /// # Errors
 /// If the encoder fails.
 pub fn encode_png(image: &RgbImage) -> ImageResult<Vec<u8>> {
-    let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes).write_image(image, image.width(), image.height(), ExtendedColorType::Rgb8)?;
-    Ok(bytes)
+    encode(ColorType::Rgb, image.dimensions(), image.as_raw())
 }
 
 /// The PNG file of a grey image, such as a mask.
@@ -26,7 +28,55 @@ pub fn encode_png(image: &RgbImage) -> ImageResult<Vec<u8>> {
 /// # Errors
 /// If the encoder fails.
 pub fn encode_gray_png(image: &GrayImage) -> ImageResult<Vec<u8>> {
+    encode(ColorType::Grayscale, image.dimensions(), image.as_raw())
+}
+
+fn encode(color: ColorType, (width, height): (u32, u32), pixels: &[u8]) -> ImageResult<Vec<u8>> {
     let mut bytes = Vec::new();
-    PngEncoder::new(&mut bytes).write_image(image, image.width(), image.height(), ExtendedColorType::L8)?;
+    let encoded = encoder(&mut bytes, width, height, color).and_then(|mut encoder| {
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_filter(png::Filter::Adaptive);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(pixels)?;
+        writer.finish()
+    });
+    let hint = || ImageFormatHint::Exact(ImageFormat::Png);
+    encoded.map_err(|e| ImageError::Encoding(EncodingError::new(hint(), e)))?;
     Ok(bytes)
+}
+
+/// An encoder of 8-bit samples that writes the mark.
+pub(super) fn encoder<W: Write>(
+    out: W,
+    width: u32,
+    height: u32,
+    color: ColorType,
+) -> Result<Encoder<'static, W>, png::EncodingError> {
+    let mut encoder = Encoder::new(out, width, height);
+    encoder.set_color(color);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.add_text_chunk("Software".into(), MARK.into())?;
+    Ok(encoder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::{check_file, write_named};
+
+    #[test]
+    fn a_picture_comes_back_and_is_known_as_our_own() {
+        let image = RgbImage::from_fn(300, 200, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8]));
+        let mask = GrayImage::from_fn(7, 3, |x, _| image::Luma([if x > 3 { 255 } else { 0 }]));
+        let bytes = encode_png(&image).unwrap();
+        assert_eq!(image::load_from_memory(&bytes).unwrap().to_rgb8(), image);
+        let gray = encode_gray_png(&mask).unwrap();
+        assert_eq!(image::load_from_memory(&gray).unwrap().to_luma8(), mask);
+        let folder = tempfile::tempdir().unwrap();
+        for bytes in [bytes, gray] {
+            let path = folder.path().join("x.png");
+            write_named(&path, &bytes).unwrap();
+            check_file(&path).unwrap();
+        }
+    }
 }

@@ -9,7 +9,7 @@ mod vti;
 
 pub use nrrd::Space;
 
-use crate::files::write_atomic;
+use crate::files::{MARK, ReplaceError, write_named};
 use crate::volume::grid::Grid;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +33,17 @@ pub struct LabelVolume<'a> {
     pub ids: &'a [u16],
     /// Every label that occurs, in the order in which viewers list them. It may name labels that do not occur.
     pub names: &'a [NamedLabel],
+    /// Whether they are labels of the scene as its edits show it; if not, of the scene as trained, which is the one
+    /// that lies where the data does. The file says which.
+    pub edited: bool,
+}
+
+impl LabelVolume<'_> {
+    /// The comment of the file: whose it is, and of what.
+    fn comment(&self) -> String {
+        let state = if self.edited { "with the edits of the run" } else { "as trained, without edits" };
+        format!("{MARK}: labels of segments of a scene {state}")
+    }
 }
 
 /// Why a label volume cannot be written.
@@ -66,6 +77,9 @@ pub enum LabelsError {
         /// The label.
         value: u16,
     },
+    /// Something else stands where the file should go.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
     /// The file cannot be written.
     #[error("{}: cannot write the labels: {source}; check the folder and the space on the disk", path.display())]
     Io {
@@ -77,7 +91,8 @@ pub enum LabelsError {
 }
 
 /// Writes an NRRD file with an attached header and gzip data, 8-bit where the labels allow. Called `.seg.nrrd`, 3D
-/// Slicer opens it as a segmentation with names and colours; other readers find the names as `label_1:=name`.
+/// Slicer opens it as a segmentation with names and colours; other readers find the names as `label_1:=name`. Only a
+/// file of this program gives way to it.
 ///
 /// # Errors
 /// [`LabelsError`]; nothing is then written.
@@ -87,7 +102,8 @@ pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>, space: Space) -> Result
 }
 
 /// Writes VTK image data (`.vti`) with the point array `labels`, zlib-compressed, 8-bit where the labels allow. The
-/// field arrays `label_values`, `label_names` and `label_colours` say what the values mean.
+/// field arrays `label_values`, `label_names` and `label_colours` say what the values mean, `edited` is 1 or 0. Only a file of this program gives way
+/// to it.
 ///
 /// # Errors
 /// [`LabelsError`]; nothing is then written.
@@ -97,8 +113,8 @@ pub fn write_vti(path: &Path, volume: &LabelVolume<'_>) -> Result<(), LabelsErro
 }
 
 fn write(path: &Path, encoded: std::io::Result<Vec<u8>>) -> Result<(), LabelsError> {
-    let written = encoded.and_then(|bytes| write_atomic(path, &bytes));
-    written.map_err(|source| LabelsError::Io { path: path.to_owned(), source })
+    let bytes = encoded.map_err(|source| LabelsError::Io { path: path.to_owned(), source })?;
+    Ok(write_named(path, &bytes)?)
 }
 
 /// The labels as little-endian bytes.

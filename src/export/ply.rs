@@ -11,7 +11,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
-use crate::files::AtomicFile;
+use crate::files::{AtomicFile, ReplaceError};
 use header::Header;
 
 /// Highest degree of spherical harmonics a file may hold.
@@ -54,6 +54,9 @@ pub enum PlyError {
         /// What is wrong and where.
         reason: String,
     },
+    /// Something else stands where the file should go.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
     /// The fields of the Gaussians do not fit together.
     #[error("the Gaussians cannot be written: {0}")]
     Shape(String),
@@ -99,14 +102,15 @@ impl PlyGaussians {
         }
     }
 
-    /// Writes the file, streaming and atomically; normals are zero.
+    /// Writes the file, streaming and atomically; normals are zero. Only a file of this program gives way to it.
     ///
     /// # Errors
-    /// [`PlyError::Shape`] if the fields differ in length, [`PlyError::Io`] from the file system.
+    /// [`PlyError::Shape`] if the fields differ in length, [`PlyError::Replace`] if something else stands there or the
+    /// folder is missing, [`PlyError::Io`] from the file system.
     pub fn write(&self, path: &Path) -> Result<(), PlyError> {
         self.check()?;
         let io_error = |source| PlyError::Io { path: path.to_path_buf(), source };
-        let mut file = AtomicFile::create(path).map_err(io_error)?;
+        let mut file = AtomicFile::create_named(path)?;
         self.write_to(&mut file).and_then(|()| file.commit()).map_err(io_error)
     }
 

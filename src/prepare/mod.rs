@@ -1,6 +1,7 @@
 //! From a time series of volumes to a dataset: images, cameras, and the truth about segments where labels are
 //! known. The volumes are held one step at a time; the folder appears when all of it is there.
 
+mod check;
 pub mod segments;
 mod source;
 pub mod views;
@@ -16,11 +17,13 @@ use crate::data::DataError;
 use crate::data::dataset::{SplitName, read_split};
 use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
 use crate::draw::views::view_sheet;
-use crate::files::{AtomicDir, FolderKind, ReplaceError, clean_stale, write_atomic};
+use crate::files::{AtomicDir, FolderKind, ReplaceError, write_atomic};
+use crate::memory::TooLarge;
 use crate::volume::error::VolumeError;
 use crate::volume::placement::Placement;
 use crate::volume::raycast::RayCaster;
 use crate::volume::transfer::TransferFunction;
+use check::{check, needed};
 use rayon::prelude::*;
 use segments::SegmentWriter;
 use serde::{Deserialize, Serialize};
@@ -84,6 +87,9 @@ pub struct PrepareRecord {
     pub size: [u32; 2],
     /// Names of the segments, if any are known.
     pub segments: Vec<String>,
+    /// Times in [0, 1] that training sees and whose training images are all empty; not in records of old versions.
+    #[serde(default)]
+    pub empty_times: Vec<f64>,
     /// Seconds it took.
     pub seconds: f64,
     /// Of these, seconds of reading volumes and laying them out.
@@ -107,6 +113,26 @@ pub enum PrepareError {
     /// The options do not fit the data.
     #[error("{0}")]
     Options(String),
+    /// Something stands where the dataset should go, and is not to be replaced.
+    #[error("{}: already there; choose another name", .0.display())]
+    Exists(PathBuf),
+    /// It does not fit into memory.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
+    /// There would be nothing to train on.
+    #[error(
+        "every training image is empty, so nothing was written: the transfer function {transfer} (over the values {} to \
+         {}) makes nothing visible in {source_of_values}; compare its opacities with the histogram: volseggs inspect \
+         VOLUME --transfer-function TF --picture histogram.png", span[0], span[1]
+    )]
+    Empty {
+        /// What was rendered.
+        source_of_values: String,
+        /// Name of the transfer function.
+        transfer: String,
+        /// Data values at its two ends.
+        span: [f64; 2],
+    },
     /// The file system said no.
     #[error("{}: {reason}", path.display())]
     Write {
@@ -147,7 +173,11 @@ struct Job {
 /// Number of images that [`prepare`] will make, without segments.
 #[must_use]
 pub fn image_count(source: &Source, options: &PrepareOptions) -> usize {
-    training_views(&options.views, source.len()).len() + options.views.test_views
+    let times = match &options.views.times {
+        views::Times::Count(n) => source.len().min(*n),
+        views::Times::Steps(list) => list.len(),
+    };
+    times.saturating_mul(options.views.views_per_time).saturating_add(options.views.test_views)
 }
 
 /// Renders a dataset into `out`. `progress` is told after each image how many are done; `stop` ends it early.
@@ -163,12 +193,11 @@ pub fn prepare(
     stop: &AtomicBool,
 ) -> Result<PrepareRecord, PrepareError> {
     let started = Instant::now();
-    check(source, options, out)?;
+    check(source, transfer, options, out)?;
     let write_error =
         |path: &Path, e: &dyn std::fmt::Display| PrepareError::Write { path: path.to_owned(), reason: e.to_string() };
     if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
         std::fs::create_dir_all(parent).map_err(|e| write_error(parent, &e))?;
-        clean_stale(parent).map_err(|e| write_error(parent, &e))?;
     }
     let span = transfer.span(source.range()?);
     let grid = source.grid();
@@ -192,6 +221,7 @@ pub fn prepare(
     segments.make_folders(&[SplitName::Train, SplitName::Test]).map_err(|e| write_error(root, &e))?;
 
     let done = AtomicUsize::new(0);
+    let (mut trained, mut empty_times) = (0, Vec::new());
     let mut load_seconds = 0.0;
     for step in 0..source.len() {
         let of_step: Vec<&Job> = jobs.iter().filter(|j| j.view.step == step).collect();
@@ -206,24 +236,23 @@ pub fn prepare(
         let caster = RayCaster::new(&volume, labels, transfer, span, placement, options.step);
         drop(volume);
         load_seconds += loading.elapsed().as_secs_f64();
-        of_step.par_iter().try_for_each(|job| -> Result<(), PrepareError> {
-            if stop.load(Ordering::Relaxed) {
-                return Err(PrepareError::Interrupted);
-            }
-            let name = format!("r_{}.png", job.index);
-            let path = root.join(job.split.as_str()).join(&name);
-            if known && options.segments.label_images {
-                let (picture, ids) = caster.render_with_labels(&job.view.camera, MASK_ALPHA);
-                write_picture(&path, &picture)?;
-                let size = [job.view.camera.width, job.view.camera.height];
-                write_gray(&root.join("labels").join(job.split.as_str()).join(&name), size, &ids)?;
-            } else {
-                write_picture(&path, &caster.render(&job.view.camera, None))?;
-            }
+        let shown = of_step.par_iter().map(|job| {
+            let labelled = known && options.segments.label_images;
+            let shows = render(&caster, job, root, labelled, stop)?;
             progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-            Ok(())
-        })?;
+            Ok(shows && job.split == SplitName::Train)
+        });
+        let shown = shown.collect::<Result<Vec<bool>, PrepareError>>()?;
+        if of_step.iter().any(|job| job.split == SplitName::Train) {
+            trained += 1;
+            if !shown.contains(&true) {
+                empty_times.push(source.time(step));
+            }
+        }
         segments.render(step, &caster, stop)?;
+    }
+    if empty_times.len() == trained {
+        return Err(PrepareError::Empty { source_of_values: source.describe(), transfer: transfer.name.clone(), span });
     }
     let names = segments.finish()?;
     let pictures = preview(root, 12)?;
@@ -243,6 +272,7 @@ pub fn prepare(
         test_views,
         size: options.views.size,
         segments: names,
+        empty_times,
         seconds: started.elapsed().as_secs_f64(),
         load_seconds,
         peak_memory_bytes: crate::memory::peak_memory(),
@@ -264,54 +294,20 @@ fn jobs_of_test(jobs: &[Job]) -> Vec<View> {
     jobs.iter().filter(|j| j.split == SplitName::Test).map(|j| j.view.clone()).collect()
 }
 
-/// What can be known to be wrong before anything is rendered.
-fn check(source: &Source, options: &PrepareOptions, out: &Path) -> Result<(), PrepareError> {
-    let wrong = |text: String| Err(PrepareError::Options(text));
-    let views = &options.views;
-    let steps = source.len();
-    if let Some(axis) = source.grid().dims.iter().position(|n| *n < 2) {
-        return wrong(format!(
-            "{}: one voxel along {}; a volume needs at least 2 along each axis",
-            source.describe(),
-            ["x", "y", "z"][axis]
-        ));
-    }
-    if views.size.iter().any(|n| *n == 0 || *n > 16_384) {
-        return wrong(format!("size {}x{}: between 1 and 16384 pixels", views.size[0], views.size[1]));
-    }
-    match &views.times {
-        views::Times::Count(0) => return wrong("times 0: at least one step to train on".into()),
-        views::Times::Steps(list) if list.is_empty() => return wrong("no step to train on".into()),
-        views::Times::Steps(list) => {
-            if let Some(step) = list.iter().find(|s| **s >= steps) {
-                return wrong(format!("step {step}: the series has {steps} steps, 0 to {}", steps - 1));
-            }
-        }
-        views::Times::Count(_) => {}
-    }
-    if views.views_per_time == 0 || views.test_views == 0 {
-        return wrong("at least one training view a time and one test view".into());
-    }
-    if !(views.fov_x > 0.0 && views.fov_x < 3.1) {
-        return wrong(format!("field of view {:.1} degrees: between 0 and 177", views.fov_x.to_degrees()));
-    }
-    let reach = Placement::new(&source.grid(), options.side).half.length();
-    if !(views.radius.is_finite() && views.radius > reach) {
-        return wrong(format!("radius {}: cameras must stand outside the volume, beyond {reach:.3}", views.radius));
-    }
-    if !(options.step > 0.0 && options.step <= 16.0) {
-        return wrong(format!("step {}: above 0, at most 16 voxels", options.step));
-    }
-    if !options.replace && out.symlink_metadata().is_ok() {
-        return wrong(format!("{}: already there; choose another name, or pass --replace", out.display()));
-    }
-    FOLDER.check(out, &needed(source, options))?;
-    Ok(())
-}
-
-/// The files that the dataset is made from.
-fn needed<'a>(source: &'a Source, options: &'a PrepareOptions) -> Vec<&'a Path> {
-    source.files().into_iter().chain(options.needed.iter().map(PathBuf::as_path)).collect()
+/// Renders one image, with its label image if it is to be `labelled`, and says whether it shows anything.
+fn render(caster: &RayCaster, job: &Job, root: &Path, labelled: bool, stop: &AtomicBool) -> Result<bool, PrepareError> {
+    let name = format!("r_{}.png", job.index);
+    let path = root.join(job.split.as_str()).join(&name);
+    let camera = &job.view.camera;
+    let picture = if labelled {
+        let (picture, ids) = caster.render_with_labels(camera, MASK_ALPHA, stop).ok_or(PrepareError::Interrupted)?;
+        write_gray(&root.join("labels").join(job.split.as_str()).join(&name), [camera.width, camera.height], &ids)?;
+        picture
+    } else {
+        caster.render_until(camera, None, stop).ok_or(PrepareError::Interrupted)?
+    };
+    write_picture(&path, &picture)?;
+    Ok(picture.shows())
 }
 
 /// Writes `transforms_SPLIT.json`.

@@ -13,7 +13,7 @@ use crate::volume::transfer::TransferFunction;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 /// Which truth to render.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,11 +141,8 @@ impl<'a> SegmentWriter<'a> {
             let frames = shots
                 .par_iter()
                 .map(|shot| {
-                    if stop.load(Ordering::Relaxed) {
-                        return Err(PrepareError::Interrupted);
-                    }
                     let camera = &shot.view.camera;
-                    let picture = caster.render(camera, Some(&alone));
+                    let picture = caster.render_until(camera, Some(&alone), stop).ok_or(PrepareError::Interrupted)?;
                     let mask = picture.mask(MASK_ALPHA);
                     let [image_name, mask_name] =
                         ["", "_mask"].map(|end| PathBuf::from(format!("{}{end}.png", shot.name)));
@@ -160,7 +157,7 @@ impl<'a> SegmentWriter<'a> {
                         pixels: mask.iter().filter(|m| **m > 0).count(),
                     })
                 })
-                .collect::<Result<Vec<_>, _>>()?;
+                .collect::<Result<Vec<_>, PrepareError>>()?;
             match self.entries.iter_mut().find(|e| e.id == id) {
                 Some(entry) => entry.frames.extend(frames),
                 None => self.entries.push(SegmentEntry { id, name, frames }),

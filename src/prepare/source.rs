@@ -1,5 +1,6 @@
 //! Where the steps of a series come from: volume files, or a synthetic scene.
 
+use crate::name::Name;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, Labels, Volume};
 use crate::volume::series::Series;
@@ -16,7 +17,7 @@ pub enum Source {
         /// The labels, of the same grid and number of steps.
         labels: Option<Box<Series>>,
         /// Names of ids, where given.
-        names: Vec<(u16, String)>,
+        names: Vec<(u16, Name)>,
     },
     /// A synthetic scene.
     Synthetic {
@@ -99,7 +100,7 @@ impl Source {
     #[must_use]
     pub fn segment_name(&self, id: u16) -> String {
         let given = match self {
-            Self::Files { names, .. } => names.iter().find(|(i, _)| *i == id).map(|(_, n)| n.clone()),
+            Self::Files { names, .. } => names.iter().find(|(i, _)| *i == id).map(|(_, n)| n.to_string()),
             Self::Synthetic { scene, .. } => scene.segment_names().get(usize::from(id) - 1).map(|n| (*n).to_owned()),
         };
         given.unwrap_or_else(|| format!("segment-{id}"))

@@ -97,6 +97,9 @@ fn a_stopped_or_wrong_run_leaves_nothing() {
         |o: &mut PrepareOptions| o.views.fov_x = f64::NAN,
         |o: &mut PrepareOptions| o.views.radius = 0.5,
         |o: &mut PrepareOptions| o.step = 0.0,
+        |o: &mut PrepareOptions| o.step = 1e-30,
+        |o: &mut PrepareOptions| o.views.radius = 1e300,
+        |o: &mut PrepareOptions| o.side = 0.0,
     ] {
         let mut options = options(24);
         change(&mut options);
@@ -113,7 +116,59 @@ fn a_dataset_is_replaced_only_on_request() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("data");
     make(&out, &options(24)).unwrap();
-    assert!(make(&out, &options(24)).unwrap_err().to_string().contains("--replace"));
+    assert!(matches!(make(&out, &options(24)), Err(PrepareError::Exists(_))));
     let again = PrepareOptions { replace: true, ..options(30) };
     assert_eq!(make(&out, &again).unwrap().size, [30, 30]);
+}
+
+#[test]
+fn the_folder_appears_whole_with_its_record_and_contact_sheet() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let watcher = scope.spawn(|| {
+            while !out.exists() && !done.load(Ordering::Relaxed) {
+                std::hint::spin_loop();
+            }
+            ["prepare.json", "contact-sheet.png", "transfer-function.toml", "segments.json"]
+                .map(|f| out.join(f).is_file())
+        });
+        let made = make(&out, &options(24));
+        done.store(true, Ordering::Relaxed);
+        made.unwrap();
+        assert_eq!(watcher.join().unwrap(), [true; 4]);
+    });
+}
+
+#[test]
+fn empty_images_are_refused_and_empty_times_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let source = Source::Synthetic { scene: Synthetic::Shells, dims: [16; 3], steps: 5 };
+    let mut transfer = Synthetic::Shells.transfer_function().unwrap();
+    let record = make(&out, &options(24)).unwrap();
+    assert!(record.empty_times.is_empty());
+    std::fs::remove_dir_all(&out).unwrap();
+    transfer.opacity.iter_mut().for_each(|p| p.1 = 0.0);
+    let error = prepare(&source, &transfer, &options(24), &out, &|_| {}, &AtomicBool::new(false)).unwrap_err();
+    assert!(matches!(error, PrepareError::Empty { .. }), "{error}");
+    assert!(error.to_string().contains("volseggs inspect"), "{error}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn sizes_beyond_memory_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    for (change, name) in [
+        ((|o: &mut PrepareOptions| o.views.views_per_time = usize::MAX) as fn(&mut PrepareOptions), "--views"),
+        (|o| o.views.test_views = usize::MAX / 2, "--test-views"),
+    ] {
+        let mut options = options(24);
+        change(&mut options);
+        let error = make(&out, &options).unwrap_err();
+        assert!(matches!(error, PrepareError::Memory(_)) && error.to_string().starts_with(name), "{error}");
+    }
+    assert!(!out.exists());
 }

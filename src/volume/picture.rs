@@ -1,6 +1,10 @@
 //! The picture of a transfer function over the histogram of a field. Drawing only: what the function means is in
 //! `transfer`.
 
+mod bins;
+
+pub use bins::Bins;
+
 use crate::draw::font::{GLYPH_HEIGHT, GLYPH_WIDTH, draw_text};
 use crate::volume::transfer::TransferFunction;
 use image::{Rgb, RgbImage};
@@ -54,12 +58,18 @@ impl Frame {
     }
 }
 
-/// A picture of 900 x 420 pixels: the `histogram` (counts in equal bins over the data values `span`, logarithmic) in
+/// A picture of 900 x 420 pixels: the `histogram` (counts in equal bins over the data values `range`, logarithmic) in
 /// grey, the opacity per unit length as a line with its control points over an area in the colours, a colour bar, the
 /// axis in data values and the segments as brackets. The area and the lower half of the bar show the material ten unit
-/// lengths thick on a checkerboard. The axis covers `span` and the range of the function.
+/// lengths thick on a checkerboard. The axis covers the data values `span` and the range of the function.
 #[must_use]
-pub fn transfer_picture(histogram: &[u64], span: [f64; 2], tf: &TransferFunction, title: &str) -> RgbImage {
+pub fn transfer_picture(
+    histogram: &[u64],
+    range: [f64; 2],
+    span: [f64; 2],
+    tf: &TransferFunction,
+    title: &str,
+) -> RgbImage {
     let mut image = RgbImage::from_pixel(SIZE[0], SIZE[1], Rgb([255; 3]));
     let data = if span[1] > span[0] { span } else { [span[0], span[0] + span[0].abs().max(1.0)] };
     let own = tf.span(span);
@@ -67,9 +77,10 @@ pub fn transfer_picture(histogram: &[u64], span: [f64; 2], tf: &TransferFunction
     let top = [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().find(|t| most <= *t).unwrap_or(1.0);
     let frame = Frame { low: data[0].min(own[0]), high: data[1].max(own[1]), span: own, top };
     grid(&mut image, &frame);
-    bars(&mut image, &frame, histogram, data);
+    let range = if range[1] > range[0] { range } else { data };
+    bars(&mut image, &frame, histogram, range);
     area(&mut image, &frame, tf);
-    outline(&mut image, &frame, histogram, data);
+    outline(&mut image, &frame, histogram, range);
     curve(&mut image, &frame, tf);
     color_bar(&mut image, &frame, tf);
     brackets(&mut image, &frame, tf);
@@ -301,7 +312,7 @@ mod tests {
         for name in TransferFunction::presets() {
             let tf = TransferFunction::load(name).unwrap();
             let span = tf.span([0.0, 7.5]);
-            let image = transfer_picture(&bell(256), span, &tf, name);
+            let image = transfer_picture(&bell(256), span, span, &tf, name);
             assert_eq!(image.dimensions(), (900, 420));
             let solid = image.get_pixel(400, BAR[0] + 6).0;
             let fraction = (400.5 - 70.0) / 806.0;
@@ -316,15 +327,21 @@ mod tests {
     fn odd_input_is_drawn_without_panic() {
         let mut tf = TransferFunction::load("vortex").unwrap();
         for span in [[0.0, 0.0], [-1e300, 1e300], [3.0, 2.0], [1e-12, 2e-12]] {
-            let _ = transfer_picture(&[], span, &tf, "a \"title\" \u{e9} that is far too long to be drawn in one line");
-            let _ = transfer_picture(&[0, u64::MAX], span, &tf, "");
+            let _ = transfer_picture(
+                &[],
+                span,
+                span,
+                &tf,
+                "a \"title\" \u{e9} that is far too long to be drawn in one line",
+            );
+            let _ = transfer_picture(&[0, u64::MAX], span, span, &tf, "");
         }
         tf.range = Some([-5.0, 400.0]);
         tf.opacity = vec![(0.5, 0.0), (0.5, 1.0)];
-        let _ = transfer_picture(&[1, 2, 3], [0.0, 1.0], &tf, "wide");
+        let _ = transfer_picture(&[1, 2, 3], [-0.5, 1.5], [0.0, 1.0], &tf, "wide");
         tf.opacity.clear();
         tf.colors.clear();
-        let _ = transfer_picture(&[1], [0.0, 1.0], &tf, "empty");
+        let _ = transfer_picture(&[1], [0.0; 2], [0.0, 1.0], &tf, "empty");
     }
 
     #[test]

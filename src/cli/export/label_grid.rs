@@ -9,8 +9,6 @@ use crate::volume::grid::Grid;
 use crate::volume::placement::{Placement, published_side};
 use std::path::Path;
 
-/// Voxels along the longest side where nothing says how many.
-const VOXELS: f64 = 128.0;
 /// Largest relative difference between the proportions of a volume and of the one the dataset was prepared from.
 const TOLERANCE: f64 = 1e-3;
 
@@ -28,32 +26,35 @@ pub(super) struct LabelGrid {
 /// The record of the run's dataset, or of the one at `data` in its place; none if it was not prepared here.
 ///
 /// # Errors
-/// A record that cannot be read, or none where `data` was given.
+/// A record that cannot be read, or no folder at `data`.
 pub(super) fn record(run: &RunFolder, data: Option<&Path>) -> Result<Option<PrepareRecord>, CliError> {
-    let path = data.unwrap_or(&run.record.dataset).join("prepare.json");
+    let folder = data.unwrap_or(&run.record.dataset);
+    let path = folder.join("prepare.json");
     let fault = |e: &dyn std::fmt::Display| CliError::input(format!("{}: {e}", path.display()));
     match std::fs::read_to_string(&path) {
         Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| fault(&e)),
-        Err(_) if data.is_none() => Ok(None),
+        Err(_) if data.is_some() && !folder.is_dir() => Err(CliError::input(format!(
+            "--data {}: there is no such folder to look for prepare.json in",
+            folder.display()
+        ))),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(e) => Err(fault(&e)),
     }
 }
 
-/// Chooses the voxels: those of the file `like`; else those that the dataset was prepared from (`record`), or `dims`
-/// voxels over the same box; else over the box of the scene.
+/// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
+/// `dims` voxels over the same box; else `dims` voxels over the box of the scene.
 ///
 /// # Errors
-/// A file that cannot be read or is of other proportions than the prepared volume; fewer than 2 voxels along an axis.
+/// A file that cannot be read or is of other proportions than the prepared volume; nothing that says how many voxels.
 pub(super) fn choose(
     run: &RunFolder,
+    data: &Path,
     record: Option<&PrepareRecord>,
     dims: Option<[usize; 3]>,
     like: Option<&Path>,
 ) -> Result<LabelGrid, CliError> {
-    if dims.is_some_and(|d| d.iter().any(|n| *n < 2)) {
-        return Err(CliError::input("--dims: at least 2 voxels along each axis"));
-    }
-    let missing = || format!("{} has no prepare.json", run.record.dataset.display());
+    let missing = || format!("{} has no prepare.json", data.display());
     if let Some(path) = like {
         let file = formats::open(path).map_err(CliError::input)?.header().grid;
         if record.is_none() {
@@ -67,6 +68,13 @@ pub(super) fn choose(
     if let Some(record) = record {
         return Ok(prepared(record, dims));
     }
+    let Some(dims) = dims else {
+        return Err(CliError::input(format!(
+            "{}, so its voxels are not known; name a volume that has them with --like VOLUME, or say how many with \
+             --dims X,Y,Z (over the box of the scene)",
+            missing()
+        )));
+    };
     errln!("note: {}: labels fall on the box of the scene; give the volume with --like", missing());
     Ok(around(run.scene.spec.centre, run.scene.spec.half_size, dims))
 }
@@ -108,11 +116,9 @@ fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
     LabelGrid { scene, file, is_source: dims == record.dims }
 }
 
-fn around(centre: [f32; 3], half: [f32; 3], dims: Option<[usize; 3]>) -> LabelGrid {
+fn around(centre: [f32; 3], half: [f32; 3], dims: [usize; 3]) -> LabelGrid {
     let (centre, half) = (centre.map(f64::from), half.map(f64::from));
     let corner = |sign: f64| std::array::from_fn(|a| centre[a] + sign * half[a]);
-    let longest = half.into_iter().fold(0.0, f64::max);
-    let dims = dims.unwrap_or_else(|| half.map(|h| ((h / longest * VOXELS).round() as usize).max(2)));
     let scene = over_box(corner(-1.0), corner(1.0), dims);
     LabelGrid { scene, file: scene, is_source: false }
 }
@@ -168,7 +174,7 @@ mod tests {
         let other = Grid { spacing: [1.0, 0.5, 4.0], ..grid };
         assert!(alike(other, Some(&recorded(grid, true))).unwrap_err().contains("proportions"));
         assert!(alike(Grid { dims: [5, 9, 1], ..grid }, None).unwrap_err().contains("at least 2"));
-        let scene = around([1.0, 0.0, 0.0], [2.0, 1.0, 0.5], None);
-        assert_eq!((scene.scene.dims, scene.scene.origin), ([128, 64, 32], [-1.0, -1.0, -0.5]));
+        let scene = around([1.0, 0.0, 0.0], [2.0, 1.0, 0.5], [5, 3, 2]);
+        assert_eq!((scene.scene.spacing, scene.scene.origin), ([1.0; 3], [-1.0, -1.0, -0.5]));
     }
 }

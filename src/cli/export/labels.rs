@@ -1,27 +1,35 @@
-//! `volseggs export --format nrrd|vti`: labels of segments on the voxels of the volume, and how well they agree with
+//! `volseggs export` to NRRD and VTI: labels of segments on the voxels of the volume, and how well they agree with
 //! the truth.
 
 use super::super::run_folder::RunFolder;
+use super::super::shown::Shown;
+use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
+use super::label_choice::{self, Choice};
 use super::label_grid::{choose, record};
+use super::output::Output;
 use super::truth::{Agreement, Truth, report};
 use super::{ExportArgs, Format};
-use crate::export::labels::{LabelVolume, NamedLabel, Space, write_nrrd, write_vti};
+use crate::export::labels::{LabelVolume, LabelsError, NamedLabel, Space, write_nrrd, write_vti};
 use crate::log::progress;
+use crate::memory::{Budget, product};
 use crate::segment::dice::Confusion;
 use crate::segment::segmentation::Segmentation;
 use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Bytes that a voxel takes: the votes, the labels, the truth beside them, and what is written.
+const VOXEL_BYTES: usize = 24;
 
 /// Options of label volumes alone.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Labels on voxels (--format nrrd or vti)")]
+#[command(next_help_heading = "Labels on voxels (.nrrd, .vti)")]
 pub(super) struct LabelArgs {
     /// Voxels along x, y, z; those of the prepared volume if not given.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1, conflicts_with = "like")]
-    dims: Option<Vec<usize>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = voxels, conflicts_with = "like")]
+    dims: Option<[usize; 3]>,
     /// Volume file whose voxels to take: dims, spacing and origin.
     #[arg(long, value_name = "VOLUME")]
     like: Option<PathBuf>,
@@ -29,8 +37,11 @@ pub(super) struct LabelArgs {
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
     /// Density of Gaussians above which a voxel belongs to a segment; lower swells, higher wears off [default: 0.1].
-    #[arg(long, value_name = "DENSITY", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DENSITY", value_parser = not_negative_f32, allow_negative_numbers = true)]
     threshold: Option<f32>,
+    /// Labels of the scene as the edits of the run show it; if not given, as trained.
+    #[arg(long, conflicts_with = "no_edits")]
+    edited: bool,
     /// Where the axes of the volume point to, for NRRD readers that care.
     #[arg(long, value_enum, value_name = "SPACE")]
     space: Option<SpaceName>,
@@ -58,17 +69,21 @@ impl LabelArgs {
             ("--like", self.like.is_some()),
             ("--data", self.data.is_some()),
             ("--threshold", self.threshold.is_some()),
+            ("--edited", self.edited),
             ("--space", self.space.is_some()),
             ("--truth", !self.truth.is_empty()),
         ];
         all.into_iter().find(|(_, given)| *given).map(|(flag, _)| flag)
     }
+}
 
-    fn dims(&self) -> Result<Option<[usize; 3]>, CliError> {
-        let Some(dims) = &self.dims else { return Ok(None) };
-        let dims = <[usize; 3]>::try_from(dims.as_slice());
-        dims.map(Some).map_err(|_| CliError::input("--dims: three numbers of voxels, such as --dims 128,128,64"))
-    }
+/// Numbers of voxels along x, y, z.
+fn voxels(text: &str) -> Result<[usize; 3], String> {
+    let number = |t: &str| t.trim().parse::<usize>().ok().filter(|n| *n >= 2);
+    let numbers = text.split(',').map(number).collect::<Option<Vec<_>>>();
+    numbers
+        .and_then(|n| n.try_into().ok())
+        .ok_or_else(|| "three numbers such as 128,128,64, at least 2 voxels along each axis".to_owned())
 }
 
 #[derive(Serialize)]
@@ -76,6 +91,8 @@ struct Report {
     dims: [usize; 3],
     spacing: [f64; 3],
     origin: [f64; 3],
+    /// Whether the edits of the run are applied.
+    edited: bool,
     labels: Vec<Label>,
     volumes: Vec<Written>,
     /// Over all times together.
@@ -91,7 +108,7 @@ struct Label {
 
 #[derive(Serialize)]
 struct Written {
-    file: PathBuf,
+    file: String,
     time: f64,
     /// Voxels of each label, in the order of `labels`.
     voxels: Vec<u64>,
@@ -103,36 +120,39 @@ struct Written {
 ///
 /// # Errors
 /// Segments, voxels or a truth that cannot be used; a file that cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &RunFolder) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &RunFolder, format: Format) -> Result<(), CliError> {
     let options = &args.labels;
-    if let Some(t) = options.threshold.filter(|t| !(t.is_finite() && *t >= 0.0)) {
-        return Err(CliError::input(format!("--threshold {t}: a density of at least 0")));
-    }
     let all = run.segments()?;
-    let names = names(args, &all)?;
-    let labels = all.labels(&names).map_err(CliError::input)?;
+    let Choice { names, labels } = label_choice::choose(&all, &args.shown.segments).map_err(CliError::input)?;
+    if names.is_empty() {
+        let run = args.run.display();
+        return Err(CliError::input(format!("{run}: no segments yet; run `volseggs segment coarse {run}`")));
+    }
     let listed = named(&names, &all)?;
-    let selection = args.shown.select(run)?;
-    let record = record(run, options.data.as_deref())?;
-    let grid = choose(run, record.as_ref(), options.dims()?, options.like.as_deref())?;
-    let data = options.data.as_deref().unwrap_or(&run.record.dataset);
+    let selection = Shown { segments: args.shown.segments.clone(), no_edits: !options.edited }.select(run)?;
+    let data = options.data.as_deref();
+    let record = record(run, data)?;
+    let data = data.unwrap_or(&run.record.dataset);
+    let grid = choose(run, data, record.as_ref(), options.dims, options.like.as_deref())?;
+    let [x, y, z] = grid.file.dims;
+    let what = match &options.like {
+        Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
+        None => format!("--dims {x},{y},{z}"),
+    };
+    Budget::now().check(what, product(&[x, y, z, VOXEL_BYTES])).map_err(CliError::input)?;
     let truth = if options.truth.is_empty() { None } else { Some(Truth::open(&options.truth, &grid, data)?) };
     let vote = options.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
+    if !options.edited {
+        tell_of_edits(run);
+    }
 
-    let extension = if args.format == Format::Vti { "vti" } else { "nrrd" };
-    let files = match &args.out {
-        Some(out) => args.files(out, extension)?,
-        None => {
-            let folder = run.path.join("labels");
-            let out = if args.frames.is_some() { folder.clone() } else { folder.join(format!("labels.{extension}")) };
-            std::fs::create_dir_all(&folder).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
-            args.files(&out, extension)?
-        }
-    };
-    let bar = progress::bar(files.len(), "times");
-    let mut volumes = Vec::with_capacity(files.len());
+    let times = args.times()?;
+    let needed = [run.path.as_path()];
+    let output = output(args, run, format, &needed)?;
+    let bar = progress::bar(times.len(), "times");
+    let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
-    for (path, time) in files {
+    for (i, &time) in times.iter().enumerate() {
         let at = selection.edited(&run.scene, time as f32)?;
         let cloud = LabelledCloud {
             means: &at.means,
@@ -142,48 +162,59 @@ pub(super) fn run(args: &ExportArgs, run: &RunFolder) -> Result<(), CliError> {
             labels: &labels,
         };
         let ids = label_voxels(&cloud, &grid.scene, &vote).map_err(CliError::input)?;
-        let volume = LabelVolume { grid: grid.file, ids: &ids, names: &listed };
-        let written = match args.format {
+        let volume = LabelVolume { grid: grid.file, ids: &ids, names: &listed, edited: options.edited };
+        let (path, name) = output.place(i);
+        let written = match format {
             Format::Vti => write_vti(&path, &volume),
             Format::Nrrd | Format::Ply => write_nrrd(&path, &volume, space(options.space)),
         };
-        written.map_err(CliError::failure)?;
+        written.map_err(|e| match e {
+            LabelsError::Replace(e) => e.into(),
+            e => CliError::failure(e),
+        })?;
         let mut agreement = None;
         if let Some(truth) = &truth {
             let pairs = Confusion::new(&truth.at(time)?, &ids).map_err(CliError::failure)?;
             agreement = Some(truth.agreement(&pairs, &names));
             whole.merge(&pairs);
         }
-        volumes.push(Written { file: path, time, voxels: count(&ids, names.len()), agreement });
+        let file = name.display().to_string();
+        volumes.push(Written { file, time, voxels: count(&ids, names.len()), agreement });
         bar.inc(1);
     }
     bar.finish_and_clear();
+    output.finish(&args.record(run, format.extension(), &times, options.edited, &names), &needed)?;
     let agreement = truth.map(|truth| truth.agreement(&whole, &names));
     let labels = listed.into_iter().map(|l| Label { value: l.value, name: l.name }).collect();
     let (dims, spacing, origin) = (grid.file.dims, grid.file.spacing, grid.file.origin);
-    let found = Report { dims, spacing, origin, labels, volumes, agreement };
+    let found = Report { dims, spacing, origin, edited: options.edited, labels, volumes, agreement };
     if args.common.json { print_json(&found) } else { print(&found) }
 }
 
-/// The segments to write: those asked for, each once; else those that have no parts.
-fn names(args: &ExportArgs, all: &Segmentation) -> Result<Vec<String>, CliError> {
-    let mut names: Vec<String> = Vec::new();
-    for name in &args.shown.segments {
-        if !names.contains(name) {
-            names.push(name.clone());
-        }
+/// The place that was named, or one in `RUN/labels`, which is made.
+fn output(args: &ExportArgs, run: &RunFolder, format: Format, needed: &[&Path]) -> Result<Output, CliError> {
+    let extension = format.extension();
+    let named = |out: &Path| match args.frames {
+        Some(_) => Output::folder(out, extension, needed),
+        None => Output::file(out, extension),
+    };
+    if let Some(out) = &args.out {
+        return named(out);
     }
-    if names.is_empty() {
-        names = all.leaves();
+    let folder = run.path.join("labels");
+    std::fs::create_dir_all(&folder).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
+    named(&if args.frames.is_some() { folder.join("frames") } else { folder.join(format!("labels.{extension}")) })
+}
+
+/// Says that edits are left out, where there are any. A file of edits that cannot be read is of no matter here.
+fn tell_of_edits(run: &RunFolder) {
+    let edits = run.edits().map_or(0, |edits| edits.operations.len());
+    if edits > 0 {
+        errln!(
+            "note: the labels are of the scene as trained, where the data lies; --edited applies the edits of the run \
+             ({edits})"
+        );
     }
-    if names.is_empty() {
-        return Err(CliError::input(format!(
-            "{}: no segments yet; run `volseggs segment coarse {}`",
-            args.run.display(),
-            args.run.display()
-        )));
-    }
-    Ok(names)
 }
 
 fn named(names: &[String], all: &Segmentation) -> Result<Vec<NamedLabel>, CliError> {
@@ -216,11 +247,16 @@ fn count(ids: &[u16], labels: usize) -> Vec<u64> {
 
 fn print(found: &Report) -> Result<(), CliError> {
     let [x, y, z] = found.dims;
-    errln!("labels on {x} x {y} x {z} voxels, spacing {:?}, origin {:?}", found.spacing, found.origin);
+    let state = if found.edited { "as edited" } else { "as trained" };
+    errln!(
+        "labels of the scene {state} on {x} x {y} x {z} voxels, spacing {:?}, origin {:?}",
+        found.spacing,
+        found.origin
+    );
     for volume in &found.volumes {
         let share = |(label, n): (&Label, &u64)| format!("{} {n}", label.name);
         let voxels: Vec<String> = found.labels.iter().zip(&volume.voxels).map(share).collect();
-        outln!("{}  t = {:.3}  {}", volume.file.display(), volume.time, voxels.join(", "));
+        outln!("{}  t = {:.3}  {}", volume.file, volume.time, voxels.join(", "));
         let mean = volume.agreement.as_ref().and_then(|a| a.mean_dice);
         if let Some(mean) = mean.filter(|_| found.volumes.len() > 1) {
             outln!("  mean Dice {mean:.4}");

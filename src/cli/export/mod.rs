@@ -1,33 +1,42 @@
 //! `volseggs export`: what every format shares; one file for each kind of output.
 
+mod label_choice;
 mod label_grid;
 mod labels;
+mod output;
 mod ply;
 mod truth;
 
 use super::run_folder::RunFolder;
 use super::shown::Shown;
+use super::values::{count, fraction};
 use super::{CliError, Common};
+use crate::files::Work;
+use crate::memory::{Budget, product};
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
+use output::Record;
 use std::path::{Path, PathBuf};
+
+/// Bytes that the list of files takes for each.
+const FILE_BYTES: usize = 512;
 
 /// Write a run's Gaussians or the labels of its segments as standard files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --format nrrd --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --format vti --time 0.5 --segment red.1 --segment red.2 --like volume.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat). It holds the edits of the run; Gaussians that they hide are left out.\nLabels fall on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none.\nWithout --segment they are the segments that have no parts; a Gaussian takes the last named that holds it.\nA file called .seg.nrrd opens in 3D Slicer as a segmentation."
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat). It holds the edits of the run; Gaussians that they hide are left out.\nLabels fall on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They are of the scene as trained, so that they lie where the data does; with --edited they are of the scene as the edits of the run show it. The file says which.\nWithout --segment they are the segments that have no parts, and a Gaussian counts for a group only where no part holds it; with --segment it counts for the last named that holds it.\nA file or folder that volseggs wrote before is replaced, anything else is refused."
 )]
 pub struct ExportArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Format.
-    #[arg(long, value_enum, default_value_t = Format::Ply)]
-    format: Format,
+    /// Format, where --out does not say; ply for a folder.
+    #[arg(long, value_enum)]
+    format: Option<Format>,
     /// Time in [0, 1].
-    #[arg(long, default_value_t = 0.0, conflicts_with = "frames")]
+    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = fraction, allow_negative_numbers = true, conflicts_with = "frames")]
     time: f64,
     /// Write so many evenly spaced times from 0 to 1, into the folder OUT.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
     /// File, or folder with --frames; labels go to RUN/labels if not given.
     #[arg(long, value_name = "OUT")]
@@ -50,31 +59,118 @@ enum Format {
     Vti,
 }
 
+impl Format {
+    /// The format that a file of this name has.
+    fn of(path: &Path) -> Option<Self> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        [Self::Ply, Self::Nrrd, Self::Vti].into_iter().find(|f| f.extension() == extension)
+    }
+
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Nrrd => "nrrd",
+            Self::Vti => "vti",
+        }
+    }
+}
+
 impl ExportArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        if !(0.0..=1.0).contains(&self.time) {
-            return Err(CliError::input(format!("--time {}: between 0 and 1", self.time)));
-        }
-        if self.frames == Some(0) {
-            return Err(CliError::input("--frames 0: at least 1"));
-        }
-        if let (Format::Ply, Some(flag)) = (self.format, self.labels.given()) {
-            return Err(CliError::input(format!("{flag}: is for labels; add --format nrrd or --format vti")));
-        }
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
-        match self.format {
+        let run = match (&self.out, self.format, self.frames) {
+            // labels without a name go into the run
+            (None, Some(Format::Nrrd | Format::Vti), None) => RunFolder::open_to_write(&self.run, &device, Work::Short),
+            (None, Some(Format::Nrrd | Format::Vti), Some(_)) => {
+                RunFolder::open_to_write(&self.run, &device, Work::Long)
+            }
+            _ => RunFolder::open(&self.run, &device),
+        }?;
+        match self.format()? {
             Format::Ply => ply::run(&self, &run),
-            Format::Nrrd | Format::Vti => labels::run(&self, &run),
+            format @ (Format::Nrrd | Format::Vti) => labels::run(&self, &run, format),
         }
     }
 
-    /// The files to write with their times: `out` itself, or with `--frames` those inside, called by number. Makes the
-    /// folder.
-    fn files(&self, out: &Path, extension: &str) -> Result<Vec<(PathBuf, f64)>, CliError> {
-        let Some(n) = self.frames else { return Ok(vec![(out.to_owned(), self.time)]) };
-        std::fs::create_dir_all(out).map_err(|e| CliError::failure(format!("{}: {e}", out.display())))?;
-        let time = |i: usize| i as f64 / (n - 1).max(1) as f64;
-        Ok((0..n).map(|i| (out.join(format!("{i:04}.{extension}")), time(i))).collect())
+    /// The format, by --format and by the ending of --out, which must agree.
+    fn format(&self) -> Result<Format, CliError> {
+        let format = format_for(self.format, self.out.as_deref(), self.frames.is_some());
+        // a flag for labels says more than that a format is missing
+        if let (Ok(Format::Ply) | Err(_), None | Some(Format::Ply), Some(flag)) =
+            (&format, self.format, self.labels.given())
+        {
+            return Err(CliError::input(format!(
+                "{flag}: is for labels on voxels; pass --format nrrd or --format vti, or end --out so"
+            )));
+        }
+        format.map_err(CliError::input)
+    }
+
+    /// The times to write.
+    fn times(&self) -> Result<Vec<f64>, CliError> {
+        let Some(n) = self.frames else { return Ok(vec![self.time]) };
+        Budget::now().check(format!("--frames {n}"), product(&[n, FILE_BYTES])).map_err(CliError::input)?;
+        Ok((0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect())
+    }
+
+    fn record<'a>(
+        &self,
+        run: &RunFolder,
+        format: &'static str,
+        times: &'a [f64],
+        edited: bool,
+        segments: &'a [String],
+    ) -> Record<'a> {
+        let run = run.path.display().to_string();
+        Record { version: env!("CARGO_PKG_VERSION"), run, format, times, edited, segments }
+    }
+}
+
+/// The format of `out`, which is a folder where there are `many` files.
+fn format_for(asked: Option<Format>, out: Option<&Path>, many: bool) -> Result<Format, String> {
+    let shown = out.unwrap_or(Path::new("")).display();
+    match (asked, out, out.and_then(Format::of)) {
+        (_, Some(_), Some(ending)) if many => Err(format!(
+            "--out {shown}: is a folder with --frames; leave out the ending, and pass --format {}",
+            ending.extension()
+        )),
+        (Some(asked), _, Some(ending)) if asked != ending => Err(format!(
+            "--format {}: does not agree with --out {shown}; leave out --format, or end the name in .{0}",
+            asked.extension()
+        )),
+        (Some(asked), _, _) => Ok(asked),
+        (None, _, Some(ending)) => Ok(ending),
+        (None, Some(_), None) if many => Ok(Format::Ply),
+        (None, Some(_), None) => Err(format!(
+            "--out {shown}: its ending names no format; use .ply, .nrrd, .seg.nrrd or .vti, or pass --format"
+        )),
+        (None, None, _) => Err("--out: say where to write to, such as --out scene.ply; or pass --format nrrd or \
+                                --format vti for labels in RUN/labels"
+            .into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_format_follows_from_the_ending() {
+        use Format::{Nrrd, Ply, Vti};
+        let file = |asked, out: &str| format_for(asked, Some(Path::new(out)), false);
+        for (out, format) in [("a.ply", Ply), ("a.NRRD", Nrrd), ("a/b.seg.nrrd", Nrrd), ("a.vti", Vti)] {
+            assert_eq!((file(None, out), file(Some(format), out)), (Ok(format), Ok(format)), "{out}");
+        }
+        assert!(file(Some(Vti), "lab.nrrd").unwrap_err().contains("--format vti: does not agree with --out lab.nrrd"));
+        assert!(file(Some(Ply), "scene.vti").is_err());
+        for out in ["scene", "scene.obj", ".ply"] {
+            assert!(file(None, out).unwrap_err().contains(".seg.nrrd"), "{out}");
+            assert_eq!(file(Some(Ply), out), Ok(Ply), "{out}");
+        }
+        let folder = |asked, out: &str| format_for(asked, Some(Path::new(out)), true);
+        assert_eq!((folder(None, "plys"), folder(Some(Vti), "plys")), (Ok(Ply), Ok(Vti)));
+        assert!(folder(None, "x.vti").unwrap_err().contains("--format vti"));
+        assert_eq!(format_for(Some(Nrrd), None, true), Ok(Nrrd));
+        assert!(format_for(None, None, false).unwrap_err().contains("--out scene.ply"));
     }
 }

@@ -1,10 +1,11 @@
-//! `volseggs export --format ply`
+//! `volseggs export` to PLY.
 
 use super::super::run_folder::RunFolder;
 use super::super::{CliError, print_json};
 use super::ExportArgs;
+use super::output::Output;
+use crate::export::ply::PlyError;
 use crate::export::scene::to_ply;
-use std::path::PathBuf;
 
 /// Writes the Gaussians of each time: edited, those of the segments alone, without those that edits hide.
 ///
@@ -22,14 +23,23 @@ pub(super) fn run(args: &ExportArgs, run: &RunFolder) -> Result<(), CliError> {
             "nothing to write: no Gaussian is left; see `volseggs edit list`, or pass --no-edits",
         ));
     }
-    let files = args.files(out, "ply")?;
-    for (path, time) in &files {
-        to_ply(shown.visible(&run.scene, *time as f32)?).write(path).map_err(CliError::failure)?;
+    let times = args.times()?;
+    let needed = [run.path.as_path()];
+    let output = if args.frames.is_some() { Output::folder(out, "ply", &needed) } else { Output::file(out, "ply") }?;
+    let mut files = Vec::with_capacity(times.len());
+    for (i, time) in times.iter().enumerate() {
+        let (path, name) = output.place(i);
+        to_ply(shown.visible(&run.scene, *time as f32)?).write(&path).map_err(|e| match e {
+            PlyError::Replace(e) => e.into(),
+            e => CliError::failure(e),
+        })?;
+        files.push(name.display().to_string());
     }
-    let paths: Vec<&PathBuf> = files.iter().map(|(p, _)| p).collect();
+    let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
+    output.finish(&args.record(run, "ply", &times, edited, &args.shown.segments), &needed)?;
     errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
     if args.common.json {
-        print_json(&serde_json::json!({ "files": paths, "gaussians": count }))?;
+        print_json(&serde_json::json!({ "files": files, "gaussians": count }))?;
     }
     Ok(())
 }

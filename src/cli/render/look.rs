@@ -81,6 +81,15 @@ enum Kind {
 }
 
 impl LookArgs {
+    /// What is shown, as it is typed.
+    pub(super) fn name(&self) -> String {
+        let name = |v: &dyn std::fmt::Debug| format!("{v:?}").to_lowercase();
+        match self.velocity_axis {
+            Some(axis) => format!("{} {}", name(&self.show), name(&axis)),
+            None => name(&self.show),
+        }
+    }
+
     /// # Errors
     /// Options that do not go together, or no segments to show.
     pub(super) fn open<'a>(

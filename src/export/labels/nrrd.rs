@@ -35,8 +35,10 @@ fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool, space: Space
         Space::RightAnteriorSuperior => "space: right-anterior-superior",
         Space::Plain => "space dimension: 3",
     };
+    let comment = volume.comment();
     let mut text = format!(
         "NRRD0004\n\
+         # {comment}\n\
          type: {kind}\n\
          dimension: 3\n\
          {space}\n\
@@ -76,6 +78,7 @@ fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool, space: Space
             key(&format!("Segment{i}_{name}"), &value);
         }
     }
+    key("edited", if volume.edited { "yes" } else { "no" });
     for label in volume.names {
         key(&format!("label_{}", label.value), &label.name);
     }

@@ -21,7 +21,7 @@ fn written(high: u16, name: &str) -> Vec<u8> {
     let (ids, names) = example(high);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
-    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names };
+    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false };
     if name.ends_with("nrrd") {
         write_nrrd(&path, &volume, Space::default()).unwrap();
     } else {
@@ -78,7 +78,7 @@ fn nrrd_holds_the_labels_and_what_slicer_needs() {
 #[test]
 fn other_spaces_are_named() {
     let (ids, names) = example(2);
-    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names };
+    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false };
     let folder = tempfile::tempdir().unwrap();
     for (space, line) in [(Space::RightAnteriorSuperior, "space: right-ant"), (Space::Plain, "space dimension: 3")] {
         let path = folder.path().join("x.nrrd");
@@ -125,7 +125,7 @@ fn what_cannot_be_told_apart_later_is_refused() {
     let (ids, names) = example(7);
     let folder = tempfile::tempdir().unwrap();
     let refused = |grid: Grid, ids: &[u16], names: &[NamedLabel]| {
-        let volume = LabelVolume { grid, ids, names };
+        let volume = LabelVolume { grid, ids, names, edited: false };
         let error = write_vti(&folder.path().join("x.vti"), &volume).unwrap_err();
         let other = write_nrrd(&folder.path().join("x.vti"), &volume, Space::Plain).unwrap_err();
         assert_eq!(error.to_string(), other.to_string());
@@ -149,6 +149,37 @@ fn what_cannot_be_told_apart_later_is_refused() {
     assert!(changed(&|n| n.name = "  ".into()).contains("names[1].name"));
     assert!(changed(&|n| n.colour[2] = f32::NAN).contains("names[1].colour"));
     let nowhere = folder.path().join("none").join("x.vti");
-    let error = write_vti(&nowhere, &LabelVolume { grid: GRID, ids: &ids, names: &names }).unwrap_err();
-    assert!(matches!(error, LabelsError::Io { .. }));
+    let error = write_vti(&nowhere, &LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false }).unwrap_err();
+    assert!(matches!(error, LabelsError::Replace(ReplaceError::NoFolder { .. })));
+    let thesis = folder.path().join("thesis.nrrd");
+    std::fs::write(&thesis, "a thesis").unwrap();
+    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false };
+    let error = write_nrrd(&thesis, &volume, Space::Plain).unwrap_err();
+    assert!(matches!(error, LabelsError::Replace(ReplaceError::Foreign { .. })));
+    assert_eq!(std::fs::read(&thesis).unwrap(), b"a thesis");
+}
+
+#[test]
+fn a_file_says_whether_it_holds_edits_and_gives_way_to_the_next() {
+    let (ids, names) = example(7);
+    let folder = tempfile::tempdir().unwrap();
+    let [nrrd, vti] = ["l.seg.nrrd", "l.vti"].map(|name| folder.path().join(name));
+    for (edited, key, value) in [(false, "edited:=no", "0"), (true, "edited:=yes", "1")] {
+        let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited };
+        write_nrrd(&nrrd, &volume, Space::default()).unwrap();
+        write_vti(&vti, &volume).unwrap();
+        let bytes = std::fs::read(&nrrd).unwrap();
+        let header = split(&bytes, b"\n\n").0;
+        let said = if edited { "with the edits" } else { "as trained" };
+        assert!(header.contains("# volseggs") && header.contains(said) && header.contains(key), "{header}");
+        let bytes = std::fs::read(&vti).unwrap();
+        let markup = split(&bytes, b"<AppendedData").0;
+        assert!(markup.contains("<!-- volseggs") && markup.contains(said), "{markup}");
+        assert!(markup.contains(&format!(r#"Name="edited" NumberOfTuples="1" format="ascii">{value}<"#)), "{markup}");
+        for path in [&nrrd, &vti] {
+            let series = [path.display().to_string()];
+            let series = crate::volume::series::Series::open(&series, &Default::default()).unwrap();
+            assert_eq!(series.load_labels(0).unwrap().ids, ids, "our own readers pass over the comment");
+        }
+    }
 }

@@ -17,14 +17,17 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     let n = volume.names.len();
     let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
     let colours: Vec<String> = volume.names.iter().flat_map(|l| l.colour).map(|c| c.to_string()).collect();
+    let (comment, edited) = (volume.comment(), u8::from(volume.edited));
     let mut file = format!(
         r#"<?xml version="1.0"?>
+<!-- {comment} -->
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
   <ImageData WholeExtent="{extent}" Origin="{ox} {oy} {oz}" Spacing="{sx} {sy} {sz}">
     <FieldData>
       <DataArray type="UInt16" Name="label_values" NumberOfTuples="{n}" format="ascii">{}</DataArray>
       <DataArray type="String" Name="label_names" NumberOfTuples="{n}" format="ascii">{}</DataArray>
       <DataArray type="Float32" Name="label_colours" NumberOfComponents="3" NumberOfTuples="{n}" format="ascii">{}</DataArray>
+      <DataArray type="UInt8" Name="edited" NumberOfTuples="1" format="ascii">{edited}</DataArray>
     </FieldData>
     <Piece Extent="{extent}">
       <PointData Scalars="labels">

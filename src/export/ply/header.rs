@@ -3,11 +3,12 @@
 use std::io::{BufRead, Read};
 
 use super::{MAX_SH_DEGREE, ReadError};
+use crate::files::MARK;
 
 /// Longest header that is read; a file without `end_header` must not fill the memory.
 const MAX_HEADER: u64 = 1 << 16;
 
-/// The header for `count` Gaussians with `k` coefficients per channel.
+/// The header for `count` Gaussians with `k` coefficients per channel; its comment says whose file it is.
 pub(super) fn text(count: usize, k: usize) -> String {
     let fixed = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     let mut names = fixed(&["x", "y", "z", "nx", "ny", "nz"]);
@@ -16,7 +17,7 @@ pub(super) fn text(count: usize, k: usize) -> String {
     names.push("opacity".to_owned());
     names.extend(numbered("scale_", 3));
     names.extend(numbered("rot_", 4));
-    let mut text = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
+    let mut text = format!("ply\nformat binary_little_endian 1.0\ncomment {MARK}\nelement vertex {count}\n");
     for name in names {
         text += &format!("property float {name}\n");
     }

@@ -31,7 +31,7 @@ fn read(mut bytes: &[u8]) -> Result<PlyGaussians, String> {
 #[test]
 fn the_header_is_byte_exact_and_colours_lie_channel_by_channel() {
     let gaussians = sample(1, 1);
-    let mut expected = String::from("ply\nformat binary_little_endian 1.0\nelement vertex 1\n");
+    let mut expected = String::from("ply\nformat binary_little_endian 1.0\ncomment volseggs\nelement vertex 1\n");
     for name in [
         "x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0", "f_rest_1", "f_rest_2", "f_rest_3",
         "f_rest_4", "f_rest_5", "f_rest_6", "f_rest_7", "f_rest_8", "opacity", "scale_0", "scale_1", "scale_2",
@@ -64,6 +64,9 @@ fn a_file_round_trips_at_every_degree() {
         }
     }
     assert!(PlyGaussians::read(&dir.path().join("none.ply")).is_err());
+    std::fs::write(&path, "a thesis").unwrap();
+    assert!(matches!(sample(1, 0).write(&path), Err(PlyError::Replace(_))));
+    assert_eq!(std::fs::read(&path).unwrap(), b"a thesis");
 }
 
 #[test]

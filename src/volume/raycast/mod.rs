@@ -24,10 +24,13 @@ use field::Field;
 use glam::{DMat3, DVec3};
 use occupancy::{BRICK, Occupancy};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 use table::Table;
 
 /// Pixels of a tile's side; a tile is one task.
 const TILE: usize = 16;
+/// Tiles whose rays are held at a time, at least: enough for all threads, however large the image is.
+const HELD: usize = 1024;
 /// A ray ends where less light than this passes: below half a level of eight bits.
 const OPAQUE: f32 = 1e-3;
 /// Entries of the table of highlights.
@@ -37,6 +40,10 @@ const FLAT: f32 = 1e-6;
 
 /// Length of a step, in units of the smallest voxel spacing.
 pub const DEFAULT_STEP: f64 = 0.5;
+/// The shortest step: beyond it an image takes hours and looks the same.
+pub const SHORTEST_STEP: f64 = 1.0 / 64.0;
+/// The longest step.
+pub const LONGEST_STEP: f64 = 16.0;
 
 /// A volume ready to be rendered.
 #[derive(Debug)]
@@ -120,52 +127,85 @@ impl RayCaster {
     /// Renders the volume, or one segment of it alone.
     #[must_use]
     pub fn render(&self, camera: &Camera, only: Option<&Isolated>) -> Picture {
+        self.paint(camera, only, None).0
+    }
+
+    /// [`RayCaster::render`] that ends early, with nothing, once `stop` is raised.
+    #[must_use]
+    pub fn render_until(&self, camera: &Camera, only: Option<&Isolated>, stop: &AtomicBool) -> Option<Picture> {
+        let (picture, whole) = self.paint(camera, only, Some(stop));
+        whole.then_some(picture)
+    }
+
+    /// The picture, and whether all of it is there.
+    fn paint(&self, camera: &Camera, only: Option<&Isolated>, stop: Option<&AtomicBool>) -> (Picture, bool) {
         let mut picture = Picture::new(camera.width as usize, camera.height as usize);
-        self.tiles(camera, only, false, |x, y, ray| picture.set(x, y, ray.color));
-        picture
+        let whole = self.tiles(camera, only, false, stop, |x, y, ray| picture.set(x, y, ray.color));
+        (picture, whole)
     }
 
     /// Renders the volume and, for each pixel, the segment with the largest share of its colour (`[H, W]`, 0
-    /// where no segment shows or less than `min_alpha` of the background is covered).
+    /// where no segment shows or less than `min_alpha` of the background is covered). Ends early, with nothing, once
+    /// `stop` is raised.
     #[must_use]
-    pub fn render_with_labels(&self, camera: &Camera, min_alpha: f32) -> (Picture, Vec<u16>) {
+    pub fn render_with_labels(
+        &self,
+        camera: &Camera,
+        min_alpha: f32,
+        stop: &AtomicBool,
+    ) -> Option<(Picture, Vec<u16>)> {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let mut picture = Picture::new(width, height);
         let mut labels = vec![0; width * height];
-        self.tiles(camera, None, true, |x, y, ray| {
+        let whole = self.tiles(camera, None, true, Some(stop), |x, y, ray| {
             picture.set(x, y, ray.color);
             if ray.color[3] >= min_alpha {
                 labels[y * width + x] = ray.shares.largest();
             }
         });
-        (picture, labels)
+        whole.then_some((picture, labels))
     }
 
-    /// Casts all rays, tile by tile in parallel, and hands the results over in order of tiles.
-    fn tiles(&self, camera: &Camera, only: Option<&Isolated>, shares: bool, mut put: impl FnMut(usize, usize, Ray)) {
+    /// Casts all rays, tile by tile in parallel, and hands the results over in order of tiles, some rows of tiles at a
+    /// time. False if `stop` was raised before the end: some rays are then missing.
+    fn tiles(
+        &self,
+        camera: &Camera,
+        only: Option<&Isolated>,
+        shares: bool,
+        stop: Option<&AtomicBool>,
+        mut put: impl FnMut(usize, usize, Ray),
+    ) -> bool {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let rays = Rays::new(camera);
         let columns = width.div_ceil(TILE);
-        let tiles: Vec<Vec<Ray>> = (0..columns * height.div_ceil(TILE))
-            .into_par_iter()
-            .map(|tile| {
-                let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
-                let mut out = Vec::with_capacity(TILE * TILE);
-                for y in y0..(y0 + TILE).min(height) {
-                    for x in x0..(x0 + TILE).min(width) {
-                        out.push(self.cast(&rays, x, y, only, shares));
-                    }
-                }
-                out
-            })
-            .collect();
-        for (tile, rays) in tiles.into_iter().enumerate() {
+        let count = columns * height.div_ceil(TILE);
+        let block = columns * HELD.div_ceil(columns.max(1));
+        let cast = |tile: usize| -> Option<Vec<Ray>> {
+            if stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
+                return None;
+            }
             let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
-            let w = TILE.min(width - x0);
-            for (i, ray) in rays.into_iter().enumerate() {
-                put(x0 + i % w, y0 + i / w, ray);
+            let mut out = Vec::with_capacity(TILE * TILE);
+            for y in y0..(y0 + TILE).min(height) {
+                for x in x0..(x0 + TILE).min(width) {
+                    out.push(self.cast(&rays, x, y, only, shares));
+                }
+            }
+            Some(out)
+        };
+        for first in (0..count).step_by(block.max(1)) {
+            let tiles: Option<Vec<Vec<Ray>>> = (first..(first + block).min(count)).into_par_iter().map(cast).collect();
+            let Some(tiles) = tiles else { return false };
+            for (tile, rays) in (first..).zip(tiles) {
+                let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
+                let w = TILE.min(width - x0);
+                for (i, ray) in rays.into_iter().enumerate() {
+                    put(x0 + i % w, y0 + i / w, ray);
+                }
             }
         }
+        true
     }
 
     fn cast(&self, rays: &Rays, x: usize, y: usize, only: Option<&Isolated>, shares: bool) -> Ray {

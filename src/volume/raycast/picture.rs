@@ -46,6 +46,12 @@ impl Picture {
         self.pixels.chunks_exact(4).map(|p| if p[3] >= min_alpha { 255 } else { 0 }).collect()
     }
 
+    /// Whether anything is left of it in 8 bits.
+    #[must_use]
+    pub fn shows(&self) -> bool {
+        self.pixels.chunks_exact(4).any(|p| (p[3] * 255.0).round() > 0.0)
+    }
+
     /// Fraction of pixels with any alpha.
     #[must_use]
     pub fn coverage(&self) -> f64 {
@@ -112,6 +118,9 @@ mod tests {
         }
         assert_eq!(picture.mask(0.4), [255, 0]);
         assert!((picture.coverage() - 0.5).abs() < 1e-12);
+        assert!(picture.shows() && !Picture::new(3, 2).shows());
+        picture.set(0, 0, [0.0, 0.0, 0.0, 0.001]);
+        assert!(!picture.shows(), "less than half a level of 8 bits");
     }
 
     #[test]

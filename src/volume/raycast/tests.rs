@@ -151,6 +151,33 @@ fn skipping_and_threads_change_no_bit() {
 }
 
 #[test]
+fn large_images_are_whole_and_stop_within() {
+    let v = volume([12; 3], bumpy);
+    let tf = plain(&[(0.2, 0.0), (0.3, 0.4)]);
+    let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 700, 530);
+    let quick = caster(&v, &tf, 2.0);
+    let (picture, rays) = (quick.render(&camera, None), Rays::new(&camera));
+    for (x, y) in (0..700).step_by(37).flat_map(|x| (0..530).step_by(31).map(move |y| (x, y))).chain([(699, 529)]) {
+        let want = quick.cast(&rays, x, y, None, false).color;
+        assert_eq!(picture.pixels[4 * (y * 700 + x)..][..4], want, "{x}, {y}");
+    }
+    assert_eq!(quick.render_until(&camera, None, &AtomicBool::new(false)), Some(picture));
+    assert_eq!(quick.render_until(&camera, None, &AtomicBool::new(true)), None);
+    // hours of work, stopped after a moment
+    let (slow, stop) = (caster(&v, &tf, 1e-4), AtomicBool::new(false));
+    let started = std::time::Instant::now();
+    let drawn = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            stop.store(true, Ordering::Relaxed);
+        });
+        slow.render_with_labels(&camera, 0.05, &stop)
+    });
+    assert_eq!(drawn, None);
+    assert!(started.elapsed().as_secs() < 60, "{:?}", started.elapsed());
+}
+
+#[test]
 fn segments_alone_make_up_the_whole() {
     let v = volume([32; 3], bumpy);
     let [left, right] = [1, 2];
@@ -160,7 +187,7 @@ fn segments_alone_make_up_the_whole() {
     let placement = Placement::new(&v.grid, published_side());
     let caster = RayCaster::new(&v, Some(labels), &tf, SPAN, placement, 0.5);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 40, 40);
-    let (whole, image) = caster.render_with_labels(&camera, 0.05);
+    let (whole, image) = caster.render_with_labels(&camera, 0.05, &AtomicBool::new(false)).unwrap();
     assert_eq!(whole, caster.render(&camera, None));
     let alone: Vec<Picture> = [left, right].map(|id| caster.render(&camera, Some(&caster.isolate(id)))).into();
     for (i, id) in image.iter().enumerate() {

@@ -1,0 +1,85 @@
+//! Which segments a label volume holds, and which of them each Gaussian counts for.
+
+use crate::segment::segmentation::{Origin, Segmentation, SegmentationError};
+
+/// Names of segments, whose labels count from 1, and the label of each Gaussian (0 is none).
+#[derive(Debug, PartialEq)]
+pub(super) struct Choice {
+    pub names: Vec<String>,
+    pub labels: Vec<u32>,
+}
+
+/// The segments that were `asked` for, each once, where a Gaussian counts for the last that holds it. If none was asked
+/// for, those that have no parts: a Gaussian then counts for a group only where no part holds it, and a group of which
+/// nothing is left is left out.
+///
+/// # Errors
+/// A name that no segment has.
+pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, SegmentationError> {
+    if !asked.is_empty() {
+        let mut names: Vec<String> = Vec::new();
+        for name in asked {
+            if !names.contains(name) {
+                names.push(name.clone());
+            }
+        }
+        return Ok(Choice { labels: all.labels(&names)?, names });
+    }
+    let (mut names, mut groups) = (Vec::new(), Vec::new());
+    for name in all.leaves() {
+        let list = if all.get(&name)?.origin == Origin::Group { &mut groups } else { &mut names };
+        list.push(name);
+    }
+    let mut labels = all.labels(&names)?;
+    for name in groups {
+        // the parts have theirs already; of two groups the later one keeps what the earlier one took
+        let label = names.len() as u32 + 1;
+        let free = all.get(&name)?.members.iter().filter(|i| labels[**i as usize] == 0);
+        let free: Vec<u32> = free.copied().collect();
+        if !free.is_empty() {
+            free.iter().for_each(|i| labels[*i as usize] = label);
+            names.push(name);
+        }
+    }
+    Ok(Choice { names, labels })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::name::Name;
+    use crate::segment::segmentation::Segment;
+
+    fn add(all: &mut Segmentation, name: &str, parent: Option<&str>, origin: Origin, members: &[u32]) {
+        let name = Name::new(name).unwrap();
+        let parent = parent.map(|p| Name::new(p).unwrap());
+        let segment = Segment { name, parent, colour: [0.5; 3], time: 0.0, origin, members: members.to_vec() };
+        all.add(segment).unwrap();
+    }
+
+    fn example() -> Segmentation {
+        let mut all = Segmentation::new(8, "scene".into());
+        add(&mut all, "red", None, Origin::Coarse, &[0, 1, 2, 3]);
+        add(&mut all, "both", None, Origin::Group, &[0, 1, 4]);
+        add(&mut all, "red.1", Some("red"), Origin::Fine { scale: 0.5 }, &[0, 1]);
+        add(&mut all, "red.2", Some("red"), Origin::Fine { scale: 0.5 }, &[2]);
+        add(&mut all, "blue", None, Origin::Coarse, &[4]);
+        add(&mut all, "wide", None, Origin::Group, &[0, 3, 4, 5]);
+        all
+    }
+
+    #[test]
+    fn groups_do_not_take_the_gaussians_of_parts() {
+        let found = choose(&example(), &[]).unwrap();
+        assert_eq!(found.names, ["red.1", "red.2", "blue", "wide"], "nothing is left of the group `both`");
+        assert_eq!(found.labels, [1, 1, 2, 4, 3, 4, 0, 0]);
+    }
+
+    #[test]
+    fn a_group_that_was_asked_for_has_all_of_its_gaussians() {
+        let found = choose(&example(), &["blue", "red", "both", "blue"].map(String::from)).unwrap();
+        assert_eq!(found.names, ["blue", "red", "both"]);
+        assert_eq!(found.labels, [3, 3, 2, 2, 3, 0, 0, 0]);
+        assert!(choose(&example(), &["nobody".into()]).is_err());
+    }
+}

@@ -1,0 +1,89 @@
+//! Where exported files go: one file that a person named, or a folder of one file for each time.
+
+use super::super::CliError;
+use crate::files::{AtomicDir, FolderKind, check_file};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Name of the record in a folder of exported files.
+const RECORD: &str = "export.json";
+
+/// A folder of exported files, which the next export may replace.
+const KIND: FolderKind = FolderKind {
+    what: "a folder of exported files",
+    markers: &[RECORD],
+    entries: &["[0-9]*.ply", "[0-9]*.nrrd", "[0-9]*.vti"],
+};
+
+/// What a folder of exported files holds.
+#[derive(Debug, Serialize)]
+pub(super) struct Record<'a> {
+    pub version: &'static str,
+    /// Folder of the run.
+    pub run: String,
+    pub format: &'static str,
+    /// Time of each file in [0, 1], in their order.
+    pub times: &'a [f64],
+    /// Whether the edits of the run are applied.
+    pub edited: bool,
+    /// The segments in the files; all of the scene if empty.
+    pub segments: &'a [String],
+}
+
+/// The place of the files. A folder appears when all of them are in it.
+pub(super) struct Output {
+    path: PathBuf,
+    extension: &'static str,
+    folder: Option<AtomicDir>,
+}
+
+impl Output {
+    /// The single file `path`.
+    ///
+    /// # Errors
+    /// Something else stands there, or its folder is missing.
+    pub(super) fn file(path: &Path, extension: &'static str) -> Result<Self, CliError> {
+        check_file(path)?;
+        Ok(Self { path: path.to_owned(), extension, folder: None })
+    }
+
+    /// Files called by number in the folder `path`, whose parents are made.
+    ///
+    /// # Errors
+    /// Something other than an older export stands there, or it holds something of `needed`.
+    pub(super) fn folder(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, CliError> {
+        if path.file_name().is_none() && path.symlink_metadata().is_err() {
+            return Err(CliError::input(format!("--out {}: is no name of a folder", path.display())));
+        }
+        KIND.check(path, needed)?;
+        let failure = |e: std::io::Error| CliError::failure(format!("{}: {e}", path.display()));
+        if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            std::fs::create_dir_all(parent).map_err(failure)?;
+        }
+        let folder = AtomicDir::create(path).map_err(failure)?;
+        Ok(Self { path: path.to_owned(), extension, folder: Some(folder) })
+    }
+
+    /// Where the file of time `i` is written to, and how it will be called in the end.
+    pub(super) fn place(&self, i: usize) -> (PathBuf, PathBuf) {
+        match &self.folder {
+            None => (self.path.clone(), self.path.clone()),
+            Some(folder) => {
+                let name = format!("{i:04}.{}", self.extension);
+                (folder.dir().join(&name), self.path.join(name))
+            }
+        }
+    }
+
+    /// Publishes a folder with its record, in place of an older export.
+    ///
+    /// # Errors
+    /// Something else stands there by now, or the file system says no.
+    pub(super) fn finish(self, record: &Record<'_>, needed: &[&Path]) -> Result<(), CliError> {
+        let Some(folder) = self.folder else { return Ok(()) };
+        let json = serde_json::to_vec_pretty(record).map_err(CliError::failure)?;
+        std::fs::write(folder.dir().join(RECORD), json)
+            .map_err(|e| CliError::failure(format!("{}: {e}", self.path.display())))?;
+        Ok(folder.commit_replacing(&KIND, needed)?)
+    }
+}

@@ -1,0 +1,130 @@
+//! The folder of a render: frames as they are drawn, their animation, and the record of what they show.
+
+use super::super::CliError;
+use super::super::run_folder::RunFolder;
+use super::look::Look;
+use crate::data::Camera;
+use crate::export::animation::{AnimationError, try_write_apng};
+use crate::export::images::{encode_png, to_rgb8};
+use crate::files::{AtomicDir, FolderKind};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// Name of the record.
+const RECORD: &str = "frames.json";
+/// Name of the animation.
+const ANIMATION: &str = "animation.png";
+
+/// The folder of a render, which the next one may replace.
+const KIND: FolderKind = FolderKind {
+    what: "a folder of rendered frames",
+    markers: &[RECORD],
+    entries: &["[0-9][0-9][0-9][0-9]*.png", ANIMATION],
+};
+
+/// What the frames of a folder show.
+#[derive(Debug, Serialize)]
+pub(super) struct Record {
+    pub version: &'static str,
+    /// Folder of the run.
+    pub run: String,
+    /// The camera path, or the place of the one camera.
+    pub path: String,
+    pub frames: usize,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Time of each frame in [0, 1].
+    pub times: Vec<f64>,
+    /// What the colours stand for.
+    pub show: String,
+    /// The segments shown alone; all of the scene if empty.
+    pub segments: Vec<String>,
+    /// Edits that are applied.
+    pub edits: usize,
+}
+
+/// Frames that are being drawn, one at a time, into a folder that appears when all of them are there.
+pub(super) struct Frames {
+    out: PathBuf,
+    folder: AtomicDir,
+    /// Seconds of drawing alone.
+    pub seconds: f64,
+}
+
+impl Frames {
+    /// Checks that `out` is free or holds an older render, and begins. Its parents are made.
+    ///
+    /// # Errors
+    /// Something else stands there, or the file system says no.
+    pub(super) fn create(out: &Path, needed: &[&Path]) -> Result<Self, CliError> {
+        if out.file_name().is_none() && out.symlink_metadata().is_err() {
+            return Err(CliError::input(format!("--out {}: is no name of a folder", out.display())));
+        }
+        KIND.check(out, needed)?;
+        let failure = |e: std::io::Error| CliError::failure(format!("{}: {e}", out.display()));
+        if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
+            std::fs::create_dir_all(parent).map_err(failure)?;
+        }
+        Ok(Self { out: out.to_owned(), folder: AtomicDir::create(out).map_err(failure)?, seconds: 0.0 })
+    }
+
+    /// Draws each view to a file, and more than one to an animation of `fps` frames a second as well. Two frames are in
+    /// memory at most, however many there are.
+    ///
+    /// # Errors
+    /// A frame that cannot be drawn or written; `stop` was raised.
+    pub(super) fn draw(
+        &mut self,
+        look: &mut Look<'_>,
+        views: &[(Camera, f64)],
+        fps: u16,
+        stop: &AtomicBool,
+    ) -> Result<(), CliError> {
+        let animation = self.folder.dir().join(ANIMATION);
+        let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
+        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame(look, i, view, stop));
+        if frames.len() < 2 {
+            return frames.next().map_or(Ok(()), |frame| frame.map(drop));
+        }
+        try_write_apng(&animation, frames, width, height, fps).map_err(|e| match e {
+            AnimationError::Frame { source, .. } => match source.downcast::<CliError>() {
+                Ok(error) => *error,
+                Err(other) => CliError::failure(other),
+            },
+            e => CliError::failure(e),
+        })
+    }
+
+    fn frame(
+        &mut self,
+        look: &mut Look<'_>,
+        i: usize,
+        (camera, time): &(Camera, f64),
+        stop: &AtomicBool,
+    ) -> Result<Vec<u8>, CliError> {
+        if stop.load(Ordering::Relaxed) {
+            return Err(CliError::failure("interrupted; nothing was written"));
+        }
+        let started = Instant::now();
+        let image = look.draw(camera.to_kernel(), *time as f32)?;
+        self.seconds += started.elapsed().as_secs_f64();
+        let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
+        let path = self.folder.dir().join(format!("{i:04}.png"));
+        let bytes = encode_png(&image).map_err(CliError::failure)?;
+        std::fs::write(&path, bytes).map_err(|e| CliError::failure(format!("{}: {e}", path.display())))?;
+        Ok(image.into_raw())
+    }
+
+    /// Writes the record and publishes the folder, in place of an older render.
+    ///
+    /// # Errors
+    /// Something else stands there by now, or the file system says no.
+    pub(super) fn finish(self, record: &Record, run: &RunFolder) -> Result<(), CliError> {
+        let json = serde_json::to_vec_pretty(record).map_err(CliError::failure)?;
+        let path = self.folder.dir().join(RECORD);
+        std::fs::write(&path, json).map_err(|e| CliError::failure(format!("{}: {e}", self.out.display())))?;
+        Ok(self.folder.commit_replacing(&KIND, &[&run.path])?)
+    }
+}

@@ -1,0 +1,57 @@
+//! Which cameras and times a render shows.
+
+use super::super::CliError;
+use super::super::run_folder::{RunFolder, check_lens};
+use super::RenderArgs;
+use crate::data::paths::{Lens, orbit, test_spiral};
+use crate::data::{Camera, Transforms};
+use crate::memory::{Budget, product};
+use std::path::Path;
+
+impl RenderArgs {
+    /// The cameras with the times they show; at least one, all of one size.
+    pub(super) fn views(&self, run: &RunFolder) -> Result<Vec<(Camera, f64)>, CliError> {
+        let (lens, distance) = run.lens(self.size);
+        let Lens { width, height, .. } = lens;
+        check_lens(&self.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}")), lens)?;
+        if let Some(eye) = self.camera {
+            return Ok(vec![(run.camera_at(eye, lens)?, self.time.unwrap_or(0.5))]);
+        }
+        if let Some(radius) = self.radius {
+            run.check_radius(radius)?;
+        }
+        let radius = self.radius.unwrap_or(distance);
+        let hold = |views: Vec<(Camera, f64)>| match self.time {
+            Some(t) => views.into_iter().map(|(c, _)| (c, t)).collect(),
+            None => views,
+        };
+        match self.path.to_str() {
+            Some("test") => Ok(hold(test_spiral(181, 100, radius, lens))),
+            Some("orbit") => {
+                let n = self.frames;
+                // the cameras twice, as they are listed and as they get their times
+                let bytes = product(&[n, 2 * size_of::<(Camera, f64)>()]);
+                Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
+                let cameras = orbit(n, radius, 20f64.to_radians(), lens);
+                let last = (n - 1).max(1) as f64;
+                Ok(hold(cameras.into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
+            }
+            _ => Ok(hold(from_file(&self.path, lens)?)),
+        }
+    }
+}
+
+/// The cameras and times of a `transforms_*.json`.
+fn from_file(path: &Path, lens: Lens) -> Result<Vec<(Camera, f64)>, CliError> {
+    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
+        return Err(CliError::input(format!(
+            "--path {}: is no path of cameras; say test, orbit, or the name of a transforms_*.json file",
+            path.display()
+        )));
+    }
+    let json = Transforms::read(path)?;
+    let view = |f: &crate::data::transforms::FrameRecord| {
+        (json.intrinsics.camera(lens.width, lens.height, f.camera_to_world), f.time)
+    };
+    Ok(json.frames.iter().map(view).collect())
+}

@@ -1,0 +1,128 @@
+//! What can be known to be wrong with a dataset before anything is rendered.
+
+use super::{FOLDER, PrepareError, PrepareOptions, Source, image_count, views};
+use crate::memory::{Budget, product};
+use crate::name::Name;
+use crate::volume::placement::Placement;
+use crate::volume::raycast::{LONGEST_STEP, SHORTEST_STEP};
+use crate::volume::transfer::TransferFunction;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Bytes of the plan of an image: its camera, its entry in the JSON file, its job.
+const VIEW_BYTES: usize = 2048;
+/// Bytes of a pixel of an image that a thread renders: colours, label, the eight bits that are written.
+const PIXEL_BYTES: usize = 32;
+/// Bytes of a pixel of the contact sheet's images, which are read back together.
+const SHEET_BYTES: usize = 120;
+/// Bytes of a voxel: as it was read, laid out for rays, its label, the bricks.
+const VOXEL_BYTES: usize = 16;
+/// Lengths in scene units that make sense.
+const LENGTHS: [f64; 2] = [1e-6, 1e6];
+
+/// # Errors
+/// The first thing that is wrong, by its flag or in words.
+pub(super) fn check(
+    source: &Source,
+    transfer: &TransferFunction,
+    options: &PrepareOptions,
+    out: &Path,
+) -> Result<(), PrepareError> {
+    let wrong = |text: String| Err(PrepareError::Options(text));
+    let views = &options.views;
+    let steps = source.len();
+    if let Some(axis) = source.grid().dims.iter().position(|n| *n < 2) {
+        return wrong(format!(
+            "{}: one voxel along {}; a volume needs at least 2 along each axis",
+            source.describe(),
+            ["x", "y", "z"][axis]
+        ));
+    }
+    if views.size.iter().any(|n| *n == 0 || *n > 16_384) {
+        return wrong(format!("size {}x{}: between 1 and 16384 pixels", views.size[0], views.size[1]));
+    }
+    match &views.times {
+        views::Times::Count(0) => return wrong("times 0: at least one step to train on".into()),
+        views::Times::Steps(list) if list.is_empty() => return wrong("no step to train on".into()),
+        views::Times::Steps(list) => {
+            if let Some(step) = list.iter().find(|s| **s >= steps) {
+                return wrong(format!("step {step}: the series has {steps} steps, 0 to {}", steps - 1));
+            }
+        }
+        views::Times::Count(_) => {}
+    }
+    if views.views_per_time == 0 || views.test_views == 0 {
+        return wrong("at least one training view a time and one test view".into());
+    }
+    if !(views.fov_x > 0.0 && views.fov_x < 3.1) {
+        return wrong(format!("field of view {:.1} degrees: between 0 and 177", views.fov_x.to_degrees()));
+    }
+    for (name, length) in [("radius", views.radius), ("side", options.side)] {
+        if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
+            return wrong(format!("{name} {length:?}: a length from {:e} to {:e}", LENGTHS[0], LENGTHS[1]));
+        }
+    }
+    let reach = Placement::new(&source.grid(), options.side).half.length();
+    if views.radius <= reach {
+        return wrong(format!("radius {}: cameras must stand outside the volume, beyond {reach:.3}", views.radius));
+    }
+    if !(SHORTEST_STEP..=LONGEST_STEP).contains(&options.step) {
+        return wrong(format!("sample step {}: from {SHORTEST_STEP} to {LONGEST_STEP} voxels", options.step));
+    }
+    names(source, transfer)?;
+    memory(source, options)?;
+    if out.file_name().is_none() && out.symlink_metadata().is_err() {
+        return wrong(format!("{}: is no name of a folder", out.display()));
+    }
+    if !options.replace && out.symlink_metadata().is_ok() {
+        return Err(PrepareError::Exists(out.to_owned()));
+    }
+    FOLDER.check(out, &needed(source, options))?;
+    Ok(())
+}
+
+/// Segments become folders: their names must be fit for it, and differ.
+fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareError> {
+    let wrong = |text: String| Err(PrepareError::Options(text));
+    for segment in &transfer.segments {
+        if let Err(e) = Name::new(segment.name.as_str()) {
+            return wrong(format!("transfer function {}: {e}", transfer.name));
+        }
+    }
+    if let Source::Files { names, .. } = source {
+        let (mut ids, mut known) = (BTreeSet::new(), BTreeSet::new());
+        for (id, name) in names {
+            if !ids.insert(id) || !known.insert(name) {
+                return wrong(format!("label {id}={name}: give each label one name, and each name to one label"));
+            }
+            // what a label without a name is called
+            let other = name.strip_prefix("segment-").and_then(|n| n.parse::<u16>().ok());
+            if other.is_some_and(|n| n != *id && !names.iter().any(|(i, _)| *i == n)) {
+                return wrong(format!("label {id}={name}: is what another label is called; choose another name"));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether the plan, the images that are rendered at a time and a step of the series fit into memory.
+fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError> {
+    let (views, free) = (&options.views, Budget::now());
+    let [w, h] = views.size.map(|n| n as usize);
+    let plan = |count: usize| product(&[count, VIEW_BYTES]);
+    free.check(format!("--test-views {}", views.test_views), plan(views.test_views))?;
+    let all = image_count(source, options);
+    free.check(format!("--views {} a time", views.views_per_time), plan(all))?;
+    let threads = rayon::current_num_threads().min(all).max(1);
+    let what = format!("--size {w}x{h}, {threads} images at a time");
+    free.check(what, product(&[w, h, PIXEL_BYTES * threads]).max(product(&[w, h, SHEET_BYTES])))?;
+    let dims = source.grid().dims;
+    let [x, y, z] = dims;
+    free.check(format!("a volume of {x} x {y} x {z} voxels"), product(&[x, y, z, VOXEL_BYTES]))?;
+    Ok(())
+}
+
+/// The files that the dataset is made from.
+pub(super) fn needed<'a>(source: &'a Source, options: &'a PrepareOptions) -> Vec<&'a Path> {
+    source.files().into_iter().chain(options.needed.iter().map(PathBuf::as_path)).collect()
+}
