@@ -51,8 +51,10 @@ impl RunFolder {
         let checkpoint = checkpoint.ok_or_else(|| no_checkpoint(path))?;
         let path = run.as_path();
         let scene_path = checkpoint.join("scene.safetensors");
-        let scene = Scene::load(&scene_path, device)
-            .map_err(|e| CliError::input(format!("{e}; {}", checkpoint::advice(&checkpoint))))?;
+        let scene = Scene::load(&scene_path, device).map_err(|e| match e.is_damage() {
+            true => CliError::input(format!("{e}; {}", checkpoint::advice(&checkpoint))),
+            false => CliError::input(e),
+        })?;
         let read = |name: &str| {
             let file = path.join(name);
             std::fs::read_to_string(&file).map_err(|e| CliError::input(format!("{}: {e}", file.display())))
@@ -92,7 +94,7 @@ impl RunFolder {
             return Ok(Segmentation::new(self.scene.gaussians.count(), fingerprint));
         }
         let found = Segmentation::load(&path).map_err(CliError::input)?;
-        if found.scene != fingerprint {
+        if found.scene != fingerprint || found.gaussians != self.scene.gaussians.count() {
             return Err(CliError::input(format!(
                 "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
                  --replace` to begin again",
@@ -128,5 +130,14 @@ impl RunFolder {
 }
 
 fn no_checkpoint(path: &Path) -> CliError {
-    CliError::input(format!("{}: no checkpoint here; give the folder that `volseggs train --out` made", path.display()))
+    let run = path.display();
+    let record = std::fs::read_to_string(path.join("run.json")).ok();
+    CliError::input(match record.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok()) {
+        Some(record) => format!(
+            "{run}: training has reached no checkpoint yet; if it is not running any more, start it again with `volseggs train \
+             --data {} --config {run}/config.toml --out {run}`",
+            record.dataset.display()
+        ),
+        None => format!("{run}: no checkpoint here; give the folder that `volseggs train --out` made"),
+    })
 }

@@ -93,6 +93,15 @@ pub struct View {
     pub radii: Tensor<1, Int>,
 }
 
+impl SceneError {
+    /// Whether the bytes are not those that were written, or numbers in them are none: another copy of the file, or an
+    /// older checkpoint, helps.
+    #[must_use]
+    pub fn is_damage(&self) -> bool {
+        matches!(self, Self::NotFinite { .. } | Self::File(TensorFileError::Damaged { .. }))
+    }
+}
+
 impl Scene {
     /// A scene from canonical Gaussians, with a new field.
     pub fn new(gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {

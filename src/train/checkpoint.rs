@@ -10,7 +10,7 @@ use crate::files::{AtomicDir, FolderKind, ReplaceError, remove_whole, write_atom
 use crate::model::Scene;
 use crate::model::params::{self, HostTensor};
 use crate::model::scene::{SceneError, read_tensors, write_tensors};
-use crate::tensors::{self, TensorFileError};
+use crate::tensors;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -213,9 +213,8 @@ pub fn restore(
 ) -> Result<(State, Vec<Change>), CheckpointError> {
     restore_whole(path, trainer, config, dataset).map_err(|e| {
         let reason = match &e {
-            CheckpointError::File { .. }
-            | CheckpointError::Scene(SceneError::NotFinite { .. } | SceneError::Format { .. })
-            | CheckpointError::Scene(SceneError::File(TensorFileError::Damaged { .. })) => e.to_string(),
+            CheckpointError::File { .. } => e.to_string(),
+            CheckpointError::Scene(error) if error.is_damage() => e.to_string(),
             _ => return e,
         };
         CheckpointError::Damaged { reason, advice: advice(path) }

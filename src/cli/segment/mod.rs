@@ -63,11 +63,6 @@ impl SegmentArgs {
     }
 }
 
-/// A time in [0, 1].
-pub(super) fn check_time(time: f64) -> Result<(), CliError> {
-    if (0.0..=1.0).contains(&time) { Ok(()) } else { Err(CliError::input(format!("--time {time}: between 0 and 1"))) }
-}
-
 /// Refuses more clusters than `points`, or more than memory has room for; `of` says what has the points.
 fn check_clusters(clusters: usize, points: usize, of: &str, dimensions: usize) -> Result<(), CliError> {
     if clusters > points {
