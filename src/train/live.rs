@@ -38,7 +38,10 @@ pub fn read_all<E>(run: &Path, read: impl Fn(&Path) -> Result<(), E>) -> Result<
     for (step, path) in list(run) {
         match read(&path) {
             Err(_) if is_gone(&path) => {}
-            outcome => outcome.map(|()| steps.push(step))?,
+            outcome => {
+                outcome?;
+                steps.push(step);
+            }
         }
     }
     Ok(steps)
