@@ -26,6 +26,7 @@ pub mod memory;
 pub mod metrics;
 pub mod model;
 pub mod name;
+mod nesting;
 pub mod points;
 pub mod prepare;
 pub mod report;

@@ -4,6 +4,7 @@ use crate::data::DataError;
 use crate::files::{LockError, ReplaceError};
 use crate::log::jsonl::JsonlError;
 use crate::train::TrainError;
+use crate::volume::error::VolumeError;
 use std::fmt;
 
 /// A message and an exit code: 2 for bad input or usage, 1 for anything else.
@@ -64,6 +65,12 @@ impl From<ReplaceError> for CliError {
     }
 }
 
+impl From<VolumeError> for CliError {
+    fn from(error: VolumeError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
+    }
+}
+
 impl From<TrainError> for CliError {
     fn from(error: TrainError) -> Self {
         match error {
@@ -74,6 +81,26 @@ impl From<TrainError> for CliError {
             TrainError::NotFinite { .. } | TrainError::Log { .. } | TrainError::Metrics(_) | TrainError::Save(_) => {
                 Self::failure(error)
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::ErrorKind;
+    use std::path::Path;
+
+    #[test]
+    fn what_the_user_can_mend_of_a_volume_is_2_and_what_the_system_refused_is_1() {
+        let path = Path::new("a.nrrd");
+        let io = |kind: ErrorKind| VolumeError::io(path, "open the file", kind.into(), "check it");
+        for (error, code) in [
+            (VolumeError::invalid(path, "sizes", "too few", "correct them"), 2),
+            (io(ErrorKind::NotFound), 2),
+            (io(ErrorKind::StorageFull), 1),
+        ] {
+            assert_eq!(CliError::from(error).code(), code);
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::export::images::encode_png;
 use crate::export::ply::PlyGaussians;
 use crate::files::{check_file, write_named};
 use crate::model::scene::{read_tensors, refuse_not_finite};
-use crate::train::checkpoint;
+use crate::train::{checkpoint, live};
 use crate::volume::formats::READ;
 use clap::Args;
 use serde_json::json;
@@ -106,17 +106,16 @@ impl InspectArgs {
     }
 
     fn run_folder(&self) -> Result<(), CliError> {
-        let checkpoints = checkpoint::list(&self.path);
         let record = std::fs::read_to_string(self.path.join("run.json"))
             .ok()
             .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
-        let steps: Vec<usize> = checkpoints.iter().map(|(s, _)| *s).collect();
-        for (_, path) in &checkpoints {
-            for name in ["scene.safetensors", "optimizer.safetensors"] {
-                let path = path.join(name);
-                refuse_not_finite(&path, &read_tensors(&path).map_err(CliError::input)?.0).map_err(CliError::input)?;
-            }
-        }
+        let check = |checkpoint: &Path| {
+            ["scene.safetensors", "optimizer.safetensors"].iter().try_for_each(|name| {
+                let path = checkpoint.join(name);
+                refuse_not_finite(&path, &read_tensors(&path)?.0)
+            })
+        };
+        let steps = live::read_all(&self.path, check).map_err(CliError::input)?;
         self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": steps.len() }))
     }
 

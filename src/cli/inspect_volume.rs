@@ -35,10 +35,10 @@ pub(super) fn inspect_volume(
         Ok(series) => (series, None),
         Err(e) => {
             let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
-            (Series::open(&inputs, &options).map_err(CliError::input)?, Some(e.to_string()))
+            (Series::open(&inputs, &options)?, Some(e.to_string()))
         }
     };
-    let range = series.range().map_err(CliError::input)?;
+    let range = series.range()?;
     let grid = series.grid();
     let notes: Vec<String> = series.notes().iter().cloned().chain(gap).collect();
     if as_json {
@@ -55,13 +55,13 @@ pub(super) fn inspect_volume(
         notes.iter().for_each(|n| outln!("note: {n}"));
     }
     if let Some(file) = picture {
-        let tf = TransferFunction::load(transfer.unwrap_or("ramp")).map_err(CliError::input)?;
+        let tf = TransferFunction::load(transfer.unwrap_or("ramp"))?;
         let span = tf.span(range.map(f64::from));
         let middle = series.len() / 2;
-        let whole = series.load(middle).map_err(CliError::input)?.values.iter().all(|v| v.fract() == 0.0);
+        let whole = series.load(middle)?.values.iter().all(|v| v.fract() == 0.0);
         let bins = Bins::new(span, whole, BINS);
         let range = bins.range.map(|v| v as f32);
-        let histogram = series.histogram(middle, bins.count, range).map_err(CliError::input)?;
+        let histogram = series.histogram(middle, bins.count, range)?;
         let title = format!("{} - {}", tf.name, series.name(middle));
         let picture = transfer_picture(&histogram, bins.range, span, &tf, &title);
         write_named(file, &encode_png(&picture).map_err(CliError::failure)?)?;

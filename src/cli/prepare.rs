@@ -147,11 +147,9 @@ impl PrepareArgs {
             PrepareError::Exists(_) => CliError::input(format!("{e}, or pass --replace")),
             PrepareError::Replace(e) => e.into(),
             PrepareError::Write { .. } | PrepareError::Interrupted => CliError::failure(e),
-            PrepareError::Volume(_)
-            | PrepareError::Data(_)
-            | PrepareError::Options(_)
-            | PrepareError::Memory(_)
-            | PrepareError::Empty { .. } => CliError::input(e),
+            PrepareError::Volume(e) => e.into(),
+            PrepareError::Data(e) => e.into(),
+            PrepareError::Options(_) | PrepareError::Memory(_) | PrepareError::Empty { .. } => CliError::input(e),
         })?;
         bar.finish_and_clear();
         errln!(
@@ -190,11 +188,11 @@ impl PrepareArgs {
             allow_gaps: self.allow_gaps,
             times: (!self.time_values.is_empty()).then(|| self.time_values.clone()),
         };
-        let series = Series::open(&self.volume, &options).map_err(CliError::input)?;
+        let series = Series::open(&self.volume, &options)?;
         let labels = if self.labels.is_empty() {
             None
         } else {
-            let labels = Series::open(&self.labels, &options).map_err(CliError::input)?;
+            let labels = Series::open(&self.labels, &options)?;
             if labels.len() != series.len() || labels.grid().dims != series.grid().dims {
                 return Err(CliError::input(format!(
                     "--labels: {} steps of {:?} voxels, the volumes have {} of {:?}; give labels of the same shape",
@@ -211,11 +209,11 @@ impl PrepareArgs {
 
     fn transfer(&self) -> Result<TransferFunction, CliError> {
         match (&self.transfer_function, self.synthetic) {
-            (Some(spec), _) => TransferFunction::load(spec).map_err(CliError::input),
+            (Some(spec), _) => Ok(TransferFunction::load(spec)?),
             (None, Some(scene)) => scene.transfer_function().map_err(CliError::failure),
             (None, None) => {
                 errln!("note: no --transfer-function, the preset `ramp` is used");
-                TransferFunction::load("ramp").map_err(CliError::input)
+                Ok(TransferFunction::load("ramp")?)
             }
         }
     }

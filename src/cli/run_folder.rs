@@ -15,8 +15,8 @@ use crate::edit::EditStack;
 use crate::files::{RunLock, Work};
 use crate::model::Scene;
 use crate::segment::segmentation::{self, Segmentation};
-use crate::train::checkpoint;
 use crate::train::run::RunRecord;
+use crate::train::{checkpoint, live};
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 
@@ -47,14 +47,15 @@ impl RunFolder {
     }
 
     fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, CliError> {
-        let (run, checkpoint) = checkpoint::locate(path);
-        let checkpoint = checkpoint.ok_or_else(|| no_checkpoint(path))?;
-        let path = run.as_path();
-        let scene_path = checkpoint.join("scene.safetensors");
-        let scene = Scene::load(&scene_path, device).map_err(|e| match e.is_damage() {
-            true => CliError::input(format!("{e}; {}", checkpoint::advice(&checkpoint))),
-            false => CliError::input(e),
-        })?;
+        let load = |checkpoint: &Path| {
+            Scene::load(&scene_of(checkpoint), device).map_err(|e| match e.is_damage() {
+                true => CliError::input(format!("{e}; {}", checkpoint::advice(checkpoint))),
+                false => CliError::input(e),
+            })
+        };
+        let (run, found) = live::read_located(path, load)?;
+        let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
+        let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
         let read = |name: &str| {
             let file = path.join(name);
             std::fs::read_to_string(&file).map_err(|e| CliError::input(format!("{}: {e}", file.display())))
@@ -127,6 +128,10 @@ impl RunFolder {
         }
         Ok(read_split(root, name, self.config.data.downscale, max_views)?)
     }
+}
+
+fn scene_of(checkpoint: &Path) -> PathBuf {
+    checkpoint.join("scene.safetensors")
 }
 
 fn no_checkpoint(path: &Path) -> CliError {

@@ -4,6 +4,7 @@
 //! `NAME-render.png`. What cannot be read is left out of the sheet.
 
 use super::results::{Outcome, OutcomeState, ResultSet};
+use crate::data::png::check_claim;
 use crate::draw::font::{GLYPH_HEIGHT, draw_text, text_width};
 use crate::draw::views::{Pair, pair_sheet};
 use crate::eval::sheet::error_color;
@@ -124,6 +125,7 @@ fn sheet(set: &ResultSet, dataset: &str) -> Option<VariantSheet> {
 fn load(outcome: &Outcome, view: &str) -> Option<Shown> {
     let open = |kind: &str| {
         let bytes = crate::files::read_regular(&folder(outcome).join(format!("{view}-{kind}.png"))).ok()?;
+        check_claim(&bytes, bytes.len() as u64).ok()?;
         Some(image::load_from_memory(&bytes).ok()?.to_rgb8())
     };
     let (truth, render) = (open("truth")?, open("render")?);

@@ -155,12 +155,15 @@ fn two_frames_of_one_image_are_refused_with_both_numbers() {
 }
 
 #[test]
-fn a_number_beyond_single_precision_is_called_so() {
+fn a_camera_too_far_away_is_called_so() {
     let folder = dataset(2, 8);
     let path = folder.path().join("transforms_train.json");
     let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
-    json["frames"][1]["transform_matrix"][0][3] = 1e300.into();
-    std::fs::write(&path, json.to_string()).unwrap();
-    let text = Dataset::open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
-    assert!(text.contains("entry (0, 3) is 1e300, too large: at most 3.4e38") && text.contains("frame 1"), "{text}");
+    for (far, name) in [(1e300, "1e300"), (-2e15, "-2e15")] {
+        json["frames"][1]["transform_matrix"][0][3] = far.into();
+        std::fs::write(&path, json.to_string()).unwrap();
+        let text = Dataset::open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
+        let words = [format!("entry (0, 3) is {name}, too large: at most 1e15"), "transform_matrix".into()];
+        assert!(words.iter().all(|w| text.contains(w)) && text.contains("frame 1"), "{text}");
+    }
 }

@@ -2,13 +2,14 @@
 //! nothing of cameras.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, ImageReader, RgbaImage};
 use rayon::prelude::*;
 
 use super::error::DataError;
+use super::png::{START, check_claim};
 use crate::files::open_regular;
 use crate::memory::{Budget, product};
 
@@ -178,11 +179,17 @@ pub(crate) fn size(path: &Path) -> Result<(u32, u32), String> {
 }
 
 fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
+    let unreadable = |e: std::io::Error| format!("cannot read the image: {e}");
     let file = open_regular(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => "the image is missing".to_owned(),
-        _ => format!("cannot read the image: {e}"),
+        _ => unreadable(e),
     })?;
-    Ok(ImageReader::new(BufReader::new(file)))
+    let len = file.metadata().map_err(unreadable)?.len();
+    let (mut file, mut start) = (BufReader::new(file), Vec::new());
+    file.by_ref().take(START as u64).read_to_end(&mut start).map_err(unreadable)?;
+    check_claim(&start, len)?;
+    file.rewind().map_err(unreadable)?;
+    Ok(ImageReader::new(file))
 }
 
 /// Pixels of an image from which memory is asked about before it is decoded.

@@ -81,6 +81,16 @@ fn images_that_do_not_fit_into_memory_are_refused_before_they_are_decoded() {
 }
 
 #[test]
+fn a_small_file_that_claims_a_large_image_is_refused_by_its_header() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("r_0.png");
+    std::fs::write(&path, crate::data::png::claims_to_be(60_000, 30_000)).unwrap();
+    let claims = |text: String| assert!(text.contains("60000x30000 pixels, more than its"), "{text}");
+    claims(decode(&path).unwrap_err());
+    claims(ImageSet::load(Path::new("t.json"), &[path], 1).unwrap_err().to_string());
+}
+
+#[test]
 #[cfg(target_os = "linux")]
 fn a_pipe_is_no_image_and_does_not_hang() {
     let folder = tempfile::tempdir().unwrap();

@@ -56,7 +56,8 @@ impl Canvas {
         draw_text(&mut self.0, panel.left as u32, 16, 2, INK, panel.title);
         // Lines at whole units of 1, 2 or 5 times a power of ten.
         let step = nice_step(ends / 4.0);
-        let lines = (half / scale / step).floor() as i64;
+        // 5 at most, unless the cameras or the box are beyond what can be drawn
+        let lines = (half / scale / step).floor().clamp(0.0, 8.0) as i64;
         for k in -lines..=lines {
             let off = scale * step * k as f64;
             let shade = if k == 0 { [170, 174, 178] } else { GRID };
@@ -220,6 +221,9 @@ mod tests {
         some[1].camera.camera_to_world.x_axis.x = f64::INFINITY;
         some[2].time = f64::NAN;
         let _ = layout_picture(&some, &Aabb::cube(DVec3::ZERO, 0.0));
+        // the scale is then 0
+        some[2].camera.camera_to_world.w_axis.y = 1.7e308;
+        let _ = layout_picture(&some, &Aabb::cube(DVec3::ZERO, 1.0));
         let _ = layout_picture(&[], &Aabb::cube(DVec3::ZERO, 1e-30));
     }
 

@@ -13,6 +13,7 @@ mod inspect_views;
 pub mod layout;
 mod lenient;
 pub mod paths;
+pub(crate) mod png;
 pub mod scan;
 pub mod thin;
 pub mod transforms;

@@ -12,6 +12,8 @@ use super::transforms::{FrameRecord, Intrinsics};
 
 /// How far the bottom row of a pose may be from `[0, 0, 0, 1]`.
 pub const BOTTOM_ROW_TOLERANCE: f64 = 1e-4;
+/// Farthest position of a camera along an axis: squares of such distances are still finite in single precision.
+pub const FARTHEST: f64 = 1e15;
 /// How far the rotation of a pose may be from orthonormal (largest entry of `R^T R - I`).
 pub const ROTATION_TOLERANCE: f64 = 1e-3;
 
@@ -204,8 +206,9 @@ fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
             let number = entry.as_f64().filter(|x| x.is_finite());
             rows[r][c] =
                 number.ok_or_else(|| format!("entry ({r}, {c}) is {} where a finite number is needed", show(entry)))?;
-            if rows[r][c].abs() > f64::from(f32::MAX) {
-                return Err(format!("entry ({r}, {c}) is {:e}, too large: at most 3.4e38", rows[r][c]));
+            // the other entries are held against those of a rotation
+            if r < 3 && c == 3 && rows[r][c].abs() > FARTHEST {
+                return Err(format!("entry ({r}, {c}) is {:e}, too large: at most {FARTHEST:e}", rows[r][c]));
             }
         }
     }

@@ -11,6 +11,7 @@ use super::camera::Camera;
 use super::dataset::SplitName;
 use super::error::DataError;
 use super::images::downscaled_size;
+use super::png::check_claim;
 use super::transforms::Transforms;
 
 /// Name of the file in a dataset's folder.
@@ -172,6 +173,7 @@ impl Truth {
         let reader = || ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png);
         let broken = |e: ImageError| fail("pixels", format!("not a readable PNG: {e}"));
         // the size first, so that nothing is decoded on the word of a damaged header
+        check_claim(&bytes, bytes.len() as u64).map_err(|problem| fail("pixels", problem))?;
         let (width, height) = reader().into_dimensions().map_err(broken)?;
         if [width, height] != self.file.size {
             let [w, h] = self.file.size;

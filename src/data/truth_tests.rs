@@ -1,6 +1,7 @@
 //! A dataset with label images, made here, and what is wrong with it.
 
 use super::*;
+use crate::data::png::claims_to_be;
 use crate::data::transforms::{FrameRecord, Intrinsics};
 use glam::DMat4;
 use image::{GrayImage, ImageBuffer, Luma};
@@ -79,6 +80,8 @@ fn wrong_files_are_named() {
     fails("grey");
     std::fs::write(&view.path, "text").unwrap();
     fails("PNG");
+    std::fs::write(&view.path, claims_to_be(60_000, 30_000)).unwrap();
+    fails("more than its");
     truth.file.label_images.clear();
     assert!(truth.views_near(0.0, 1, 1).unwrap_err().to_string().contains("label_images"));
     std::fs::write(root.join(FILE), "{").unwrap();

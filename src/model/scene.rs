@@ -173,6 +173,7 @@ impl Scene {
             metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
         let spec: SceneSpec = serde_json::from_str(spec).map_err(|e| format(format!("header: {e}")))?;
         check_spec(&spec, &tensors).map_err(|e| format(format!("header: {e}")))?;
+        refuse_empty(&tensors).map_err(&format)?;
         if spec.model.encoder == EncoderKind::Extra {
             ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
         }
@@ -188,9 +189,6 @@ impl Scene {
         let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let g = &scene.gaussians;
         let n = g.count();
-        if n == 0 {
-            return Err(format("holds no Gaussian".into()));
-        }
         if [g.rotations.dims()[0], g.log_scales.dims()[0], g.opacity_logits.dims()[0], g.sh.dims()[0]] != [n; 4] {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
@@ -216,6 +214,12 @@ fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Resul
         return Err(format!("the model has a field of {asked} values, the file holds {held}"));
     }
     Ok(())
+}
+
+/// Refuses a scene of no Gaussians: not every backend can hold an empty tensor.
+fn refuse_empty(tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
+    let empty = |(name, tensor): (&String, &HostTensor)| name.starts_with("gaussians.") && tensor.values.is_empty();
+    if tensors.iter().any(empty) { Err("holds no Gaussian".to_owned()) } else { Ok(()) }
 }
 
 /// Writes named tensors as safetensors with one entry of the header and a digest, atomically.
@@ -335,5 +339,21 @@ mod tests {
             let error = Scene::load(&path, &device).unwrap_err().to_string();
             assert!(error.contains(words) && error.contains("scene.safetensors"), "{error}");
         }
+    }
+
+    #[test]
+    fn a_scene_without_gaussians_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let good = scene();
+        let mut tensors = params::collect(&good);
+        for (_, tensor) in tensors.iter_mut().filter(|(name, _)| name.starts_with("gaussians.")) {
+            tensor.shape[0] = 0;
+            tensor.values.clear();
+        }
+        let text = serde_json::to_string(&good.spec).unwrap();
+        write_tensors(&path, &tensors, Some(("volseggs", text))).unwrap();
+        let device = DeviceName::all()[0].open().unwrap();
+        assert!(Scene::load(&path, &device).unwrap_err().to_string().contains("holds no Gaussian"));
     }
 }

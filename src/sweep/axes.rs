@@ -130,6 +130,9 @@ impl Variant {
     }
 }
 
+/// Largest end of a range of whole numbers, 2^53: beyond it not every one is a number of double precision.
+const LARGEST: f64 = 9_007_199_254_740_992.0;
+
 type Point = Vec<(String, Value)>;
 
 fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
@@ -184,6 +187,9 @@ impl RangeSpec {
         }
         if self.integer && (low.fract() != 0.0 || high.fract() != 0.0) {
             return Err("integer asks for whole ends".into());
+        }
+        if self.integer && low.abs().max(high.abs()) > LARGEST {
+            return Err(format!("integer asks for ends from {:e} to {LARGEST:e}", -LARGEST));
         }
         Ok(())
     }

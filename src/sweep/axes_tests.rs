@@ -35,6 +35,12 @@ fn impossible_axes_are_named() {
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=0, high=1, log=true}").contains("above 0"));
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2, high=1}").contains("not below"));
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2}").contains("low and high"));
+    let ends = |low: &str, high: &str| {
+        format!("[random]\ncount=3\n[random.keys]\n'a.b' = {{low={low}, high={high}, integer=true}}")
+    };
+    assert!(error(&ends("0", "1e300")).contains("a.b: integer asks for ends from"));
+    assert!(error(&ends("-1e19", "0")).contains("a.b: integer asks for ends from"));
+    assert!(!names(&ends("-9007199254740992", "9007199254740992")).is_empty());
 }
 
 proptest! {

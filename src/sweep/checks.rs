@@ -6,6 +6,7 @@ use super::file::{HalvingSpec, SweepFile};
 use super::plan::{Plan, PlanOptions};
 use crate::config::types::Config;
 use crate::device::DeviceName;
+use crate::nesting::check_toml;
 use std::collections::HashSet;
 use std::path::Path;
 use toml::Table;
@@ -86,6 +87,28 @@ pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), St
                 "run \"{}\" has no live test PSNR by step {}: output.eval_every is {every}",
                 run.label, halving.rungs[0]
             ));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses what no plan holds: keys of runs that are no part of a path, and places in lists that are not there.
+pub(super) fn check_plan(plan: &Plan) -> Result<(), String> {
+    for (i, run) in plan.runs.iter().enumerate() {
+        if run.key.is_empty() || !run.key.bytes().all(|b| b.is_ascii_hexdigit()) {
+            return Err(format!("runs[{i}].key: \"{}\" is no hash", run.key));
+        }
+        if !plan.datasets.contains_key(&run.dataset) {
+            return Err(format!("runs[{i}].dataset: there is no dataset \"{}\"", run.dataset));
+        }
+        check_toml(&run.config).map_err(|e| format!("runs[{i}].config: {e}"))?;
+    }
+    for (i, entry) in plan.entries.iter().enumerate() {
+        let Some(run) = plan.runs.get(entry.run) else {
+            return Err(format!("entries[{i}].run is {}, there are {} runs", entry.run, plan.runs.len()));
+        };
+        if let Some(at) = entry.segments.filter(|at| *at >= run.segments.len()) {
+            return Err(format!("entries[{i}].segments is {at}, its run has {}", run.segments.len()));
         }
     }
     Ok(())

@@ -18,6 +18,9 @@ const BEAT: Duration = Duration::from_secs(15);
 /// A holder elsewhere that has not beaten for so long is dead; longer than file systems keep attributes (60 s).
 const DEAD: Duration = Duration::from_secs(150);
 
+/// Highest number of a claim; a run is not taken over more often, so a file of a higher one is none of ours.
+const MOST: u32 = 999_999;
+
 /// Who holds a run, as the claim file says it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
@@ -95,6 +98,10 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
             },
         };
         if free {
+            if number == MOST {
+                let path = claim_path(folder, number);
+                return Err(io::Error::other(format!("{}: no claim can follow; remove this file", path.display())));
+            }
             if let Some(claim) = take(folder, number + 1, &me)? {
                 return Ok(Claimed::Mine(claim));
             }
@@ -114,18 +121,23 @@ pub fn holder(folder: &Path) -> Option<Holder> {
 
 /// The claim of the highest number; its content is absent where it is not (wholly) written.
 fn newest(folder: &Path) -> io::Result<Option<(u32, Option<Holder>)>> {
-    let mut best = None;
-    for entry in fs::read_dir(folder)? {
-        let name = entry?.file_name();
-        let number = name.to_str().and_then(|n| n.strip_prefix("claim-")).and_then(|n| n.parse::<u32>().ok());
-        best = best.max(number);
-    }
-    let Some(number) = best else { return Ok(None) };
+    let Some(number) = numbers(folder)?.into_iter().max() else { return Ok(None) };
     let text = match fs::read_to_string(claim_path(folder, number)) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => String::new(),
         text => text?,
     };
     Ok(Some((number, serde_json::from_str(&text).ok())))
+}
+
+/// The numbers of the claims that are there; files that are only called alike are left alone.
+fn numbers(folder: &Path) -> io::Result<Vec<u32>> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let number = name.to_str().and_then(|n| n.strip_prefix("claim-")).and_then(|n| n.parse::<u32>().ok());
+        found.extend(number.filter(|n| (1..=MOST).contains(n) && claim_path(Path::new(""), *n) == Path::new(&name)));
+    }
+    Ok(found)
 }
 
 fn claim_path(folder: &Path, number: u32) -> PathBuf {
@@ -142,11 +154,12 @@ fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
     file.write_all(&serde_json::to_vec(me).map_err(io::Error::other)?)?;
     file.sync_all()?;
     // a slow process may make a number that others have long passed and cleared away
-    if newest(folder)?.is_some_and(|(n, _)| n > number) {
+    let there = numbers(folder)?;
+    if there.iter().any(|n| *n > number) {
         fs::remove_file(&path)?;
         return Ok(None);
     }
-    for old in 1..number {
+    for old in there.into_iter().filter(|n| *n < number) {
         let _ = fs::remove_file(claim_path(folder, old));
     }
     let (stop, stopped) = channel();
@@ -266,6 +279,26 @@ mod tests {
         assert!(holder(dir.path()).is_none());
         let claim = mine(claim(dir.path()));
         assert_eq!(claim.path, dir.path().join("claim-0008"));
+    }
+
+    #[test]
+    fn numbers_that_no_claim_has_are_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let others = ["claim-4294967295", "claim-1000000", "claim-0000", "claim-+007", "claim-9"];
+        for name in others {
+            fs::write(dir.path().join(name), "").unwrap();
+        }
+        assert!(holder(dir.path()).is_none());
+        let mut dead = Holder::me();
+        dead.born += 1;
+        dead.write(&claim_path(dir.path(), MOST - 1)).unwrap();
+        // at once, though all numbers below are free
+        let last = mine(claim(dir.path()));
+        assert_eq!(last.path, claim_path(dir.path(), MOST));
+        assert!(!claim_path(dir.path(), MOST - 1).exists());
+        assert!(others.iter().all(|name| dir.path().join(name).exists()));
+        drop(last);
+        assert!(claim(dir.path()).unwrap_err().to_string().contains("claim-999999"));
     }
 
     #[test]

@@ -189,6 +189,7 @@ impl SweepFile {
     pub fn read(path: &Path) -> Result<Self, SweepError> {
         let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
         let text = crate::files::read_text(path).map_err(|e| bad(e.to_string()))?;
+        crate::nesting::check_toml(&text).map_err(bad)?;
         let mut file: Self = toml::from_str(&text).map_err(|e| bad(plain(&e.to_string())))?;
         if file.title.is_empty() {
             file.title = name_of(path);

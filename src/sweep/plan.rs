@@ -5,7 +5,7 @@
 
 use super::SweepError;
 use super::axes::{Settings, Variant, check_count, flatten, variants};
-use super::checks::{baseline, check_halving, check_lists, check_seed_keys};
+use super::checks::{baseline, check_halving, check_lists, check_plan, check_seed_keys};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, short_hash};
@@ -286,11 +286,13 @@ impl Plan {
     /// Reads the plan of the sweep in `dir`: the newest, or the one of that hash.
     ///
     /// # Errors
-    /// If it is not there, or no plan of this version of the program.
+    /// If it is not there, damaged, or no plan of this version of the program.
     pub fn load(dir: &Path, hash: Option<&str>) -> Result<Self, SweepError> {
         let path = hash.map_or(dir.join("plan.json"), |hash| dir.join("plans").join(format!("{hash}.json")));
         let text = crate::files::read_text(&path).map_err(|e| SweepError::io(&path, e))?;
-        let plan: Self = serde_json::from_str(&text)
+        let plan = serde_json::from_str(&text)
+            .map_err(|e| e.to_string())
+            .and_then(|plan: Self| check_plan(&plan).map(|()| plan))
             .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
         let runs_folder = dir.parent().map(|out| out.join("runs")).unwrap_or_default();
         Ok(Self { runs_folder, ..plan })

@@ -155,6 +155,29 @@ fn a_plan_is_read_back_and_finds_its_runs_wherever_it_lies() {
 }
 
 #[test]
+fn a_damaged_plan_is_refused_with_the_field() {
+    let dir = tempfile::tempdir().unwrap();
+    let options = PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() };
+    let good = plan_with(&format!("config = 'demo'\n{DATA}"), &options).unwrap();
+    let folder = dir.path().join("my-sweep");
+    type Edit = fn(&mut Plan);
+    let cases: [(Edit, &str); 5] = [
+        (|p| p.entries[0].run = 7, "entries[0].run is 7"),
+        (|p| p.entries[0].segments = Some(0), "entries[0].segments is 0"),
+        (|p| p.runs[0].key = "../../elsewhere".into(), "runs[0].key"),
+        (|p| p.runs[0].key.clear(), "runs[0].key"),
+        (|p| p.runs[0].dataset = "x".into(), "runs[0].dataset"),
+    ];
+    for (edit, words) in cases {
+        let mut plan = good.clone();
+        edit(&mut plan);
+        plan.save(&folder).unwrap();
+        let error = Plan::load(&folder, None).unwrap_err().to_string();
+        assert!([words, "plan.json", "plan again"].iter().all(|w| error.contains(w)), "{error}");
+    }
+}
+
+#[test]
 fn every_sweep_file_of_the_repository_can_be_planned() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let mut count = 0;

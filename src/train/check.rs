@@ -6,6 +6,7 @@ use crate::extend::find_schedule;
 use crate::memory::product;
 use crate::model::extra_encoder::ExtraEncoder;
 use crate::model::size::check_model;
+use crate::volume::transfer::color::parse_hex;
 use burn::tensor::Device;
 
 /// What lies behind the Gaussians.
@@ -29,16 +30,11 @@ pub fn evaluation_background(text: &str) -> Result<[f32; 3], TrainError> {
 }
 
 pub(super) fn parse_background(text: &str) -> Result<Background, TrainError> {
-    let hex = |s: &str| -> Option<[f32; 3]> {
-        let s = s.strip_prefix('#').filter(|s| s.len() == 6 && s.is_ascii())?;
-        let byte = |k: usize| u8::from_str_radix(&s[2 * k..2 * k + 2], 16).ok().map(|b| f32::from(b) / 255.0);
-        Some([byte(0)?, byte(1)?, byte(2)?])
-    };
     match text {
         "white" => Ok(Background::Fixed([1.0; 3])),
         "black" => Ok(Background::Fixed([0.0; 3])),
         "random" => Ok(Background::Random),
-        other => hex(other).map(Background::Fixed).ok_or_else(|| {
+        other => parse_hex(other).map(Background::Fixed).ok_or_else(|| {
             TrainError::Config(format!("data.background = \"{other}\": use white, black, random or #rrggbb"))
         }),
     }
@@ -213,6 +209,14 @@ mod tests {
             let text = refusal(edit);
             assert!(words.iter().all(|w| text.contains(w)), "{text}");
             assert!(!text.contains("learning rate"), "{text}");
+        }
+    }
+
+    #[test]
+    fn backgrounds() {
+        assert_eq!(evaluation_background("#ff0000").unwrap(), [1.0, 0.0, 0.0]);
+        for bad in ["#+1+2+3", "#12345", "#12345g", "ff0000", "red"] {
+            assert!(evaluation_background(bad).unwrap_err().to_string().contains(bad));
         }
     }
 

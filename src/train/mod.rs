@@ -9,6 +9,7 @@ pub mod checkpoint;
 pub mod densify;
 pub mod gather;
 pub mod init;
+pub mod live;
 pub mod losses;
 mod open;
 pub mod optimizer;

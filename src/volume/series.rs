@@ -10,11 +10,15 @@ use crate::volume::formats;
 use crate::volume::grid::{Grid, Labels, ScalarType, Volume};
 use crate::volume::source::{Header, VolumeFile};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// Voxels scanned by one task.
 const CHUNK: usize = 1 << 16;
+
+/// Values of small steps that are read together.
+const TOGETHER: usize = 1 << 24;
 
 /// Largest relative difference between the spacings of two files.
 const SPACING_TOLERANCE: f64 = 1e-6;
@@ -165,8 +169,10 @@ impl Series {
         let widest = [f32::INFINITY, f32::NEG_INFINITY];
         let merge = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let (mut range, mut values) = (widest, Vec::new());
-        for step in 0..self.len() {
-            self.read(step, &mut values)?;
+        // many small steps of one file are read together: compressed ones are unpacked from the start each time
+        let at_a_time = if self.files.len() > 1 { 1 } else { (TOGETHER / self.header.grid.len().max(1)).max(1) };
+        for first in (0..self.len()).step_by(at_a_time) {
+            self.read_range(first..self.len().min(first + at_a_time), &mut values)?;
             let part = |c: &[f32]| c.iter().fold(widest, |r, &v| merge(r, [v, v]));
             range = merge(range, values.par_chunks(CHUNK).map(part).reduce(|| widest, merge));
         }
@@ -220,6 +226,22 @@ impl Series {
             return Err(VolumeError::invalid(path, self.voxel(at), problem, hint));
         };
         values.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value);
+        Ok(())
+    }
+
+    /// Reads steps of one file, each after the one before.
+    fn read_range(&self, steps: Range<usize>, values: &mut Vec<f32>) -> Result<(), VolumeError> {
+        if steps.len() == 1 {
+            return self.read(steps.start, values);
+        }
+        self.opened(0)?.read_range(steps.clone(), values)?;
+        if let Some((_, at)) = offenders(values, |v| !v.is_finite()) {
+            let Some(value) = self.nan_as else {
+                // says which voxel it is
+                return self.read(steps.start + at / self.header.grid.len().max(1), values);
+            };
+            values.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value);
+        }
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 use super::error::VolumeError;
 use super::grid::{Grid, ScalarType};
+use std::ops::Range;
 
 /// What a volume file holds, known before its values are read.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,4 +28,19 @@ pub trait VolumeFile: Send + Sync + std::fmt::Debug {
     /// # Errors
     /// A truncated or damaged file.
     fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError>;
+
+    /// Reads the steps of a range as [`VolumeFile::read`] reads one, each after the one before. Readers that have to
+    /// unpack all that lies before a step do so once for the whole range.
+    ///
+    /// # Errors
+    /// As [`VolumeFile::read`].
+    fn read_range(&self, steps: Range<usize>, out: &mut Vec<f32>) -> Result<(), VolumeError> {
+        let mut one = Vec::new();
+        out.clear();
+        for step in steps {
+            self.read(step, &mut one)?;
+            out.extend_from_slice(&one);
+        }
+        Ok(())
+    }
 }

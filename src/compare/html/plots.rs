@@ -8,6 +8,7 @@ use crate::compare::stats;
 use crate::draw::parallel::{ParallelAxis, ParallelLine, Ticks, parallel_plot};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::scatter::{Point, scatter_plot};
+use crate::nesting::check_toml;
 use crate::report::Block;
 use std::path::Path;
 
@@ -216,7 +217,9 @@ fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
 
 /// The run's resolved configuration, in which settings stand that a variant leaves at the base's value.
 fn config(run: &Path) -> Option<toml::Table> {
-    crate::files::read_text(&run.join("config.toml")).ok()?.parse().ok()
+    let text = crate::files::read_text(&run.join("config.toml")).ok()?;
+    check_toml(&text).ok()?;
+    text.parse().ok()
 }
 
 fn setting(outcome: &Outcome, config: Option<&toml::Table>, key: &str) -> Option<Setting> {
@@ -228,7 +231,7 @@ fn setting(outcome: &Outcome, config: Option<&toml::Table>, key: &str) -> Option
         }
         return table.get(name).map(of_value);
     };
-    let parsed = format!("value = {text}").parse::<toml::Table>().ok();
+    let parsed = check_toml(text).ok().and_then(|()| format!("value = {text}").parse::<toml::Table>().ok());
     Some(parsed.and_then(|t| t.get("value").map(of_value)).unwrap_or_else(|| Setting::Text(text.clone())))
 }
 

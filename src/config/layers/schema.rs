@@ -137,8 +137,14 @@ fn expand<'a>(root: &'a Json, node: &'a Json, depth: usize, out: &mut Vec<&'a Js
     }
 }
 
+/// Longest key for which a closest one is sought, bytes; nobody mistypes so much.
+const LONGEST_KEY: usize = 100;
+
 /// The key of `known` closest to `key`, if one is close enough to be what was meant.
 pub(super) fn closest(key: &str, known: &[String]) -> Option<String> {
+    if key.len() > LONGEST_KEY {
+        return None;
+    }
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     let score = |candidate: &String| {
         let whole = distance(key, candidate);

@@ -83,6 +83,7 @@ impl<'a> Reader<'a> {
             place: place.clone(),
             message: error.to_string().trim_end().to_owned(),
         };
+        crate::nesting::check_toml(&text).map_err(|message| ConfigError::Syntax { place: place.clone(), message })?;
         let mut table: Table = text.parse().map_err(syntax)?;
         let spans = DeTable::parse(&text).map_err(syntax)?;
         let lines = lines_of(&text, spans.get_ref());
@@ -130,20 +131,20 @@ impl<'a> Reader<'a> {
 
 /// The line, from 1, of each key of a document.
 fn lines_of(text: &str, table: &DeTable<'_>) -> BTreeMap<Vec<String>, usize> {
-    fn walk(text: &str, at: &[String], table: &DeTable<'_>, out: &mut BTreeMap<Vec<String>, usize>) {
+    fn walk(ends: &[usize], at: &mut Vec<String>, table: &DeTable<'_>, out: &mut BTreeMap<Vec<String>, usize>) {
         for (key, value) in table {
-            let mut path = at.to_vec();
-            path.push(key.get_ref().to_string());
-            let start = key.span().start.min(text.len());
-            let line = 1 + text.as_bytes()[..start].iter().filter(|b| **b == b'\n').count();
+            at.push(key.get_ref().to_string());
             if let DeValue::Table(inner) = value.get_ref() {
-                walk(text, &path, inner, out);
+                walk(ends, at, inner, out);
             }
-            out.insert(path, line);
+            out.insert(at.clone(), 1 + ends.partition_point(|end| *end < key.span().start));
+            at.pop();
         }
     }
+    // where lines end
+    let ends: Vec<usize> = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i).collect();
     let mut out = BTreeMap::new();
-    walk(text, &[], table, &mut out);
+    walk(&ends, &mut Vec::new(), table, &mut out);
     out
 }
 
@@ -151,6 +152,9 @@ fn lines_of(text: &str, table: &DeTable<'_>) -> BTreeMap<Vec<String>, usize> {
 /// configuration takes nothing else, so that a name such as `2024` needs no quotes.
 fn parse_value(text: &str, node: Option<&View<'_>>) -> Value {
     let plain = || Value::String(text.to_owned());
+    if crate::nesting::check_toml(text).is_err() {
+        return plain();
+    }
     match text.trim().parse::<Value>() {
         Ok(Value::String(inner)) => Value::String(inner),
         Ok(_) if node.is_some_and(View::is_text) => plain(),

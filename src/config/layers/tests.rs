@@ -177,6 +177,26 @@ fn sources_that_are_missing_circular_or_broken_are_named() {
 }
 
 #[test]
+fn hostile_files_are_refused_in_time() {
+    let dir = tempfile::tempdir().unwrap();
+    let error = |text: &str| {
+        let file = dir.path().join("a.toml");
+        fs::write(&file, text).unwrap();
+        Layers::new(&[]).source(file.to_str().unwrap()).resolve::<Config>().unwrap_err().to_string()
+    };
+    let key = ["a"; 79].join(".");
+    let nested = error(&format!("seed = 1\n{}b = 1{}", format!("{key} = {{").repeat(79), "}".repeat(79)));
+    assert!(nested.contains("a.toml") && nested.contains("line 2: more than 64"), "{nested}");
+    // no key that exists is sought for it
+    let long = "x".repeat(2_000_000);
+    let unknown = error(&format!("{long} = 1"));
+    assert!(unknown.contains(&format!("unknown key `{long}`")) && !unknown.contains("did you mean"));
+    // each line is found without looking at those before
+    let lines: String = (0..50_000).map(|k| format!("k{k} = 1\n")).collect();
+    assert!(error(&format!("[free]\n{lines}[train]\nsede = 1")).contains("a.toml:50003"));
+}
+
+#[test]
 fn an_empty_section_keeps_what_it_would_hold() {
     let layers = Layers::new(&[]).sets(["train.seed=5", "train={}"]);
     let resolved = layers.resolve::<Config>().unwrap();

@@ -1,5 +1,6 @@
 //! The pictures of known segments: each rendered alone with its mask, and the label images of training views.
 
+use crate::data::png::check_claim;
 use crate::data::{Camera, DataError, Truth, truth};
 use crate::files::read_regular;
 use glam::DMat4;
@@ -78,6 +79,7 @@ impl TruthFrame {
         let hint = "make the dataset again with `volseggs prepare`";
         let fail = |problem: String| DataError::field_error(path, None, "pixels", problem, hint);
         let bytes = read_regular(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
+        check_claim(&bytes, bytes.len() as u64).map_err(fail)?;
         let reader = || ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png);
         let size = reader().into_dimensions().map_err(|e| fail(e.to_string()))?;
         if size != (self.camera.width, self.camera.height) {

@@ -2,6 +2,8 @@
 //!
 //! Only the data type: reading and writing its text form is in `rle`, files are in `store`.
 
+use std::collections::BTreeMap;
+
 use thiserror::Error;
 
 /// A binary image as run lengths, column by column from the top left, first run zeros (COCO's order).
@@ -113,6 +115,45 @@ impl Mask {
         }
         counts.push(run);
         Ok(Self { width, height, counts })
+    }
+
+    /// The mask of each value but 0 of a row-major buffer `[height, width]`, by rising value; one pass over the buffer.
+    ///
+    /// # Errors
+    /// As [`Mask::from_rows`].
+    pub fn of_labels(width: u32, height: u32, labels: &[u16]) -> Result<Vec<(u16, Self)>, MaskError> {
+        let pixels = pixel_count(width, height)?;
+        if labels.len() as u64 != u64::from(pixels) {
+            return Err(MaskError::BufferLength { width, height, found: labels.len(), expected: u64::from(pixels) });
+        }
+        // of each value its runs, and where the last one ends
+        let mut found: BTreeMap<u16, (Vec<u32>, u32)> = BTreeMap::new();
+        let mut close = |label: u16, start: u32, end: u32| {
+            if label != 0 && start < end {
+                let (counts, last) = found.entry(label).or_default();
+                counts.extend([start - *last, end - start]);
+                *last = end;
+            }
+        };
+        let (mut label, mut start, mut at) = (0, 0, 0);
+        for x in 0..width as usize {
+            for y in 0..height as usize {
+                let next = labels[y * width as usize + x];
+                if next != label {
+                    close(label, start, at);
+                    (label, start) = (next, at);
+                }
+                at += 1;
+            }
+        }
+        close(label, start, at);
+        let whole = |(label, (mut counts, last)): (u16, (Vec<u32>, u32))| {
+            if last < pixels {
+                counts.push(pixels - last);
+            }
+            (label, Self { width, height, counts })
+        };
+        Ok(found.into_iter().map(whole).collect())
     }
 
     /// The mask as a row-major buffer `[height, width]`.

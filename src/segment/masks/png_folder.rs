@@ -13,6 +13,7 @@ use image::codecs::png::PngDecoder;
 use image::{DynamicImage, ImageDecoder};
 
 use super::{coco::ForeignMask, mask::Mask, store::StoreError};
+use crate::data::png::check_claim;
 use crate::files::read_regular;
 
 /// Where a view's masks are.
@@ -119,13 +120,14 @@ impl PngFolder {
             }
             Files::Labels(path) => {
                 let labels = self.read(path)?;
-                let mut present = vec![false; 1 << 16];
-                for &label in &labels {
-                    present[usize::from(label)] = true;
-                }
-                for label in (1..=u16::MAX).filter(|&label| present[usize::from(label)]) {
-                    add(path, u64::from(label), labels.iter().map(|&value| value == label).collect())?;
-                }
+                let found = Mask::of_labels(self.width, self.height, &labels);
+                let found = found.map_err(|e| StoreError::field(path, "pixels", e))?;
+                masks.extend(found.into_iter().map(|(label, mask)| ForeignMask {
+                    mask,
+                    category: u64::from(label),
+                    predicted_iou: 1.0,
+                    stability_score: 1.0,
+                }));
             }
         }
         Ok(masks)
@@ -134,6 +136,7 @@ impl PngFolder {
     fn read(&self, path: &Path) -> Result<Vec<u16>, StoreError> {
         let bytes = read_regular(path).map_err(StoreError::io(path))?;
         let wrong = |e: image::ImageError| StoreError::field(path, "PNG", e);
+        check_claim(&bytes, bytes.len() as u64).map_err(|e| StoreError::field(path, "PNG", e))?;
         let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(wrong)?;
         // before any pixel is unpacked: a small file may claim any size
         let (found_width, found_height) = decoder.dimensions();
@@ -160,6 +163,7 @@ fn stem(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::png::claims_to_be;
     use image::{GrayImage, ImageBuffer, Luma, RgbImage};
 
     #[test]
@@ -186,22 +190,19 @@ mod tests {
         assert!(opened.masks(3).is_err());
     }
 
-    /// A grey PNG whose header speaks of `side` by `side` pixels; there are none.
-    fn claims_to_be(side: u32) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        GrayImage::new(1, 1).write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
-        bytes[16..20].copy_from_slice(&side.to_be_bytes());
-        bytes[20..24].copy_from_slice(&side.to_be_bytes());
-        // the checksum of type and content of the first chunk
-        let mut crc = u32::MAX;
-        for byte in &bytes[12..29] {
-            crc ^= u32::from(*byte);
-            for _ in 0..8 {
-                crc = (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg());
-            }
+    #[test]
+    fn an_image_of_all_labels_is_read_in_one_pass() {
+        let folder = tempfile::tempdir().unwrap();
+        // a pass for each label would look at 2^32 pixels
+        let labels: Vec<u16> = (0..=u16::MAX).collect();
+        let image: ImageBuffer<Luma<u16>, _> = ImageBuffer::from_raw(256, 256, labels).unwrap();
+        image.save(folder.path().join("a.png")).unwrap();
+        let masks = PngFolder::open(folder.path(), &["a.png".to_owned()], 256, 256).unwrap().masks(0).unwrap();
+        assert_eq!(masks.len(), 65_535);
+        for (label, found) in (1..).zip(&masks) {
+            let (x, y) = (label as u32 % 256, label as u32 / 256);
+            assert!(found.category == label && found.mask.area() == 1 && found.mask.contains(x, y), "{label}");
         }
-        bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
-        bytes
     }
 
     #[test]
@@ -223,7 +224,7 @@ mod tests {
             grey(folder, "a_1.png", 2);
         });
         check("is a folder", &|folder| std::fs::create_dir(folder.join("a_1.png")).unwrap());
-        check("65000x65000", &|folder| std::fs::write(folder.join("a.png"), claims_to_be(65000)).unwrap());
+        check("65000x65000", &|folder| std::fs::write(folder.join("a.png"), claims_to_be(65000, 65000)).unwrap());
         check("PNG", &|folder| std::fs::write(folder.join("a_1.png"), b"\x89PNG nonsense").unwrap());
     }
 }

@@ -13,9 +13,10 @@ use serde::Deserialize;
 
 use super::{
     rle,
-    store::{Annotation, Header, LONGEST_LINE, Line, StoreError, check_header, check_line, mask_of_size},
+    store::{Annotation, Header, LONGEST_LINE, Line, StoreError, check_header, check_line, check_memory, mask_of_size},
 };
 use crate::files::open_regular;
+use crate::memory::Budget;
 
 /// Where one annotation's line is.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +53,7 @@ impl MaskReader {
         let mut offset = read_line(path, 1, &mut input, &mut line)?;
         let header: Header = serde_json::from_slice(&line).map_err(|e| StoreError::field(path, "line 1, header", e))?;
         check_header(path, &header)?;
+        check_memory(path, &header, Budget::now())?;
         let mut places = vec![Vec::new(); header.views.len()];
         for number in 2.. {
             let length = read_line(path, number, &mut input, &mut line)?;
@@ -261,6 +263,17 @@ mod tests {
             let message = MaskReader::open(&path).and_then(|reader| reader.view(0)).unwrap_err().to_string();
             assert!(message.contains(field) && message.contains("masks.jsonl"), "{message}");
         }
+    }
+
+    #[test]
+    fn masks_that_do_not_fit_into_memory_are_refused_by_their_header() {
+        let path = Path::new("masks.jsonl");
+        let large = Header { width: 65_535, height: 65_535, ..header() };
+        check_header(path, &large).unwrap();
+        let error = check_memory(path, &large, Budget::of(8_000_000_000)).unwrap_err().to_string();
+        let words = ["masks.jsonl", "header, width, height", "65535x65535 pixels", "--memory"];
+        assert!(words.iter().all(|w| error.contains(w)), "{error}");
+        check_memory(path, &header(), Budget::of(1000)).unwrap();
     }
 
     proptest! {

@@ -14,6 +14,7 @@ use thiserror::Error;
 use super::{mask::Mask, mask::MaskError, rle, rle::RleError};
 use crate::data::Camera;
 use crate::files::AtomicFile;
+use crate::memory::{Budget, product};
 
 pub use super::reader::MaskReader;
 
@@ -282,6 +283,15 @@ pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreErro
         }
     }
     Ok(())
+}
+
+/// Refuses masks of more pixels than fit into memory, whatever a damaged header says.
+pub(super) fn check_memory(path: &Path, header: &Header, budget: Budget) -> Result<(), StoreError> {
+    let (width, height) = (header.width, header.height);
+    // a pixel as it is looked at, a byte, and drawn, three floats
+    let bytes = product(&[width as usize, height as usize, 16]);
+    let fits = budget.check(format!("masks of {width}x{height} pixels"), bytes);
+    fits.map_err(|e| StoreError::field(path, "header, width, height", e))
 }
 
 /// Checks an annotation line against the header, all but the mask's counts.

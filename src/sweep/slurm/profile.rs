@@ -88,7 +88,9 @@ impl Profile {
     /// # Errors
     /// As [`Profile::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, SlurmError> {
-        let profile: Self = toml::from_str(text)
+        let profile: Self = crate::nesting::check_toml(text)
+            .map_err(serde::de::Error::custom)
+            .and_then(|()| toml::from_str(text))
             .map_err(|source| SlurmError::Toml { path: path.to_path_buf(), source: Box::new(source) })?;
         profile.check().map_err(|(key, value, fix)| SlurmError::Key { path: path.to_path_buf(), key, value, fix })?;
         Ok(profile)

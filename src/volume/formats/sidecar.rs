@@ -81,9 +81,11 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, VolumeError> {
     let parsed = if json {
         serde_json::from_str(&text).map_err(|e| e.to_string())
     } else {
-        toml::from_str(&text).map_err(|e: toml::de::Error| {
-            let line = e.span().map(|s| 1 + text.bytes().take(s.start).filter(|&b| b == b'\n').count());
-            line.map_or_else(|| e.message().to_owned(), |n| format!("line {n}: {}", e.message()))
+        crate::nesting::check_toml(&text).and_then(|()| {
+            toml::from_str(&text).map_err(|e: toml::de::Error| {
+                let line = e.span().map(|s| 1 + text.bytes().take(s.start).filter(|&b| b == b'\n').count());
+                line.map_or_else(|| e.message().to_owned(), |n| format!("line {n}: {}", e.message()))
+            })
         })
     };
     parsed.map_err(|problem| {

@@ -70,6 +70,7 @@ pub(super) fn read(path: &Path) -> Result<TransferFunction, VolumeError> {
 
 pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeError> {
     let wrong = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
+    crate::nesting::check_toml(text).map_err(|e| wrong("TOML", e, "see the transfer functions in configs/"))?;
     let document: Document = toml::from_str(text).map_err(|e| {
         let before = e.span().and_then(|s| text.get(..s.start)).unwrap_or("");
         let line = before.bytes().filter(|b| *b == b'\n').count() + 1;

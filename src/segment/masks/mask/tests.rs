@@ -18,6 +18,11 @@ proptest! {
         let second = Mask::from_rows(width, height, &b).unwrap();
         first.validate().unwrap();
         prop_assert_eq!(&first.to_rows(), &a);
+        let labels: Vec<u16> = a.iter().zip(&b).map(|(p, q)| u16::from(*p) + 2 * u16::from(*q)).collect();
+        for (label, mask) in Mask::of_labels(width, height, &labels).unwrap() {
+            mask.validate().unwrap();
+            prop_assert_eq!(mask.to_rows(), labels.iter().map(|l| *l == label).collect::<Vec<_>>());
+        }
         prop_assert_eq!(first.area(), a.iter().filter(|&&set| set).count() as u64);
         let both: Vec<bool> = a.iter().zip(&b).map(|(&p, &q)| p && q).collect();
         let expected = Mask::from_rows(width, height, &both).unwrap();

@@ -14,11 +14,15 @@ use crate::volume::source::{Header, VolumeFile};
 use axes::Axes;
 use data::{Data, Encoding, Selection};
 use std::io::Read;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use text::Text;
 
 /// No header is longer, even one that lists thousands of data files.
 const MAX_HEADER: u64 = 1 << 22;
+
+/// Bytes that are unpacked to read all steps of one compressed file, at most: some hours.
+const MOST_UNPACKED: f64 = 1e13;
 
 #[derive(Debug)]
 struct Nrrd {
@@ -100,6 +104,10 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     }
     let data = Data { files, base, encoding, scalar, endian, line_skip, byte_skip, per_file: values / count };
     data.check(path)?;
+    if axes.time_first && encoding == Encoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MOST_UNPACKED {
+        let problem = format!("time is the fastest axis, so each of the {} steps unpacks the whole file", shape.steps);
+        return Err(bad("encoding", problem, "save it as raw, or with time as the last axis"));
+    }
 
     let grid = Grid { dims: shape.dims, spacing: axes.spacing, origin: axes.origin };
     let notes = text.notes.into_iter().chain(axes.notes).collect();
@@ -122,5 +130,35 @@ impl VolumeFile for Nrrd {
             Selection { first: step * count as u64, stride: 1, count }
         };
         self.data.read(chosen, out)
+    }
+
+    fn read_range(&self, steps: Range<usize>, out: &mut Vec<f32>) -> Result<(), VolumeError> {
+        let Some(last) = steps.end.checked_sub(1).filter(|last| *last >= steps.start) else {
+            out.clear();
+            return Ok(());
+        };
+        common::check_step(&self.path, last, self.shape.steps)?;
+        let (voxels, all) = (self.shape.voxels, self.shape.steps);
+        if !self.time_first {
+            common::prepare(&self.path, out, voxels.saturating_mul(steps.len()))?;
+            let first = steps.start as u64 * voxels as u64;
+            return self.data.read(Selection { first, stride: 1, count: out.len() }, out);
+        }
+        if steps.len() < all {
+            let mut one = Vec::new();
+            common::room(&self.path, out, voxels.saturating_mul(steps.len()))?;
+            return steps.into_iter().try_for_each(|step| {
+                self.read(step, &mut one)?;
+                out.extend_from_slice(&one);
+                Ok(())
+            });
+        }
+        // as stored, the steps of each voxel lie together
+        let mut stored = Vec::new();
+        common::prepare(&self.path, &mut stored, voxels.saturating_mul(all))?;
+        self.data.read(Selection { first: 0, stride: 1, count: stored.len() }, &mut stored)?;
+        common::room(&self.path, out, voxels.saturating_mul(steps.len()))?;
+        out.extend(steps.flat_map(|step| stored.iter().skip(step).step_by(all)));
+        Ok(())
     }
 }

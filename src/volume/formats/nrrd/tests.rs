@@ -95,6 +95,7 @@ fn detached_one_list_and_pattern() {
         ("encoding: raw\ndata file: two.raw", "two.raw does not exist"),
         ("encoding: raw\ndata file: data/s%02d.raw 0 3 1", "evenly"),
         ("encoding: raw\ndata file: LIST", "no name"),
+        ("encoding: raw\ndata file: LIST\ndata/s00.raw\ndata/s01.raw\ndata/s00.raw", "names \"data/s00.raw\" twice"),
         ("encoding: raw\ndata file: ", "is empty"),
         ("encoding: raw\ndata file: a\ndata file: b", "twice"),
         ("encoding: raw", "neither data nor a data file"),

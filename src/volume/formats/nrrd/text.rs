@@ -1,7 +1,7 @@
 //! The text of an NRRD header: lines to fields, and the names of the data files. What fields mean is not decided here.
 
 use crate::volume::error::VolumeError;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 /// Fields of the standard that say nothing about where voxels are or how they are stored.
@@ -44,6 +44,9 @@ const USED: [&str; 11] = [
 
 /// Longest name of a data file in a pattern, bytes: one header must not make gigabytes of names.
 const MAX_NAME: usize = 4096;
+
+/// Most bytes of all names that a pattern makes.
+const MAX_NAMES: usize = 1 << 26;
 
 /// Most files that one header may name.
 const MAX_FILES: usize = 1 << 20;
@@ -119,6 +122,11 @@ impl Text {
                 text.notes.push(format!("unknown field \"{}\" ignored", name.trim()));
             }
         }
+        let mut names = HashSet::new();
+        if let Some(twin) = text.files.iter().find(|name| !names.insert(name.as_str())) {
+            let problem = format!("names \"{}\" twice", twin.chars().take(80).collect::<String>());
+            return Err(bad("data file".into(), problem, "name each file once"));
+        }
         if listing && text.files.is_empty() {
             return Err(bad("data file".into(), "LIST is followed by no name".into(), "name one file a line"));
         }
@@ -173,6 +181,10 @@ fn pattern(value: &str) -> Result<Vec<String>, String> {
     }
     let zeros = width.starts_with('0');
     let width: usize = width.parse().unwrap_or(0);
+    // numbers of up to 20 characters
+    if count.saturating_mul(before.len() + after.len() + width.max(20)) > MAX_NAMES {
+        return Err(format!("the pattern makes more than {MAX_NAMES} bytes of names"));
+    }
     let name = |i: usize| {
         let n = i128::from(min) + i as i128 * i128::from(step);
         if zeros { format!("{before}{n:0width$}{after}") } else { format!("{before}{n:width$}{after}") }
@@ -196,5 +208,8 @@ mod tests {
         assert!(pattern("").is_err());
         let long = format!("{}%d.raw 0 1000000 1", "x".repeat(5000));
         assert!(pattern(&long).unwrap_err().contains("longer than 4096"));
+        let many = format!("{}%d.raw 0 1000000 1", "x".repeat(4000));
+        assert!(pattern(&many).unwrap_err().contains("bytes of names"));
+        assert_eq!(pattern("data/step-%06d.raw 0 999999 1").unwrap().len(), 1_000_000);
     }
 }

@@ -206,6 +206,8 @@ fn says_what_is_wrong() {
     says("<Piece ", "<Piece Extent=\"0 0 0 0 0 0\"></Piece><Piece ", "more than one piece");
     says("Spacing=\"0.5", "Spacing=\"-1", "Spacing");
     says("Origin=\"10", "Origin=\"nan", "finite");
+    says("Origin=\"10", "Origin=\"1e300", "no position");
+    says("Spacing=\"0.5", "Spacing=\"1e308", "no spacing");
     says("type=\"Int16\"", "type=\"Bit\"", "unknown type");
     says("format=\"ascii\" RangeMin", "format=\"hex\" RangeMin", "unknown format");
     says("format=\"ascii\" RangeMin", "format=\"appended\" RangeMin", "AppendedData");

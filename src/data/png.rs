@@ -1,0 +1,69 @@
+//! What the header of a PNG may claim, held against the bytes that are there. Nothing is unpacked here.
+
+/// Deflate cannot expand further: 258 bytes from 2 bits.
+const MAX_EXPANSION: u64 = 1032;
+/// Bytes of a PNG that tell size, bit depth and colour type: the signature and the start of its first chunk.
+pub(crate) const START: usize = 26;
+
+/// Refuses a PNG of more pixels than its `len` bytes can hold, before room is made for them. `start` is its beginning,
+/// [`START`] bytes or more; what is no PNG passes, as its reader says so.
+///
+/// # Errors
+/// What the header claims.
+pub(crate) fn check_claim(start: &[u8], len: u64) -> Result<(), String> {
+    if start.len() < START || !start.starts_with(b"\x89PNG\r\n\x1a\n") || &start[12..16] != b"IHDR" {
+        return Ok(());
+    }
+    let number = |at: usize| u32::from_be_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]]);
+    let (width, height) = (number(16), number(20));
+    let channels = match start[25] {
+        2 => 3,
+        4 => 2,
+        6 => 4,
+        _ => 1,
+    };
+    let bits = u128::from(width) * u128::from(height) * u128::from(start[24].max(1)) * channels;
+    if bits.div_ceil(8) <= u128::from(len.saturating_mul(MAX_EXPANSION)) {
+        return Ok(());
+    }
+    Err(format!("damaged: its header says {width}x{height} pixels, more than its {len} bytes can hold"))
+}
+
+/// A grey 8-bit PNG whose header speaks of `width` by `height` pixels; there is one.
+#[cfg(test)]
+pub(crate) fn claims_to_be(width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let one = image::GrayImage::new(1, 1);
+    one.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+    bytes[16..20].copy_from_slice(&width.to_be_bytes());
+    bytes[20..24].copy_from_slice(&height.to_be_bytes());
+    // the checksum of type and content of the first chunk
+    let mut crc = u32::MAX;
+    for byte in &bytes[12..29] {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg());
+        }
+    }
+    bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_header_that_claims_more_than_its_bytes_hold_is_refused() {
+        let bytes = claims_to_be(60_000, 30_000);
+        let error = check_claim(&bytes, bytes.len() as u64).unwrap_err();
+        assert!(error.contains("60000x30000"), "{error}");
+        assert!(check_claim(&claims_to_be(u32::MAX, u32::MAX), u64::MAX).is_ok());
+        assert!(check_claim(b"no PNG", 6).is_ok());
+        // an image of one colour is as small as deflate can make it
+        let mut plain = Vec::new();
+        let image = image::RgbaImage::new(4000, 4000);
+        image.write_to(&mut std::io::Cursor::new(&mut plain), image::ImageFormat::Png).unwrap();
+        check_claim(&plain, plain.len() as u64).unwrap();
+    }
+}

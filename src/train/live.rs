@@ -1,0 +1,103 @@
+//! Reading the checkpoints of a run that may be training: it removes old ones at any time, also while they are read.
+
+use super::checkpoint::{list, locate};
+use std::path::{Path, PathBuf};
+
+/// Whether a checkpoint that was listed is not there any more. Removed ones are moved away first.
+fn is_gone(checkpoint: &Path) -> bool {
+    !checkpoint.join("state.json").is_file()
+}
+
+/// The run that `path` stands for, see [`locate`], and its checkpoint with what `read` makes of it. If that one is
+/// removed meanwhile, the newest is sought once again.
+///
+/// # Errors
+/// Those of `read`.
+pub fn read_located<T, E>(
+    path: &Path,
+    read: impl Fn(&Path) -> Result<T, E>,
+) -> Result<(PathBuf, Option<(PathBuf, T)>), E> {
+    let (run, found) = locate(path);
+    let Some(found) = found else { return Ok((run, None)) };
+    let (found, value) = match read(&found) {
+        Err(error) if is_gone(&found) => match locate(path).1 {
+            Some(newer) => (newer.clone(), read(&newer)?),
+            None => return Err(error),
+        },
+        value => (found, value?),
+    };
+    Ok((run, Some((found, value))))
+}
+
+/// Has `read` look at all checkpoints of a run, and gives the steps of those that are still there, oldest first.
+///
+/// # Errors
+/// Those of `read`, of a checkpoint that is there.
+pub fn read_all<E>(run: &Path, read: impl Fn(&Path) -> Result<(), E>) -> Result<Vec<usize>, E> {
+    let mut steps = Vec::new();
+    for (step, path) in list(run) {
+        match read(&path) {
+            Err(_) if is_gone(&path) => {}
+            outcome => {
+                outcome?;
+                steps.push(step);
+            }
+        }
+    }
+    Ok(steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::checkpoint::folder_name;
+    use std::fs;
+
+    fn run(steps: &[usize]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        steps.iter().for_each(|step| add(dir.path(), *step));
+        dir
+    }
+
+    fn add(run: &Path, step: usize) {
+        let path = run.join("checkpoints").join(folder_name(step));
+        fs::create_dir_all(&path).unwrap();
+        fs::write(path.join("state.json"), "{}").unwrap();
+    }
+
+    #[test]
+    fn a_checkpoint_that_vanishes_while_it_is_read_is_sought_again() {
+        let dir = run(&[10]);
+        let read = |path: &Path| {
+            if path.ends_with("step-000010") {
+                add(dir.path(), 20);
+                fs::remove_dir_all(path).unwrap();
+                return Err("not there");
+            }
+            Ok(7)
+        };
+        let (found, checkpoint) = read_located(dir.path(), read).unwrap();
+        assert_eq!(found, dir.path());
+        assert_eq!(checkpoint, Some((dir.path().join("checkpoints/step-000020"), 7)));
+        // a damaged one is an error, and so is one that leaves none
+        assert_eq!(read_located(dir.path(), |_| Err::<(), _>("damaged")), Err("damaged"));
+        let last = |path: &Path| fs::remove_dir_all(path).map_or(Ok(()), |()| Err("gone"));
+        assert_eq!(read_located(dir.path(), last), Err("gone"));
+        assert_eq!(read_located(dir.path(), last).unwrap().1, None);
+    }
+
+    #[test]
+    fn checkpoints_that_vanish_are_left_out_and_damaged_ones_are_not() {
+        let dir = run(&[10, 20, 30]);
+        let read = |path: &Path| {
+            if path.ends_with("step-000010") {
+                fs::remove_dir_all(path).unwrap();
+                return Err("not there");
+            }
+            Ok(())
+        };
+        assert_eq!(read_all(dir.path(), read), Ok(vec![20, 30]));
+        let damaged = |path: &Path| if path.ends_with("step-000030") { Err("damaged") } else { Ok(()) };
+        assert_eq!(read_all(dir.path(), damaged), Err("damaged"));
+    }
+}
