@@ -60,7 +60,7 @@ fn every_key_in_an_example_is_a_key() {
             let key = example.split(['=', '.', ':', '*', '<', '\\']).next().unwrap_or_default();
             let variable = format!("VOLSEGGS_{key}");
             let known = |r: &&str| r.trim_end_matches('*') == variable || variable.starts_with(r.trim_end_matches('*'));
-            if !key.is_empty() && !RESERVED_VARIABLES.iter().any(|r| known(&r)) {
+            if !key.is_empty() && !RESERVED_VARIABLES.iter().any(known) {
                 variables += 1;
                 let layers = Layers::new(PRESETS).env([(variable.clone().into(), "1".into())], RESERVED_VARIABLES);
                 assert_eq!(unknown(layers), None, "{name}: {variable}");

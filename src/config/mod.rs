@@ -13,8 +13,15 @@ pub const PRESETS: &[(&str, &str)] = &[
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.
-pub const RESERVED_VARIABLES: &[&str] =
-    &["VOLSEGGS_TEST_*", "VOLSEGGS_REQUIRE_*", "VOLSEGGS_CACHE", "VOLSEGGS_SIMD", "VOLSEGGS_GPU_ATOMICS"];
+pub const RESERVED_VARIABLES: &[&str] = &[
+    "VOLSEGGS_TEST_*",
+    "VOLSEGGS_REQUIRE_*",
+    "VOLSEGGS_FUZZ_*",
+    "VOLSEGGS_CHAOS_*",
+    "VOLSEGGS_CACHE",
+    "VOLSEGGS_SIMD",
+    "VOLSEGGS_GPU_ATOMICS",
+];
 
 #[cfg(test)]
 mod tests {
@@ -29,9 +36,14 @@ mod tests {
 
     #[test]
     fn variables_of_tests_and_kernels_are_no_keys() {
-        for name in
-            ["VOLSEGGS_TEST_SAM", "VOLSEGGS_TEST_OUT", "VOLSEGGS_REQUIRE_GPU", "VOLSEGGS_REQUIRE_ANY", "VOLSEGGS_SIMD"]
-        {
+        for name in [
+            "VOLSEGGS_TEST_SAM",
+            "VOLSEGGS_TEST_OUT",
+            "VOLSEGGS_REQUIRE_GPU",
+            "VOLSEGGS_REQUIRE_ANY",
+            "VOLSEGGS_FUZZ_CASES",
+            "VOLSEGGS_SIMD",
+        ] {
             assert_eq!(with_variable(name).unwrap(), Config::default(), "{name}");
         }
         assert_eq!(with_variable("VOLSEGGS_SEED").unwrap().seed, 1);

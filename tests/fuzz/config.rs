@@ -60,7 +60,7 @@ fn sets() {
     fuzz("config-sets", |_| {
         let read = |bytes: &[u8]| {
             let text = String::from_utf8_lossy(bytes);
-            let variables = text.lines().filter_map(|l| Some(l.strip_prefix("env ")?.split_once('=')?));
+            let variables = text.lines().filter_map(|l| l.strip_prefix("env ")?.split_once('='));
             let variables = variables.map(|(k, v)| (format!("VOLSEGGS_{k}").into(), v.into()));
             let sets = text.lines().filter(|l| !l.starts_with("env "));
             let layers = Layers::new(PRESETS).source("quick").sets(sets);

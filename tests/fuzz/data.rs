@@ -64,7 +64,7 @@ pub fn png(image: &image::DynamicImage) -> Vec<u8> {
 }
 
 pub fn picture(side: u32) -> Vec<u8> {
-    let inside = |x: u32, y: u32| (x + y) % 3 > 0;
+    let inside = |x: u32, y: u32| !(x + y).is_multiple_of(3);
     png(&RgbaImage::from_fn(side, side, |x, y| Rgba(if inside(x, y) { [200, 100, x as u8, 255] } else { [0; 4] }))
         .into())
 }

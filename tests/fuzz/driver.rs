@@ -29,6 +29,9 @@ const LOST: usize = 8;
 const STACK: usize = 8 << 20;
 const MIB: i64 = 1 << 20;
 
+/// Reads a case; says whether it was accepted.
+type Read = Box<dyn FnMut(&[u8]) -> bool>;
+
 /// A reader, and how to damage what it reads.
 pub struct Target {
     corpus: Vec<Vec<u8>>,
@@ -36,7 +39,7 @@ pub struct Target {
     assemble: fn(Vec<u8>) -> Vec<u8>,
     longest: usize,
     limit: i64,
-    read: Box<dyn FnMut(&[u8]) -> bool>,
+    read: Read,
 }
 
 impl Target {
@@ -105,18 +108,10 @@ struct Settings {
     reader: String,
 }
 
-/// What the environment says. It is read once and taken away, as `VOLSEGGS_*` are keys of the configuration to the
-/// readers of layers.
+/// What the environment says.
 fn settings() -> &'static Settings {
     static SETTINGS: OnceLock<Settings> = OnceLock::new();
-    SETTINGS.get_or_init(|| {
-        let settings = from_environment();
-        for name in ["CASES", "SECONDS", "SEED", "CASE", "READER"] {
-            // SAFETY: every thread of this process asks for variables through the standard library, which locks them.
-            unsafe { std::env::remove_var(format!("VOLSEGGS_FUZZ_{name}")) };
-        }
-        settings
-    })
+    SETTINGS.get_or_init(from_environment)
 }
 
 fn from_environment() -> Settings {

@@ -46,26 +46,29 @@ fn file() {
             }
             true
         };
-        Target::new([FILE, RANDOM, SEGMENTS].map(|s| s.as_bytes().to_vec()).to_vec(), read).tokens(&[
-            "[random]\n",
-            "count = 1000000000\n",
-            "method = \"latin-hypercube\"\n",
-            "method = \"uniform\"\n",
-            "[grid]\n",
-            "choices = []\n",
-            "seeds = []\n",
-            "low = -1e300\n",
-            "high = 1e300\n",
-            "devices = [\"ndarray\"]\n",
-            "[[variant]]\nname = \"c\"\n",
-            "tag = \"x\"\n",
-            "times = 10000000000\n",
-            "views = 10000000000\n",
-            "size = 0\n",
-            "voxels = 1\n",
-            "x = \"nowhere\"\n",
-            "name = \"../x\"\n",
-        ])
+        // a plan has at most 100,000 runs, each with its resolved configuration
+        Target::new([FILE, RANDOM, SEGMENTS].map(|s| s.as_bytes().to_vec()).to_vec(), read).sizes(16 << 10, 512).tokens(
+            &[
+                "[random]\n",
+                "count = 1000000000\n",
+                "method = \"latin-hypercube\"\n",
+                "method = \"uniform\"\n",
+                "[grid]\n",
+                "choices = []\n",
+                "seeds = []\n",
+                "low = -1e300\n",
+                "high = 1e300\n",
+                "devices = [\"ndarray\"]\n",
+                "[[variant]]\nname = \"c\"\n",
+                "tag = \"x\"\n",
+                "times = 10000000000\n",
+                "views = 10000000000\n",
+                "size = 0\n",
+                "voxels = 1\n",
+                "x = \"nowhere\"\n",
+                "name = \"../x\"\n",
+            ],
+        )
     });
 }
 
