@@ -4,6 +4,7 @@
 //! allocated, as Rust aborts where an allocation fails.
 
 use std::fmt;
+use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
 
@@ -46,7 +47,7 @@ impl Budget {
     #[must_use]
     pub fn now() -> Self {
         if let Some(allowed) = ALLOWED.get() {
-            return Self(allowed.0);
+            return Self(allowed.0.saturating_sub(status("VmRSS:").unwrap_or(0)));
         }
         let limits = [available(), container(), address_space()];
         Self(limits.into_iter().flatten().min().unwrap_or(ASSUMED))
@@ -87,16 +88,36 @@ fn available() -> Option<u64> {
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
-/// What the control group of a container or a batch job leaves.
+/// What the control groups of a container or a batch job leave, of both versions; caches of files give way.
 fn container() -> Option<u64> {
-    let group = std::fs::read_to_string("/proc/self/cgroup").ok()?;
-    let path = group.lines().find_map(|l| l.strip_prefix("0::"))?;
-    let read = |name: &str| {
-        let own = format!("/sys/fs/cgroup{path}/{name}");
-        let text = std::fs::read_to_string(own).or_else(|_| std::fs::read_to_string(format!("/sys/fs/cgroup/{name}")));
-        text.ok()?.trim().parse::<u64>().ok()
+    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
+    let path = |start: &str| groups.lines().find_map(|l| l.split_once(start).map(|(_, path)| path.to_owned()));
+    let second = || Some(("/sys/fs/cgroup".to_owned(), path("0::")?, ["memory.max", "memory.current", ""]));
+    let first = || {
+        let names = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_"];
+        Some(("/sys/fs/cgroup/memory".to_owned(), path(":memory:")?, names))
     };
-    Some(read("memory.max")?.saturating_sub(read("memory.current").unwrap_or(0)))
+    [second(), first()]
+        .into_iter()
+        .flatten()
+        .filter_map(|(top, path, names)| least(Path::new(&top), &path, names))
+        .min()
+}
+
+/// The least that a group below `top` and the groups around it leave; `names` are those of the limit, of the use, and
+/// what stands before the names of caches.
+fn least(top: &Path, group: &str, [limit, used, before]: [&str; 3]) -> Option<u64> {
+    let left = |folder: &Path| {
+        let read = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
+        let number = |name: &str| read(name)?.trim().parse::<u64>().ok();
+        let kinds = ["inactive_file ", "active_file "].map(|kind| format!("{before}{kind}"));
+        let statistics = read("memory.stat").unwrap_or_default();
+        let caches = statistics.lines().filter_map(|l| kinds.iter().find_map(|k| l.strip_prefix(k.as_str())));
+        let cached: u64 = caches.filter_map(|v| v.trim().parse::<u64>().ok()).sum();
+        Some(number(limit)?.saturating_sub(number(used).unwrap_or(0).saturating_sub(cached)))
+    };
+    let folder = top.join(group.trim_start_matches('/'));
+    folder.ancestors().take_while(|f| f.starts_with(top)).filter_map(left).min()
 }
 
 /// What `ulimit -v` leaves.
@@ -168,6 +189,22 @@ mod tests {
             assert!(bad.parse::<Bytes>().is_err(), "{bad}");
         }
         assert_eq!(Bytes(12_340_000_000).to_string(), "12.3 GB");
+    }
+
+    #[test]
+    fn the_tightest_group_counts_and_caches_of_files_do_not() {
+        let top = tempfile::tempdir().unwrap();
+        let group = top.path().join("job/step");
+        std::fs::create_dir_all(&group).unwrap();
+        let names = ["memory.max", "memory.current", ""];
+        let put = |folder: &Path, file: &str, text: &str| std::fs::write(folder.join(file), text).unwrap();
+        put(&group, "memory.max", "max\n");
+        assert_eq!(least(top.path(), "/job/step", names), None);
+        put(&top.path().join("job"), "memory.max", "1000\n");
+        put(&top.path().join("job"), "memory.current", "900\n");
+        assert_eq!(least(top.path(), "/job/step", names), Some(100));
+        put(&top.path().join("job"), "memory.stat", "anon 100\ninactive_file 500\nactive_file 200\n");
+        assert_eq!(least(top.path(), "/job/step", names), Some(800));
     }
 
     #[test]

@@ -19,7 +19,9 @@ pub struct Name(String);
 
 /// A text that cannot be a [`Name`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("\"{0}\" cannot be a name: use letters, digits, -, _ and ., at most 100, and begin with a letter or digit")]
+#[error(
+    "\"{0}\" cannot be a name: use letters, digits, -, _ and ., at most 100, and begin with a letter, a digit or _"
+)]
 pub struct NameError(String);
 
 impl Name {

@@ -1,18 +1,24 @@
 //! Safetensors files that know whether they are whole: each holds a digest of itself, checked when it is read.
 //!
-//! The digest is a tensor of its own, [`DIGEST`], so that any reader of safetensors still opens the file. It is the
-//! 128-bit XXH3 hash of all bytes of the file, header included, with its own 16 bytes taken as zero: against accidents
-//! of disks and copies, not against malice.
+//! The digest is a tensor of its own, [`DIGEST`], so that any reader of safetensors still opens the file. It covers all
+//! bytes of the file, header included, with its own 16 bytes taken as zero: the file is cut into pieces of 1 MiB, and
+//! the digest is the 128-bit XXH3 hash of the pieces' hashes in their order. It stands against accidents of disks and
+//! copies, not against malice. While a piece is read, other threads hash those before it.
 
-use crate::files::write_atomic;
+use crate::files::{open_whole, write_atomic};
+use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::Xxh3Default;
+use xxhash_rust::xxh3::{Xxh3Default, xxh3_128};
 
 /// Name of the tensor that holds the digest, `[16]` bytes.
 pub const DIGEST: &str = "volseggs.digest";
 const LENGTH: usize = 16;
+/// Bytes that are hashed at once.
+const PIECE: usize = 1 << 20;
 /// Bytes before the header that tell its length.
 const PREFIX: usize = 8;
 
@@ -53,12 +59,22 @@ pub fn write(
     // one entry alone: the library writes several in an order that changes from run to run
     let header = entry.map(|(key, value)| [(key.to_owned(), value)].into_iter().collect());
     let mut bytes = safetensors::serialize(all, header).map_err(wrong)?;
-    let file = SafeTensors::deserialize(&bytes).map_err(wrong)?;
-    if let Some(at) = digest_place(&bytes, &file) {
-        let digest = digest(&bytes, at);
+    sign(&mut bytes).map_err(wrong)?;
+    write_atomic(path, &bytes).map_err(|source| TensorFileError::Io { path: path.into(), source })
+}
+
+/// Makes the digest of a tensor file that of its content; a file without one stays as it is.
+///
+/// # Errors
+/// If the bytes are no safetensors file.
+pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
+    let file = SafeTensors::deserialize(bytes)?;
+    if let Some(at) = digest_place(bytes, &file) {
+        let hashes: Vec<u128> = bytes.par_chunks(PIECE).map(xxh3_128).collect();
+        let digest = digest(bytes, hashes, at);
         bytes[at..at + LENGTH].copy_from_slice(&digest);
     }
-    write_atomic(path, &bytes).map_err(|source| TensorFileError::Io { path: path.into(), source })
+    Ok(())
 }
 
 /// The bytes of a tensor file, found whole. A file without a digest, from another program or an early version, is
@@ -67,11 +83,13 @@ pub fn write(
 /// # Errors
 /// If the file cannot be read, is no safetensors file, or its bytes differ from those that were written.
 pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
-    let bytes = crate::files::read_regular(path).map_err(|source| TensorFileError::Io { path: path.into(), source })?;
+    let (bytes, hashes) = open_whole(path)
+        .and_then(|(file, len)| read_hashed(file, len as usize))
+        .map_err(|source| TensorFileError::Io { path: path.into(), source })?;
     let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
     let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
     if let Some(at) = digest_place(&bytes, &file)
-        && digest(&bytes, at) != bytes[at..at + LENGTH]
+        && digest(&bytes, hashes, at) != bytes[at..at + LENGTH]
     {
         return Err(damaged("its digest is not that of its content".into()));
     }
@@ -87,12 +105,34 @@ fn digest_place(bytes: &[u8], file: &SafeTensors<'_>) -> Option<usize> {
     (data.len() == LENGTH && at >= PREFIX).then_some(at)
 }
 
-fn digest(bytes: &[u8], at: usize) -> [u8; LENGTH] {
-    let mut hash = Xxh3Default::new();
-    hash.update(&bytes[..at]);
-    hash.update(&[0; LENGTH]);
-    hash.update(&bytes[at + LENGTH..]);
-    hash.digest128().to_be_bytes()
+/// Reads `len` bytes, and hashes each piece while the next one is read.
+fn read_hashed(mut file: File, len: usize) -> io::Result<(Vec<u8>, Vec<u128>)> {
+    let mut bytes = vec![0; len];
+    let mut hashes = vec![0; len.div_ceil(PIECE)];
+    rayon::in_place_scope(|scope| {
+        for (piece, hash) in bytes.chunks_mut(PIECE).zip(&mut hashes) {
+            file.read_exact(piece)?;
+            let piece: &[u8] = piece;
+            scope.spawn(move |_| *hash = xxh3_128(piece));
+        }
+        Ok::<(), io::Error>(())
+    })?;
+    Ok((bytes, hashes))
+}
+
+/// The digest of a file from the hashes of its pieces; those that hold the digest itself, which begins at `at`, are
+/// hashed anew with zeros in its place.
+fn digest(bytes: &[u8], mut hashes: Vec<u128>, at: usize) -> [u8; LENGTH] {
+    for number in at / PIECE..=(at + LENGTH - 1) / PIECE {
+        let start = number * PIECE;
+        let mut piece = bytes[start..bytes.len().min(start + PIECE)].to_vec();
+        let own = at.max(start) - start..(at + LENGTH).min(start + piece.len()) - start;
+        piece[own].fill(0);
+        hashes[number] = xxh3_128(&piece);
+    }
+    let mut whole = Xxh3Default::new();
+    hashes.iter().for_each(|hash| whole.update(&hash.to_be_bytes()));
+    whole.digest128().to_be_bytes()
 }
 
 #[cfg(test)]
@@ -123,6 +163,27 @@ mod tests {
             assert!(found.is_err() || renamed, "byte {i}");
             std::fs::write(&path, &whole[..i]).unwrap();
             assert!(read(&path).is_err(), "cut at {i}");
+        }
+    }
+
+    #[test]
+    fn a_digest_on_the_edge_of_two_pieces_is_left_out_of_itself() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x");
+        for extra in [0, 4, 8, 12, 16, 20] {
+            let data = vec![7; 2 * PIECE - 400 + extra];
+            let view = TensorView::new(Dtype::U8, vec![data.len()], &data).unwrap();
+            // sorts after the digest's name, so that the digest does not stand at the end
+            let first = vec![3; PIECE - 200 + extra];
+            let before = TensorView::new(Dtype::U8, vec![first.len()], &first).unwrap();
+            write(&path, vec![("a", before), ("z", view)], None).unwrap();
+            let mut bytes = read(&path).unwrap();
+            for at in [100, PIECE - 1, PIECE, 2 * PIECE, bytes.len() - 1] {
+                bytes[at] ^= 1;
+                std::fs::write(&path, &bytes).unwrap();
+                assert!(read(&path).is_err(), "{extra} {at}");
+                bytes[at] ^= 1;
+            }
         }
     }
 

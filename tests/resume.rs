@@ -70,7 +70,8 @@ fn a_run_without_a_checkpoint_is_not_begun_anew() {
     for entry in checkpoint::list(&run) {
         std::fs::remove_file(entry.1.join("state.json")).unwrap();
     }
-    refused(&mut resume(&run, &[]), &["no checkpoint to go on from", "step-000012 has no state.json"]);
+    refused(&mut resume(&run, &[]), &["step-000012: state.json is missing", "no older checkpoint is whole"]);
+    refused(volseggs().arg("eval").arg(&run), &["step-000012: state.json is missing"]);
     std::fs::remove_dir_all(run.join("checkpoints")).unwrap();
     let metrics_before = std::fs::read(run.join("metrics.jsonl")).unwrap();
     refused(&mut resume(&run, &[]), &["no checkpoint to go on from"]);
@@ -127,6 +128,57 @@ fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
         damage(&path.join("scene.safetensors"));
     }
     refused(volseggs().arg("eval").arg(&run), &["damaged", "no older checkpoint is whole"]);
+}
+
+#[test]
+fn a_checkpoint_that_lost_a_file_is_not_passed_over_without_a_word() {
+    let root = dataset();
+    let (whole, run) = (root.path().join("whole"), root.path().join("run"));
+    train(root.path(), "whole", &[]).assert().success();
+    train(root.path(), "run", &[]).assert().success();
+    std::fs::remove_file(run.join("checkpoints/step-000080/state.json")).unwrap();
+    let older = run.join("checkpoints/step-000070");
+    let offer = format!("volseggs train --resume {}", older.display());
+    refused(&mut resume(&run, &[]), &["step-000080: state.json is missing", &offer]);
+    refused(volseggs().arg("eval").arg(&run), &["step-000080: state.json is missing"]);
+    resume(&older, &[]).assert().success();
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "the run ends elsewhere");
+    assert!(names(&run.join("checkpoints")).contains(&"aside-step-000080".to_owned()));
+    // what was set aside can be gone on from too, and takes nothing older with it
+    resume(&run.join("checkpoints/step-000070"), &["--stop-after", "70"]).assert().success();
+    let aside = run.join("checkpoints/aside-step-000080-1");
+    resume(&aside, &[]).assert().success();
+    assert!(names(&run.join("checkpoints")).contains(&"step-000070".to_owned()));
+}
+
+#[test]
+fn what_is_written_about_an_older_checkpoint_is_kept_apart() {
+    let root = dataset();
+    let run = root.path().join("run");
+    train(root.path(), "run", &[]).assert().success();
+    volseggs().arg("eval").arg(&run).assert().success();
+    let before = std::fs::read(run.join("eval/test/mean.json")).unwrap();
+    let older = run.join("checkpoints/step-000070");
+    volseggs().arg("eval").arg(&older).assert().success();
+    assert_eq!(std::fs::read(run.join("eval/test/mean.json")).unwrap(), before);
+    assert!(run.join("eval/test-step-000070/mean.json").exists());
+    let mut coarse = volseggs();
+    coarse.args(["segment", "coarse"]).arg(&older);
+    refused(&mut coarse, &["older checkpoint", "belongs to the newest"]);
+}
+
+#[test]
+fn places_where_no_run_can_be_are_refused_first() {
+    let root = dataset();
+    std::fs::write(root.path().join("plain"), "mine").unwrap();
+    refused(&mut train(root.path(), "plain", &[]), &["plain", "is not a folder"]);
+    refused(&mut train(root.path(), "plain/run", &[]), &["plain", "is not a folder"]);
+    refused(&mut train(root.path(), "data", &[]), &["data", "is a dataset"]);
+    assert!(!root.path().join("data/.lock").exists());
+    // before the first step there is nothing to resume, and the hint says what to do instead
+    let output = train(root.path(), "run", &[]).args(["--stop-after", "0"]).assert().get_output().clone();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.contains("next: volseggs train --data ") && told.contains("/config.toml --out "), "{told}");
 }
 
 #[test]

@@ -43,7 +43,7 @@ pub struct EvalArgs {
 impl EvalArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
+        let run = RunFolder::open_locked(&self.run, &device, Work::Long)?;
         let networks = self
             .lpips_weights
             .iter()
@@ -53,7 +53,7 @@ impl EvalArgs {
             return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
         }
         let split = run.split(self.split, self.data.as_deref(), self.views)?;
-        let data = data_of(&run, self.data.as_deref());
+        let data = data_of(&run, self.data.as_deref())?;
         let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
         let model = std::fs::metadata(&run.scene_path)
             .map_err(|e| CliError::failure(format!("{}: {e}", run.scene_path.display())))?;
@@ -95,19 +95,33 @@ impl EvalArgs {
 }
 
 /// The data that are measured on: `given`, or the run's own.
-pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> DataId {
+///
+/// # Errors
+/// If the training views of another dataset, by which it is known, are there and cannot be read.
+pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> Result<DataId, CliError> {
     let folder = given.unwrap_or(&run.record.dataset);
+    let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
-    // one without training views has no fingerprint, and is not what the run was trained on
-    let fingerprint = Dataset::open(folder, &options).map(|data| data.fingerprint()).unwrap_or_default();
-    DataId { dataset: std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned()), fingerprint }
+    let fingerprint = match Dataset::open(folder, &options) {
+        Ok(data) => data.fingerprint(),
+        Err(error) if dataset == run.record.dataset => {
+            errln!("note: the training views cannot be read, so it is not checked that they are as they were: {error}");
+            run.record.fingerprint.clone()
+        }
+        // one without training views has no fingerprint, and is not what the run was trained on
+        Err(_) if !SplitName::Train.json_path(folder).exists() => String::new(),
+        Err(error) => return Err(error.into()),
+    };
+    Ok(DataId { dataset, fingerprint })
 }
 
 /// The folder of results called `what`, which only holds such results if it is there; says so if they are not of the
 /// dataset that the run was trained on. Asked for before anything is measured.
 pub(super) fn folder(run: &RunFolder, what: &str, kind: &FolderKind, data: &DataId) -> Result<PathBuf, CliError> {
     let file = kind.markers.first().copied().unwrap_or_default();
-    let folder = results_folder(&run.path.join("eval"), what, file, data, &run.record.fingerprint);
+    // results of an older checkpoint are not those of the run
+    let what = run.older_step().map_or_else(|| what.to_owned(), |step| format!("{what}-{step}"));
+    let folder = results_folder(&run.path.join("eval"), &what, file, data, &run.record.fingerprint);
     kind.check(&folder, &[])?;
     if data.fingerprint != run.record.fingerprint {
         errln!(

@@ -38,7 +38,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "TF")]
     transfer_function: Option<String>,
     /// Label volumes (whole numbers, 0 is none), as many as volumes.
-    #[arg(long, value_name = "PATH", num_args = 1..)]
+    #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "synthetic")]
     labels: Vec<String>,
     /// Names of labels, such as 1=core,2=shell.
     #[arg(long, value_name = "ID=NAME", value_delimiter = ',', value_parser = label_name)]
@@ -252,7 +252,7 @@ impl PrepareArgs {
                 label_images: !self.no_label_images,
             },
             replace: self.replace,
-            needed: self.transfer_function.iter().map(PathBuf::from).collect(),
+            needed: self.transfer_function.iter().map(PathBuf::from).filter(|p| p.is_file()).collect(),
         })
     }
 }

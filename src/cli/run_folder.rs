@@ -38,12 +38,36 @@ impl RunFolder {
     }
 
     /// Opens a run to write into it: nobody else can until this is dropped. What others wrote before is then read.
+    ///
+    /// What is written belongs to the newest checkpoint: an older one is refused.
     pub(super) fn open_to_write(path: &Path, device: &Device, work: Work) -> Result<Self, CliError> {
+        let run = Self::open_locked(path, device, work)?;
+        match run.older_step() {
+            None => Ok(run),
+            Some(_) => Err(CliError::input(format!(
+                "{}: an older checkpoint, and this command writes what belongs to the newest; give {}, or go on from here \
+                 first with `volseggs train --resume`",
+                path.display(),
+                run.path.display()
+            ))),
+        }
+    }
+
+    /// The same for a command that keeps what it writes about an older checkpoint apart, see [`Self::older_step`].
+    pub(super) fn open_locked(path: &Path, device: &Device, work: Work) -> Result<Self, CliError> {
         let (run, checkpoint) = checkpoint::locate(path);
         // asked first, so that no lock file is left in a folder that is no run
         checkpoint.ok_or_else(|| no_checkpoint(path))?;
         let lock = RunLock::acquire(&run, &super::command_line(), work)?;
         Self::open_with(path, device, Some(lock))
+    }
+
+    /// Name of the checkpoint that was opened, where it is not the newest of the run.
+    pub(super) fn older_step(&self) -> Option<String> {
+        let opened = self.scene_path.parent()?.file_name()?;
+        let newest = checkpoint::list(&self.path).pop();
+        let is_newest = newest.is_some_and(|(_, path)| path.file_name() == Some(opened));
+        (!is_newest).then(|| opened.to_string_lossy().into_owned())
     }
 
     fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, CliError> {
@@ -53,6 +77,10 @@ impl RunFolder {
                 false => CliError::input(e),
             })
         };
+        if checkpoint::locate(path).0 == path {
+            // one that lost a part must not be passed over for an older one without a word
+            checkpoint::newest(path).map_err(CliError::input)?;
+        }
         let (run, found) = live::read_located(path, load)?;
         let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
         let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
@@ -62,6 +90,13 @@ impl RunFolder {
         };
         let record = serde_json::from_str(&read("run.json")?)
             .map_err(|e| CliError::input(format!("{}: {e}", path.join("run.json").display())))?;
+        if !read("config.toml")?.contains("[stages]") {
+            let file = path.join("config.toml");
+            return Err(CliError::input(format!(
+                "{}: is not the configuration of a run any more; restore it",
+                file.display()
+            )));
+        }
         // through the layers, so that a run from before a key existed still opens
         let config_path = path.join("config.toml").to_string_lossy().into_owned();
         let config = Layers::new(PRESETS).source(config_path).resolve::<Config>().map_err(CliError::input)?.value;
@@ -91,7 +126,8 @@ impl RunFolder {
     pub(super) fn segments(&self) -> Result<Segmentation, CliError> {
         let path = self.segments_path();
         let fingerprint = self.scene.fingerprint();
-        if !path.exists() {
+        let there = path.try_exists().map_err(|e| CliError::failure(format!("{}: {e}", path.display())))?;
+        if !there {
             return Ok(Segmentation::new(self.scene.gaussians.count(), fingerprint));
         }
         let found = Segmentation::load(&path).map_err(CliError::input)?;

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Train a scene from posed, timed images.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on where it stopped\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # or train longer\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on."
+    after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # train longer\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on."
 )]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).
@@ -91,6 +91,10 @@ impl TrainArgs {
         let r = &outcome.record;
         let next = if outcome.complete {
             format!("volseggs eval {}", out.display())
+        } else if r.steps == 0 {
+            // there is no checkpoint to resume from
+            let (data, run) = (r.dataset.display(), out.display());
+            format!("volseggs train --data {data} --config {run}/config.toml --out {run}")
         } else {
             format!("volseggs train --resume {}", out.display())
         };
@@ -106,7 +110,7 @@ impl TrainArgs {
         if self.common.json {
             print_json(r)?;
         }
-        if outcome.complete || self.stop_after.is_some() {
+        if outcome.complete || self.stop_after.is_some_and(|steps| r.steps >= steps) {
             return Ok(());
         }
         Err(CliError::failure("interrupted"))

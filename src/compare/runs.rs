@@ -76,7 +76,16 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
     let mut known: Vec<(Table, String)> = Vec::new();
     let mut datasets: Vec<(String, String)> = Vec::new();
     let mut outcomes: Vec<Outcome> = Vec::new();
+    let mut met: Vec<PathBuf> = Vec::new();
     for folder in folders {
+        let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());
+        if met.contains(&whole) {
+            return Err(RunError::Folder {
+                path: folder.clone(),
+                problem: "is given twice; give each run once".into(),
+            });
+        }
+        met.push(whole);
         let record: RunRecord = read(&folder.join("run.json"), "give folders that `volseggs train --out` made")?;
         let first = format!("run `volseggs eval {}` first", folder.display());
         let summary: Summary = read(&folder.join("eval/test/mean.json"), &first)?;

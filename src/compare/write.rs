@@ -35,7 +35,7 @@ pub fn table_text(set: &ResultSet) -> String {
 pub const FOLDER: FolderKind = FolderKind {
     what: "a comparison",
     markers: &["results.json"],
-    entries: &["report.md", "report.html", "table.tex", "results.csv", "tensorboard"],
+    entries: &["report.md", "report.html", "table.tex", "results.csv", "tensorboard/**"],
 };
 
 /// Writes all files of a report into `folder`, which is made; gives the Markdown.
@@ -138,7 +138,7 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let kind = FolderKind {
         what: "a TensorBoard log of a comparison",
         markers: &[MARKER],
-        entries: &["[0-9][0-9][0-9] * seed *"],
+        entries: &["[0-9]* seed */events.out.tfevents.*"],
     };
     std::fs::write(out.dir().join(MARKER), "").map_err(at(&path))?;
     out.commit_replacing(&kind, &[]).map_err(at(&path))

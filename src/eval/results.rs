@@ -41,7 +41,7 @@ impl WriteError {
 pub const KIND: FolderKind = FolderKind {
     what: "an evaluation",
     markers: &["mean.json"],
-    entries: &["views.csv", "psnr-over-time.svg", "contact-sheet.png", "pictures"],
+    entries: &["views.csv", "psnr-over-time.svg", "contact-sheet.png", "pictures/*.png"],
 };
 
 /// What tells the data of an evaluation from others.

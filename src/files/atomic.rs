@@ -191,13 +191,15 @@ impl AtomicDir {
     /// # Errors
     /// `AlreadyExists` if something stands at the final path; any error of syncing or renaming.
     pub fn commit(self) -> io::Result<()> {
+        let taken = || {
+            let text = format!("{} already exists; choose another name or remove it", self.path.display());
+            io::Error::new(io::ErrorKind::AlreadyExists, text)
+        };
         if self.path.symlink_metadata().is_ok() {
-            return Err(io::Error::new(
-                io::ErrorKind::AlreadyExists,
-                format!("{} already exists; choose another name or remove it", self.path.display()),
-            ));
+            return Err(taken());
         }
-        self.publish()
+        // another process may take the name in this moment
+        self.publish().map_err(|e| if is_taken(&e) { taken() } else { e })
     }
 
     /// Like [`AtomicDir::commit`], but a folder of the same `kind` that stands at the final path gives way, unless
@@ -207,16 +209,24 @@ impl AtomicDir {
     /// As [`FolderKind::check`]; any error of syncing or renaming, when the old folder is put back where that is possible.
     pub fn commit_replacing(self, kind: &FolderKind, needed: &[&Path]) -> Result<(), ReplaceError> {
         kind.check(&self.path, needed)?;
-        let path = self.path.clone();
-        self.exchange_with_old().map_err(|source| ReplaceError::Io { path, source })
+        self.exchange_with_old(kind, needed)
     }
 
     /// Takes the final path in one step where the system can exchange two names (Linux, macOS). Elsewhere the old folder
     /// is moved aside first, and a crash between the two renames leaves it under a temporary name.
-    fn exchange_with_old(self) -> io::Result<()> {
+    fn exchange_with_old(&self, kind: &FolderKind, needed: &[&Path]) -> Result<(), ReplaceError> {
+        let io = |source| ReplaceError::Io { path: self.path.clone(), source };
         if self.path.symlink_metadata().is_err() {
-            return self.publish();
+            match self.publish() {
+                // another process took the name in this moment
+                Err(e) if is_taken(&e) => kind.check(&self.path, needed)?,
+                outcome => return outcome.map_err(io),
+            }
         }
+        self.exchange().map_err(io)
+    }
+
+    fn exchange(&self) -> io::Result<()> {
         sync_tree(&self.temporary)?;
         if exchange(&self.temporary, &self.path)? {
             // the old folder now has the temporary's name, and goes with it
@@ -234,11 +244,16 @@ impl AtomicDir {
         outcome.and_then(|()| sync_dir(parent_of(&self.path)))
     }
 
-    fn publish(self) -> io::Result<()> {
+    fn publish(&self) -> io::Result<()> {
         sync_tree(&self.temporary)?;
         fs::rename(&self.temporary, &self.path)?;
         sync_dir(parent_of(&self.path))
     }
+}
+
+/// Whether a rename failed as something has the name already.
+fn is_taken(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty)
 }
 
 impl Drop for AtomicDir {
@@ -330,6 +345,14 @@ fn maker_of(name: &str) -> Option<(u32, u32)> {
     Some((pid.parse().ok()?, u32::from_str_radix(host, 16).ok()?))
 }
 
+/// Whether process `pid` of this machine lives; one that ended and was not waited for does not.
+fn lives(pid: u32) -> bool {
+    let stat = fs::read_to_string(Path::new("/proc").join(pid.to_string()).join("stat"));
+    // the name in parentheses may hold anything; the state comes after it
+    let state = |text: &str| text.rsplit_once(')').and_then(|(_, rest)| rest.trim_start().chars().next());
+    stat.is_ok_and(|text| !matches!(state(&text), Some('Z' | 'X')))
+}
+
 fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
     if maker_host != host() {
         let touched = path.symlink_metadata().and_then(|m| m.modified()).ok();
@@ -343,5 +366,5 @@ fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
         return live().iter().any(same);
     }
     // Where there is no /proc a stranger cannot be told from a dead process; its files stay.
-    !Path::new("/proc/self").exists() || Path::new("/proc").join(pid.to_string()).exists()
+    !Path::new("/proc/self").exists() || lives(pid)
 }

@@ -99,7 +99,7 @@ impl RunLock {
                 Ok(()) => break,
                 Err(TryLockError::WouldBlock) => {}
                 // a file system without locks: claims of sweeps still hold there, and one person knows what runs
-                Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => break,
+                Err(TryLockError::Error(e)) if has_no_locks(&e) => break,
                 Err(TryLockError::Error(e)) => return Err(io(e)),
             }
             let holder = Holder::read(&path);
@@ -122,7 +122,7 @@ impl RunLock {
         let text = serde_json::to_vec(&Holder::me(command, work)).map_err(|e| io(e.into()))?;
         let signed = file.seek(SeekFrom::Start(0)).and_then(|_| file.set_len(0)).and_then(|()| file.write_all(&text));
         signed.map_err(io)?;
-        clean_below(run, DEPTH).map_err(io)?;
+        clean_below(run, DEPTH);
         Ok(Self { run: run.into(), _file: file })
     }
 
@@ -133,23 +133,24 @@ impl RunLock {
     }
 }
 
-/// Removes stale temporaries in `folder` and, so many levels down, in its folders.
-fn clean_below(folder: &Path, depth: usize) -> io::Result<()> {
-    clean_stale(folder)?;
-    if depth == 0 {
-        return Ok(());
+/// Whether the error says that the file system knows no locks, as NFS without its lock service.
+fn has_no_locks(error: &io::Error) -> bool {
+    #[cfg(unix)]
+    if error.raw_os_error() == Some(rustix::io::Errno::NOLCK.raw_os_error()) {
+        return true;
     }
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        if entry.file_type()?.is_dir() {
-            match clean_below(&entry.path(), depth - 1) {
-                // it was a temporary, and its writer is done with it
-                Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-                outcome => outcome?,
-            }
-        }
+    error.kind() == io::ErrorKind::Unsupported
+}
+
+/// Removes stale temporaries in `folder` and, so many levels down, in its folders. What cannot be removed, such as a file
+/// of another user, keeps nobody from writing.
+fn clean_below(folder: &Path, depth: usize) {
+    let _ = clean_stale(folder);
+    if depth > 0 {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let folders = entries.filter(|e| e.file_type().is_ok_and(|kind| kind.is_dir()));
+        folders.for_each(|e| clean_below(&e.path(), depth - 1));
     }
-    Ok(())
 }
 
 impl Drop for RunLock {

@@ -27,18 +27,27 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
+/// Opens a regular file that is read at once, and gives its length in bytes.
+///
+/// # Errors
+/// As [`open_regular`]; `InvalidInput` if the file does not fit into memory.
+pub fn open_whole(path: &Path) -> io::Result<(File, u64)> {
+    let file = open_regular(path)?;
+    let len = file.metadata()?.len();
+    if len > UNASKED {
+        // read and then looked through, so that it is there twice
+        let free = Budget::now().check("reading it", u128::from(len) * 2);
+        free.map_err(|e| io::Error::new(ErrorKind::InvalidInput, e))?;
+    }
+    Ok((file, len))
+}
+
 /// The bytes of a regular file.
 ///
 /// # Errors
 /// As [`open_regular`], or any error of reading; `InvalidInput` if the file does not fit into memory.
 pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
-    let mut file = open_regular(path)?;
-    let len = file.metadata()?.len();
-    if len > UNASKED {
-        // read at once and then looked through, so that it is there twice
-        let free = Budget::now().check("reading it", u128::from(len) * 2);
-        free.map_err(|e| io::Error::new(ErrorKind::InvalidInput, e))?;
-    }
+    let (mut file, _) = open_whole(path)?;
     let mut bytes = Vec::new();
     file.read_to_end(&mut bytes)?;
     Ok(bytes)

@@ -19,7 +19,8 @@ pub struct FolderKind {
     pub what: &'static str,
     /// Files or folders, of which one at least is in each folder of this kind.
     pub markers: &'static [&'static str],
-    /// All that the program puts into it, as glob patterns such as `[0-9]*.png`.
+    /// All files that the program puts into it, as glob patterns of paths within it, such as `masks/[0-9]*.png`; `**`
+    /// stands for folders at any depth.
     pub entries: &'static [&'static str],
 }
 
@@ -88,27 +89,42 @@ impl FolderKind {
             return foreign(format!("is a file, not {}", self.what));
         }
         refuse_needed(path, needed)?;
-        let mut names = Vec::new();
-        for entry in fs::read_dir(path).map_err(io)? {
-            names.push(entry.map_err(io)?.file_name().to_string_lossy().into_owned());
-        }
-        names.sort();
-        // temporaries of a writer that was killed
-        names.retain(|n| !n.starts_with(super::atomic::PREFIX));
-        if names.is_empty() {
+        let mut files = Vec::new();
+        files_below(path, Path::new(""), &mut files).map_err(io)?;
+        files.sort();
+        if files.is_empty() {
             return Ok(());
         }
-        if !self.markers.iter().any(|m| names.iter().any(|n| n == m)) {
+        if !self.markers.iter().any(|m| files.iter().any(|f| f == Path::new(m))) {
             return foreign(format!("is not {} (no {} in it)", self.what, self.markers.join(" or ")));
         }
-        let known = |name: &String| {
-            self.entries.iter().chain(self.markers).any(|p| glob::Pattern::new(p).is_ok_and(|p| p.matches(name)))
-        };
-        match names.iter().find(|n| !known(n)) {
-            Some(name) => foreign(format!("holds {name}, which is no part of {}", self.what)),
+        let patterns = self.entries.iter().chain(self.markers).map(|p| glob::Pattern::new(p));
+        let patterns: Vec<glob::Pattern> = patterns.filter_map(Result::ok).collect();
+        let options = glob::MatchOptions { require_literal_separator: true, ..glob::MatchOptions::default() };
+        match files.iter().find(|f| !patterns.iter().any(|p| p.matches_path_with(f, options))) {
+            Some(file) => foreign(format!("holds {}, which does not belong to {}", file.display(), self.what)),
             None => Ok(()),
         }
     }
+}
+
+/// Files that systems and their file managers leave in any folder; they keep nothing from being replaced.
+const LITTER: [&str; 4] = [".DS_Store", "Thumbs.db", "desktop.ini", ".directory"];
+
+/// Paths within `folder` of all files below `inner`, links counted as files; without litter and the temporaries of
+/// killed writers.
+fn files_below(folder: &Path, inner: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(folder.join(inner))? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let text = name.to_string_lossy();
+        if text.starts_with(super::atomic::PREFIX) || text.starts_with(".nfs") || LITTER.contains(&text.as_ref()) {
+            continue;
+        }
+        let path = inner.join(&name);
+        if entry.file_type()?.is_dir() { files_below(folder, &path, files)? } else { files.push(path) }
+    }
+    Ok(())
 }
 
 /// Refuses a folder in which the working directory or something of `needed` lies.
@@ -159,8 +175,11 @@ pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
 mod tests {
     use super::*;
 
-    const KIND: FolderKind =
-        FolderKind { what: "a dataset", markers: &["prepare.json"], entries: &["train", "*.txt", "r_[0-9]*.png"] };
+    const KIND: FolderKind = FolderKind {
+        what: "a dataset",
+        markers: &["prepare.json"],
+        entries: &["train", "*.txt", "r_[0-9]*.png", "sub/*.txt"],
+    };
 
     fn folder(entries: &[&str]) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
@@ -182,6 +201,12 @@ mod tests {
         let other = folder(&["prepare.json", "thesis.tex"]);
         assert!(refusal(other.path(), &[]).contains("thesis.tex"));
         assert!(refusal(&other.path().join("thesis.tex"), &[]).contains("is a file"));
+        let deep = folder(&["prepare.json", ".DS_Store"]);
+        fs::create_dir_all(deep.path().join("sub/more")).unwrap();
+        fs::write(deep.path().join("sub/a.txt"), "x").unwrap();
+        KIND.check(deep.path(), &[]).unwrap();
+        fs::write(deep.path().join("sub/more/mine.txt"), "x").unwrap();
+        assert!(refusal(deep.path(), &[]).contains("sub/more/mine.txt, which does not belong to a dataset"));
     }
 
     #[test]

@@ -61,7 +61,7 @@ pub enum SceneError {
     },
     /// A number that is none.
     #[error(
-        "{path}: tensor {tensor}, row {row}: {value} is no finite number; the scene is spoilt, go back to an older checkpoint or \
+        "{path}: tensor {tensor}, row {row}: {value} is no finite number; the scene is damaged, go back to an older checkpoint or \
          train again"
     )]
     NotFinite {

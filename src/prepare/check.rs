@@ -15,8 +15,8 @@ const VIEW_BYTES: usize = 2048;
 const PIXEL_BYTES: usize = 32;
 /// Bytes of a pixel of the contact sheet's images, which are read back together.
 const SHEET_BYTES: usize = 120;
-/// Bytes of a voxel: as it was read, laid out for rays, its label, the bricks.
-const VOXEL_BYTES: usize = 16;
+/// Bytes of a voxel: as it was read, laid out for rays with its border, its label, the bricks.
+const VOXEL_BYTES: usize = 11;
 /// Lengths in scene units that make sense.
 const LENGTHS: [f64; 2] = [1e-6, 1e6];
 

@@ -142,6 +142,12 @@ fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
     if spec.method == SampleMethod::Sobol && spec.keys.len() > 256 {
         return Err(("random.keys".into(), "Sobol points have at most 256 keys; use latin-hypercube".into()));
     }
+    if spec.method == SampleMethod::Sobol && spec.count > 1 << 16 {
+        return Err((
+            "random.count".into(),
+            format!("{}: Sobol points are at most 65536; use latin-hypercube", spec.count),
+        ));
+    }
     for (key, range) in &spec.keys {
         range.check().map_err(|problem| (format!("random.keys.{key}"), problem))?;
     }

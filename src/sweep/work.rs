@@ -31,6 +31,8 @@ pub enum Ended {
     WasDone,
     /// Another living process has it; who.
     Held(String),
+    /// Somebody works on it with another command; who. It is to be tried again.
+    Busy(String),
     /// It stopped at the step asked for, with a checkpoint.
     Paused,
     /// A signal stopped it; with a checkpoint.
@@ -59,7 +61,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
     // the claim keeps other sweeps away, also on other machines; the lock, commands that a person calls
     let lock = match RunLock::acquire(&folder, COMMAND, Work::Long) {
         Ok(lock) => lock,
-        Err(LockError::Held { holder, .. }) => return Ok(Ended::Held(holder.to_string())),
+        Err(LockError::Held { holder, .. }) => return Ok(Ended::Busy(holder.to_string())),
         Err(LockError::Io { source, .. }) => return Err(source),
     };
     let ended = match (Worker { plan, run: &plan.runs[index], folder: &folder, stop, lock: &lock }).go(stop_after) {

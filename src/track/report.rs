@@ -61,7 +61,7 @@ pub enum ReportError {
 const KIND: FolderKind = FolderKind {
     what: "a followed segment",
     markers: &["statistics.json"],
-    entries: &["*.csv", "*.svg", "times.png", "renders", "masks"],
+    entries: &["*.csv", "*.svg", "times.png", "renders/[0-9]*.png", "masks/[0-9]*.png"],
 };
 
 /// A segment's folder that is being made.

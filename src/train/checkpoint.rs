@@ -12,6 +12,7 @@ use crate::model::params::{self, HostTensor};
 use crate::model::scene::{SceneError, read_tensors, write_tensors};
 use crate::tensors;
 use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Why a checkpoint cannot be written or read.
@@ -58,12 +59,10 @@ pub enum CheckpointError {
         changes: Vec<Change>,
     },
     /// There is nothing to go on from.
-    #[error("{run}: no checkpoint to go on from{hint}; without --resume training begins anew")]
+    #[error("{run}: no checkpoint to go on from; without --resume training begins anew")]
     None {
         /// The run.
         run: PathBuf,
-        /// What there is instead.
-        hint: String,
     },
     /// Another folder stands where the checkpoint should go.
     #[error(transparent)]
@@ -101,18 +100,49 @@ pub fn folder_name(step: usize) -> String {
     format!("step-{step:06}")
 }
 
-/// Complete checkpoints in a run folder, oldest first.
+/// Complete checkpoints in a run folder, oldest first; none where the folder cannot be read, see [`newest`].
 pub fn list(run: &Path) -> Vec<(usize, PathBuf)> {
-    let Ok(entries) = std::fs::read_dir(run.join("checkpoints")) else { return Vec::new() };
-    let mut found: Vec<(usize, PathBuf)> = entries
-        .flatten()
-        .filter_map(|e| {
-            let step = e.file_name().to_str()?.strip_prefix("step-")?.parse().ok()?;
-            e.path().join("state.json").is_file().then(|| (step, e.path()))
-        })
-        .collect();
-    found.sort();
+    let mut found = folders(run).unwrap_or_default();
+    found.retain(|(_, path)| path.join("state.json").is_file());
     found
+}
+
+/// Folders of checkpoints in a run, whole or not, oldest first.
+fn folders(run: &Path) -> Result<Vec<(usize, PathBuf)>, CheckpointError> {
+    let path = run.join("checkpoints");
+    let wrong = |e: std::io::Error| CheckpointError::File { path: path.clone(), reason: e.to_string() };
+    let entries = match std::fs::read_dir(&path) {
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(Vec::new()),
+        entries => entries.map_err(wrong)?,
+    };
+    let mut found = Vec::new();
+    for entry in entries {
+        let entry = entry.map_err(wrong)?;
+        let name = entry.file_name();
+        let step = name.to_str().and_then(|n| n.strip_prefix("step-")).and_then(|n| n.parse().ok());
+        found.extend(step.map(|step| (step, entry.path())));
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// The newest checkpoint of a run, if it has one.
+///
+/// # Errors
+/// [`CheckpointError::Damaged`] if it is not whole: checkpoints appear whole, so a part of it was lost since.
+/// [`CheckpointError::File`] if the folder cannot be read.
+pub fn newest(run: &Path) -> Result<Option<PathBuf>, CheckpointError> {
+    let Some((_, path)) = folders(run)?.pop() else { return Ok(None) };
+    let files = KIND.markers.iter().chain(KIND.entries);
+    match files.into_iter().find(|name| !path.join(name).is_file()) {
+        // a training removes old ones, by renaming them first
+        Some(_) if !path.exists() => Ok(list(run).pop().map(|(_, path)| path)),
+        Some(name) => Err(CheckpointError::Damaged {
+            reason: format!("{}: {name} is missing", path.display()),
+            advice: advice(&path),
+        }),
+        None => Ok(Some(path)),
+    }
 }
 
 /// The scene file of the newest checkpoint of a run.
@@ -135,14 +165,15 @@ pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
 
 /// What to do when the checkpoint at `path` is damaged: the newest older one that is whole, as a command would name it.
 pub fn advice(path: &Path) -> String {
-    let (run, _) = locate(path);
+    let run = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new("."));
     let whole = |checkpoint: &Path| {
         let read = std::fs::read(checkpoint.join("state.json")).ok();
         read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
             && ["scene.safetensors", "optimizer.safetensors"].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
     };
-    let name = path.file_name();
-    let older = list(&run).into_iter().rev().map(|(_, p)| p).skip_while(|p| p.file_name() != name).skip(1);
+    let step = |p: &Path| p.file_name()?.to_str()?.strip_prefix("step-")?.parse::<usize>().ok();
+    let before = step(path).unwrap_or(usize::MAX);
+    let older = list(run).into_iter().rev().filter(|(step, _)| *step < before).map(|(_, p)| p);
     match older.into_iter().find(|p| whole(p)) {
         Some(older) => format!(
             "an older checkpoint is whole: give {} in place of {}, or train on from it with `volseggs train --resume {}`",
@@ -154,22 +185,27 @@ pub fn advice(path: &Path) -> String {
     }
 }
 
-/// Takes checkpoints newer than `path` out of the way, as training goes on from there: they stay beside it under
-/// `aside-step-NNNNNN`.
+/// Takes checkpoints after `step`, whole or not, out of the way, as training goes on from there: they stay beside it
+/// under `aside-step-NNNNNN`. Gives their number.
 ///
 /// # Errors
 /// If one cannot be renamed.
-pub fn set_newer_aside(run: &Path, path: &Path) -> Result<(), CheckpointError> {
-    for (step, newer) in list(run).into_iter().rev().take_while(|(_, p)| p.file_name() != path.file_name()) {
-        let aside = |k: usize| {
-            let number = if k == 0 { String::new() } else { format!("-{k}") };
-            newer.with_file_name(format!("aside-{}{number}", folder_name(step)))
-        };
-        let free = (0..).map(aside).find(|p| p.symlink_metadata().is_err());
-        let moved = free.map_or(Ok(()), |free| std::fs::rename(&newer, free));
-        moved.map_err(|e| CheckpointError::File { path: newer.clone(), reason: e.to_string() })?;
-    }
-    Ok(())
+pub fn set_newer_aside(run: &Path, step: usize) -> Result<usize, CheckpointError> {
+    let newer: Vec<PathBuf> = folders(run)?.into_iter().filter(|(s, _)| *s > step).map(|(_, path)| path).collect();
+    newer.iter().try_for_each(|path| set_aside(path))?;
+    Ok(newer.len())
+}
+
+/// Renames a checkpoint so that it counts as none.
+fn set_aside(path: &Path) -> Result<(), CheckpointError> {
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let aside = |k: usize| {
+        let number = if k == 0 { String::new() } else { format!("-{k}") };
+        path.with_file_name(format!("aside-{name}{number}"))
+    };
+    let free = (0..).map(aside).find(|p| p.symlink_metadata().is_err());
+    let moved = free.map_or(Ok(()), |free| std::fs::rename(path, free));
+    moved.map_err(|e| CheckpointError::File { path: path.into(), reason: e.to_string() })
 }
 
 /// Writes a checkpoint and removes all but the `keep` newest.
@@ -195,7 +231,11 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
     dir.commit_replacing(&KIND, &[])?;
     let all = list(run);
     for (_, old) in all.iter().take(all.len().saturating_sub(keep.max(1))) {
-        remove_whole(old).map_err(|e| file_error(&e))?;
+        // one in which somebody keeps files of their own stays, out of the way
+        match KIND.check(old, &[]) {
+            Ok(()) => remove_whole(old).map_err(|e| file_error(&e))?,
+            Err(_) => set_aside(old)?,
+        }
     }
     Ok(path)
 }

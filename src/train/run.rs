@@ -123,43 +123,44 @@ struct Milliseconds {
 /// # Errors
 /// If another process writes into the run.
 pub fn lock(out: &Path, command: &str) -> Result<Option<RunLock>, LockError> {
-    out.is_dir().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
+    // only where a run is: no lock file is left in a folder that is then refused
+    out.join("run.json").is_file().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
 }
 
 /// The checkpoint to begin from, if any.
 fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointError> {
-    let newest = || checkpoint::list(out).pop().map(|(_, path)| path);
-    match (start, newest()) {
+    match (start, checkpoint::newest(out)) {
         (Start::ResumeFrom(path), _) => Ok(Some(path.clone())),
-        (Start::Resume, None) => {
-            let folders = std::fs::read_dir(out.join("checkpoints")).into_iter().flatten().flatten();
-            let mut broken: Vec<String> = folders.map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-            broken.retain(|n| n.starts_with("step-"));
-            broken.sort();
-            let hint = broken.pop().map(|n| format!(" (checkpoints/{n} has no state.json)")).unwrap_or_default();
-            Err(CheckpointError::None { run: out.into(), hint })
-        }
-        (Start::New, Some(_)) => {
+        (_, Err(error)) => Err(error),
+        (Start::Resume, Ok(None)) => Err(CheckpointError::None { run: out.into() }),
+        (Start::New, Ok(Some(_))) => {
             let reason = format!(
                 "holds checkpoints of a run; go on with `volseggs train --resume {}`, or choose another --out",
                 out.display()
             );
             Err(CheckpointError::File { path: out.into(), reason })
         }
-        (Start::New, None) => refuse_foreign(out).map(|()| None),
-        (Start::Resume | Start::NewOrResume, newest) => Ok(newest),
+        (Start::New | Start::Resume | Start::NewOrResume, Ok(newest)) => Ok(newest),
     }
 }
 
-/// Refuses a folder that is no run and holds files of the names that a run writes.
-fn refuse_foreign(out: &Path) -> Result<(), CheckpointError> {
+/// Refuses a place where no run can be made: a file, a dataset, or a folder that holds files of the names that a run
+/// writes and is not a run. Asked before anything is written.
+fn check_out(out: &Path) -> Result<(), CheckpointError> {
+    let refuse = |path: PathBuf, reason: &str| Err(CheckpointError::File { path, reason: reason.to_owned() });
+    if let Some(file) = out.ancestors().find(|p| p.symlink_metadata().is_ok() && !p.is_dir()) {
+        return refuse(file.to_owned(), "is not a folder, so no run can be made there; choose another --out");
+    }
     if out.join("run.json").exists() {
         return Ok(());
+    }
+    if out.join("transforms_train.json").exists() {
+        return refuse(out.to_owned(), "is a dataset; choose another --out for the run");
     }
     match ["config.toml", "metrics.jsonl", "checkpoints", "tensorboard"].iter().find(|n| out.join(n).exists()) {
         Some(name) => {
             let reason = "is there, but no run.json beside it, so it belongs to no run and is not replaced; choose another --out";
-            Err(CheckpointError::File { path: out.join(name), reason: reason.into() })
+            refuse(out.join(name), reason)
         }
         None => Ok(()),
     }
@@ -182,6 +183,14 @@ pub fn run(
     let out = &options.out;
     let log_error =
         |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
+    if options.start == Start::New {
+        check_out(out).map_err(TrainError::Resume)?;
+    }
+    let root = std::fs::canonicalize(&dataset.root).unwrap_or_else(|_| dataset.root.clone());
+    if root.to_str().is_none() {
+        let text = format!("{}: the path is not UTF-8, so it cannot be recorded; rename the folder", root.display());
+        return Err(TrainError::Config(text));
+    }
     std::fs::create_dir_all(out).map_err(|e| log_error(out, &e))?;
     let _lock = match held {
         Some(_) => None,
@@ -201,7 +210,10 @@ pub fn run(
         let (state, changes) = restored.map_err(TrainError::Resume)?;
         (seconds_before, changed) = (state.seconds, changes);
         truncate_after(&metrics_path, trainer.steps_done() as u64)?;
-        checkpoint::set_newer_aside(out, path).map_err(TrainError::Resume)?;
+        let aside = checkpoint::set_newer_aside(out, state.step).map_err(TrainError::Resume)?;
+        if aside > 0 {
+            errln!("note: {aside} newer checkpoints are kept as {}/checkpoints/aside-step-*", out.display());
+        }
     }
     for change in &changed {
         errln!("note: {change}{}", if change.key.starts_with("stages.") { LENGTHENED } else { "" });
@@ -215,7 +227,7 @@ pub fn run(
         seed: config.seed,
         device: options.device_name.clone(),
         threads: rayon::current_num_threads(),
-        dataset: std::fs::canonicalize(&dataset.root).unwrap_or_else(|_| dataset.root.clone()),
+        dataset: root,
         fingerprint: fingerprint.clone(),
         status: "running".into(),
         steps: first,

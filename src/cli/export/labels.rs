@@ -147,7 +147,9 @@ pub(super) fn run(args: &ExportArgs, run: &RunFolder, format: Format) -> Result<
     }
 
     let times = args.times()?;
-    let needed = [run.path.as_path()];
+    let mut needed = vec![run.path.as_path(), data];
+    needed.extend(options.like.as_deref());
+    needed.extend(truth.iter().flat_map(Truth::files));
     let output = output(args, run, format, &needed)?;
     let bar = progress::bar(times.len(), "times");
     let mut volumes = Vec::with_capacity(times.len());

@@ -85,6 +85,14 @@ impl Truth {
         Ok(Self::Files(Box::new(series), names))
     }
 
+    /// The files that are read.
+    pub(super) fn files(&self) -> Vec<&Path> {
+        match self {
+            Self::Files(series, _) => series.files().iter().map(std::path::PathBuf::as_path).collect(),
+            Self::Synthetic(..) => Vec::new(),
+        }
+    }
+
     /// The true labels at `time` in [0, 1], `[z, y, x]`; of files those of the nearest step.
     ///
     /// # Errors

@@ -32,9 +32,9 @@ pub struct RenderArgs {
     /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera).
     #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true)]
     time: Option<f64>,
-    /// Frames of an orbit.
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = count)]
-    frames: usize,
+    /// Frames of an orbit; 60 if not given.
+    #[arg(long, value_name = "N", value_parser = count)]
+    frames: Option<usize>,
     /// Width and height in pixels; the training images' if not given.
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     size: Option<u32>,
@@ -73,7 +73,10 @@ impl RenderArgs {
         let views = self.views(&run)?;
         let mut look = self.look.open(&run, &device, self.shown.select(&run)?)?;
         let edits = if self.shown.no_edits { 0 } else { run.edits()?.operations.len() };
-        let mut frames = Frames::create(&self.out, &[&run.path, &self.path])?;
+        let mut needed = vec![run.path.as_path()];
+        // `orbit` and `test` are names of paths, not of files
+        needed.extend(self.path.is_file().then_some(self.path.as_path()));
+        let mut frames = Frames::create(&self.out, &needed)?;
         let stop = stop_flag("stopping; nothing is written")?;
         frames.draw(&mut look, &views, self.fps, &stop)?;
         let render_fps = views.len() as f64 / frames.seconds;

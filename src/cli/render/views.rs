@@ -8,6 +8,9 @@ use crate::data::{Camera, Transforms};
 use crate::memory::{Budget, product};
 use std::path::Path;
 
+/// Frames of an orbit if not told otherwise.
+const ORBIT: usize = 60;
+
 impl RenderArgs {
     /// The cameras with the times they show; at least one, all of one size.
     pub(super) fn views(&self, run: &RunFolder) -> Result<Vec<(Camera, f64)>, CliError> {
@@ -25,10 +28,13 @@ impl RenderArgs {
             Some(t) => views.into_iter().map(|(c, _)| (c, t)).collect(),
             None => views,
         };
+        if self.frames.is_some() && self.path.to_str() != Some("orbit") {
+            return Err(CliError::input("--frames: is the length of an orbit; add --path orbit"));
+        }
         match self.path.to_str() {
             Some("test") => Ok(hold(test_spiral(181, 100, radius, lens))),
             Some("orbit") => {
-                let n = self.frames;
+                let n = self.frames.unwrap_or(ORBIT);
                 // the cameras twice, as they are listed and as they get their times
                 let bytes = product(&[n, 2 * size_of::<(Camera, f64)>()]);
                 Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;

@@ -55,6 +55,10 @@ impl WorkerArgs {
                     return Err(CliError::with_code("another process has this run", HELD));
                 }
             }
+            Ended::Busy(holder) => {
+                let code = if self.parent.is_some() { HELD } else { INTERRUPTED };
+                return Err(CliError::with_code(format!("in use by {holder}; try again later"), code));
+            }
             Ended::Interrupted => return Err(CliError::with_code("interrupted, with a checkpoint", INTERRUPTED)),
             Ended::Failed(error) => return Err(CliError::failure(error)),
         }
