@@ -335,6 +335,25 @@ fn prepare_replaces_a_dataset_and_nothing_else() {
     refused(&mut prepare(&root.join("data/train/volumes"), "--replace --out ../.."), &["which is in use"]);
     refused(&mut prepare(root, "--replace --volume data/train/volumes/v_0.raw"), &["v_0.raw", "which is in use"]);
     assert!(root.join("data/train/volumes/v_2.raw").is_file());
+    std::fs::remove_dir_all(root.join("data/train/volumes")).unwrap();
+    // a file of somebody else's deep inside
+    std::fs::write(root.join("data/train/mine.txt"), "x").unwrap();
+    refused(&mut into("../../data", "--replace"), &["train/mine.txt", "does not belong to a dataset"]);
+    assert!(root.join("data/train/mine.txt").is_file());
+}
+
+#[test]
+fn a_folder_may_be_called_like_a_path_of_cameras() {
+    let folder = with_run();
+    let render = |more: &[&str]| {
+        let mut command = volseggs();
+        command.current_dir(folder.path()).args(["render", "run", "--size", "8", "--out", "orbit"]).args(more);
+        command
+    };
+    for _ in 0..2 {
+        render(&["--path", "orbit", "--frames", "2"]).assert().success();
+    }
+    refused(&mut render(&["--path", "test", "--frames", "2"]), &["--frames", "--path orbit"]);
 }
 
 #[test]

@@ -41,7 +41,8 @@ fn at(scratch: &Scratch, name: &str, corpus: Vec<Vec<u8>>) -> Target {
         volume(&path)
     };
     // gzip and zlib expand a thousandfold, and a byte becomes an f32
-    Target::new(corpus, read).sizes(8 << 10, 96)
+    // the names of a pattern of files may take 64 MiB, and twice that while they are made
+    Target::new(corpus, read).sizes(8 << 10, 160)
 }
 
 fn gzip(bytes: &[u8], level: u32) -> Vec<u8> {
