@@ -115,7 +115,7 @@ fn results_of_another_dataset_have_a_folder_of_their_own() {
 
     // what is no evaluation stays
     std::fs::write(root().join("run/eval/test/notes.txt"), "mine").unwrap();
-    refused(&mut command(&["eval", "--views", "2"]), &["notes.txt", "no part of an evaluation"]);
+    refused(&mut command(&["eval", "--views", "2"]), &["notes.txt", "does not belong to an evaluation"]);
     std::fs::remove_file(root().join("run/eval/test/notes.txt")).unwrap();
 }
 

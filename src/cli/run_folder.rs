@@ -57,6 +57,7 @@ impl RunFolder {
     pub(super) fn open_locked(path: &Path, device: &Device, work: Work) -> Result<Self, CliError> {
         let (run, checkpoint) = checkpoint::locate(path);
         // asked first, so that no lock file is left in a folder that is no run
+        check_newest(path)?;
         checkpoint.ok_or_else(|| no_checkpoint(path))?;
         let lock = RunLock::acquire(&run, &super::command_line(), work)?;
         Self::open_with(path, device, Some(lock))
@@ -77,10 +78,7 @@ impl RunFolder {
                 false => CliError::input(e),
             })
         };
-        if checkpoint::locate(path).0 == path {
-            // one that lost a part must not be passed over for an older one without a word
-            checkpoint::newest(path).map_err(CliError::input)?;
-        }
+        check_newest(path)?;
         let (run, found) = live::read_located(path, load)?;
         let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
         let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
@@ -168,6 +166,15 @@ impl RunFolder {
 
 fn scene_of(checkpoint: &Path) -> PathBuf {
     checkpoint.join("scene.safetensors")
+}
+
+/// A newest checkpoint that lost a file must not be passed over for an older one without a word. Where a checkpoint is
+/// given, the others do not matter.
+fn check_newest(path: &Path) -> Result<(), CliError> {
+    if checkpoint::locate(path).0 == path {
+        checkpoint::newest(path).map_err(CliError::input)?;
+    }
+    Ok(())
 }
 
 fn no_checkpoint(path: &Path) -> CliError {

@@ -72,14 +72,10 @@ impl TrainArgs {
         match (&self.resume, &self.out) {
             (None, Some(out)) => Ok((out.clone(), Start::New)),
             (Some(None), Some(out)) => Ok((out.clone(), Start::Resume)),
-            (Some(Some(run)), None) => {
-                let (run, checkpoint) = checkpoint::locate(run);
-                let newest = checkpoint::list(&run).pop().map(|(_, path)| path);
-                match checkpoint {
-                    Some(from) if newest.as_deref() != Some(&from) => Ok((run, Start::ResumeFrom(from))),
-                    _ => Ok((run, Start::Resume)),
-                }
-            }
+            (Some(Some(given)), None) => match checkpoint::locate(given) {
+                (run, Some(from)) if run != *given => Ok((run, Start::ResumeFrom(from))),
+                (run, _) => Ok((run, Start::Resume)),
+            },
             (Some(Some(_)), Some(_)) => {
                 Err(CliError::input("--out: leave it out with --resume RUN; a run goes on in its own folder"))
             }

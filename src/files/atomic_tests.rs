@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
-const KIND: FolderKind = FolderKind { what: "a test", markers: &["sub", "x"], entries: &[] };
+const KIND: FolderKind = FolderKind { what: "a test", markers: &["sub/x", "x"], entries: &[] };
 
 fn names(dir: &Path) -> Vec<String> {
     let mut names: Vec<_> = fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
