@@ -29,6 +29,7 @@ pub mod name;
 mod nesting;
 pub mod points;
 pub mod prepare;
+pub mod process;
 pub mod report;
 pub mod rng;
 pub mod segment;

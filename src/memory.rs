@@ -15,8 +15,19 @@ pub fn peak_memory() -> u64 {
 
 /// A field of `/proc/self/status` in bytes.
 fn status(field: &str) -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix(field))?;
+    kibibytes("/proc/self/status", field)
+}
+
+/// A field of `/proc/meminfo` in bytes, such as `MemTotal:`; none where the system does not tell.
+#[must_use]
+pub fn system(field: &str) -> Option<u64> {
+    kibibytes("/proc/meminfo", field)
+}
+
+/// The number behind `field` in a file that counts in kibibytes, in bytes.
+fn kibibytes(file: &str, field: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(file).ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix(field))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
@@ -49,7 +60,7 @@ impl Budget {
         if let Some(allowed) = ALLOWED.get() {
             return Self(allowed.0.saturating_sub(status("VmRSS:").unwrap_or(0)));
         }
-        let limits = [available(), container(), address_space()];
+        let limits = [system("MemAvailable:"), container(), address_space()];
         Self(limits.into_iter().flatten().min().unwrap_or(ASSUMED))
     }
 
@@ -80,12 +91,6 @@ impl Budget {
 #[must_use]
 pub fn product(sizes: &[usize]) -> u128 {
     sizes.iter().fold(1, |all: u128, n| all.saturating_mul(*n as u128))
-}
-
-fn available() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
 /// What the control groups of a container or a batch job leave, of both versions; caches of files give way.

@@ -3,14 +3,14 @@
 //! The digest is a tensor of its own, [`DIGEST`], so that any reader of safetensors still opens the file. It covers all
 //! bytes of the file, header included, with its own 16 bytes taken as zero: the file is cut into pieces of 1 MiB, and
 //! the digest is the 128-bit XXH3 hash of the pieces' hashes in their order. It stands against accidents of disks and
-//! copies, not against malice. While a piece is read, other threads hash those before it.
+//! copies, not against malice. Threads read and hash pieces side by side, each while it is in the core's cache.
 
 use crate::files::{open_whole, write_atomic};
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
 use std::fs::File;
-use std::io::{self, Read};
+use std::io;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::{Xxh3Default, xxh3_128};
 
@@ -84,7 +84,7 @@ pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
 /// If the file cannot be read, is no safetensors file, or its bytes differ from those that were written.
 pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
     let (bytes, hashes) = open_whole(path)
-        .and_then(|(file, len)| read_hashed(file, len as usize))
+        .and_then(|(file, len)| read_hashed(&file, len as usize))
         .map_err(|source| TensorFileError::Io { path: path.into(), source })?;
     let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
     let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
@@ -105,18 +105,27 @@ fn digest_place(bytes: &[u8], file: &SafeTensors<'_>) -> Option<usize> {
     (data.len() == LENGTH && at >= PREFIX).then_some(at)
 }
 
-/// Reads `len` bytes, and hashes each piece while the next one is read.
-fn read_hashed(mut file: File, len: usize) -> io::Result<(Vec<u8>, Vec<u128>)> {
+/// Reads `len` bytes and hashes each piece as it comes, several at a time.
+#[cfg(unix)]
+fn read_hashed(file: &File, len: usize) -> io::Result<(Vec<u8>, Vec<u128>)> {
+    use std::os::unix::fs::FileExt;
     let mut bytes = vec![0; len];
-    let mut hashes = vec![0; len.div_ceil(PIECE)];
-    rayon::in_place_scope(|scope| {
-        for (piece, hash) in bytes.chunks_mut(PIECE).zip(&mut hashes) {
-            file.read_exact(piece)?;
-            let piece: &[u8] = piece;
-            scope.spawn(move |_| *hash = xxh3_128(piece));
-        }
-        Ok::<(), io::Error>(())
-    })?;
+    let pieces = bytes.par_chunks_mut(PIECE).enumerate();
+    let hashes = pieces.map(|(number, piece)| {
+        file.read_exact_at(piece, (number * PIECE) as u64)?;
+        Ok(xxh3_128(piece))
+    });
+    let hashes = hashes.collect::<io::Result<_>>()?;
+    Ok((bytes, hashes))
+}
+
+/// Reads `len` bytes, then hashes them: here a file has one position, which threads would share.
+#[cfg(not(unix))]
+fn read_hashed(mut file: &File, len: usize) -> io::Result<(Vec<u8>, Vec<u128>)> {
+    use std::io::Read;
+    let mut bytes = vec![0; len];
+    file.read_exact(&mut bytes)?;
+    let hashes = bytes.par_chunks(PIECE).map(xxh3_128).collect();
     Ok((bytes, hashes))
 }
 

@@ -25,9 +25,19 @@ fn gpu_device() -> Device {
     Device::wgpu_options().init().unwrap()
 }
 
+#[cfg(feature = "wgpu")]
+fn gpu_name(device: &Device) -> String {
+    device.identity().map_or_else(|| "GPU".to_owned(), |found| found.name.to_string())
+}
+
 #[cfg(not(feature = "wgpu"))]
 fn gpu_device() -> Device {
     panic!("built without the feature wgpu")
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn gpu_name(_: &Device) -> String {
+    "GPU".to_owned()
 }
 
 fn main() {
@@ -37,11 +47,7 @@ fn main() {
     let (device, threads) = if gpu { (gpu_device(), vec![1]) } else { (Device::flex(), vec![1, 2]) };
     println!(
         "kernels: {}; milliseconds, {repeats} runs after one that is not counted\n",
-        if gpu {
-            device.identity().map_or_else(|| "GPU".to_owned(), |d| d.name.to_string())
-        } else {
-            volseggs_kernels::simd_level()
-        }
+        if gpu { gpu_name(&device) } else { volseggs_kernels::simd_level() }
     );
     println!("| scene | pass | threads | wall min | wall median | CPU min | CPU median |");
     println!("|---|---|--:|--:|--:|--:|--:|");

@@ -2,6 +2,7 @@
 
 use super::{CliError, print_json};
 use crate::device::DeviceName;
+use crate::memory;
 use clap::Args;
 use serde::Serialize;
 
@@ -87,8 +88,8 @@ impl DoctorArgs {
             devices,
             simd: volseggs_kernels::simd_level(),
             threads: rayon::current_num_threads(),
-            memory_total_bytes: memory("MemTotal:"),
-            memory_available_bytes: memory("MemAvailable:"),
+            memory_total_bytes: memory::system("MemTotal:"),
+            memory_available_bytes: memory::system("MemAvailable:"),
         };
         if self.json {
             return print_json(&report);
@@ -127,10 +128,4 @@ impl DoctorArgs {
         }
         Ok(())
     }
-}
-
-fn memory(key: &str) -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix(key))?;
-    line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
 }

@@ -1,11 +1,11 @@
 //! `volseggs prepare`
 
-use super::values::{count, finite, finite_f32, pixels, positive};
+use super::values::{count, finite, finite_f32, number, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
 use crate::name::Name;
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
+use crate::prepare::{LENGTHS, PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
 use crate::volume::raycast::{DEFAULT_STEP, LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -19,8 +19,6 @@ use std::time::{Duration, Instant};
 
 /// Time between two lines of progress in a log.
 const LINE_EVERY: Duration = Duration::from_secs(10);
-/// Lengths in scene units that make sense.
-const LENGTHS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Render a time-varying volume into a dataset: images, cameras, and segments where labels are known.
 #[derive(Debug, Args)]
@@ -265,22 +263,17 @@ fn image_size(text: &str) -> Result<[u32; 2], String> {
     size.map_err(|wanted| format!("{wanted}, or two such as 640x480"))
 }
 
-/// A number of `wanted`, which is what the message says.
-fn within(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
-    finite(text).ok().filter(|v| fits(*v)).ok_or_else(|| wanted.to_owned())
-}
-
 fn fov(text: &str) -> Result<f64, String> {
-    within(text, |v| (0.01..177.0).contains(&v), "an angle from 0.01 to below 177 degrees")
+    number(text, |v| (0.01..177.0).contains(&v), "an angle from 0.01 to below 177 degrees")
 }
 
 fn bias_angle(text: &str) -> Result<f64, String> {
-    within(text, |v| v > 0.0 && v <= 90.0, "an angle above 0, at most 90 degrees")
+    number(text, |v| v > 0.0 && v <= 90.0, "an angle above 0, at most 90 degrees")
 }
 
 fn sample_step(text: &str) -> Result<f64, String> {
     let wanted = format!("a number of voxels from {SHORTEST_STEP} (1/64) to {LONGEST_STEP}");
-    within(text, |v| (SHORTEST_STEP..=LONGEST_STEP).contains(&v), &wanted)
+    number(text, |v| (SHORTEST_STEP..=LONGEST_STEP).contains(&v), &wanted)
 }
 
 fn whole(text: &str, range: std::ops::RangeInclusive<usize>, what: &str) -> Result<usize, String> {

@@ -123,21 +123,26 @@ impl RunFolder {
     /// The run's segments; none if there is no file yet.
     pub(super) fn segments(&self) -> Result<Segmentation, CliError> {
         let path = self.segments_path();
-        let fingerprint = self.scene.fingerprint();
         let there = path.try_exists().map_err(|e| CliError::failure(format!("{}: {e}", path.display())))?;
         if !there {
-            return Ok(Segmentation::new(self.scene.gaussians.count(), fingerprint));
+            return Ok(Segmentation::new(self.scene.gaussians.count(), self.scene.fingerprint()));
         }
         let found = Segmentation::load(&path).map_err(CliError::input)?;
-        if found.scene != fingerprint || found.gaussians != self.scene.gaussians.count() {
-            return Err(CliError::input(format!(
-                "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
-                 --replace` to begin again",
-                path.display(),
-                self.path.display()
-            )));
-        }
+        self.check_segments(&found)?;
         Ok(found)
+    }
+
+    /// Refuses segments of another scene than the run's.
+    pub(super) fn check_segments(&self, found: &Segmentation) -> Result<(), CliError> {
+        if found.scene == self.scene.fingerprint() && found.gaussians == self.scene.gaussians.count() {
+            return Ok(());
+        }
+        Err(CliError::input(format!(
+            "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
+             --replace` to begin again",
+            self.segments_path().display(),
+            self.path.display()
+        )))
     }
 
     /// The run's edits; none if there is no file yet.

@@ -6,7 +6,8 @@ use std::num::NonZero;
 /// Largest side of a picture in pixels.
 const SIDE: u32 = 16_384;
 
-fn number(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
+/// A finite number for which `fits` holds; `wanted` is what the message says.
+pub(super) fn number(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
     let found = text.trim().parse::<f64>().ok().filter(|v| v.is_finite() && fits(*v));
     found.ok_or_else(|| wanted.to_owned())
 }

@@ -4,6 +4,7 @@
 //! path, synced to disk, and then renamed. Nothing about any file format belongs here.
 
 use super::replace::{FolderKind, ReplaceError, check_file};
+use crate::process::{birth, host_name};
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -53,8 +54,8 @@ fn temporary_for(path: &Path) -> io::Result<PathBuf> {
 pub(super) fn host() -> u32 {
     static HOST: OnceLock<u32> = OnceLock::new();
     *HOST.get_or_init(|| {
-        let name = fs::read("/proc/sys/kernel/hostname").unwrap_or_default();
-        name.iter().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(*b)).wrapping_mul(0x0100_0193))
+        let name = host_name().unwrap_or_default();
+        name.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193))
     })
 }
 
@@ -180,6 +181,17 @@ impl AtomicDir {
         Ok(Self { path: path.to_path_buf(), temporary })
     }
 
+    /// The same for a path that a folder of `kind` may take, see [`FolderKind::check`]: asked before the work, not only at
+    /// [`AtomicDir::commit_replacing`]. The folders above it are made.
+    ///
+    /// # Errors
+    /// As [`FolderKind::check`], or a folder cannot be created.
+    pub fn create_replacing(path: &Path, kind: &FolderKind, needed: &[&Path]) -> Result<Self, ReplaceError> {
+        kind.check(path, needed)?;
+        let created = fs::create_dir_all(parent_of(path)).and_then(|()| Self::create(path));
+        created.map_err(|source| ReplaceError::Io { path: path.into(), source })
+    }
+
     /// The folder to build in.
     #[must_use]
     pub fn dir(&self) -> &Path {
@@ -208,14 +220,8 @@ impl AtomicDir {
     /// # Errors
     /// As [`FolderKind::check`]; any error of syncing or renaming, when the old folder is put back where that is possible.
     pub fn commit_replacing(self, kind: &FolderKind, needed: &[&Path]) -> Result<(), ReplaceError> {
-        kind.check(&self.path, needed)?;
-        self.exchange_with_old(kind, needed)
-    }
-
-    /// Takes the final path in one step where the system can exchange two names (Linux, macOS). Elsewhere the old folder
-    /// is moved aside first, and a crash between the two renames leaves it under a temporary name.
-    fn exchange_with_old(&self, kind: &FolderKind, needed: &[&Path]) -> Result<(), ReplaceError> {
         let io = |source| ReplaceError::Io { path: self.path.clone(), source };
+        kind.check(&self.path, needed)?;
         if self.path.symlink_metadata().is_err() {
             match self.publish() {
                 // another process took the name in this moment
@@ -223,10 +229,12 @@ impl AtomicDir {
                 outcome => return outcome.map_err(io),
             }
         }
-        self.exchange().map_err(io)
+        self.exchange_with_old().map_err(io)
     }
 
-    fn exchange(&self) -> io::Result<()> {
+    /// Takes the final path in one step where the system can exchange two names (Linux, macOS). Elsewhere the old folder
+    /// is moved aside first, and a crash between the two renames leaves it under a temporary name.
+    fn exchange_with_old(&self) -> io::Result<()> {
         sync_tree(&self.temporary)?;
         if exchange(&self.temporary, &self.path)? {
             // the old folder now has the temporary's name, and goes with it
@@ -345,14 +353,6 @@ fn maker_of(name: &str) -> Option<(u32, u32)> {
     Some((pid.parse().ok()?, u32::from_str_radix(host, 16).ok()?))
 }
 
-/// Whether process `pid` of this machine lives; one that ended and was not waited for does not.
-fn lives(pid: u32) -> bool {
-    let stat = fs::read_to_string(Path::new("/proc").join(pid.to_string()).join("stat"));
-    // the name in parentheses may hold anything; the state comes after it
-    let state = |text: &str| text.rsplit_once(')').and_then(|(_, rest)| rest.trim_start().chars().next());
-    stat.is_ok_and(|text| !matches!(state(&text), Some('Z' | 'X')))
-}
-
 fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
     if maker_host != host() {
         let touched = path.symlink_metadata().and_then(|m| m.modified()).ok();
@@ -366,5 +366,5 @@ fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
         return live().iter().any(same);
     }
     // Where there is no /proc a stranger cannot be told from a dead process; its files stay.
-    !Path::new("/proc/self").exists() || lives(pid)
+    !Path::new("/proc/self").exists() || birth(pid).is_some()
 }

@@ -165,10 +165,10 @@ impl Holder {
     /// This process.
     fn me(command: &str, work: Work) -> Self {
         let variable = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
-        let host = std::fs::read_to_string("/proc/sys/kernel/hostname").ok().or_else(|| variable("HOSTNAME"));
+        let host = crate::process::host_name().or_else(|| variable("HOSTNAME"));
         Self {
             user: variable("USER").or_else(|| variable("LOGNAME")).unwrap_or_else(|| "somebody".into()),
-            host: host.map_or_else(|| "this machine".into(), |h| h.trim().to_owned()),
+            host: host.unwrap_or_else(|| "this machine".into()),
             pid: std::process::id(),
             command: command.to_owned(),
             work,

@@ -8,7 +8,7 @@ mod lock;
 mod open;
 mod replace;
 
-pub use atomic::{AtomicDir, AtomicFile, clean_stale, remove_whole, write_atomic, write_named};
+pub use atomic::{AtomicDir, AtomicFile, remove_whole, write_atomic, write_named};
 pub use lock::{Holder, LockError, RunLock, Work};
 pub use open::{is_mendable, open_regular, open_whole, read_regular, read_text};
 pub use replace::{FolderKind, MARK, ReplaceError, check_file};

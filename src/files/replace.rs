@@ -79,6 +79,7 @@ impl FolderKind {
         let foreign = |reason: String| Err(ReplaceError::Foreign { path: path.into(), reason });
         let io = |source| ReplaceError::Io { path: path.into(), source };
         let kind = match path.symlink_metadata() {
+            Err(_) if path.file_name().is_none() => return foreign("is no name of a folder".into()),
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
             found => found.map_err(io)?.file_type(),
         };

@@ -7,6 +7,7 @@ use crate::volume::placement::Placement;
 use crate::volume::raycast::{LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::transfer::TransferFunction;
 use std::collections::BTreeSet;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 /// Bytes of the plan of an image: its camera, its entry in the JSON file, its job.
@@ -18,7 +19,7 @@ const SHEET_BYTES: usize = 120;
 /// Bytes of a voxel: as it was read, laid out for rays with its border, its label, the bricks.
 const VOXEL_BYTES: usize = 11;
 /// Lengths in scene units that make sense.
-const LENGTHS: [f64; 2] = [1e-6, 1e6];
+pub const LENGTHS: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// # Errors
 /// The first thing that is wrong, by its flag or in words.
@@ -58,8 +59,8 @@ pub(super) fn check(
         return wrong(format!("field of view {:.1} degrees: between 0 and 177", views.fov_x.to_degrees()));
     }
     for (name, length) in [("radius", views.radius), ("side", options.side)] {
-        if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
-            return wrong(format!("{name} {length:?}: a length from {:e} to {:e}", LENGTHS[0], LENGTHS[1]));
+        if !LENGTHS.contains(&length) {
+            return wrong(format!("{name} {length:?}: a length from {:e} to {:e}", LENGTHS.start(), LENGTHS.end()));
         }
     }
     let reach = Placement::new(&source.grid(), options.side).half.length();
@@ -71,9 +72,6 @@ pub(super) fn check(
     }
     names(source, transfer)?;
     memory(source, options)?;
-    if out.file_name().is_none() && out.symlink_metadata().is_err() {
-        return wrong(format!("{}: is no name of a folder", out.display()));
-    }
     if !options.replace && out.symlink_metadata().is_ok() {
         return Err(PrepareError::Exists(out.to_owned()));
     }

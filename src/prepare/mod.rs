@@ -23,6 +23,7 @@ use crate::volume::error::VolumeError;
 use crate::volume::placement::Placement;
 use crate::volume::raycast::RayCaster;
 use crate::volume::transfer::TransferFunction;
+pub use check::LENGTHS;
 use check::{check, needed};
 use rayon::prelude::*;
 use segments::SegmentWriter;

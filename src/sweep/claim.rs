@@ -5,6 +5,7 @@
 //! number, which again only one can. The holder is whoever has the highest number and has not let go.
 //! Clocks are not compared: a beat is watched from here.
 
+use crate::process::{birth, host_name};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io::{self, Write};
@@ -201,7 +202,7 @@ impl Holder {
         let task = array.map(|(job, task)| format!("{job}_{task}"));
         let starts = variable("SLURM_RESTART_COUNT").and_then(|n| n.parse().ok()).unwrap_or(0);
         Self {
-            host: read("/proc/sys/kernel/hostname"),
+            host: host_name().unwrap_or_default(),
             place: format!("{} {link}", read("/proc/sys/kernel/random/boot_id")),
             pid,
             born: birth(pid).unwrap_or_default(),
@@ -231,15 +232,6 @@ impl std::fmt::Display for Holder {
         write!(f, "process {} on {}", self.pid, self.host)?;
         self.task.as_ref().map_or(Ok(()), |task| write!(f, ", task {task}"))
     }
-}
-
-/// When a process of this machine began; none if there is none of that id, or it is a dead one not yet waited for.
-fn birth(pid: u32) -> Option<u64> {
-    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // the name in parentheses may hold spaces; the state comes after it, the start is the 22nd field
-    let (_, rest) = stat.rsplit_once(')')?;
-    let fields: Vec<&str> = rest.split_whitespace().collect();
-    (!matches!(fields.first(), Some(&("Z" | "X")))).then(|| fields.get(19)?.parse().ok())?
 }
 
 #[cfg(test)]

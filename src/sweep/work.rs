@@ -11,7 +11,7 @@ use crate::device::DeviceName;
 use crate::eval::results::{DataId, write_results};
 use crate::eval::run::{Costs, evaluate};
 use crate::eval::segments;
-use crate::files::{AtomicDir, LockError, RunLock, Work, clean_stale};
+use crate::files::{AtomicDir, LockError, RunLock, Work};
 use crate::metrics::lpips::Lpips;
 use crate::model::Scene;
 use crate::train::checkpoint;
@@ -204,7 +204,6 @@ impl Worker<'_> {
         let options = spec.options(seed).map_err(failed("segments"))?;
         let truth = Truth::read(data).map_err(failed("segments"))?;
         // never published: it goes when this ends, or now if an earlier one was killed
-        clean_stale(self.folder).map_err(failed("segments"))?;
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let mut evaluation =
             segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))

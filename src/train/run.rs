@@ -5,7 +5,7 @@ use super::resume::Change;
 use super::{StepReport, TrainError, Trainer};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
-use crate::files::{LockError, RunLock, Work, clean_stale, write_atomic};
+use crate::files::{LockError, RunLock, Work, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
@@ -197,11 +197,6 @@ pub fn run(
         None => Some(RunLock::acquire(out, &options.command, Work::Long)?),
     };
     let fingerprint = dataset.fingerprint();
-    for folder in [out.clone(), out.join("checkpoints")] {
-        if folder.is_dir() {
-            clean_stale(&folder).map_err(|e| log_error(&folder, &e))?;
-        }
-    }
     let metrics_path = out.join("metrics.jsonl");
     let newest = beginning(out, &options.start).map_err(TrainError::Resume)?;
     let (mut seconds_before, mut changed) = (0.0, Vec::new());

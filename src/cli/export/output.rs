@@ -52,15 +52,7 @@ impl Output {
     /// # Errors
     /// Something other than an older export stands there, or it holds something of `needed`.
     pub(super) fn folder(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, CliError> {
-        if path.file_name().is_none() && path.symlink_metadata().is_err() {
-            return Err(CliError::input(format!("--out {}: is no name of a folder", path.display())));
-        }
-        KIND.check(path, needed)?;
-        let failure = |e: std::io::Error| CliError::failure(format!("{}: {e}", path.display()));
-        if let Some(parent) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-            std::fs::create_dir_all(parent).map_err(failure)?;
-        }
-        let folder = AtomicDir::create(path).map_err(failure)?;
+        let folder = AtomicDir::create_replacing(path, &KIND, needed)?;
         Ok(Self { path: path.to_owned(), extension, folder: Some(folder) })
     }
 

@@ -59,15 +59,7 @@ impl Frames {
     /// # Errors
     /// Something else stands there, or the file system says no.
     pub(super) fn create(out: &Path, needed: &[&Path]) -> Result<Self, CliError> {
-        if out.file_name().is_none() && out.symlink_metadata().is_err() {
-            return Err(CliError::input(format!("--out {}: is no name of a folder", out.display())));
-        }
-        KIND.check(out, needed)?;
-        let failure = |e: std::io::Error| CliError::failure(format!("{}: {e}", out.display()));
-        if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
-            std::fs::create_dir_all(parent).map_err(failure)?;
-        }
-        Ok(Self { out: out.to_owned(), folder: AtomicDir::create(out).map_err(failure)?, seconds: 0.0 })
+        Ok(Self { out: out.to_owned(), folder: AtomicDir::create_replacing(out, &KIND, needed)?, seconds: 0.0 })
     }
 
     /// Draws each view to a file, and more than one to an animation of `fps` frames a second as well. Two frames are in

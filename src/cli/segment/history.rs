@@ -23,18 +23,7 @@ impl History {
             return Ok(Self { path, found: history::History::new(run.segments()?) });
         }
         let found = history::History::load(&path).map_err(CliError::input)?;
-        if found.now().scene != run.scene.fingerprint() {
-            // says so
-            run.segments()?;
-        }
-        let (named, there) = (found.now().gaussians, run.scene.gaussians.count());
-        if named != there {
-            return Err(CliError::input(format!(
-                "{}: of {named} Gaussians, but the scene has {there}; run `volseggs segment coarse {} --replace` to begin again",
-                path.display(),
-                run.path.display()
-            )));
-        }
+        run.check_segments(found.now())?;
         Ok(Self { path, found })
     }
 

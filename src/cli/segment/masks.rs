@@ -8,7 +8,7 @@ use super::super::{CliError, Common, print_json, stop_flag};
 use super::write_picture;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
-use crate::files::{AtomicDir, Work, clean_stale};
+use crate::files::{AtomicDir, Work};
 use crate::log::progress;
 use crate::segment::masks::handout::{HandoutError, write_pictures};
 use crate::segment::masks::make::{MakeError, make_masks};
@@ -97,9 +97,6 @@ impl MasksArgs {
         }
         let plan = self.plan(&run)?;
         self.check_memory(&plan)?;
-        // what a killed command left
-        let segments = run.path.join("segments");
-        clean_stale(&segments).map_err(|e| CliError::failure(format!("{}: {e}", segments.display())))?;
         if self.pictures {
             return self.hand_out(&run, &plan, &device);
         }
