@@ -62,6 +62,10 @@ fn eval_writes_tables_and_pictures() {
         assert_eq!(summary.get(field), Some(&Value::Null), "{field}");
     }
     assert_eq!((&summary["views"], &summary["gaussians"], &summary["split"]), (&6.into(), &400.into(), &"test".into()));
+    // all test views lie at trained times
+    let groups = summary["by_distance"].as_array().unwrap();
+    assert_eq!((groups.len(), &groups[0]["views"], &groups[0]["to"]), (1, &6.into(), &0.0.into()));
+    assert_eq!(groups[0]["psnr"], summary["psnr"]);
     let scene = root().join("run/checkpoints/step-000080/scene.safetensors");
     assert_eq!(summary["model_bytes"], scene.metadata().unwrap().len());
     assert_eq!(summary["training_seconds"], json(&root().join("run/run.json"))["training_seconds"]);

@@ -4,6 +4,7 @@ use super::eval_segments::SegmentFlags;
 use super::run_folder::RunFolder;
 use super::values::count;
 use super::{CliError, Common, print_json};
+use crate::data::thin::thinned;
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::results::{DataId, KIND, WriteError, results_folder, write_results};
 use crate::eval::run::{Costs, evaluate};
@@ -53,11 +54,12 @@ impl EvalArgs {
             return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
         }
         let split = run.split(self.split, self.data.as_deref(), self.views)?;
-        let data = data_of(&run, self.data.as_deref())?;
+        let (data, trained_times) = data_of(&run, self.data.as_deref())?;
         let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
         let model = std::fs::metadata(&run.scene_path)
             .map_err(|e| CliError::failure(format!("{}: {e}", run.scene_path.display())))?;
-        let costs = Costs { training_seconds: run.record.training_seconds, model_bytes: model.len(), data };
+        let costs =
+            Costs { training_seconds: run.record.training_seconds, model_bytes: model.len(), data, trained_times };
         let bar = progress::bar(split.frames.len(), "views");
         let evaluation = evaluate(&run.scene, &split, &networks, &costs, |done, psnr| {
             bar.set_position(done as u64);
@@ -83,6 +85,18 @@ impl EvalArgs {
         for (name, value) in &s.extra {
             outln!("{name:<14} {value:.4}");
         }
+        // the training views lie at trained times, all of them
+        if s.by_distance.len() > 1 {
+            outln!("by distance from the nearest trained time:");
+            for at in &s.by_distance {
+                let distance = if at.to - at.from < 1e-4 {
+                    format!("{:.4}", at.to)
+                } else {
+                    format!("{:.4} to {:.4}", at.from, at.to)
+                };
+                outln!("  {distance:<18} {:>4} views   {:.2} dB   SSIM {:.4}", at.views, at.psnr, at.ssim);
+            }
+        }
         outln!("frames/second  {:.1}", s.fps);
         outln!("training       {:.1} min", s.training_seconds / 60.0);
         outln!("model          {:.2} MB, {} Gaussians", s.model_bytes as f64 / 1e6, s.gaussians);
@@ -94,16 +108,24 @@ impl EvalArgs {
     }
 }
 
-/// The data that are measured on: `given`, or the run's own.
+/// The data that are measured on, `given` or the run's own, and the times that were trained on; none for other data than
+/// the run's.
 ///
 /// # Errors
 /// If the training views of another dataset, by which it is known, are there and cannot be read.
-pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> Result<DataId, CliError> {
+pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> Result<(DataId, Vec<f64>), CliError> {
     let folder = given.unwrap_or(&run.record.dataset);
     let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
+    let mut trained = Vec::new();
     let fingerprint = match Dataset::open(folder, &options) {
-        Ok(data) => data.fingerprint(),
+        Ok(data) => {
+            if data.fingerprint() == run.record.fingerprint {
+                // which views of a time does not matter
+                trained = thinned(data.train.clone(), run.config.data.times, 1).times();
+            }
+            data.fingerprint()
+        }
         Err(error) if dataset == run.record.dataset => {
             errln!("note: the training views cannot be read, so it is not checked that they are as they were: {error}");
             run.record.fingerprint.clone()
@@ -112,7 +134,7 @@ pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> Result<DataId, C
         Err(_) if !SplitName::Train.json_path(folder).exists() => String::new(),
         Err(error) => return Err(error.into()),
     };
-    Ok(DataId { dataset, fingerprint })
+    Ok((DataId { dataset, fingerprint }, trained))
 }
 
 /// The folder of results called `what`, which only holds such results if it is there; says so if they are not of the

@@ -115,7 +115,7 @@ impl SegmentFlags {
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
             mask_alpha: self.mask_alpha,
         };
-        let id = data_of(run, data)?;
+        let (id, _) = data_of(run, data)?;
         let what = if self.masks == Masks::Labels { "segments-labels" } else { "segments" };
         let folder = folder(run, what, &KIND, &id)?;
         // never published: it goes when this ends

@@ -150,6 +150,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         training_seconds: outcome.record.training_seconds,
         model_bytes: std::fs::metadata(&scene_path).map_err(failed("evaluate"))?.len(),
         data: DataId { dataset: outcome.record.dataset.clone(), fingerprint: outcome.record.fingerprint.clone() },
+        trained_times: dataset.times(),
     };
     let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");

@@ -1,5 +1,6 @@
 //! Evaluation of a run: metrics over a split, tables, pictures for reports; and of segments, against known ones.
 
+pub mod distance;
 pub mod results;
 pub mod run;
 pub mod segments;

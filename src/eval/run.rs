@@ -1,5 +1,6 @@
 //! Evaluation of a scene over a split: the paper's metrics for each view and their mean.
 
+use super::distance::{AtDistance, by_distance};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
 use crate::data::Split;
@@ -63,6 +64,9 @@ pub struct Summary {
     /// Means of registered metrics by name, over the views that have them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub extra: BTreeMap<String, f64>,
+    /// The same means by the views' distance from the nearest trained time; empty where those times are not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by_distance: Vec<AtDistance>,
     /// Frames per second of the test path, deformation recomputed for each frame, image on the host.
     pub fps: f64,
     /// Seconds of training.
@@ -114,6 +118,8 @@ pub struct Costs {
     pub model_bytes: u64,
     /// The data.
     pub data: DataId,
+    /// Times in [0, 1] that were trained on; empty if they are not known.
+    pub trained_times: Vec<f64>,
 }
 
 /// Where LPIPS weights come from.
@@ -184,10 +190,9 @@ pub fn evaluate(
         }
         views.push(metrics);
     }
-    let mean = |f: &dyn Fn(&ViewMetrics) -> f64| views.iter().map(f).sum::<f64>() / n as f64;
-    let mean_option = |f: &dyn Fn(&ViewMetrics) -> Option<f64>| -> Option<f64> {
-        views.iter().map(f).sum::<Option<f64>>().map(|s| s / n as f64)
-    };
+    let all: Vec<&ViewMetrics> = views.iter().collect();
+    let mean = |f: &dyn Fn(&ViewMetrics) -> f64| mean_of(&all, |v| Some(f(v))).unwrap_or(f64::NAN);
+    let mean_option = |f: &dyn Fn(&ViewMetrics) -> Option<f64>| mean_of(&all, f);
     let mut notes = vec!["renders and truths are compared as 8-bit images".to_owned()];
     if networks.is_empty() {
         notes.push(LPIPS_WEIGHTS.to_owned());
@@ -203,6 +208,7 @@ pub fn evaluate(
         lpips_alex: mean_option(&|v| v.lpips_alex),
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
         extra: extend::means(views.iter().map(|v| &v.extra)),
+        by_distance: by_distance(&views, &costs.trained_times),
         fps: n as f64 / render_seconds,
         training_seconds: costs.training_seconds,
         model_bytes: costs.model_bytes,
@@ -216,6 +222,12 @@ pub fn evaluate(
         kept.iter().map(|(label, truth, render)| SheetRow { label: label.clone(), truth, render }).collect();
     let sheet = contact_sheet(&rows, w, h).ok();
     Ok(Evaluation { views, summary, sheet, pictures })
+}
+
+/// Mean over views; none if there are no views, or one lacks the value.
+pub(super) fn mean_of(views: &[&ViewMetrics], value: impl Fn(&ViewMetrics) -> Option<f64>) -> Option<f64> {
+    let sum = views.iter().map(|v| value(v)).sum::<Option<f64>>()?;
+    (!views.is_empty()).then(|| sum / views.len() as f64)
 }
 
 /// The metrics of each view as CSV, registered ones last; one that is absent is an empty cell.

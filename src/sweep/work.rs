@@ -180,6 +180,7 @@ impl Worker<'_> {
             training_seconds: record.training_seconds,
             model_bytes,
             data: DataId { dataset: record.dataset.clone(), fingerprint: record.fingerprint.clone() },
+            trained_times: Vec::new(),
         };
         let evaluation = evaluate(scene, &split, networks, &costs, |_, _| ()).map_err(failed("eval"))?;
         write_results(&self.folder.join("eval/test"), &evaluation).map_err(failed("eval"))?;
