@@ -30,6 +30,7 @@ mod nesting;
 pub mod points;
 pub mod prepare;
 pub mod process;
+pub mod program;
 pub mod report;
 pub mod rng;
 pub mod segment;

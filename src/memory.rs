@@ -8,6 +8,9 @@ use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
 
+/// Bytes of a mebibyte. A megabyte (MB) is 10^6 bytes.
+pub const MIB: f64 = 1_048_576.0;
+
 /// Peak resident memory of this process, bytes; 0 where the system does not tell.
 pub fn peak_memory() -> u64 {
     status("VmHWM:").unwrap_or(0)

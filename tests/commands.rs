@@ -55,7 +55,11 @@ fn eval_writes_tables_and_pictures() {
     let folder = root().join("run/eval/test");
     assert_eq!(names(&folder), ["contact-sheet.png", "mean.json", "pictures", "psnr-over-time.svg", "views.csv"]);
     assert_eq!(json(&folder.join("mean.json")), summary);
-    for field in ["psnr", "ssim", "ssim_gray", "fps", "training_seconds", "model_bytes", "gaussians", "views"] {
+    for field in ["psnr", "ssim", "ssim_gray", "training_seconds", "model_bytes", "gaussians", "views"] {
+        assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");
+    }
+    // two figures: with what each frame takes on the device alone, and with the copy of each image to the host
+    for field in ["fps", "fps_frames", "fps_with_copy"] {
         assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");
     }
     for field in ["lpips_alex", "lpips_vgg"] {
@@ -84,6 +88,11 @@ fn eval_writes_tables_and_pictures() {
 
     let text = output(&mut command(&["eval", "--split", "train", "--views", "5"]));
     assert!(text.contains("5 (32x32, train split)") && text.contains("LPIPS is null"), "{text}");
+    let with_copy = text.lines().find(|l| l.contains("with the copy")).unwrap();
+    assert!(with_copy.contains("(5 frames)"), "{text}");
+    let bytes = summary["model_bytes"].as_f64().unwrap();
+    let size = format!("{:.2} MiB ({:.2} MB), scene.safetensors in f32", bytes / 1024.0 / 1024.0, bytes / 1e6);
+    assert!(text.contains(&size), "{size}: {text}");
     let csv = std::fs::read_to_string(root().join("run/eval/train/views.csv")).unwrap();
     assert_eq!(csv.lines().count(), 6);
 }

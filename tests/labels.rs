@@ -72,6 +72,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
     assert!(both > upside_down, "{both} voxels overlap, {upside_down} upside down");
     let header = String::from_utf8_lossy(&std::fs::read(root.join("l.seg.nrrd")).unwrap()).into_owned();
     assert!(header.contains(&format!("label_1:={}", listed[0]["name"].as_str().unwrap())), "{header}");
+    assert!(header.contains("as trained, without edits") && header.contains("edited:=no"), "{header}");
 
     // the same labels in the other format, in the default place; the table is printed
     let printed = volseggs()
@@ -107,6 +108,14 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
         assert_eq!((&shown["volumes"][0]["voxels"], &shown["edited"]), (&nrrd["volumes"][0]["voxels"], &false.into()));
         assert!(String::from_utf8_lossy(&std::fs::read(&vti_path).unwrap()).contains("as trained"));
     }
+
+    // a group takes no voxel from its parts; it is a label where it is asked for
+    run_json(root, &["segment", "group", "run", "pair", listed[0]["name"].as_str().unwrap(), name]);
+    let grouped = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5"]);
+    assert_eq!(grouped["labels"], nrrd["labels"]);
+    assert_eq!(grouped["volumes"][0]["voxels"], nrrd["volumes"][0]["voxels"]);
+    let pair = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5", "--segment", "pair"]);
+    assert!(pair["labels"][0]["name"] == "pair" && pair["volumes"][0]["voxels"][0].as_u64().unwrap() > 0, "{pair}");
 }
 
 #[test]

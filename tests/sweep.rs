@@ -215,3 +215,102 @@ fn devices_are_trained_side_by_side() {
     assert!(drift.iter().all(|d| d["largest"] == 0.0), "{drift:?}");
     assert_eq!(found["devices"][0]["psnr"], found["devices"][1]["psnr"]);
 }
+
+/// A copy of the program with other bytes that does the same, as one that was built again.
+fn rebuilt(name: &str) -> PathBuf {
+    let path = root().join(name);
+    // by another process: a file that this one has open for writing cannot be started; what follows the last section of
+    // an executable is passed over
+    let script = "cp \"$0\" \"$1\" && printf rebuilt >>\"$1\"";
+    let copied = std::process::Command::new("sh").args(["-c", script, BINARY]).arg(&path).status().unwrap();
+    assert!(copied.success());
+    path
+}
+
+/// `PROGRAM sweep ARGUMENTS... --out OUT`: what it says on standard output and standard error.
+fn said(program: &Path, arguments: &[&str], file: &Path, out: &Path) -> (String, String) {
+    let mut command = Command::new(program);
+    command.arg("sweep").args(arguments).arg(file).arg("--out").arg(out);
+    let output = command.assert().success().get_output().clone();
+    (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+/// Short name of the build of `program`, as `doctor` tells it.
+fn build_of(program: &Path) -> String {
+    let output = Command::new(program).args(["doctor", "--json"]).assert().success().get_output().clone();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let build = report["build"]["digest"].as_str().unwrap();
+    assert!(build.len() == 32 && build.bytes().all(|b| b.is_ascii_hexdigit()), "{report}");
+    build[..12].to_owned()
+}
+
+const TWO: &str = "metrics = ['psnr', 'fps', 'fps_with_copy', 'model_mb', 'model_mib']\n[[variant]]\nname = 'first'\n\
+                   [[variant]]\nname = 'second'\nset = { 'loss.kind' = 'l1' }";
+
+#[test]
+fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
+    let (file, out, program) = (sweep_file("rebuilt", TWO), root().join("rebuilt-out"), Path::new(BINARY));
+    let (old, other) = (build_of(program), rebuilt("volseggs-rebuilt"));
+    let new = build_of(&other);
+    assert_ne!(old, new);
+    let (_, told) = said(program, &[], &file, &out);
+    assert!(!told.contains("build"), "{told}");
+    let first = done(&out);
+    assert_eq!(first.len(), 2);
+    let untouched = |now: &BTreeMap<PathBuf, SystemTime>| first.iter().all(|(f, t)| now.get(f) == Some(t));
+    for metrics in first.keys() {
+        let run = metrics.parent().unwrap();
+        assert!(run.file_name().unwrap().to_str().unwrap().ends_with(&format!("-{old}")), "{run:?}");
+        assert!(json(&run.join("run.json"))["build"].as_str().unwrap().starts_with(&old));
+        assert!(json(metrics)["build"].as_str().unwrap().starts_with(&old));
+    }
+    // the same program has nothing to do, and nothing to say of builds
+    let (_, told) = said(program, &[], &file, &out);
+    assert!(told.contains("2 of 2 runs are done before") && !told.contains("build"), "{told}");
+    assert_eq!(done(&out), first);
+
+    // the rebuilt one shows what is there, and says whose it is
+    let (status, told) = said(&other, &["status"], &file, &out);
+    assert_eq!(status.matches(" done ").count(), 2, "{status}");
+    assert!(told.contains(&old) && told.contains(&new), "{told}");
+    let (table, told) = said(&other, &["collect"], &file, &out);
+    assert!(table.contains(&old) && !table.contains("missing") && told.contains(&new), "{table}{told}");
+
+    // it trains anew, and says so
+    let (_, told) = said(&other, &["--dry-run"], &file, &out);
+    let line = told.lines().find(|l| l.contains("--any-build")).unwrap();
+    assert!(line.contains("2 runs") && line.contains(&old) && line.contains("anew"), "{line}");
+    let (_, told) = said(&other, &["--only", "first"], &file, &out);
+    assert!(told.contains("--any-build"), "{told}");
+    let now = done(&out);
+    assert!(now.len() == 3 && untouched(&now), "{now:?}");
+
+    // planned by the new build, half done: the run of the old one is told beside it, and shown when asked for
+    let (status, _) = said(&other, &["status"], &file, &out);
+    let open = status.lines().find(|l| l.contains(" to do ")).unwrap();
+    assert!(open.contains(&old) && status.matches(" done ").count() == 1, "{status}");
+    let (table, told) = said(&other, &["collect"], &file, &out);
+    assert!(table.contains("1 missing") && told.contains("--any-build") && told.contains(&old), "{table}{told}");
+    let (table, _) = said(&other, &["collect", "--any-build"], &file, &out);
+    assert!(!table.contains("missing") && table.contains(&old) && table.contains(&new), "{table}");
+
+    // told to, it takes the other one over
+    let (_, told) = said(&other, &["--any-build"], &file, &out);
+    assert!(told.contains(&old) && told.contains("2 of 2 runs are done before"), "{told}");
+    assert_eq!(done(&out), now);
+    let results = json(&out.join("rebuilt/results.json"));
+    let builds: Vec<&str> =
+        results["set"]["outcomes"].as_array().unwrap().iter().map(|o| o["build"].as_str().unwrap()).collect();
+    assert_eq!(builds, [new.as_str(), old.as_str()]);
+    // both figures of speed and both units of size are in the table
+    for outcome in results["set"]["outcomes"].as_array().unwrap() {
+        let metric = |id: &str| outcome["metrics"][id].as_f64().unwrap();
+        assert!(metric("fps") > 0.0 && metric("fps_with_copy") > 0.0, "{outcome}");
+        assert!((metric("model_mb") * 1e6 - metric("model_mib") * 1024.0 * 1024.0).abs() < 1e-3, "{outcome}");
+    }
+
+    // without being told, it goes on to train what it has not trained itself
+    said(&other, &[], &file, &out);
+    let now = done(&out);
+    assert!(now.len() == 4 && untouched(&now), "{now:?}");
+}

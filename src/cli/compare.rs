@@ -16,7 +16,7 @@ pub struct CompareArgs {
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// Metrics to report.
-    #[arg(long, value_delimiter = ',', default_value = "psnr,ssim,lpips_alex,fps,training_minutes,model_mb")]
+    #[arg(long, value_delimiter = ',', default_value = "psnr,ssim,lpips_alex,fps,training_minutes,model_mib")]
     metrics: Vec<String>,
     /// Folder for report.html, report.md, table.tex, results.csv and results.json; only the table is printed if not given.
     #[arg(long, value_name = "DIR")]

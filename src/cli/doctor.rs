@@ -3,6 +3,7 @@
 use super::{CliError, print_json};
 use crate::device::DeviceName;
 use crate::memory;
+use crate::program::{self, Build};
 use clap::Args;
 use serde::Serialize;
 
@@ -17,6 +18,8 @@ pub struct DoctorArgs {
 #[derive(Serialize)]
 struct Report {
     version: &'static str,
+    /// Null where the executable cannot be read.
+    build: Option<&'static Build>,
     devices: Vec<DeviceReport>,
     simd: String,
     threads: usize,
@@ -83,8 +86,10 @@ fn device(name: DeviceName) -> DeviceReport {
 impl DoctorArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let devices = DeviceName::all().into_iter().map(device).collect();
+        let build = program::build();
         let report = Report {
             version: env!("CARGO_PKG_VERSION"),
+            build: build.as_ref().ok().copied(),
             devices,
             simd: volseggs_kernels::simd_level(),
             threads: rayon::current_num_threads(),
@@ -95,6 +100,13 @@ impl DoctorArgs {
             return print_json(&report);
         }
         outln!("volseggs {}", report.version);
+        match build {
+            Ok(Build { digest, file, bytes, milliseconds }) => {
+                let mb = *bytes as f64 / 1e6;
+                outln!("build {digest}: XXH3-128 of {} ({mb:.1} MB, read in {milliseconds:.0} ms)", file.display());
+            }
+            Err(error) => outln!("build not known: {error}"),
+        }
         for (i, d) in report.devices.iter().enumerate() {
             let default = if i == 0 { " (default)" } else { "" };
             outln!("device {}{default}: {}", d.name, d.description);

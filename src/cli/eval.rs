@@ -10,6 +10,7 @@ use crate::eval::results::{DataId, KIND, WriteError, results_folder, write_resul
 use crate::eval::run::{Costs, evaluate};
 use crate::files::{FolderKind, Work};
 use crate::log::progress;
+use crate::memory::MIB;
 use crate::metrics::lpips::Lpips;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -97,9 +98,21 @@ impl EvalArgs {
                 outln!("  {distance:<18} {:>4} views   {:.2} dB   SSIM {:.4}", at.views, at.psnr, at.ssim);
             }
         }
-        outln!("frames/second  {:.1}", s.fps);
+        let fps = s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
+        outln!("frames/second  {fps} ({} frames): deformation and splatting, anew for each frame", s.speed.fps_frames);
+        outln!(
+            "               {:.1} with the copy of each image to the host ({} frames)",
+            s.speed.fps_with_copy,
+            s.views
+        );
         outln!("training       {:.1} min", s.training_seconds / 60.0);
-        outln!("model          {:.2} MB, {} Gaussians", s.model_bytes as f64 / 1e6, s.gaussians);
+        let bytes = s.model_bytes as f64;
+        outln!(
+            "model          {:.2} MiB ({:.2} MB), scene.safetensors in f32, {} Gaussians",
+            bytes / MIB,
+            bytes / 1e6,
+            s.gaussians
+        );
         for note in &s.notes {
             outln!("note: {note}");
         }

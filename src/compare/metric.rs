@@ -1,7 +1,9 @@
 //! The metrics that tables know: heading, unit, digits, and which way is better. Ids that are not listed
 //! here can be shown too.
 
+use crate::memory::MIB;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Which way a metric is better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -43,8 +45,10 @@ pub const METRICS: &[Metric] = &[
     row("lpips_vgg", "LPIPS (VGG-16)", "LPIPS", 4, Better::Lower),
     row("iou", "IoU, %", "IoU", 2, Better::Higher),
     row("fps", "frames/s", "FPS", 1, Better::Higher),
+    row("fps_with_copy", "frames/s with copy", "FPS with copy", 1, Better::Higher),
     row("training_minutes", "training, min", "TT", 2, Better::Lower),
-    row("model_mb", "model, MB", "MS", 2, Better::Lower),
+    row("model_mib", "model, MiB", "MS (MiB)", 2, Better::Lower),
+    row("model_mb", "model, MB", "MS (MB)", 2, Better::Lower),
     row("gaussians", "Gaussians", "N", 0, Better::Neither),
     row("peak_memory_gb", "memory, GB", "RAM", 2, Better::Lower),
     row("segment_seconds", "segmentation, s", "ST", 1, Better::Lower),
@@ -54,6 +58,19 @@ pub const METRICS: &[Metric] = &[
 #[must_use]
 pub fn metric(id: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|m| m.id == id)
+}
+
+/// Has the metrics of an earlier version say what they are: its `fps` was that with the copy of images to the host, its
+/// `model_mb` gives `model_mib`.
+pub fn upgrade(metrics: &mut BTreeMap<String, f64>) {
+    if !metrics.contains_key("fps_with_copy")
+        && let Some(fps) = metrics.remove("fps")
+    {
+        metrics.insert("fps_with_copy".to_owned(), fps);
+    }
+    if let Some(mb) = metrics.get("model_mb").copied() {
+        metrics.entry("model_mib".to_owned()).or_insert(mb * 1e6 / MIB);
+    }
 }
 
 /// A metric as a column of a table. Unlike [`Metric`] it can be made for any id.
@@ -140,6 +157,18 @@ mod tests {
         assert_eq!((extra.head.as_str(), extra.digits, extra.better), ("edge_error", 4, Better::Lower));
         assert_eq!(Column::of("alpha_loss").better, Better::Lower);
         assert_eq!(Column::of("foreground_psnr").better, Better::Higher);
+    }
+
+    #[test]
+    fn metrics_of_before_get_the_names_of_what_they_are() {
+        let of = |pairs: &[(&str, f64)]| pairs.iter().map(|(id, v)| ((*id).to_owned(), *v)).collect::<BTreeMap<_, _>>();
+        let mut before = of(&[("psnr", 27.0), ("fps", 20.0), ("model_mb", 1.048_576)]);
+        upgrade(&mut before);
+        assert_eq!(before, of(&[("psnr", 27.0), ("fps_with_copy", 20.0), ("model_mb", 1.048_576), ("model_mib", 1.0)]));
+        let now = of(&[("fps", 20.0), ("fps_with_copy", 19.0), ("model_mb", 2.0), ("model_mib", 1.9)]);
+        let mut same = now.clone();
+        upgrade(&mut same);
+        assert_eq!(same, now);
     }
 
     #[test]

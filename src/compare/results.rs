@@ -3,7 +3,7 @@
 //! No files are read here; `sweep` and `compare::runs` fill these in.
 
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 /// A set of runs to be laid side by side.
@@ -27,6 +27,37 @@ pub struct ResultSet {
     pub paper: Option<PaperTable>,
 }
 
+impl ResultSet {
+    /// A sentence that says which builds of the program trained the runs that are measured, and which measured them where
+    /// it was another one; empty where no build is recorded.
+    #[must_use]
+    pub fn builds(&self) -> String {
+        let done = || self.outcomes.iter().filter(|o| o.state == OutcomeState::Done);
+        let trained = builds(done().map(|o| (&o.run, o.build.as_str())));
+        let measured = builds(done().filter(|o| o.measured_by != o.build).map(|o| (&o.run, o.measured_by.as_str())));
+        if done().all(|o| o.build.is_empty() && o.measured_by.is_empty()) {
+            return String::new();
+        }
+        let beside = if measured.is_empty() { String::new() } else { format!("; measured by build {measured}") };
+        format!("Trained by build {trained} of the program{beside}.")
+    }
+}
+
+/// The builds of these runs, with how many runs each has where there are several.
+fn builds<'a>(runs: impl Iterator<Item = (&'a PathBuf, &'a str)>) -> String {
+    let mut of: BTreeMap<&str, BTreeSet<&PathBuf>> = BTreeMap::new();
+    for (run, build) in runs {
+        of.entry(build).or_default().insert(run);
+    }
+    let several = of.len() > 1;
+    let one = |(build, runs): (&str, BTreeSet<&PathBuf>)| {
+        let name = if build.is_empty() { "not recorded" } else { build };
+        let plural = if runs.len() == 1 { "" } else { "s" };
+        if several { format!("{name} ({} run{plural})", runs.len()) } else { name.to_owned() }
+    };
+    of.into_iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
 /// One variant with one seed on one dataset and device.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
@@ -44,6 +75,12 @@ pub struct Outcome {
     pub settings: BTreeMap<String, String>,
     /// Folder of the run.
     pub run: PathBuf,
+    /// Build of the program that trained it, the first digits of its digest; empty if that is not recorded.
+    #[serde(default)]
+    pub build: String,
+    /// Build of the program that measured it, likewise.
+    #[serde(default)]
+    pub measured_by: String,
     /// How it ended.
     pub state: OutcomeState,
     /// Metrics by id; those that could not be measured are absent.
@@ -73,4 +110,35 @@ pub struct PaperTable {
     pub source: String,
     /// Metrics by variant (`variant` or `variant/segment`), then by metric id.
     pub rows: BTreeMap<String, BTreeMap<String, f64>>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_says_of_which_builds_it_is() {
+        let of = |run: &str, build: &str, measured_by: &str| Outcome {
+            run: run.into(),
+            build: build.into(),
+            measured_by: measured_by.into(),
+            state: OutcomeState::Done,
+            ..Outcome::default()
+        };
+        let said = |outcomes: &[Outcome]| ResultSet { outcomes: outcomes.to_vec(), ..ResultSet::default() }.builds();
+        assert_eq!(said(&[]), "");
+        assert_eq!(said(&[of("a", "", "")]), "");
+        // two segments of one run
+        assert_eq!(said(&[of("a", "11", "11"), of("a", "11", "11")]), "Trained by build 11 of the program.");
+        assert_eq!(
+            said(&[of("a", "11", "11"), of("b", "22", "22"), of("c", "22", "11")]),
+            "Trained by build 11 (1 run), 22 (2 runs) of the program; measured by build 11."
+        );
+        assert_eq!(
+            said(&[of("a", "", "22"), of("b", "22", "22")]),
+            "Trained by build not recorded (1 run), 22 (1 run) of the program; measured by build 22."
+        );
+        let missing = Outcome { state: OutcomeState::Missing, ..of("a", "33", "") };
+        assert_eq!(said(&[missing, of("b", "11", "11")]), "Trained by build 11 of the program.");
+    }
 }

@@ -4,6 +4,8 @@ use super::metric::METRICS;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use crate::eval::run::Summary;
 use crate::files::read_text;
+use crate::memory::MIB;
+use crate::program;
 use crate::train::run::RunRecord;
 use crate::words::plain;
 use std::collections::BTreeMap;
@@ -17,11 +19,13 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
         ("psnr".to_owned(), summary.psnr),
         ("ssim".to_owned(), summary.ssim),
         ("ssim_gray".to_owned(), summary.ssim_gray),
-        ("fps".to_owned(), summary.fps),
+        ("fps_with_copy".to_owned(), summary.speed.fps_with_copy),
         ("training_minutes".to_owned(), summary.training_seconds / 60.0),
         ("model_mb".to_owned(), summary.model_bytes as f64 / 1e6),
+        ("model_mib".to_owned(), summary.model_bytes as f64 / MIB),
         ("gaussians".to_owned(), summary.gaussians as f64),
     ]);
+    metrics.extend(summary.speed.fps.map(|v| ("fps".to_owned(), v)));
     metrics.extend(summary.lpips_alex.map(|v| ("lpips_alex".to_owned(), v)));
     metrics.extend(summary.lpips_vgg.map(|v| ("lpips_vgg".to_owned(), v)));
     if record.peak_memory_bytes > 0 {
@@ -122,6 +126,8 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             segment: String::new(),
             settings: differences(&known[0].0, &config),
             run: folder.clone(),
+            build: program::short(&record.build).to_owned(),
+            measured_by: program::short(&summary.build).to_owned(),
             state: OutcomeState::Done,
             metrics: self::metrics(&summary, &record),
         });

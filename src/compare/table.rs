@@ -23,6 +23,8 @@ pub struct Table {
     pub title: String,
     /// A sentence or two; may be empty.
     pub note: String,
+    /// Which builds of the program the runs are of, in a sentence; may be empty.
+    pub builds: String,
     /// Heading of the column of variants.
     pub head: String,
     /// The variant that differences are taken to.
@@ -118,6 +120,7 @@ impl Table {
             name: set.name.clone(),
             title: set.title.clone(),
             note: set.note.clone(),
+            builds: set.builds(),
             head: set.head.clone(),
             baseline: set.baseline.clone(),
             metrics,

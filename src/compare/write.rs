@@ -64,7 +64,8 @@ pub fn write_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError
 
 fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::report::Report {
     let plain = |caption: String, grid: text::Grid| PlainTable { caption, rows: grid.starred(), head: grid.head };
-    let mut tables = vec![plain("Mean and deviation over seeds; the best is bold.".to_owned(), text::results(table))];
+    let of = ["Mean and deviation over seeds; the best is bold.", &table.builds].join(" ");
+    let mut tables = vec![plain(of.trim_end().to_owned(), text::results(table))];
     let caption = || {
         let sure =
             if table.has_intervals() { ", with its 95 % confidence interval" } else { " (one seed: no intervals)" };

@@ -6,6 +6,7 @@ use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
+use crate::memory::MIB;
 use crate::report::{Block, Number, Report, Section};
 use image::RgbImage;
 use std::path::Path;
@@ -106,6 +107,7 @@ fn learning_curve(run: &Path) -> String {
 pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, String> {
     let s = &results.evaluation.summary;
     let record = &results.outcome.record;
+    let fps = |digits: usize| s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.digits$}"));
     let number = |value: String, unit: &str, name: &str, note: &str| Number {
         value,
         unit: unit.into(),
@@ -138,11 +140,11 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
                 Block::Numbers(vec![
                     number(format!("{:.2}", s.psnr), "dB", "PSNR", &format!("{} test views", s.views)),
                     number(format!("{:.4}", s.ssim), "", "SSIM", "RGB, Gaussian window"),
-                    number(format!("{:.0}", s.fps), "/s", "frames", "deformation recomputed for each"),
+                    number(fps(0), "/s", "frames", "deformation recomputed for each, image left on the device"),
                     number(format!("{:.0}", record.training_seconds), "s", "training", &record.device),
                     number(
-                        format!("{:.1}", s.model_bytes as f64 / 1e6),
-                        "MB",
+                        format!("{:.1}", s.model_bytes as f64 / MIB),
+                        "MiB",
                         "model",
                         &format!("{} Gaussians", s.gaussians),
                     ),
@@ -168,7 +170,11 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
                             vec!["PSNR, dB".into(), format!("{:.3}", s.psnr)],
                             vec!["SSIM, RGB, Gaussian window".into(), format!("{:.4}", s.ssim)],
                             vec!["SSIM, grey, 7x7".into(), format!("{:.4}", s.ssim_gray)],
-                            vec!["frames per second".into(), format!("{:.1}", s.fps)],
+                            vec!["frames per second".into(), fps(1)],
+                            vec![
+                                "frames per second, images copied to the host".into(),
+                                format!("{:.1}", s.speed.fps_with_copy),
+                            ],
                         ],
                         caption: format!("{} views of {}x{} over white, as 8-bit images", s.views, s.width, s.height),
                         highlight: Some(1),

@@ -5,3 +5,4 @@ pub mod results;
 pub mod run;
 pub mod segments;
 pub mod sheet;
+pub mod speed;

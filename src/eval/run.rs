@@ -3,6 +3,7 @@
 use super::distance::{AtDistance, by_distance};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
+use super::speed::{self, Speed};
 use crate::data::Split;
 use crate::extend::{self, MetricInput};
 use crate::metrics::lpips::{Lpips, LpipsNet};
@@ -67,11 +68,14 @@ pub struct Summary {
     /// The same means by the views' distance from the nearest trained time; empty where those times are not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by_distance: Vec<AtDistance>,
-    /// Frames per second of the test path, deformation recomputed for each frame, image on the host.
-    pub fps: f64,
+    /// Frames per second: `fps`, `fps_frames`, `fps_with_copy`.
+    #[serde(flatten)]
+    pub speed: Speed,
     /// Seconds of training.
     pub training_seconds: f64,
-    /// Bytes of the scene file.
+    /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (59 numbers for
+    /// each Gaussian at SH degree 3, and the field) and some 2 kB of header and digest; nothing that only training, edits
+    /// or segments need.
     pub model_bytes: u64,
     /// Gaussians.
     pub gaussians: usize,
@@ -81,6 +85,9 @@ pub struct Summary {
     pub height: u32,
     /// Background that images were composited over.
     pub background: [f32; 3],
+    /// Digest of the program that measured, see [`crate::program`]; empty in results of early versions.
+    #[serde(default)]
+    pub build: String,
     /// What limits the comparison, in words.
     pub notes: Vec<String>,
 }
@@ -134,7 +141,7 @@ fn quantise(v: f32) -> f32 {
 /// Evaluates every view of `split`; `progress` is told after each. Renders and truths are compared as 8-bit images.
 ///
 /// # Errors
-/// A message if a metric cannot be computed (an image too small for its window).
+/// A message if a metric cannot be computed (an image too small for its window), or the device fails.
 pub fn evaluate(
     scene: &Scene,
     split: &Split,
@@ -151,6 +158,8 @@ pub fn evaluate(
     let mut truth = vec![0.0; 3 * w * h];
     let mut alpha = vec![0.0; w * h];
     let registered = extend::metrics();
+    // first, so that nothing is compiled while the views below are timed
+    let (fps, fps_frames) = speed::measure(scene, split)?;
     let mut render_seconds = 0.0;
     for (i, frame) in split.frames.iter().enumerate() {
         let started = Instant::now();
@@ -209,13 +218,14 @@ pub fn evaluate(
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
         extra: extend::means(views.iter().map(|v| &v.extra)),
         by_distance: by_distance(&views, &costs.trained_times),
-        fps: n as f64 / render_seconds,
+        speed: Speed { fps: Some(fps), fps_frames, fps_with_copy: n as f64 / render_seconds },
         training_seconds: costs.training_seconds,
         model_bytes: costs.model_bytes,
         gaussians: scene.gaussians.count(),
         width: split.images.width,
         height: split.images.height,
         background,
+        build: crate::program::build().map(|build| build.digest.clone()).unwrap_or_default(),
         notes,
     };
     let rows: Vec<SheetRow<'_>> =

@@ -3,6 +3,7 @@
 use super::SweepError;
 use super::axes::{Variant, flatten};
 use super::file::{HalvingSpec, SweepFile};
+use super::key::is_key;
 use super::plan::{Plan, PlanOptions};
 use crate::config::types::Config;
 use crate::device::DeviceName;
@@ -95,7 +96,7 @@ pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), St
 /// Refuses what no plan holds: keys of runs that are no part of a path, and places in lists that are not there.
 pub(super) fn check_plan(plan: &Plan) -> Result<(), String> {
     for (i, run) in plan.runs.iter().enumerate() {
-        if run.key.is_empty() || !run.key.bytes().all(|b| b.is_ascii_hexdigit()) {
+        if !is_key(&run.key) {
             return Err(format!("runs[{i}].key: \"{}\" is no hash", run.key));
         }
         if !plan.datasets.contains_key(&run.dataset) {

@@ -1,10 +1,13 @@
 //! From a plan and what its runs have left so far to a set of results.
 
 use super::halving;
+use super::key::parts;
 use super::plan::{Entry, Plan};
-use super::result::{Failure, Metrics, failure_path, live_psnr, metrics_path, read, segments_path};
+use super::result::{
+    Failure, Measured, Metrics, failure_path, live_psnr, metrics_path, read, read_metrics, read_segments, segments_path,
+};
 use crate::compare::{Outcome, OutcomeState, ResultSet};
-use std::collections::BTreeMap;
+use crate::program::short;
 use std::path::Path;
 
 /// What the runs of the sweep in `dir` have come to; those that are not done are there as missing, failed or stopped.
@@ -22,9 +25,10 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             seed: entry.seed,
             settings: entry.settings.clone(),
             run: folder.clone(),
+            build: parts(&run.key).1.to_owned(),
             ..Outcome::default()
         };
-        let whole: Option<Metrics> = read(&metrics_path(&folder, &plan.eval));
+        let whole = read_metrics(&metrics_path(&folder, &plan.eval));
         let failure = || read::<Failure>(&failure_path(&folder)).map(|f| format!("{}: {}", f.stage, f.error));
         let open = |metrics: Metrics| {
             let state = match (failure(), stopped.get(&run.key)) {
@@ -36,7 +40,12 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
         };
         let Some(index) = entry.segments else {
             outcomes.push(match whole {
-                Some(metrics) => Outcome { state: OutcomeState::Done, metrics, ..base.clone() },
+                Some(Measured { build, metrics }) => Outcome {
+                    state: OutcomeState::Done,
+                    measured_by: short(&build).to_owned(),
+                    metrics,
+                    ..base.clone()
+                },
                 None => {
                     let live = stopped.get(&run.key).and_then(|step| live_psnr(&folder, *step));
                     open(live.map(|(_, psnr)| ("psnr".to_owned(), psnr)).into_iter().collect())
@@ -44,12 +53,12 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             });
             continue;
         };
-        let scores: Option<BTreeMap<String, Metrics>> = read(&segments_path(&folder, &plan.eval, &run.segments[index]));
-        match scores {
+        match read_segments(&segments_path(&folder, &plan.eval, &run.segments[index])) {
             None => outcomes.push(open(Metrics::new())),
-            Some(scores) => outcomes.extend(scores.into_iter().map(|(segment, metrics)| Outcome {
+            Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| Outcome {
                 segment,
                 metrics,
+                measured_by: short(&scores.build).to_owned(),
                 state: OutcomeState::Done,
                 ..base.clone()
             })),

@@ -2,12 +2,14 @@
 //!
 //! The model was fitted to this program's own runs on two cores with AVX2; it is meant to tell minutes from hours.
 
+use super::builds::OtherBuilds;
 use super::datasets::DataPlan;
 use super::file::EvalSpec;
 use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
 use crate::train::run::RunRecord;
+use std::path::Path;
 
 /// Seconds of CPU time that any step takes.
 const PER_STEP: f64 = 0.02;
@@ -106,11 +108,14 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     // processes share the cores, so that many at a time take as long as one after the other
     let wall = |cpu_seconds: f64| cpu_seconds / (cores * BUSY);
     let mut ratios = Vec::new();
+    // another build's times say more than none
+    let others = OtherBuilds::find(plan);
+    let record = |folder: &Path| read::<RunRecord>(&folder.join("run.json")).filter(|r| r.status == "complete");
     let (mut seconds, mut around, mut memory, mut open) = (0.0, 0.0, 0.0f64, 0);
     for (i, run) in plan.runs.iter().enumerate() {
         let Some(cost) = of(run) else { continue };
-        let record: Option<RunRecord> = read(&plan.run_folder(i).join("run.json"));
-        if let Some(record) = record.filter(|r| r.status == "complete") {
+        let of_others = || others.of(i).first().and_then(|key| record(&plan.runs_folder.join(key)));
+        if let Some(record) = record(&plan.run_folder(i)).or_else(of_others) {
             let threads = record.threads as f64;
             ratios.push(record.training_seconds * threads * BUSY / cost.cpu_seconds.max(1e-9));
         }
@@ -136,16 +141,43 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
 mod tests {
     use super::*;
     use crate::sweep::PlanOptions;
+    use crate::sweep::key::{key, parts};
+    use crate::sweep::result::write;
 
     fn plan(seeds: &str, test_views: usize) -> Plan {
-        let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join("short.toml");
+        plan_in(tempfile::tempdir().unwrap().path(), seeds, test_views)
+    }
+
+    fn plan_in(dir: &Path, seeds: &str, test_views: usize) -> Plan {
+        let path = dir.join("short.toml");
         let text = format!(
             "config = 'demo'\nseeds = {seeds}\nset = {{ 'stages.warmup_steps' = 1, 'stages.joint_steps' = 1 }}\n[data]\n\
              jets = {{ synthetic = 'jets', size = 100, times = 3, views = 4, test_views = {test_views} }}\n"
         );
         std::fs::write(&path, text).unwrap();
-        Plan::new(&path, &PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() }).unwrap()
+        Plan::new(&path, &PlanOptions { out: dir.to_owned(), ..PlanOptions::default() }).unwrap()
+    }
+
+    #[test]
+    fn times_of_another_build_correct_the_estimate_but_its_runs_are_still_to_do() {
+        let dir = tempfile::tempdir().unwrap();
+        let plan = plan_in(dir.path(), "[0, 1]", 5);
+        let of = |runs: &[usize]| estimate(&plan, runs, 1);
+        assert_eq!(of(&[0, 1]).correction, 1.0);
+        let folder = plan.runs_folder.join(key(parts(&plan.runs[0].key).0, "aaaaaaaaaaaaaaaa"));
+        std::fs::create_dir_all(folder.join("checkpoints/step-000002")).unwrap();
+        std::fs::write(folder.join("checkpoints/step-000002/state.json"), "{}").unwrap();
+        let mut record =
+            RunRecord { status: "complete".into(), threads: 2, training_seconds: 1e3, ..RunRecord::default() };
+        write(&folder.join("run.json"), &record).unwrap();
+        assert!(of(&[0, 1]).correction > 2.0 && of(&[0, 1]).open == 2);
+        // its own say more
+        let own = plan.run_folder(0);
+        std::fs::create_dir_all(&own).unwrap();
+        record.training_seconds = 1e4;
+        let before = of(&[0, 1]).correction;
+        write(&own.join("run.json"), &record).unwrap();
+        assert!((of(&[0, 1]).correction / before - 10.0).abs() < 1e-6);
     }
 
     fn seconds(plan: &Plan) -> f64 {

@@ -1,16 +1,44 @@
 //! Keys of runs: the same key, the same result.
+//!
+//! A key is `RECIPE-BUILD`: what is trained, and the build of the program that trains it. Runs of one recipe by two builds
+//! lie side by side.
 
+use crate::program::short;
 use sha2::{Digest, Sha256};
 
-/// Key of a run, 16 hexadecimal digits: a hash of the resolved configuration (TOML), the dataset's fingerprint, the
+/// What is trained, 16 hexadecimal digits: a hash of the resolved configuration (TOML), the dataset's fingerprint, the
 /// device, the version of the program and the sweep's `tag`.
 #[must_use]
-pub fn key(config: &str, dataset: &str, device: &str, tag: &str) -> String {
+pub fn recipe(config: &str, dataset: &str, device: &str, tag: &str) -> String {
+    hash(&[env!("CARGO_PKG_VERSION"), config, dataset, device, tag])
+}
+
+/// Key of a run of `recipe` by the build of the digest `build`; the name of its folder.
+#[must_use]
+pub fn key(recipe: &str, build: &str) -> String {
+    format!("{recipe}-{}", short(build))
+}
+
+/// Recipe and build of a key. Early versions did not record builds, so their keys are recipes alone; the build is then
+/// empty.
+#[must_use]
+pub fn parts(key: &str) -> (&str, &str) {
+    key.split_once('-').unwrap_or((key, ""))
+}
+
+/// Whether `key` can be one: two hexadecimal numbers, or a recipe alone.
+#[must_use]
+pub fn is_key(key: &str) -> bool {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_hexdigit());
+    key.split_once('-').map_or_else(|| number(key), |(recipe, build)| number(recipe) && number(build))
+}
+
+fn hash(texts: &[&str]) -> String {
     let mut hash = Sha256::new();
-    for part in [env!("CARGO_PKG_VERSION"), config, dataset, device, tag] {
+    for text in texts {
         // lengths first, so that parts cannot run into each other
-        hash.update((part.len() as u64).to_le_bytes());
-        hash.update(part);
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
     }
     hex(&hash.finalize()[..8])
 }
@@ -31,12 +59,31 @@ mod tests {
 
     #[test]
     fn each_part_matters_and_parts_do_not_run_together() {
-        let base = key("a", "b", "c", "d");
+        let base = recipe("a", "b", "c", "d");
         assert_eq!(base.len(), 16);
-        assert_eq!(base, key("a", "b", "c", "d"));
-        for other in [key("ab", "", "c", "d"), key("a", "b", "cd", ""), key("x", "b", "c", "d")] {
+        assert_eq!(base, recipe("a", "b", "c", "d"));
+        for other in [recipe("ab", "", "c", "d"), recipe("a", "b", "cd", ""), recipe("x", "b", "c", "d")] {
             assert_ne!(base, other);
         }
         assert_eq!(short_hash("jets").len(), 8);
+    }
+
+    #[test]
+    fn recipes_are_what_whole_keys_were_before_builds_were_recorded() {
+        // sha256 over length (u64, little-endian) and text of each; else runs of before are not found any more
+        assert_eq!(hash(&["0.1.0", "a", "b", "c", "d"]), "b322a87f47df7e12");
+    }
+
+    #[test]
+    fn a_key_is_taken_apart_as_it_was_made() {
+        let build = "0123456789abcdef0123456789abcdef";
+        let made = key("00112233aabbccdd", build);
+        assert_eq!(made, "00112233aabbccdd-0123456789ab");
+        assert_eq!(parts(&made), ("00112233aabbccdd", "0123456789ab"));
+        assert_eq!(parts("00112233aabbccdd"), ("00112233aabbccdd", ""));
+        assert!(is_key(&made) && is_key("00112233aabbccdd"));
+        for wrong in ["", "-", "00-", "-00", "00-11-22", "../11", "00-../11", "x0-11"] {
+            assert!(!is_key(wrong), "{wrong}");
+        }
     }
 }

@@ -7,7 +7,7 @@
 use super::SweepError;
 use super::halving;
 use super::plan::Plan;
-use super::result::{Failure, Metrics, Progress, failure_path, live_psnr, metrics_path, progress, read, write};
+use super::result::{Failure, Progress, failure_path, live_psnr, metrics_path, progress, read, read_metrics, write};
 use crate::log::progress::{bar, duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::collections::{BTreeMap, VecDeque};
@@ -34,7 +34,7 @@ pub struct LocalOptions {
     pub jobs: usize,
     /// The runs to take, from 0.
     pub runs: Vec<usize>,
-    /// The program and its first arguments; the worker's own are added.
+    /// The program, which must be the build that made the plan; see [`crate::program::executable`].
     pub program: PathBuf,
 }
 
@@ -87,7 +87,7 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
             let off = runs.iter().filter(|run| !on.contains(run));
             stopped.extend(off.map(|run| (plan.runs[*run].key.clone(), rung)));
             runs = on;
-            halving::save(&options.dir, &stopped)?;
+            halving::save(&options.dir, plan, &stopped)?;
         }
         tally.stopped = stopped.len();
         errln!("to the end: {} runs", runs.len());
@@ -210,7 +210,14 @@ impl<'a> Pool<'a> {
         command.stdin(Stdio::null()).stdout(log).stderr(errors);
         // Ctrl-C goes to this process alone, which then asks its children
         #[cfg(unix)]
-        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        {
+            use std::os::unix::process::CommandExt;
+            command.process_group(0);
+            // called as this process was, by whichever path it is started
+            if let Some(name) = std::env::args_os().next() {
+                command.arg0(name);
+            }
+        }
         let child = command.spawn().map_err(|e| SweepError::io(&self.options.program, e))?;
         let line = self.screen.insert_before(&self.overall, ProgressBar::new(self.plan.runs[index].steps as u64));
         if let Ok(style) = ProgressStyle::with_template("  {bar:20} {pos}/{len} {msg}") {
@@ -247,8 +254,9 @@ impl<'a> Pool<'a> {
         let head = format!("{count} {}: {time}", run.label);
         if status.success() {
             tally.done += 1;
-            let found: Option<Metrics> = read(&metrics_path(&folder, &self.plan.eval));
-            let psnr = found.and_then(|m| m.get("psnr").copied()).or(live_psnr(&folder, usize::MAX).map(|(_, p)| p));
+            let found = read_metrics(&metrics_path(&folder, &self.plan.eval));
+            let psnr =
+                found.and_then(|m| m.metrics.get("psnr").copied()).or(live_psnr(&folder, usize::MAX).map(|(_, p)| p));
             self.say(&format!("{head}{}", psnr.map(|p| format!(", {p:.2} dB")).unwrap_or_default()));
             return;
         }

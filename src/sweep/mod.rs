@@ -1,9 +1,11 @@
 //! Sweeps: one file into runs, on this machine or on Slurm, and back into one table.
 //!
-//! `file` and `axes` say what is asked for, `plan` what will run, `claim` who runs it, `work` how one run goes, `local`
-//! and `slurm` where; `result` and `collect` are what is left in the end. Tables and pages are `compare`'s.
+//! `file` and `axes` say what is asked for, `plan` what will run, `builds` what other builds of the program have run,
+//! `claim` who runs it, `work` how one run goes, `local` and `slurm` where; `result` and `collect` are what is left in the
+//! end. Tables and pages are `compare`'s.
 
 pub mod axes;
+pub mod builds;
 mod checks;
 pub mod claim;
 pub mod collect;

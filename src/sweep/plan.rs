@@ -8,7 +8,7 @@ use super::axes::{Settings, Variant, check_count, flatten, variants};
 use super::checks::{baseline, check_halving, check_lists, check_plan, check_seed_keys};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
-use super::key::{key, short_hash};
+use super::key::{key, recipe, short_hash};
 use super::spec::SegmentSpec;
 use crate::compare::PaperTable;
 use crate::compare::metric::metric;
@@ -16,6 +16,7 @@ use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::memory::Budget;
+use crate::program;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
@@ -49,6 +50,9 @@ pub struct PlanOptions {
 pub struct Plan {
     /// Version of the program.
     pub version: String,
+    /// Digest of the program, see [`crate::program`]; empty in plans of early versions.
+    #[serde(default)]
+    pub build: String,
     /// Name of the sweep's folder.
     pub name: String,
     /// Heading of the report.
@@ -81,7 +85,8 @@ pub struct Plan {
 /// One training and what is measured of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
-    /// Hash of configuration, dataset, device, version and tag; the name of its folder.
+    /// Hash of configuration, dataset, device, version and tag, and the build that trains it; the name of its folder. See
+    /// [`super::key`].
     pub key: String,
     /// A name for lines and logs.
     pub label: String,
@@ -119,6 +124,7 @@ impl Plan {
     /// The first thing that would not run, naming file, key and variant.
     pub fn new(path: &Path, options: &PlanOptions) -> Result<Self, SweepError> {
         let mut file = SweepFile::read(path)?;
+        let build = program::build().map_err(|e| SweepError::io(&e.file, &e.reason))?;
         let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
         let seeds = match &file.seeds {
             _ if !options.seeds.is_empty() => options.seeds.clone(),
@@ -155,6 +161,7 @@ impl Plan {
         }
         let mut plan = Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
+            build: build.digest.clone(),
             name: name_of(path),
             title: file.title.clone(),
             note: file.note.clone(),
@@ -185,7 +192,7 @@ impl Plan {
                                 new.insert(fingerprint(&data, downscale, path, &dataset)?)
                             }
                         };
-                        let key = key(&one.toml, print, device, &file.tag);
+                        let key = key(&recipe(&one.toml, print, device, &file.tag), &build.digest);
                         plan.place(variant, seed, (&dataset, device), one, key, &mut placed).map_err(|e| {
                             let key = format!("variant \"{}\"", variant.name);
                             SweepError::Key { path: path.to_owned(), key, problem: e }

@@ -4,7 +4,9 @@ use super::file::EvalSpec;
 use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
+use crate::compare::metric::upgrade;
 use crate::files::{read_text, write_atomic};
+use crate::program;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -12,6 +14,23 @@ use std::path::{Path, PathBuf};
 
 /// Metrics by id.
 pub type Metrics = BTreeMap<String, f64>;
+
+/// A file of metrics: those of a run, or of its segments by name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured<T> {
+    /// Digest of the program that measured, see [`crate::program`]; empty in files of early versions.
+    pub build: String,
+    /// What was measured.
+    pub metrics: T,
+}
+
+/// The same, or the metrics alone, as early versions wrote them.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum MeasuredFile<T> {
+    Now(Measured<T>),
+    Before(T),
+}
 
 /// `failed.json`: why a run ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -54,6 +73,36 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_str(&read_text(path).ok()?).ok()
 }
 
+/// What was measured of a whole run; none if the file is not there or not whole.
+#[must_use]
+pub fn read_metrics(path: &Path) -> Option<Measured<Metrics>> {
+    let mut found = read_measured::<Metrics>(path)?;
+    upgrade(&mut found.metrics);
+    Some(found)
+}
+
+/// What was measured of segments, by their name; none if the file is not there or not whole.
+#[must_use]
+pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>> {
+    read_measured(path)
+}
+
+fn read_measured<T: DeserializeOwned>(path: &Path) -> Option<Measured<T>> {
+    Some(match read(path)? {
+        MeasuredFile::Now(measured) => measured,
+        MeasuredFile::Before(metrics) => Measured { build: String::new(), metrics },
+    })
+}
+
+/// Writes metrics with the program's build.
+///
+/// # Errors
+/// A message that names the file.
+pub fn write_measured(path: &Path, metrics: impl Serialize) -> Result<(), String> {
+    let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
+    write(path, &Measured { build, metrics })
+}
+
 /// Writes one of these files.
 ///
 /// # Errors
@@ -77,14 +126,18 @@ pub enum Progress {
 /// How far run `index` of `plan` is.
 #[must_use]
 pub fn progress(plan: &Plan, index: usize) -> Progress {
-    let folder = plan.run_folder(index);
-    let run = &plan.runs[index];
-    let measured = read::<Metrics>(&metrics_path(&folder, &plan.eval)).is_some();
-    let segments = |s| read::<BTreeMap<String, Metrics>>(&segments_path(&folder, &plan.eval, s)).is_some();
-    if measured && run.segments.iter().all(segments) {
+    progress_in(plan, index, &plan.run_folder(index))
+}
+
+/// The same if its folder were `folder`.
+#[must_use]
+pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
+    let measured = read_metrics(&metrics_path(folder, &plan.eval)).is_some();
+    let segments = |s| read_segments(&segments_path(folder, &plan.eval, s)).is_some();
+    if measured && plan.runs[index].segments.iter().all(segments) {
         return Progress::Done;
     }
-    read(&failure_path(&folder)).map_or(Progress::Open, Progress::Failed)
+    read(&failure_path(folder)).map_or(Progress::Open, Progress::Failed)
 }
 
 /// The test PSNR that a run's log has nearest before `step`, and its step.
@@ -94,4 +147,32 @@ pub fn live_psnr(folder: &Path, step: usize) -> Option<(usize, f64)> {
     let lines = text.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
     let scored = lines.filter_map(|l| Some((l["step"].as_u64()? as usize, l["test_psnr"].as_f64()?)));
     scored.take_while(|(s, _)| *s <= step).last()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metrics_of_before_are_read_with_the_names_of_now() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("metrics-00.json");
+        std::fs::write(&path, r#"{"fps": 20.5, "model_mb": 1.048576, "psnr": 27.0}"#).unwrap();
+        let found = read_metrics(&path).unwrap();
+        assert_eq!((found.build.as_str(), found.metrics["psnr"]), ("", 27.0));
+        assert_eq!((found.metrics.get("fps"), found.metrics["fps_with_copy"]), (None, 20.5));
+        assert!((found.metrics["model_mib"] - 1.0).abs() < 1e-12);
+        let now = Metrics::from([("fps".to_owned(), 2.0), ("fps_with_copy".to_owned(), 1.0)]);
+        write_measured(&path, &now).unwrap();
+        let found = read_metrics(&path).unwrap();
+        assert_eq!((found.metrics, found.build.len()), (now, 32));
+
+        // names of segments that are those of fields
+        std::fs::write(&path, r#"{"build": {"iou": 80.0}, "metrics": {"iou": 70.0}}"#).unwrap();
+        assert_eq!(read_segments(&path).unwrap().metrics["build"]["iou"], 80.0);
+        for wrong in ["", "[]", r#"{"psnr": "high"}"#] {
+            std::fs::write(&path, wrong).unwrap();
+            assert_eq!(read_metrics(&path), None, "{wrong}");
+        }
+    }
 }

@@ -3,7 +3,9 @@
 
 use super::claim::{Claimed, claim};
 use super::plan::{Plan, Run};
-use super::result::{Failure, Metrics, Progress, failure_path, metrics_path, progress, read, segments_path, write};
+use super::result::{
+    Failure, Metrics, Progress, failure_path, metrics_path, progress, read, segments_path, write, write_measured,
+};
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
 use crate::data::{SplitName, Truth};
@@ -187,7 +189,7 @@ impl Worker<'_> {
         let mut metrics = crate::compare::runs::metrics(&evaluation.summary, record);
         // a number that is none has no place in JSON, and none in a table
         metrics.retain(|_, value| value.is_finite());
-        write(&metrics_path(self.folder, &self.plan.eval), &metrics).map_err(failed("eval"))
+        write_measured(&metrics_path(self.folder, &self.plan.eval), &metrics).map_err(failed("eval"))
     }
 
     fn segments(
@@ -231,6 +233,6 @@ impl Worker<'_> {
             metrics.retain(|_, value| value.is_finite());
             by_segment.insert(result.segment.clone(), metrics);
         }
-        write(&path, &by_segment).map_err(failed("segments"))
+        write_measured(&path, &by_segment).map_err(failed("segments"))
     }
 }

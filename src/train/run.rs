@@ -5,12 +5,13 @@ use super::resume::Change;
 use super::{StepReport, TrainError, Trainer};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
-use crate::files::{LockError, RunLock, Work, write_atomic};
+use crate::files::{LockError, RunLock, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
 use crate::metrics::psnr::psnr;
 use crate::model::Scene;
+use crate::program;
 use burn::tensor::Device;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
@@ -54,6 +55,12 @@ pub struct RunOptions {
 pub struct RunRecord {
     /// Version of the program.
     pub version: String,
+    /// Digest of the program, see [`crate::program`]; empty in records of early versions.
+    #[serde(default)]
+    pub build: String,
+    /// Digests of other builds that took the steps before, where the run was resumed by another one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub earlier_builds: Vec<String>,
     /// Seed.
     pub seed: u64,
     /// Device.
@@ -214,11 +221,16 @@ pub fn run(
         errln!("note: {change}{}", if change.key.starts_with("stages.") { LENGTHENED } else { "" });
     }
 
+    let record_path = out.join("run.json");
+    let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
+    let earlier_builds = if newest.is_some() { builds_before(&record_path, &build) } else { Vec::new() };
     let first = trainer.steps_done();
     let started = Instant::now();
     let seconds = || seconds_before + started.elapsed().as_secs_f64();
     let mut record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
+        build,
+        earlier_builds,
         seed: config.seed,
         device: options.device_name.clone(),
         threads: rayon::current_num_threads(),
@@ -230,7 +242,6 @@ pub fn run(
         gaussians: trainer.scene().gaussians.count(),
         peak_memory_bytes: 0,
     };
-    let record_path = out.join("run.json");
     let write_record = |record: &RunRecord| {
         let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
         write_atomic(&record_path, &json).map_err(|e| log_error(&record_path, &e))
@@ -316,6 +327,17 @@ pub fn run(
     record.peak_memory_bytes = peak_memory();
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })
+}
+
+/// The builds that the record of a run names, other than `build`; one of early versions counts as an empty name.
+fn builds_before(record: &Path, build: &str) -> Vec<String> {
+    let record = read_text(record).ok().and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
+    let Some(RunRecord { build: last, earlier_builds: mut builds, .. }) = record else { return Vec::new() };
+    if !builds.contains(&last) {
+        builds.push(last);
+    }
+    builds.retain(|one| one != build);
+    builds
 }
 
 fn progress_bar(total: usize, first: usize) -> ProgressBar {

@@ -4,11 +4,14 @@ use super::{CliError, Planned};
 use crate::cli::print_json;
 use crate::compare::write::write_report;
 use crate::log::progress::duration;
+use crate::program;
 use crate::sweep::Plan;
+use crate::sweep::builds::{OtherBuilds, name, view};
 use crate::sweep::claim::holder;
 use crate::sweep::collect::collect;
 use crate::sweep::halving;
-use crate::sweep::result::{Metrics, Progress, live_psnr, metrics_path, progress, read};
+use crate::sweep::key::parts;
+use crate::sweep::result::{Progress, live_psnr, metrics_path, progress, read_metrics};
 use crate::sweep::slurm::{Tools, queue};
 use clap::Args;
 use serde::Serialize;
@@ -28,9 +31,20 @@ pub(super) struct StatusArgs {
 pub(super) struct CollectArgs {
     #[command(flatten)]
     planned: Planned,
+    /// Where the sweep's own build has not finished a run, show that of another build.
+    #[arg(long)]
+    any_build: bool,
     /// Print one JSON object on standard output.
     #[arg(long)]
     json: bool,
+}
+
+/// A run of the same recipe that another build finished.
+#[derive(Serialize)]
+struct OtherRun {
+    key: String,
+    build: String,
+    psnr: Option<f64>,
 }
 
 /// How far one run is.
@@ -39,11 +53,14 @@ struct RunStatus {
     task: usize,
     key: String,
     label: String,
+    /// Build that trains it, or trained it.
+    build: String,
     state: &'static str,
     step: usize,
     steps: usize,
     psnr: Option<f64>,
     detail: String,
+    other_builds: Vec<OtherRun>,
 }
 
 impl StatusArgs {
@@ -56,14 +73,18 @@ impl StatusArgs {
             BTreeMap::new()
         };
         let stopped = halving::stopped(&dir);
+        let others = OtherBuilds::find(&plan);
+        let psnr_of = |folder: &Path| {
+            let measured = read_metrics(&metrics_path(folder, &plan.eval));
+            measured.and_then(|m| m.metrics.get("psnr").copied())
+        };
         let status = |task: usize| -> RunStatus {
             let run = &plan.runs[task];
             let folder = plan.run_folder(task);
             let live = live_psnr(&folder, usize::MAX);
             let step = live.map_or(0, |(s, _)| s);
-            let measured: Option<Metrics> = read(&metrics_path(&folder, &plan.eval));
-            let psnr = measured.and_then(|m| m.get("psnr").copied()).or(live.map(|(_, p)| p));
-            let (state, detail) = match (progress(&plan, task), stopped.get(&run.key), queued.get(&task)) {
+            let psnr = psnr_of(&folder).or(live.map(|(_, p)| p));
+            let (state, mut detail) = match (progress(&plan, task), stopped.get(&run.key), queued.get(&task)) {
                 (Progress::Done, ..) => ("done", String::new()),
                 (Progress::Failed(failure), ..) => ("failed", format!("{}: {}", failure.stage, failure.error)),
                 (Progress::Open, Some(step), _) => ("stopped", format!("at step {step}")),
@@ -77,15 +98,28 @@ impl StatusArgs {
                     None => ("to do", String::new()),
                 },
             };
+            let other_run = |key: &String| OtherRun {
+                key: key.clone(),
+                build: parts(key).1.to_owned(),
+                psnr: psnr_of(&plan.runs_folder.join(key)),
+            };
+            let other_builds: Vec<OtherRun> = others.of(task).iter().map(other_run).collect();
+            if let (Some(other), true) = (other_builds.first(), state != "done") {
+                let psnr = other.psnr.map(|p| format!(" ({p:.2} dB)")).unwrap_or_default();
+                let comma = if detail.is_empty() { "" } else { "; " };
+                detail += &format!("{comma}finished by build {}{psnr}", name(&other.build));
+            }
             RunStatus {
                 task,
                 key: run.key.clone(),
                 label: run.label.clone(),
+                build: parts(&run.key).1.to_owned(),
                 state,
                 step,
                 steps: run.steps,
                 psnr,
                 detail,
+                other_builds,
             }
         };
         let all: Vec<RunStatus> = (0..plan.runs.len()).map(status).collect();
@@ -101,6 +135,7 @@ impl StatusArgs {
         all.iter().for_each(|r| *counts.entry(r.state).or_default() += 1);
         let counts: Vec<String> = counts.iter().map(|(state, n)| format!("{n} {state}")).collect();
         errln!("{} runs: {}", all.len(), counts.join(", "));
+        tell(&planned_by(&plan));
         Ok(())
     }
 }
@@ -108,13 +143,31 @@ impl StatusArgs {
 impl CollectArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (dir, plan) = self.planned.open()?;
-        report(&plan, &dir, self.json)
+        tell(&planned_by(&plan));
+        report(&plan, &dir, self.any_build, self.json)
     }
 }
 
-/// Writes the report of what is done; prints its table, or the results as JSON.
-pub(super) fn report(plan: &Plan, dir: &Path, json: bool) -> Result<(), CliError> {
-    let set = collect(plan, dir);
+/// Says which build the sweep is of, where this program is another.
+fn planned_by(plan: &Plan) -> Vec<String> {
+    let own = program::build().ok().filter(|own| own.digest != plan.build);
+    let text = |own: &program::Build| {
+        let (planned, own) = (program::short(&plan.build), program::short(&own.digest));
+        format!("the sweep was last planned by build {} of the program; this is build {own}", name(planned))
+    };
+    own.map(text).into_iter().collect()
+}
+
+fn tell(notes: &[String]) {
+    notes.iter().for_each(|note| errln!("note: {note}"));
+}
+
+/// Writes the report of what is done; prints its table, or the results as JSON. Builds are mixed only if `any_build` is
+/// set.
+pub(super) fn report(plan: &Plan, dir: &Path, any_build: bool, json: bool) -> Result<(), CliError> {
+    let view = view(plan, any_build);
+    tell(&view.notes);
+    let set = collect(&view.plan, dir);
     let text = write_report(dir, &set).map_err(CliError::failure)?;
     errln!("report: {}", dir.join("report.html").display());
     if json {

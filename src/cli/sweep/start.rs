@@ -4,6 +4,8 @@ use super::{CliError, OUT, folder, results};
 use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
 use crate::log::progress::duration;
+use crate::program::{self, short};
+use crate::sweep::builds::{OtherBuilds, tally};
 use crate::sweep::estimate::estimate;
 use crate::sweep::local::{self, LocalOptions};
 use crate::sweep::result::{Progress, failure_path, progress};
@@ -45,6 +47,10 @@ pub(super) struct StartArgs {
     /// Run again what failed.
     #[arg(long)]
     rerun_failed: bool,
+    /// Take over runs that other builds of the program finished, in place of training them anew; what is not measured yet
+    /// is measured by this one.
+    #[arg(long)]
+    any_build: bool,
     /// Show the runs, how they differ and what they will take; start nothing.
     #[arg(long)]
     dry_run: bool,
@@ -76,12 +82,13 @@ impl StartArgs {
             lpips_weights: absolute(&self.lpips_weights)?,
             elsewhere: self.slurm,
         };
-        let plan = Plan::new(&file, &options)?;
+        let mut plan = Plan::new(&file, &options)?;
         if plan.metrics.iter().any(|m| m.starts_with("lpips")) && plan.eval.lpips_weights.is_empty() {
             errln!("note: no LPIPS without --lpips-weights FILE (or eval.lpips_weights in the sweep file)");
         }
         let dir = folder(&out, &file);
         let runs = self.choose(&plan)?;
+        self.other_builds(&mut plan, &runs);
         if self.dry_run {
             return self.show(&plan, &runs);
         }
@@ -106,10 +113,10 @@ impl StartArgs {
         if self.slurm {
             return self.submit(&plan, (&dir, &hash), &runs, profile);
         }
-        let program = std::env::current_exe().map_err(CliError::failure)?;
-        let options = LocalOptions { dir: dir.clone(), plan: hash, jobs: self.jobs, runs, program };
+        let options =
+            LocalOptions { dir: dir.clone(), plan: hash, jobs: self.jobs, runs, program: program::executable() };
         let tally = local::run(&plan, &options, &stop)?;
-        results::report(&plan, &dir, self.json)?;
+        results::report(&plan, &dir, false, self.json)?;
         if tally.failed + tally.died > 0 {
             return Err(CliError::failure(format!(
                 "{} runs failed, {} died; logs are in {}; the same command goes on, --rerun-failed tries those that failed again",
@@ -119,6 +126,26 @@ impl StartArgs {
             )));
         }
         Ok(())
+    }
+
+    /// Tells of runs that other builds finished, of those that were chosen; takes all over if that was asked for.
+    fn other_builds(&self, plan: &mut Plan, runs: &[usize]) {
+        let all: Vec<usize> = (0..plan.runs.len()).collect();
+        let found = OtherBuilds::find(plan).instead(plan, if self.any_build { &all } else { runs });
+        let (n, of) = (found.len(), tally(found.values()));
+        let (one, is) = if n == 1 { ("run", "is") } else { ("runs", "are") };
+        match (n, self.any_build) {
+            (0, _) => {}
+            (_, true) => {
+                plan.put(&found);
+                errln!("{n} finished {one} of other builds of the program ({of}) {is} taken over");
+            }
+            (_, false) => errln!(
+                "note: {n} {one} {is} finished by another build of the program ({of}) and trained anew by this one ({}); \
+                 --any-build takes over what is finished",
+                short(&plan.build)
+            ),
+        }
     }
 
     /// The runs that `--only` names.

@@ -2,7 +2,9 @@
 
 use super::CliError;
 use crate::cli::patient_stop_flag;
+use crate::program::{build, short};
 use crate::sweep::Plan;
+use crate::sweep::builds::name;
 use crate::sweep::local::{HELD, INTERRUPTED};
 use crate::sweep::work::{Ended, work};
 use clap::Args;
@@ -30,7 +32,15 @@ pub(super) struct WorkerArgs {
 
 impl WorkerArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let plan = Plan::load(&self.dir, self.plan.as_deref())?;
+        let mut plan = Plan::load(&self.dir, self.plan.as_deref())?;
+        let (own, planned) = (build().map_err(CliError::failure)?, plan.build.clone());
+        if plan.hand_over(&own.digest) {
+            errln!(
+                "note: planned by build {} of the program, run by build {}, whose run this will be",
+                name(short(&planned)),
+                short(&own.digest)
+            );
+        }
         let Some(run) = plan.runs.get(self.task) else {
             return Err(CliError::input(format!(
                 "--task {}: the plan has {} runs, from 0",

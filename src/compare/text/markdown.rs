@@ -15,6 +15,9 @@ pub fn markdown(table: &Table, orderings: &[Ordering]) -> String {
         parts.push(escape(&table.note));
     }
     parts.push(if table.rows.is_empty() { "No runs.".to_owned() } else { grid(&results(table)) });
+    if !table.builds.is_empty() {
+        parts.push(escape(&table.builds));
+    }
     if let Some(found) = differences(table) {
         let sure = if table.has_intervals() { " (95 % confidence)" } else { "" };
         parts.push(format!("## Difference to {}{sure}", escape(&table.baseline)));

@@ -1,0 +1,120 @@
+//! How fast a scene is drawn, in two ways: as a viewer draws it, and with each image copied to the host.
+
+use crate::data::Split;
+use crate::model::Scene;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Frames that are drawn first and do not count: they compile kernels and make buffers.
+const WARM_UP: usize = 2;
+/// Seconds that the counted frames take, about.
+const SECONDS: f64 = 1.0;
+/// Counted frames, whatever they take.
+const LEAST: usize = 5;
+/// Counted frames at most, beyond one pass over the views.
+const MOST: usize = 200;
+
+/// Frames per second of a split's views, each at its own time. Both figures count deformation and splatting, anew for
+/// every frame; neither counts reading, warm-up or metrics.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Recorded")]
+pub struct Speed {
+    /// Without the copy of images to the host: frames are drawn one after the other, and the device has done all of its
+    /// work when the clock stops. Null in results of early versions, which measured the other figure alone.
+    pub fps: Option<f64>,
+    /// Frames that were drawn for `fps`.
+    pub fps_frames: usize,
+    /// With the copy of each image to the host, before the next frame begins; over the views that are scored.
+    pub fps_with_copy: f64,
+}
+
+/// What files hold; early ones have the figure with the copy under the name `fps`.
+#[derive(Deserialize)]
+struct Recorded {
+    fps: Option<f64>,
+    #[serde(default)]
+    fps_frames: usize,
+    fps_with_copy: Option<f64>,
+}
+
+impl TryFrom<Recorded> for Speed {
+    type Error = &'static str;
+
+    fn try_from(file: Recorded) -> Result<Self, Self::Error> {
+        match (file.fps, file.fps_with_copy) {
+            (fps, Some(fps_with_copy)) => Ok(Self { fps, fps_frames: file.fps_frames, fps_with_copy }),
+            (Some(fps_with_copy), None) => Ok(Self { fps: None, fps_frames: 0, fps_with_copy }),
+            (None, None) => Err("missing field `fps_with_copy`"),
+        }
+    }
+}
+
+/// Draws views of `split`, evenly spaced, for about a second (5 to 200 frames, or each view once) without a copy to the
+/// host: frames per second, and how many frames these were. Both kinds of frames are warm afterwards.
+///
+/// # Errors
+/// If the device fails.
+pub fn measure(scene: &Scene, split: &Split) -> Result<(f64, usize), String> {
+    let views = split.frames.len();
+    let device = scene.gaussians.means.val().device();
+    let wait = || device.sync().map_err(|e| format!("frames per second: {e:?}"));
+    let draw = |view: usize| {
+        let frame = &split.frames[view];
+        let at = scene.at(frame.time as f32);
+        drop(scene.draw(at, frame.camera.to_kernel(), scene.spec.background, None));
+    };
+    let first = split.frames.first().ok_or("frames per second: there is no view")?;
+    scene.render(first.camera.to_kernel(), first.time as f32);
+    let mut seconds = 0.0;
+    for i in 1..=WARM_UP {
+        let started = Instant::now();
+        draw(i * (views - 1) / WARM_UP);
+        wait()?;
+        seconds = started.elapsed().as_secs_f64();
+    }
+    let frames = frames(seconds, views);
+    let started = Instant::now();
+    for i in 0..frames {
+        draw(if frames < views { i * views / frames } else { i % views });
+    }
+    // the host may be far ahead of the device
+    wait()?;
+    Ok((frames as f64 / started.elapsed().as_secs_f64(), frames))
+}
+
+/// How many frames to draw where one takes so many seconds: a part of the views, or each of them equally often.
+fn frames(seconds: f64, views: usize) -> usize {
+    let wanted = ((SECONDS / seconds.max(1e-9)) as usize).clamp(LEAST, MOST.max(views));
+    if wanted < views { wanted } else { views * (wanted / views).max(LEAST.div_ceil(views)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn results_of_before_have_the_figure_with_the_copy_alone() {
+        let read = |text: &str| serde_json::from_str::<Speed>(text);
+        let before = read(r#"{"fps": 20.5}"#).unwrap();
+        assert_eq!(before, Speed { fps: None, fps_frames: 0, fps_with_copy: 20.5 });
+        let now = Speed { fps: Some(31.25), fps_frames: 40, fps_with_copy: 30.5 };
+        for speed in [before, now] {
+            assert_eq!(read(&serde_json::to_string(&speed).unwrap()).unwrap(), speed);
+        }
+        assert!(read("{}").unwrap_err().to_string().contains("fps_with_copy"));
+    }
+
+    proptest! {
+        #[test]
+        fn about_a_second_of_frames_in_which_all_views_count_alike(
+            seconds in prop_oneof![Just(0.0), 1e-6f64..10.0], views in 1usize..1000,
+        ) {
+            let n = frames(seconds, views);
+            prop_assert!(n >= LEAST.min(views) && n <= MOST.max(views).max(LEAST.next_multiple_of(views)));
+            prop_assert!(n < views || n.is_multiple_of(views), "{n} frames of {views} views");
+            // five frames, or a second
+            prop_assert!(n as f64 * seconds <= SECONDS.max(2.0 * LEAST as f64 * seconds) + 1e-9);
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Which build of the program this is: a digest of its executable file.
+//!
+//! Two builds of one version can train differently, and nothing but the file tells them apart. The digest is that of all
+//! bytes of the file, so a program of one's own with extensions has its own; libraries that it loads when it starts
+//! (LibTorch, drivers) are not in it.
+
+use serde::Serialize;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+use std::time::Instant;
+use xxhash_rust::xxh3::Xxh3Default;
+
+/// Digits of a digest by which builds are called in names of folders and in messages: 48 bits.
+const SHORT: usize = 12;
+/// Bytes that are read at once.
+const PIECE: usize = 1 << 20;
+
+/// A build of the program.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Build {
+    /// The 128-bit XXH3 hash of the executable file, 32 hexadecimal digits.
+    pub digest: String,
+    /// The file.
+    pub file: PathBuf,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// How long reading and hashing it took, milliseconds.
+    pub milliseconds: f64,
+}
+
+/// The executable could not be read.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("{}: {reason}; make the program readable, so that its build can be told from others", file.display())]
+pub struct BuildError {
+    /// The executable.
+    pub file: PathBuf,
+    /// What the system said.
+    pub reason: String,
+}
+
+/// This program's build; its file is read once in the life of a process.
+///
+/// # Errors
+/// If the executable cannot be found or read.
+pub fn build() -> Result<&'static Build, BuildError> {
+    static BUILD: OnceLock<Result<Build, BuildError>> = OnceLock::new();
+    let read = || {
+        let file = std::env::current_exe().unwrap_or_else(|_| executable());
+        let failed = |e: io::Error| BuildError { file: file.clone(), reason: e.to_string() };
+        let started = Instant::now();
+        let (digest, bytes) = File::open(executable()).and_then(digest).map_err(failed)?;
+        Ok(Build { digest, bytes, milliseconds: started.elapsed().as_secs_f64() * 1e3, file: file.clone() })
+    };
+    BUILD.get_or_init(read).as_ref().map_err(Clone::clone)
+}
+
+/// The first digits of a build's digest, by which it is called; all of it where it has fewer.
+#[must_use]
+pub fn short(digest: &str) -> &str {
+    digest.get(..SHORT).unwrap_or(digest)
+}
+
+/// What to start in order to run this very program once more. On Linux it is the file that runs now, also where another
+/// was put in its place since.
+#[must_use]
+pub fn executable() -> PathBuf {
+    let own = PathBuf::from("/proc/self/exe");
+    if cfg!(target_os = "linux") && own.exists() { own } else { std::env::current_exe().unwrap_or_default() }
+}
+
+/// The digest of all bytes of `source`, and their number.
+fn digest(mut source: impl Read) -> io::Result<(String, u64)> {
+    let (mut hash, mut piece, mut bytes) = (Xxh3Default::new(), vec![0; PIECE], 0);
+    loop {
+        match source.read(&mut piece) {
+            Ok(0) => return Ok((format!("{:032x}", hash.digest128()), bytes)),
+            Ok(n) => {
+                hash.update(&piece[..n]);
+                bytes += n as u64;
+            }
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(e),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_digest_is_xxh3_of_every_byte() {
+        // as `xxh128sum` gives it
+        assert_eq!(digest(&b""[..]).unwrap(), ("99aa06d3014798d86001c324468d497f".to_owned(), 0));
+        let long: Vec<u8> = (0..3 * PIECE + 7).map(|i| (i % 251) as u8).collect();
+        let whole = digest(&long[..]).unwrap();
+        assert_eq!(whole.0, format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&long)));
+        for at in [0, PIECE, long.len() - 1] {
+            let mut other = long.clone();
+            other[at] ^= 1;
+            assert_ne!(digest(&other[..]).unwrap(), whole, "byte {at}");
+        }
+    }
+
+    #[test]
+    fn this_build_is_known_by_its_file() {
+        let found = build().unwrap();
+        assert_eq!(found.bytes, std::fs::metadata(executable()).unwrap().len());
+        assert!(found.file.is_file() && short(&found.digest).len() == 12);
+        assert_eq!(short("abc"), "abc");
+    }
+}
