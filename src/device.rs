@@ -113,6 +113,14 @@ fn cuda() -> Result<Device, DeviceError> {
         .map_err(|_| DeviceError::Absent { name: DeviceName::Cuda, reason: "no CUDA device or driver".into() })
 }
 
+/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` where it does not start, which has been
+/// said.
+#[cfg(test)]
+pub(crate) fn open_to_test(name: &str) -> Option<Device> {
+    let device = name.parse().and_then(DeviceName::open);
+    device.map_err(|error| volseggs_testing::skip_device(name, &error.to_string())).ok()
+}
+
 /// Whether the device runs ahead of the host, so that asking it for a number makes everything wait.
 pub fn runs_ahead(device: &Device) -> bool {
     #[cfg(any(feature = "wgpu", feature = "cuda"))]

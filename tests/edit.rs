@@ -4,7 +4,7 @@
 mod common;
 
 use assert_cmd::Command;
-use common::{json, names, refused, train, volseggs, write_dataset};
+use common::{copy, json, names, refused, volseggs, with_segments};
 use image::RgbImage;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -16,29 +16,7 @@ use volseggs::name::Name;
 /// A folder with the dataset in `data` and a run with segments in `run`, made once.
 fn made_once() -> &'static Path {
     static ROOT: OnceLock<PathBuf> = OnceLock::new();
-    ROOT.get_or_init(|| {
-        let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("edit");
-        if root.exists() {
-            std::fs::remove_dir_all(&root).unwrap();
-        }
-        write_dataset(&root.join("data"));
-        train(&root, "run", &[]).assert().success();
-        let coarse = ["segment", "coarse", "run", "--clusters", "3", "--keep-outliers"];
-        volseggs().current_dir(&root).args(coarse).assert().success();
-        root
-    })
-}
-
-fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for name in names(from) {
-        let (from, to) = (from.join(&name), to.join(&name));
-        if from.is_dir() {
-            copy(&from, &to);
-        } else {
-            std::fs::copy(&from, &to).unwrap();
-        }
-    }
+    ROOT.get_or_init(|| with_segments("edit", &["--clusters", "3", "--keep-outliers"]))
 }
 
 /// A copy of the run that a test may edit.

@@ -3,18 +3,14 @@
 
 mod common;
 
-use common::{json, names, refused, train, volseggs};
+use common::{json, names, refused, run_json, train, volseggs};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 use tempfile::TempDir;
 use volseggs::volume::series::{Series, SeriesOptions};
 use volseggs::volume::synthetic::Synthetic;
-
-fn run_json(root: &Path, arguments: &[&str]) -> Value {
-    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
-    serde_json::from_slice(&output.stdout).unwrap()
-}
+use volseggs_testing::{Need, python_with};
 
 fn open(path: &Path) -> Series {
     Series::open(&[path.display().to_string()], &SeriesOptions::default()).unwrap()
@@ -175,8 +171,7 @@ fn npy(shape: [usize; 3]) -> Vec<u8> {
     bytes
 }
 
-/// VTK's own reader gives the same labels, names and colours. Needs Python with the package `vtk` (`PYTHON` names the
-/// interpreter); skipped with a line without it.
+/// VTK's own reader gives the same labels, names and colours. Without the Python package `vtk` this part is skipped.
 fn vtk_reads_it(path: &Path, ids: &[u16]) {
     let script = r#"
 import json, sys, vtk
@@ -193,12 +188,7 @@ print(json.dumps({
     "colours": [colours.GetNumberOfTuples(), colours.GetNumberOfComponents()],
 }))
 "#;
-    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".into());
-    let there = Command::new(&python).args(["-c", "import vtk"]).output().is_ok_and(|o| o.status.success());
-    if !there {
-        eprintln!("skipped: {python} has no package `vtk`");
-        return;
-    }
+    let Some(python) = python_with("vtk", Need::Vtk) else { return };
     let output = Command::new(&python).args(["-c", script]).arg(path).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let read: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -3,16 +3,10 @@
 
 mod common;
 
-use common::{dataset, json, names, refused, text, train, volseggs};
+use common::{dataset, json, names, refused, run_json, text, train, volseggs};
 use image::{GrayImage, Luma};
-use serde_json::Value;
 use std::path::Path;
 use volseggs::segment::masks::{Annotation, MaskReader};
-
-fn run_json(root: &Path, arguments: &[&str]) -> Value {
-    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 /// All masks of `segments/masks.jsonl` of the run.
 fn masks(root: &Path) -> (MaskReader, Vec<Annotation>) {

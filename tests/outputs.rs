@@ -5,7 +5,7 @@
 mod common;
 
 use assert_cmd::Command;
-use common::{json, names, refused, text, train, volseggs, write_dataset};
+use common::{copy, json, names, refused, text, volseggs, with_segments};
 use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -17,28 +17,7 @@ use volseggs::train::checkpoint;
 /// A folder with the dataset in `data` and a run with segments in `run`, made once; nobody writes into it.
 fn made_once() -> &'static Path {
     static ROOT: OnceLock<PathBuf> = OnceLock::new();
-    ROOT.get_or_init(|| {
-        let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("outputs");
-        if root.exists() {
-            std::fs::remove_dir_all(&root).unwrap();
-        }
-        write_dataset(&root.join("data"));
-        train(&root, "run", &[]).assert().success();
-        volseggs().current_dir(&root).args(["segment", "coarse", "run", "--clusters", "2"]).assert().success();
-        root
-    })
-}
-
-fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for name in names(from) {
-        let (from, to) = (from.join(&name), to.join(&name));
-        if from.is_dir() {
-            copy(&from, &to);
-        } else {
-            std::fs::copy(&from, &to).unwrap();
-        }
-    }
+    ROOT.get_or_init(|| with_segments("outputs", &["--clusters", "2"]))
 }
 
 /// A folder with a copy of the run.

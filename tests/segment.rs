@@ -3,14 +3,9 @@
 
 mod common;
 
-use common::{dataset, json, names, refused, train, volseggs};
+use common::{dataset, json, names, refused, run_json, train, volseggs};
 use serde_json::Value;
 use std::path::Path;
-
-fn run_json(root: &Path, arguments: &[&str]) -> Value {
-    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 #[test]
 fn from_a_run_to_parts_followed_through_time() {

@@ -3,15 +3,9 @@
 
 mod common;
 
-use common::{dataset, names, refused, train, volseggs};
-use serde_json::Value;
+use common::{dataset, names, refused, run_json, train, volseggs};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
-
-fn run_json(root: &Path, arguments: &[&str]) -> Value {
-    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 /// What `volseggs segment` prints: standard output, standard error.
 fn segment(root: &Path, arguments: &[&str]) -> (String, String) {

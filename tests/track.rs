@@ -3,14 +3,8 @@
 
 mod common;
 
-use common::{SIZE, dataset, names, refused, train, volseggs};
-use serde_json::Value;
+use common::{SIZE, dataset, names, refused, run_json, train, volseggs};
 use std::path::Path;
-
-fn run_json(root: &Path, arguments: &[&str]) -> Value {
-    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
-    serde_json::from_slice(&output.stdout).unwrap()
-}
 
 /// Pixels of a mask, which has no other values than 0 and 255.
 fn pixels(path: &Path) -> (u64, (u32, u32)) {

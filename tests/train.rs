@@ -90,20 +90,6 @@ fn the_same_seed_gives_the_same_bytes_whatever_the_threads() {
 }
 
 #[test]
-fn both_devices_train() {
-    let root = dataset();
-    for device in ["flex", "ndarray"] {
-        let mut command = train(root.path(), device, &["stages.joint_steps=20", "densify.joint_until=15"]);
-        command.args(["--device", device]).assert().success();
-        let record = json(&root.path().join(device).join("run.json"));
-        assert_eq!((&record["status"], &record["device"]), (&"complete".into(), &device.into()));
-        assert_eq!(record["gaussians"], 400);
-    }
-    let loss = |device: &str| metrics(&root.path().join(device))[0]["loss"].as_f64().unwrap();
-    assert!((loss("flex") / loss("ndarray") - 1.0).abs() < 0.01, "{} {}", loss("flex"), loss("ndarray"));
-}
-
-#[test]
 fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
     let root = dataset();
     let (whole, parts) = (root.path().join("whole"), root.path().join("parts"));

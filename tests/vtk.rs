@@ -1,6 +1,6 @@
 //! The ray caster against VTK's, on the same volume, camera and transfer function.
 //!
-//! Needs Python with the package `vtk` (`PYTHON` names the interpreter); skipped with a line without it.
+//! Needs Python with the package `vtk` (`PYTHON` names the interpreter), and OpenGL without a display.
 //! What remains is explained at each comparison.
 #![allow(clippy::unwrap_used)]
 
@@ -12,6 +12,7 @@ use volseggs::volume::grid::{Grid, Volume};
 use volseggs::volume::placement::{Placement, published_side};
 use volseggs::volume::raycast::RayCaster;
 use volseggs::volume::transfer::{Shading, TransferFunction};
+use volseggs_testing::{Need, python_with, skip};
 
 const SIZE: u32 = 200;
 
@@ -88,16 +89,15 @@ fn vtk(
     });
     std::fs::write(folder.join("job.json"), job.to_string()).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/support/vtk_reference.py");
-    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".into());
-    let there = Command::new(&python).args(["-c", "import vtk"]).output().is_ok_and(|o| o.status.success());
-    if !there {
-        eprintln!("skipped: {python} has no package `vtk`");
-        return None;
-    }
+    let python = python_with("vtk", Need::VtkRendering)?;
     let output = Command::new(&python).arg(script).arg(folder.join("job.json")).output().unwrap();
     if !output.status.success() {
         // a machine without any OpenGL library: VTK is there but cannot make a window
-        eprintln!("skipped: VTK cannot render here: {}", String::from_utf8_lossy(&output.stderr));
+        let said = String::from_utf8_lossy(&output.stderr);
+        skip(
+            Need::VtkRendering,
+            &format!("VTK cannot draw: {}", said.trim().lines().last().unwrap_or("no reason given")),
+        );
         return None;
     }
     let bytes = std::fs::read(folder.join("v.rgba")).unwrap();

@@ -1,12 +1,12 @@
 //! Every op on the GPU against the same op on the CPU, which other tests hold to the f64 references: golden, random
-//! and poison scenes, forward and gradients. Without an adapter it skips; see `common::gpu`.
-#![cfg(all(feature = "wgpu", feature = "flex"))]
+//! and poison scenes, forward and gradients. A device that does not start skips its tests; see `common::open`.
+#![cfg(any(feature = "wgpu", feature = "cuda"))]
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{Numbers, camera, gpu, random_scene, relative_error, settings, to_vec};
+use common::{Numbers, Tested, camera, cpu, random_scene, relative_error, settings, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, adam};
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 use volseggs_kernels::field::{FieldShape, LevelShape};
@@ -29,10 +29,9 @@ fn off(a: &[f32], b: &[f32]) -> f64 {
 }
 
 /// Runs `f` on the CPU and on the GPU and checks that each result is off by less than `limit` of its norm.
-fn alike(limit: f64, f: impl Fn(&Device) -> Vec<Vec<f32>>) {
-    let Some(gpu) = gpu() else { return };
-    let expected = f(&Device::flex().autodiff());
-    let ours = f(&gpu.autodiff());
+fn alike(on: &Tested, limit: f64, f: impl Fn(&Device) -> Vec<Vec<f32>>) {
+    let expected = f(&cpu().autodiff());
+    let ours = f(&on.device.clone().autodiff());
     assert_eq!(ours.len(), expected.len());
     for (k, (a, b)) in ours.iter().zip(&expected).enumerate() {
         let error = off(a, b);
@@ -46,62 +45,53 @@ fn alike(limit: f64, f: impl Fn(&Device) -> Vec<Vec<f32>>) {
     }
 }
 
-fn splats_alike(scene: &Scene, width: usize, height: usize, degree: usize) {
-    let Some(gpu) = gpu() else { return };
+fn splats_alike(on: &Tested, scene: &Scene, width: usize, height: usize, degree: usize) {
     let s = settings(camera(width, height), degree);
     let weights: Vec<f32> = values(width * height * 4, 31).iter().map(|v| v - 0.5).collect();
-    let (image, gradients) = common::gradients(scene, s, &weights, &Device::flex());
-    let (ours, our_gradients) = common::gradients(scene, s, &weights, &gpu);
+    let (image, gradients) = common::gradients(scene, s, &weights, &cpu());
+    let (ours, our_gradients) = common::gradients(scene, s, &weights, &on.device);
     let worst = ours.iter().zip(&image).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     let many = ours.iter().zip(&image).filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
     // a pixel may fall on the other side of the 1/255 or the 1e-4 cut
     assert!(worst < 0.02 && many * 200 <= ours.len(), "{width}x{height}: worst {worst:.1e}, {many} of {}", ours.len());
-    let names = ["means", "rotations", "log_scales", "opacity_logits", "sh", "screen"];
-    for ((name, a), b) in names.iter().zip(&our_gradients).zip(&gradients) {
+    for (((name, _), a), b) in common::FIELDS.iter().zip(&our_gradients).zip(&gradients) {
         let error = off(a, b);
         println!("{width}x{height} degree {degree}: {name} {error:.1e}");
         assert!(error < 2e-3, "{width}x{height} degree {degree}: {name} off by {error:.1e}");
     }
 }
 
-#[test]
-fn random_scenes_of_every_degree_and_odd_sizes() {
+fn random_scenes_of_every_degree_and_odd_sizes(on: Tested) {
     for (k, (w, h)) in [(1, 1), (1, 40), (17, 3), (33, 65), (100, 47)].into_iter().enumerate() {
-        splats_alike(&random_scene(300, k % 4, 7 + k as u64), w, h, k % 4);
+        splats_alike(&on, &random_scene(300, k % 4, 7 + k as u64), w, h, k % 4);
     }
 }
 
-#[test]
-fn deep_tiles_of_many_batches_and_segments() {
+fn deep_tiles_of_many_batches_and_segments(on: Tested) {
     let mut scene = random_scene(3000, 1, 5);
     scene.opacity_logits.iter_mut().for_each(|o| *o -= 3.0);
     scene.log_scales.iter_mut().for_each(|s| *s += 1.0);
-    splats_alike(&scene, 48, 40, 1);
+    splats_alike(&on, &scene, 48, 40, 1);
 }
 
-#[test]
-fn opaque_walls_end_pixels_early() {
+fn opaque_walls_end_pixels_early(on: Tested) {
     let mut scene = random_scene(2000, 0, 6);
     scene.opacity_logits.iter_mut().for_each(|o| *o += 5.0);
     scene.log_scales.iter_mut().for_each(|s| *s += 1.5);
-    splats_alike(&scene, 40, 40, 0);
+    splats_alike(&on, &scene, 40, 40, 0);
 }
 
-#[test]
-fn no_gaussians_and_none_before_the_camera() {
-    let Some(gpu) = gpu() else { return };
+fn no_gaussians_and_none_before_the_camera(on: Tested) {
     let mut behind = random_scene(20, 0, 2);
     behind.means.chunks_exact_mut(3).for_each(|m| m[2] -= 20.0);
     for scene in [random_scene(0, 0, 1), behind] {
         let s = settings(camera(20, 10), 0);
-        let image = to_vec(volseggs_kernels::splat::splat(common::inputs(&scene, &gpu), s).image);
+        let image = to_vec(volseggs_kernels::splat::splat(common::inputs(&scene, &on.device), s).image);
         assert!(image.chunks_exact(4).all(|p| p == [0.1, 0.2, 0.3, 0.0]));
     }
 }
 
-#[test]
-fn poison_is_culled_and_never_spreads() {
-    let Some(gpu) = gpu() else { return };
+fn poison_is_culled_and_never_spreads(on: Tested) {
     let s = settings(camera(40, 30), 1);
     let weights = values(40 * 30 * 4, 4);
     let clean = random_scene(40, 1, 23);
@@ -116,8 +106,8 @@ fn poison_is_culled_and_never_spreads() {
         for (i, value) in bad.into_iter().enumerate() {
             field(&mut scene)[i * width + i % width] = value;
         }
-        let (image, gradients) = common::gradients(&scene, s, &weights, &gpu);
-        let (expected, _) = common::gradients(&scene, s, &weights, &Device::flex());
+        let (image, gradients) = common::gradients(&scene, s, &weights, &on.device);
+        let (expected, _) = common::gradients(&scene, s, &weights, &cpu());
         assert!(image.iter().all(|v| v.is_finite()), "field {f}: image");
         for (k, g) in gradients.iter().enumerate() {
             assert!(g.iter().all(|v| v.is_finite()), "field {f}: gradient {k}");
@@ -129,18 +119,17 @@ fn poison_is_culled_and_never_spreads() {
     let mut identity = clean;
     scene.rotations[..4].fill(0.0);
     identity.rotations[..4].copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
-    let (a, b) = (common::gradients(&scene, s, &weights, &gpu), common::gradients(&identity, s, &weights, &gpu));
+    let (a, b) =
+        (common::gradients(&scene, s, &weights, &on.device), common::gradients(&identity, s, &weights, &on.device));
     assert_eq!(a.0, b.0);
 }
 
-#[test]
-fn the_same_device_gives_the_same_bits_again() {
-    let Some(gpu) = gpu() else { return };
+fn the_same_device_gives_the_same_bits_again(on: Tested) {
     let s = settings(camera(60, 50), 2);
     let weights = values(60 * 50 * 4, 8);
     let scene = random_scene(800, 2, 9);
-    let first = common::gradients(&scene, s, &weights, &gpu);
-    assert_eq!(first, common::gradients(&scene, s, &weights, &gpu));
+    let first = common::gradients(&scene, s, &weights, &on.device);
+    assert_eq!(first, common::gradients(&scene, s, &weights, &on.device));
 }
 
 fn shape(channels: usize) -> FieldShape {
@@ -148,15 +137,14 @@ fn shape(channels: usize) -> FieldShape {
     FieldShape { levels, time_knots: 4, channels }
 }
 
-#[test]
-fn field() {
+fn field(on: Tested) {
     for (channels, time) in [(8, 0.37), (20, 0.0), (16, 1.0)] {
         let shape = shape(channels);
         let n = 300;
         let mut points: Vec<f32> = values(3 * n, 5).iter().map(|v| 2.6 * v - 1.3).collect();
         points[30] = f32::NAN;
         points[34] = f32::INFINITY;
-        alike(1e-5, |device| {
+        alike(&on, 1e-5, |device| {
             let p = tensor(&values(shape.planes_len(), 1), [shape.planes_len()], device).require_grad();
             let l = tensor(&values(shape.lines_len(), 2), [shape.lines_len()], device).require_grad();
             let t = tensor(&values(shape.times_len(), 3), [shape.times_len()], device).require_grad();
@@ -174,14 +162,13 @@ fn field() {
     }
 }
 
-#[test]
-fn decoder_of_separate_and_shared_heads() {
+fn decoder_of_separate_and_shared_heads(on: Tested) {
     for (head_sizes, width, inputs, n) in [(vec![3, 4, 3, 1], 64, 48, 1300), (vec![11], 24, 10, 70)] {
         let shape = DecoderShape { inputs, width, head_sizes };
         let all = shape.b1_len();
         let columns = shape.outputs();
         let signed = |n: usize, seed: u64| values(n, seed).iter().map(|v| 0.5 * (v - 0.5)).collect::<Vec<f32>>();
-        alike(2e-5, |device| {
+        alike(&on, 2e-5, |device| {
             let x = tensor(&signed(n * inputs, 1), [n, inputs], device).require_grad();
             let w0 = tensor(&signed(inputs * width, 2), [inputs, width], device).require_grad();
             let b0 = tensor(&signed(width, 3), [width], device).require_grad();
@@ -210,11 +197,10 @@ fn decoder_of_separate_and_shared_heads() {
     }
 }
 
-#[test]
-fn photometric() {
+fn photometric(on: Tested) {
     let (h, w) = (67, 81);
     for kind in [Distance::Absolute, Distance::Squared] {
-        alike(1e-5, |device| {
+        alike(&on, 1e-5, |device| {
             let x = tensor(&values(4 * h * w, 16), [h, w, 4], device).require_grad();
             let out = photometric_loss(x.clone(), tensor(&values(4 * h * w, 17), [h, w, 4], device), kind, 0.2);
             let g = out.loss.clone().mul_scalar(2.0).backward();
@@ -223,10 +209,9 @@ fn photometric() {
     }
 }
 
-#[test]
-fn ssim_of_three_and_four_channels() {
+fn ssim_of_three_and_four_channels(on: Tested) {
     for (h, w, channels) in [(19, 23, 3), (40, 33, 4), (3, 5, 3)] {
-        alike(1e-3, |device| {
+        alike(&on, 1e-3, |device| {
             let n = h * w * channels;
             let x = tensor(&values(n, 6), [h, w, channels], device).require_grad();
             let s = mean_ssim(x.clone(), tensor(&values(n, 7), [h, w, channels], device));
@@ -236,12 +221,11 @@ fn ssim_of_three_and_four_channels() {
     }
 }
 
-#[test]
-fn total_variation_of_both_kinds() {
+fn total_variation_of_both_kinds(on: Tested) {
     let shape = shape(8);
     let weights = TvWeights { space: 1.0, time: 0.5, one_prior_space: 0.1, one_prior_time: 0.2 };
     for kind in [TvKind::First, TvKind::Second] {
-        alike(1e-5, |device| {
+        alike(&on, 1e-5, |device| {
             let p = tensor(&values(shape.planes_len(), 1), [shape.planes_len()], device).require_grad();
             let l = tensor(&values(shape.lines_len(), 2), [shape.lines_len()], device).require_grad();
             let t = tensor(&values(shape.times_len(), 3), [shape.times_len()], device).require_grad();
@@ -255,8 +239,7 @@ fn total_variation_of_both_kinds() {
     }
 }
 
-#[test]
-fn adam_in_place_and_on_shared_memory() {
+fn adam_in_place_and_on_shared_memory(on: Tested) {
     let n = 48 * 50;
     let step = AdamStep {
         lr: 0.01,
@@ -267,7 +250,7 @@ fn adam_in_place_and_on_shared_memory() {
         bias_correction2: 0.002,
         lr_pattern: Some(LrPattern { row_len: 48, head_len: 3, tail_factor: 0.05 }),
     };
-    alike(1e-6, |device| {
+    alike(&on, 1e-6, |device| {
         let device = device.clone().inner();
         let param = tensor(&values(n, 1), [n], &device);
         let kept = param.clone();
@@ -284,16 +267,14 @@ fn adam_in_place_and_on_shared_memory() {
     });
 }
 
-#[test]
-fn contributors() {
-    let Some(gpu) = gpu() else { return };
+fn contributors(on: Tested) {
     let scene = random_scene(500, 1, 41);
     let s = settings(camera(50, 40), 1);
     let pixels: Vec<u32> = (0..2000).step_by(7).chain([3, 3, 1999]).collect();
     let lists = |device: &Device| {
         volseggs_kernels::contributors::contributors(&common::inputs(&scene, device), &s, &pixels).unwrap()
     };
-    let (ours, expected) = (lists(&gpu), lists(&Device::flex()));
+    let (ours, expected) = (lists(&on.device), lists(&cpu()));
     let mut other = 0;
     for p in 0..pixels.len() {
         let ((a, wa), (b, wb)) = (ours.row(p), expected.row(p));
@@ -304,7 +285,24 @@ fn contributors() {
         assert!(wa.iter().zip(wb).all(|(a, b)| (a - b).abs() < 1e-4), "pixel {p}: {wa:?} for {wb:?}");
     }
     assert!(other * 50 <= pixels.len(), "{other} of {} pixels have other lists", pixels.len());
-    let none = volseggs_kernels::contributors::contributors(&common::inputs(&scene, &gpu), &s, &[]).unwrap();
+    let none = volseggs_kernels::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[]).unwrap();
     assert!(none.is_empty() && none.indices.is_empty());
-    assert!(volseggs_kernels::contributors::contributors(&common::inputs(&scene, &gpu), &s, &[2000]).is_err());
+    assert!(volseggs_kernels::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[2000]).is_err());
 }
+
+volseggs_testing::on_every_gpu!(
+    crate::common::open =>
+    random_scenes_of_every_degree_and_odd_sizes,
+    deep_tiles_of_many_batches_and_segments,
+    opaque_walls_end_pixels_early,
+    no_gaussians_and_none_before_the_camera,
+    poison_is_culled_and_never_spreads,
+    the_same_device_gives_the_same_bits_again,
+    field,
+    decoder_of_separate_and_shared_heads,
+    photometric,
+    ssim_of_three_and_four_channels,
+    total_variation_of_both_kinds,
+    adam_in_place_and_on_shared_memory,
+    contributors,
+);

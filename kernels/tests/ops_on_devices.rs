@@ -1,11 +1,11 @@
-//! Field, decoder, SSIM, total variation and Adam as tensor ops: the gradients that autodiff hands out are those of
-//! the f64 references, and every device gives the same bits.
+//! Field, SSIM, distance, total variation and Adam as tensor ops: the gradients that autodiff hands out are those of the
+//! f64 references, and every device of the CPU gives the same bits.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{Numbers, devices, relative_error, to_vec};
+use common::{Numbers, Tested, relative_error, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
 use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
 use volseggs_kernels::photometric::{Distance, photometric_loss, reference as photometric_reference};
@@ -30,23 +30,13 @@ fn shape() -> FieldShape {
     FieldShape { levels, time_knots: 4, channels: 8 }
 }
 
-/// Runs `f` on every device with gradients and checks that all give the same bits; returns the first.
-fn on_all(f: impl Fn(&Device) -> Vec<Vec<f32>>) -> Vec<Vec<f32>> {
-    let results: Vec<_> = devices().into_iter().map(|(name, d)| (name, f(&d.autodiff()))).collect();
-    for (name, other) in &results[1..] {
-        assert!(*other == results[0].1, "{name} differs from {}", results[0].0);
-    }
-    results.into_iter().next().unwrap().1
-}
-
-#[test]
-fn field_gradients_are_those_of_the_reference_on_every_device() {
+fn field_gradients_are_those_of_the_reference(on: Tested) {
     let shape = shape();
     let n = 40;
     let (planes, lines) = (values(shape.planes_len(), 1), values(shape.lines_len(), 2));
     let (times, weights) = (values(shape.times_len(), 3), values(n * shape.features_len(), 4));
     let points: Vec<f32> = values(3 * n, 5).iter().map(|v| 1.9 * v - 0.95).collect();
-    let ours = on_all(|device| {
+    let ours = on.results(|device| {
         let p = tensor(&planes, [planes.len()], device).require_grad();
         let l = tensor(&lines, [lines.len()], device).require_grad();
         let t = tensor(&times, [times.len()], device).require_grad();
@@ -64,31 +54,30 @@ fn field_gradients_are_those_of_the_reference_on_every_device() {
     let (planes, lines, times) = (wide(&planes), wide(&lines), wide(&times));
     let params = field_reference::Params { planes: &planes, lines: &lines, times: &times };
     let time = f64::from(0.37f32);
-    assert!(relative_error(&ours[0], &field_reference::forward(&shape, params, &wide(&points), time)) < 1e-5);
+    let least = on.within(1e-5, 1e-4);
+    assert!(relative_error(&ours[0], &field_reference::forward(&shape, params, &wide(&points), time)) < least);
     let g = field_reference::backward(&shape, params, &wide(&points), time, &wide(&weights));
     for (ours, expected) in ours[1..].iter().zip([&g.planes, &g.lines, &g.times, &g.points]) {
-        assert!(relative_error(ours, expected) < 1e-5);
+        assert!(relative_error(ours, expected) < least);
     }
 }
 
-#[test]
-fn ssim_and_its_gradient_are_those_of_the_reference_on_every_device() {
+fn ssim_and_its_gradient_are_those_of_the_reference(on: Tested) {
     let (h, w) = (19, 23);
     let (a, b) = (values(3 * h * w, 6), values(3 * h * w, 7));
-    let ours = on_all(|device| {
+    let ours = on.results(|device| {
         let x = tensor(&a, [h, w, 3], device).require_grad();
         let s = mean_ssim(x.clone(), tensor(&b, [h, w, 3], device));
         let g = s.clone().mul_scalar(2.0).backward();
         vec![to_vec(s.inner()), to_vec(x.grad(&g).unwrap())]
     });
     let (value, gradient) = ssim_reference::ssim_grad(&wide(&a), &wide(&b), h, w);
-    assert!((f64::from(ours[0][0]) - value).abs() < 1e-5);
+    assert!((f64::from(ours[0][0]) - value).abs() < on.within(1e-5, 1e-4));
     let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
-    assert!(relative_error(&ours[1], &doubled) < 1e-3);
+    assert!(relative_error(&ours[1], &doubled) < on.within(1e-3, 2e-3));
 }
 
-#[test]
-fn ssim_takes_no_notice_of_a_fourth_channel() {
+fn ssim_takes_no_notice_of_a_fourth_channel(on: Tested) {
     let (h, w) = (19, 23);
     let (a, b) = (values(4 * h * w, 6), values(4 * h * w, 7));
     let rgb = |v: &[f32]| v.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
@@ -98,18 +87,17 @@ fn ssim_takes_no_notice_of_a_fourth_channel() {
         let g = s.clone().backward();
         vec![to_vec(s.inner()), to_vec(x.grad(&g).unwrap())]
     };
-    let four = on_all(|device| run(&a, &b, 4, device));
-    let three = on_all(|device| run(&rgb(&a), &rgb(&b), 3, device));
+    let four = on.results(|device| run(&a, &b, 4, device));
+    let three = on.results(|device| run(&rgb(&a), &rgb(&b), 3, device));
     assert_eq!((&four[0], rgb(&four[1])), (&three[0], three[1].clone()));
     assert!(four[1].chunks_exact(4).all(|p| p[3] == 0.0));
 }
 
-#[test]
-fn the_distance_of_images_and_its_gradient_are_those_of_the_reference_on_every_device() {
+fn the_distance_of_images_and_its_gradient_are_those_of_the_reference(on: Tested) {
     let (h, w) = (17, 21);
     let (a, b) = (values(4 * h * w, 16), values(4 * h * w, 17));
     for kind in [Distance::Absolute, Distance::Squared] {
-        let ours = on_all(|device| {
+        let ours = on.results(|device| {
             let x = tensor(&a, [h, w, 4], device).require_grad();
             let out = photometric_loss(x.clone(), tensor(&b, [h, w, 4], device), kind, 0.2);
             let g = out.loss.clone().mul_scalar(2.0).backward();
@@ -117,14 +105,14 @@ fn the_distance_of_images_and_its_gradient_are_those_of_the_reference_on_every_d
         });
         let (value, gradient, squared) =
             photometric_reference::photometric(&wide(&a), &wide(&b), kind, f64::from(0.2f32));
-        assert!((f64::from(ours[0][0]) - value).abs() < 1e-6 && (f64::from(ours[1][0]) - squared).abs() < 1e-6);
+        let least = on.within(1e-6, 1e-5);
+        assert!((f64::from(ours[0][0]) - value).abs() < least && (f64::from(ours[1][0]) - squared).abs() < least);
         let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
-        assert!(relative_error(&ours[2], &doubled) < 1e-6);
+        assert!(relative_error(&ours[2], &doubled) < least);
     }
 }
 
-#[test]
-fn total_variation_has_the_gradient_of_its_value_on_every_device() {
+fn total_variation_has_the_gradient_of_its_value(on: Tested) {
     let shape = shape();
     let (planes, lines, times) =
         (values(shape.planes_len(), 8), values(shape.lines_len(), 9), values(shape.times_len(), 10));
@@ -138,45 +126,65 @@ fn total_variation_has_the_gradient_of_its_value_on_every_device() {
             let g = v.backward();
             vec![to_vec(v.inner()), to_vec(p.grad(&g).unwrap())]
         };
-        let ours = on_all(|device| run(&planes, device));
+        let ours = on.results(|device| run(&planes, device));
         // the penalty is quadratic: its central difference along any direction is exact but for rounding
         let direction: Vec<f32> = values(planes.len(), 11).iter().map(|v| v - 0.5).collect();
         let at = |h: f32| {
             let moved: Vec<f32> = planes.iter().zip(&direction).map(|(p, d)| p + h * d).collect();
-            f64::from(run(&moved, &devices()[0].1.clone().autodiff())[0][0])
+            f64::from(run(&moved, &on.device.clone().autodiff())[0][0])
         };
         let numeric = (at(0.5) - at(-0.5)) / 1.0;
         let analytic: f64 = ours[1].iter().zip(&direction).map(|(g, d)| f64::from(g * d)).sum();
-        assert!((numeric - analytic).abs() < 1e-4 * analytic.abs().max(0.1), "{numeric} against {analytic}");
+        let least = on.within(1e-4, 1e-3) * analytic.abs().max(0.1);
+        assert!((numeric - analytic).abs() < least, "{numeric} against {analytic}");
     }
 }
 
-#[test]
-fn adam_steps_alike_on_every_device_and_reports_what_is_not_finite() {
-    let step = AdamStep {
-        lr: 0.1,
-        beta1: 0.9,
-        beta2: 0.999,
-        eps: 1e-15,
-        bias_correction1: 0.1,
-        bias_correction2: 0.001,
-        lr_pattern: None,
+const STEP: AdamStep = AdamStep {
+    lr: 0.1,
+    beta1: 0.9,
+    beta2: 0.999,
+    eps: 1e-15,
+    bias_correction1: 0.1,
+    bias_correction2: 0.001,
+    lr_pattern: None,
+};
+
+/// One step from zero moments.
+fn stepped(device: &Device, param: &[f32], gradient: &[f32]) -> (Vec<f32>, Option<NonFinite>) {
+    let n = param.len();
+    let tensors = AdamTensors {
+        param: tensor(param, [n], device),
+        moment_1: Tensor::<1>::zeros([n], device),
+        moment_2: Tensor::<1>::zeros([n], device),
     };
-    let state = |device: &Device, param: &[f32]| AdamTensors {
-        param: tensor(param, [param.len()], device),
-        moment_1: Tensor::<1>::zeros([param.len()], device),
-        moment_2: Tensor::<1>::zeros([param.len()], device),
-    };
-    for (name, device) in devices() {
-        let (out, bad) = adam(state(&device, &[1.0, 2.0]), tensor(&[3.0, -4.0], [2], &device), step);
-        assert_eq!(bad, None);
-        // the first step moves every element by the learning rate, against its gradient
-        for (v, expected) in to_vec(out.param).iter().zip([0.9f32, 2.1]) {
-            assert!((v - expected).abs() < 1e-5, "{name}: {v}");
-        }
-        let (out, bad) = adam(state(&device, &[1.0, 2.0]), tensor(&[3.0, f32::NAN], [2], &device), step);
-        assert_eq!((bad, to_vec(out.param)), (Some(NonFinite::Gradient(1)), vec![1.0, 2.0]), "{name}");
-        let (_, bad) = adam(state(&device, &[f32::INFINITY, 2.0]), tensor(&[3.0, 1.0], [2], &device), step);
-        assert_eq!(bad, Some(NonFinite::Parameter(0)), "{name}");
-    }
+    let (out, bad) = adam(tensors, tensor(gradient, [n], device), STEP);
+    (to_vec(out.param), bad)
 }
+
+fn the_first_step_of_adam_moves_every_element_by_the_rate(on: Tested) {
+    let (out, bad) = stepped(&on.device, &[1.0, 2.0], &[3.0, -4.0]);
+    assert_eq!(bad, None);
+    // against its gradient
+    assert!(out.iter().zip([0.9f32, 2.1]).all(|(v, expected)| (v - expected).abs() < 1e-5), "{out:?}");
+}
+
+/// GPUs do not look for it, as telling the host would stall every step.
+fn adam_reports_what_is_not_finite(on: Tested) {
+    let found = stepped(&on.device, &[1.0, 2.0], &[3.0, f32::NAN]);
+    assert_eq!(found, (vec![1.0, 2.0], Some(NonFinite::Gradient(1))));
+    let (_, bad) = stepped(&on.device, &[f32::INFINITY, 2.0], &[3.0, 1.0]);
+    assert_eq!(bad, Some(NonFinite::Parameter(0)));
+}
+
+volseggs_testing::on_every_device!(
+    crate::common::open =>
+    field_gradients_are_those_of_the_reference,
+    ssim_and_its_gradient_are_those_of_the_reference,
+    the_distance_of_images_and_its_gradient_are_those_of_the_reference,
+    total_variation_has_the_gradient_of_its_value,
+    the_first_step_of_adam_moves_every_element_by_the_rate,
+);
+volseggs_testing::on_every_cpu_device!(
+    crate::common::open => ssim_takes_no_notice_of_a_fourth_channel, adam_reports_what_is_not_finite,
+);

@@ -296,14 +296,10 @@ fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
     bytes.iter().fold(hash, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
-/// The folder of the published test dataset, if the environment names one.
+/// The folder of the published test dataset; without it the test skips.
 #[cfg(test)]
 pub(crate) fn test_data() -> Option<PathBuf> {
-    let found = std::env::var_os("VOLSEGGS_TEST_DATA").map(|f| PathBuf::from(f).join("data/vortex-400"));
-    if found.is_none() {
-        outln!("skipped: VOLSEGGS_TEST_DATA is not set");
-    }
-    found
+    volseggs_testing::test_data("data/vortex-400", volseggs_testing::Need::Data)
 }
 
 #[cfg(test)]

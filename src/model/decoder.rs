@@ -94,7 +94,6 @@ impl Decoder {
 mod tests {
     use super::*;
     use crate::config::types::Config;
-    use crate::device::DeviceName;
     use burn::tensor::activation::relu;
 
     /// The same in plain tensor operations.
@@ -115,30 +114,31 @@ mod tests {
         Tensor::cat(outputs.collect(), 1) + decoder.output_bias.val().unsqueeze()
     }
 
-    #[test]
-    fn the_fused_decoder_equals_plain_tensor_operations() {
+    fn the_fused_decoder_equals_plain_tensor_operations(device: Device) {
+        let device = device.autodiff();
         for kind in [DecoderKind::Heads, DecoderKind::Shared] {
-            for name in DeviceName::all() {
-                let device = name.open().unwrap().autodiff();
-                let mut config = Config::default().model;
-                (config.decoder, config.zero_init_heads) = (kind, false);
-                let decoder = Decoder::new(&config, 64, 3, &device);
-                let mut rng = Rng::new(1, 2, 3);
-                let values: Vec<f32> = (0..100 * 64).map(|_| rng.normal()).collect();
-                let x = Tensor::<2>::from_data(TensorData::new(values, [100, 64]), &device).require_grad();
-                let run = |out: Tensor<2>| {
-                    let g = (out.clone() * out.clone()).sum().backward();
-                    let grads = [x.grad(&g).unwrap(), decoder.hidden_weight.val().grad(&g).unwrap()];
-                    (out.inner().into_data(), grads.map(|t| t.into_data()))
-                };
-                let (a, ga) = run(decoder.forward(x.clone()));
-                let (b, gb) = run(plain(&decoder, x.clone()));
-                let tolerance = burn::tensor::Tolerance::<f32>::rel_abs(1e-3, 1e-3);
-                a.assert_approx_eq::<f32>(&b, tolerance);
-                for (p, q) in ga.iter().zip(&gb) {
-                    p.assert_approx_eq::<f32>(q, tolerance);
-                }
+            let mut config = Config::default().model;
+            (config.decoder, config.zero_init_heads) = (kind, false);
+            let decoder = Decoder::new(&config, 64, 3, &device);
+            let mut rng = Rng::new(1, 2, 3);
+            let values: Vec<f32> = (0..100 * 64).map(|_| rng.normal()).collect();
+            let x = Tensor::<2>::from_data(TensorData::new(values, [100, 64]), &device).require_grad();
+            let run = |out: Tensor<2>| {
+                let g = (out.clone() * out.clone()).sum().backward();
+                let grads = [x.grad(&g).unwrap(), decoder.hidden_weight.val().grad(&g).unwrap()];
+                (out.inner().into_data(), grads.map(|t| t.into_data()))
+            };
+            let (a, ga) = run(decoder.forward(x.clone()));
+            let (b, gb) = run(plain(&decoder, x.clone()));
+            let tolerance = burn::tensor::Tolerance::<f32>::rel_abs(1e-3, 1e-3);
+            a.assert_approx_eq::<f32>(&b, tolerance);
+            for (p, q) in ga.iter().zip(&gb) {
+                p.assert_approx_eq::<f32>(q, tolerance);
             }
         }
     }
+
+    volseggs_testing::on_every_device!(
+        crate::device::open_to_test => the_fused_decoder_equals_plain_tensor_operations,
+    );
 }

@@ -18,3 +18,6 @@ pub mod palette;
 pub mod pictures;
 pub mod segmentation;
 pub mod voxels;
+
+#[cfg(test)]
+mod balls;

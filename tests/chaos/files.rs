@@ -1,4 +1,4 @@
-//! Trees of files: copies, contents, temporaries.
+//! Trees of files: contents, temporaries.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -54,19 +54,6 @@ pub fn temporaries(folder: &Path) -> Vec<String> {
         }
     }
     found
-}
-
-/// Copies a folder with all in it.
-pub fn copy(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for (name, is_folder) in entries(from) {
-        let (from, to) = (from.join(&name), to.join(&name));
-        if is_folder {
-            copy(&from, &to);
-        } else {
-            std::fs::copy(&from, &to).unwrap();
-        }
-    }
 }
 
 /// Removes a folder if it is there.

@@ -1,8 +1,8 @@
 //! Many writers at one run: short work waits for its turn and none of it is lost, long work refuses others at once.
 
 use crate::check::newest;
-use crate::common::{json, newest_bytes};
-use crate::files::{copy, remove, temporaries};
+use crate::common::{copy, json, newest_bytes};
+use crate::files::{remove, temporaries};
 use crate::program::{Ended, Running, must, run, start, words};
 use crate::settings::Settings;
 use crate::world::{World, world};

@@ -78,7 +78,7 @@ pub fn to_trainings() {
 fn under_timeout(world: &World, folder: &Path, seconds: f64) {
     let version = Command::new("timeout").arg("--version").output();
     if !version.is_ok_and(|v| String::from_utf8_lossy(&v.stdout).contains("coreutils")) {
-        println!("no timeout of coreutils here");
+        volseggs_testing::skip(volseggs_testing::Need::Coreutils, "there is no `timeout` of GNU coreutils");
         return;
     }
     let limit = (2.0 * seconds + 1.0).ceil().to_string();

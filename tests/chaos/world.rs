@@ -1,7 +1,7 @@
 //! What the attacks work on, made once: a dataset, a trained run with segments, masks, an affinity field, edits and
 //! results, a run that was stopped half-way, and outputs of every command. Each round gets a copy.
 
-use crate::common::{SETTINGS, write_dataset};
+use crate::common::{SETTINGS, copy, write_dataset};
 use crate::files;
 use crate::program::{must, run, words};
 use std::path::{Path, PathBuf};
@@ -86,7 +86,7 @@ impl World {
     pub fn fresh(&self, name: &str) -> PathBuf {
         let folder = self.root.join("work").join(name);
         files::remove(&folder);
-        files::copy(&self.root.join("base"), &folder);
+        copy(&self.root.join("base"), &folder);
         folder
     }
 

@@ -10,6 +10,7 @@ use tempfile::TempDir;
 use volseggs::data::paths::{FOV_X, Lens, RADIUS, deal_times, test_spiral, training_cameras};
 use volseggs::data::transforms::{FrameRecord, Intrinsics};
 use volseggs::data::{Camera, SplitName, Transforms};
+use volseggs::device::DeviceName;
 use volseggs::train::checkpoint;
 
 /// Width and height of the images in pixels.
@@ -136,6 +137,45 @@ pub fn volseggs() -> Command {
         }
     }
     command
+}
+
+/// What the program prints with `--json`, run in `root`.
+pub fn run_json(root: &Path, arguments: &[&str]) -> Value {
+    let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// A new folder `name` beside the build, with the dataset in `data` and in `run` a small run with coarse segments, found
+/// with `more` arguments. For tests that share one run and copy it before they write into it.
+pub fn with_segments(name: &str, more: &[&str]) -> PathBuf {
+    let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    if root.exists() {
+        std::fs::remove_dir_all(&root).unwrap();
+    }
+    write_dataset(&root.join("data"));
+    train(&root, "run", &[]).assert().success();
+    volseggs().current_dir(&root).args(["segment", "coarse", "run"]).args(more).assert().success();
+    root
+}
+
+/// Copies a folder with all in it.
+pub fn copy(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for name in names(from) {
+        let (from, to) = (from.join(&name), to.join(&name));
+        if from.is_dir() {
+            copy(&from, &to);
+        } else {
+            std::fs::copy(&from, &to).unwrap();
+        }
+    }
+}
+
+/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` where it does not start, which has been
+/// said.
+pub fn open(name: &str) -> Option<DeviceName> {
+    let device: DeviceName = name.parse().unwrap();
+    device.open().map_err(|error| volseggs_testing::skip_device(name, &error.to_string())).ok().map(|_| device)
 }
 
 /// `volseggs train` with [`train_arguments`].

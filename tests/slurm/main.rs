@@ -1,5 +1,5 @@
 //! Sweeps on a real Slurm of one node, which the tests start. Needs the programs of Slurm and munge (Debian: slurm-wlm,
-//! munge); skipped with a line without them, unless `VOLSEGGS_REQUIRE_SLURM` is set.
+//! munge) and skips without them.
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used)]
 

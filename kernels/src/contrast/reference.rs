@@ -2,7 +2,8 @@
 
 use super::{FEATURES, Repulsion};
 
-/// The mean over all pairs of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`.
+/// The mean over all pairs of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`. A feature of length 0 has the cosine 0
+/// with all.
 #[must_use]
 pub fn contrast(features: &[f64], masks: &[u32], repulsion: Repulsion) -> f64 {
     let row = |i: usize| &features[i * FEATURES..][..FEATURES];
@@ -12,7 +13,8 @@ pub fn contrast(features: &[f64], masks: &[u32], repulsion: Repulsion) -> f64 {
     for i in 0..n {
         for j in 0..n {
             let (a, b) = (row(i), row(j));
-            let cosine = dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
+            let lengths = (dot(a, a) * dot(b, b)).sqrt();
+            let cosine = if lengths == 0.0 { 0.0 } else { dot(a, b) / lengths };
             sum += match repulsion {
                 _ if masks[i] == masks[j] => 1.0 - cosine,
                 Repulsion::Cosine => cosine,

@@ -1,6 +1,6 @@
 //! Contributors in plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
 
-use crate::splat::reference::{Projected, Scene, project};
+use crate::splat::reference::{Projected, Scene, drawn};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
 
 /// What the oracle says of a pixel.
@@ -17,23 +17,18 @@ pub struct ReferencePixel {
 
 /// The contributors of each pixel `y * width + x`, in the order of `pixels`.
 pub fn contributors(scene: &Scene, settings: &SplatSettings, pixels: &[u32]) -> Vec<ReferencePixel> {
-    let n = scene.opacity_logits.len();
-    let mut drawn: Vec<(u32, Projected)> =
-        (0..n).filter_map(|i| Some((i as u32, project(scene, i, settings)?))).collect();
-    drawn.sort_by(|a, b| a.1.depth.total_cmp(&b.1.depth)); // stable: ties by index
+    let drawn = drawn(scene, settings);
     let width = settings.camera.width as u32;
     pixels.iter().map(|&p| pixel(&drawn, f64::from(p % width) + 0.5, f64::from(p / width) + 0.5)).collect()
 }
 
-fn pixel(drawn: &[(u32, Projected)], px: f64, py: f64) -> ReferencePixel {
+fn pixel(drawn: &[(usize, Projected)], px: f64, py: f64) -> ReferencePixel {
     let (alpha_min, t_min) = (f64::from(ALPHA_MIN), f64::from(TRANSMITTANCE_MIN));
     let mut out = ReferencePixel { list: Vec::new(), margin: f64::INFINITY, depth_gap: f64::INFINITY };
     let mut t = 1.0;
     let mut previous = f64::NEG_INFINITY;
     for (index, g) in drawn {
-        let (dx, dy) = (px - g.mean[0], py - g.mean[1]);
-        let power = -0.5 * (g.conic[0] * dx * dx + g.conic[2] * dy * dy) - g.conic[1] * dx * dy;
-        let alpha = (g.opacity * power.exp()).min(f64::from(ALPHA_MAX));
+        let alpha = g.alpha([px - g.mean[0], py - g.mean[1]]).min(f64::from(ALPHA_MAX));
         out.margin = out.margin.min((alpha / alpha_min - 1.0).abs());
         if alpha < alpha_min {
             continue;
@@ -45,7 +40,7 @@ fn pixel(drawn: &[(u32, Projected)], px: f64, py: f64) -> ReferencePixel {
         if after <= t_min {
             break;
         }
-        out.list.push((*index, alpha * t));
+        out.list.push((*index as u32, alpha * t));
         t = after;
     }
     out

@@ -88,6 +88,7 @@ impl Fixture {
             opacity_logits: wide(&self.opacity_logits),
             sh: wide(&self.sh),
             sh_stride: 1,
+            screen_offsets: vec![0.0; 2 * self.opacity_logits.len()],
         }
     }
 

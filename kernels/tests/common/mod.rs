@@ -4,45 +4,81 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatInputs, SplatSettings, reference::Scene};
+use volseggs_testing::skip_device;
 
-/// Every device compiled in, with its name.
-pub fn devices() -> Vec<(&'static str, Device)> {
-    vec![
-        #[cfg(feature = "flex")]
-        ("flex", Device::flex()),
-        #[cfg(feature = "ndarray")]
-        ("ndarray", Device::ndarray()),
-        #[cfg(feature = "tch")]
-        ("tch", Device::libtorch()),
-    ]
+/// A device that a test runs on.
+pub struct Tested {
+    pub name: &'static str,
+    pub device: Device,
+    /// Its kernels are those of `cube`, not those of `cpu`.
+    pub gpu: bool,
 }
 
-/// The GPU that wgpu would choose, software ones included. Without one a line says so and tests skip, unless
-/// `VOLSEGGS_REQUIRE_GPU` is set: then they fail.
-#[cfg(feature = "wgpu")]
-pub fn gpu() -> Option<Device> {
-    static GPU: std::sync::LazyLock<Result<Device, String>> = std::sync::LazyLock::new(|| {
-        let device = Device::wgpu_options().init().map_err(|e| e.to_string());
-        if let Err(error) = &device {
-            use std::io::Write;
-            // past the capture of tests, so that it is seen
-            let _ = writeln!(std::io::stderr(), "skipped: the GPU tests, as there is no adapter ({error})");
-        }
-        device
-    });
-    if let Err(error) = &*GPU {
-        assert!(std::env::var_os("VOLSEGGS_REQUIRE_GPU").is_none(), "no GPU adapter: {error}");
+impl Tested {
+    /// The tolerance of a device of the CPU, or of a GPU.
+    pub fn within(&self, cpu: f64, gpu: f64) -> f64 {
+        if self.gpu { gpu } else { cpu }
     }
-    GPU.clone().ok()
+
+    /// What `f` gives on the device with gradients; on the CPU the same bits as on the first device.
+    pub fn results(&self, f: impl Fn(&Device) -> Vec<Vec<f32>>) -> Vec<Vec<f32>> {
+        let ours = f(&self.device.clone().autodiff());
+        assert!(self.gpu || ours == f(&cpu().autodiff()), "{} has other bits than the first device", self.name);
+        ours
+    }
 }
 
-/// [`devices`] and the GPU, for tests that do not ask for the same bits.
-pub fn devices_and_gpu() -> Vec<(&'static str, Device)> {
-    #[allow(unused_mut)]
-    let mut all = devices();
-    #[cfg(feature = "wgpu")]
-    all.extend(gpu().map(|gpu| ("wgpu", gpu)));
-    all
+/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` where it does not start, which has been
+/// said.
+pub fn open(name: &'static str) -> Option<Tested> {
+    let (device, gpu): (Result<Device, String>, bool) = match name {
+        #[cfg(feature = "flex")]
+        "flex" => (Ok(Device::flex()), false),
+        #[cfg(feature = "ndarray")]
+        "ndarray" => (Ok(Device::ndarray()), false),
+        #[cfg(feature = "tch")]
+        "tch" => (Ok(Device::libtorch()), false),
+        #[cfg(feature = "wgpu")]
+        "wgpu" => (wgpu(), true),
+        #[cfg(feature = "cuda")]
+        "cuda" => (cuda(), true),
+        other => panic!("device {other} is not in this build"),
+    };
+    device.map(|device| Tested { name, device, gpu }).map_err(|why| skip_device(name, &why)).ok()
+}
+
+/// The GPU that wgpu would choose, software ones included.
+#[cfg(feature = "wgpu")]
+fn wgpu() -> Result<Device, String> {
+    static GPU: std::sync::LazyLock<Result<Device, String>> =
+        std::sync::LazyLock::new(|| Device::wgpu_options().init().map_err(|e| e.to_string()));
+    GPU.clone()
+}
+
+/// The first CUDA device. The runtime says by a panic that there is none.
+#[cfg(feature = "cuda")]
+fn cuda() -> Result<Device, String> {
+    static GPU: std::sync::LazyLock<Result<Device, String>> = std::sync::LazyLock::new(|| {
+        let start = || {
+            let device = Device::cuda(0);
+            Tensor::<1>::zeros([1], &device).into_data();
+            device
+        };
+        std::panic::catch_unwind(start).map_err(|_| "no CUDA device or driver".to_owned())
+    });
+    GPU.clone()
+}
+
+/// The first device of the CPU, for what is tested on one and as what others are compared with.
+pub fn cpu() -> Device {
+    let first = if cfg!(feature = "flex") {
+        "flex"
+    } else if cfg!(feature = "ndarray") {
+        "ndarray"
+    } else {
+        "tch"
+    };
+    open(first).unwrap().device
 }
 
 /// A small pinhole camera at distance 4 on the -z axis, looking at the origin.
@@ -84,7 +120,29 @@ pub fn random_scene(n: usize, degree: usize, seed: u64) -> Scene {
         opacity_logits: (0..n).map(|_| 1.2 * r.normal()).collect(),
         sh: (0..3 * n * stride).map(|_| 0.4 * r.normal()).collect(),
         sh_stride: stride,
+        screen_offsets: vec![0.0; 2 * n],
     }
+}
+
+/// A field of a scene, or of its gradient.
+pub type Field = fn(&mut Scene) -> &mut Vec<f64>;
+
+/// What has a gradient, in the order of [`gradients`].
+pub const FIELDS: [(&str, Field); 6] = [
+    ("means", |s| &mut s.means),
+    ("rotations", |s| &mut s.rotations),
+    ("log_scales", |s| &mut s.log_scales),
+    ("opacity_logits", |s| &mut s.opacity_logits),
+    ("sh", |s| &mut s.sh),
+    ("screen_offsets", |s| &mut s.screen_offsets),
+];
+
+/// The scene as the kernels get it, in numbers of f32, so that it is the same for them and for the reference.
+pub fn rounded(mut scene: Scene) -> Scene {
+    for (_, field) in FIELDS {
+        field(&mut scene).iter_mut().for_each(|v| *v = f64::from(*v as f32));
+    }
+    scene
 }
 
 pub fn settings(camera: Camera, sh_degree: usize) -> SplatSettings {
@@ -105,7 +163,7 @@ pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
         log_scales: Tensor::from_data(TensorData::new(f32s(&scene.log_scales), [n, 3]), device),
         opacity_logits: Tensor::from_data(TensorData::new(f32s(&scene.opacity_logits), [n]), device),
         sh: Tensor::from_data(TensorData::new(f32s(&scene.sh), [n, k, 3]), device),
-        screen_offsets: Some(Tensor::zeros([n, 2], device)),
+        screen_offsets: Some(Tensor::from_data(TensorData::new(f32s(&scene.screen_offsets), [n, 2]), device)),
     }
 }
 
@@ -154,8 +212,13 @@ pub fn gradients(
 
 /// `|a - b| / |b|` over all entries.
 pub fn relative_error(a: &[f32], b: &[f64]) -> f64 {
+    distance(&a.iter().map(|&v| f64::from(v)).collect::<Vec<_>>(), b)
+}
+
+/// [`relative_error`] of numbers in f64.
+pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    let d: f64 = a.iter().zip(b).map(|(&x, &y)| (f64::from(x) - y).powi(2)).sum();
+    let d: f64 = a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum();
     let n: f64 = b.iter().map(|y| y * y).sum();
     (d / n.max(1e-300)).sqrt()
 }

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Command;
 
 use super::*;
 
@@ -114,16 +114,10 @@ i = e.Images("view")[0]
 print(i.step, i.width, i.height, i.encoded_image_string[1:4].decode())
 "#;
 
-/// What a Python with TensorBoard says to `script`. Needs the Python package `tensorboard`; `PYTHON` names another
-/// interpreter than `python3`. None without the package.
+/// What a Python with TensorBoard says to `script`; without the package the test skips.
 fn ask_tensorboard(script: &str, dir: &Path) -> Option<(String, String)> {
-    let python = std::env::var("PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let run = |script: &str| Command::new(&python).arg("-c").arg(script).arg(dir).output();
-    if !run("import tensorboard").is_ok_and(|o: Output| o.status.success()) {
-        println!("skipped: {python} has no package `tensorboard`");
-        return None;
-    }
-    let output = run(script).unwrap();
+    let python = volseggs_testing::python_with("tensorboard", volseggs_testing::Need::Tensorboard)?;
+    let output = Command::new(&python).arg("-c").arg(script).arg(dir).output().unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     Some((text(&output.stdout), text(&output.stderr)))
 }

@@ -213,11 +213,7 @@ fn a_file_cut_short() {
 /// The published example images and their published distances; needs the real weights.
 #[test]
 fn published_distances() {
-    let Some(data) = std::env::var_os("VOLSEGGS_TEST_DATA") else {
-        println!("skipped: set VOLSEGGS_TEST_DATA to a folder that holds weights/ to check LPIPS");
-        return;
-    };
-    let weights = Path::new(&data).join("weights");
+    let Some(weights) = volseggs_testing::test_data("weights", volseggs_testing::Need::Weights) else { return };
     let png = |name: &str| {
         let image = image::open(weights.join("lpips-check").join(name)).unwrap().to_rgb8();
         let size = (image.height() as usize, image.width() as usize);

@@ -6,6 +6,3 @@
 
 pub mod saga;
 pub mod sagd;
-
-#[cfg(test)]
-mod balls;

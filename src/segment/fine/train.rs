@@ -70,24 +70,8 @@ pub fn train(
         // number 0 is the choice of the views' pixels
         let mut rng = Rng::new(options.seed, step as u64, Purpose::AffinitySteps as u64 + 1000);
         let view = &views[rng.below(views.len())];
-        let scale = rng.uniform();
-        let (pixels, masks) = sample(view, scale, options.pixels, &mut rng);
-        let n = view.encoded.len() / super::network::ENCODED;
-        let mut total = 0.0;
-        let mut term = |scale: f32, repulsion: Repulsion, weight: f64| {
-            let features = field.forward(&view.encoded, scale);
-            let rendered = pixels.gather(&to_vec(features.clone().inner()), FEATURES);
-            let out = contrast(&rendered, &masks, repulsion);
-            total += weight * out.loss;
-            let slopes = pixels.scatter(&out.gradient, n, FEATURES);
-            // a sum with the slopes as constants has them as its gradient
-            (features * Tensor::<2>::from_data(TensorData::new(slopes, [n, FEATURES]), &device)).sum() * weight
-        };
-        let mut loss = term(scale, options.repulsion, 1.0);
-        if options.hierarchy > 0.0 {
-            let larger = scale + (1.0 - scale) * rng.uniform();
-            loss = loss + term(larger, Repulsion::None, options.hierarchy);
-        }
+        let batch = Batch::draw(view, options, &mut rng);
+        let (total, loss) = loss(&field, view, &batch, options);
         if !total.is_finite() {
             return Err(FineError::NotFinite { step, what: format!("the loss ({total})") });
         }
@@ -102,6 +86,43 @@ pub fn train(
         }
     }
     Ok(field.valid())
+}
+
+/// What a step trains on.
+struct Batch {
+    /// Rows of the chosen pixels, and the mask of each at `scale`.
+    pixels: Contributors,
+    masks: Vec<u32>,
+    scale: f32,
+    /// Where pixels of one mask attract too, if the hierarchy loss has a weight.
+    larger: Option<f32>,
+}
+
+impl Batch {
+    fn draw(view: &FineView, options: &FineOptions, rng: &mut Rng) -> Self {
+        let scale = rng.uniform();
+        let (pixels, masks) = sample(view, scale, options.pixels, rng);
+        let larger = (options.hierarchy > 0.0).then(|| scale + (1.0 - scale) * rng.uniform());
+        Self { pixels, masks, scale, larger }
+    }
+}
+
+/// The loss of a batch, and a tensor that has its gradient by the field's parameters.
+fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOptions) -> (f64, Tensor<1>) {
+    let n = view.encoded.len() / super::network::ENCODED;
+    let term = |scale: f32, repulsion: Repulsion, weight: f64| {
+        let features = field.forward(&view.encoded, scale);
+        let rendered = batch.pixels.gather(&to_vec(features.clone().inner()), FEATURES);
+        let out = contrast(&rendered, &batch.masks, repulsion);
+        let slopes = batch.pixels.scatter(&out.gradient, n, FEATURES);
+        let slopes = Tensor::<2>::from_data(TensorData::new(slopes, [n, FEATURES]), &features.device());
+        // a sum with the slopes as constants has them as its gradient
+        (weight * out.loss, (features * slopes).sum() * weight)
+    };
+    let (total, loss) = term(batch.scale, options.repulsion, 1.0);
+    let Some(larger) = batch.larger else { return (total, loss) };
+    let (more, part) = term(larger, Repulsion::None, options.hierarchy);
+    (total + more, loss + part)
 }
 
 /// Rows of up to `count` pixels of a view, and the mask of each at `scale`.
@@ -120,3 +141,7 @@ fn sample(view: &FineView, scale: f32, count: usize, rng: &mut Rng) -> (Contribu
     }
     (rows, masks)
 }
+
+#[cfg(test)]
+#[path = "train_tests.rs"]
+mod tests;

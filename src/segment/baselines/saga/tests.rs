@@ -1,29 +1,9 @@
 //! SAGA on two balls: what a click selects, gradients, poison, threads.
 
-use super::super::balls::{COUNT, add, gaussians, on_threads, views};
 use super::loss::{FEATURES, Facts};
 use super::step::Trainer;
 use super::*;
-use crate::device::DeviceName;
-use crate::model::GaussiansAt;
-use crate::segment::fine::network::Frame;
-use crate::segment::fine::views::{MaskedView, rank_scales};
-
-/// The views of all of `at`.
-fn prepared(at: &GaussiansAt) -> Vec<FineView> {
-    let device = DeviceName::all()[0].open().unwrap();
-    let members: Vec<u32> = (0..at.len() as u32).collect();
-    let frame = Frame::around(&at.means);
-    let mut out: Vec<FineView> = (0..)
-        .zip(views())
-        .filter_map(|(number, (camera, masks))| {
-            let view = MaskedView { members: members.clone(), camera, masks };
-            FineView::new(at, &frame, &view, number, 0, &device).unwrap()
-        })
-        .collect();
-    rank_scales(&mut out);
-    out
-}
+use crate::segment::balls::{APART, COUNT, add, on_threads};
 
 fn quick(steps: usize) -> SagaOptions {
     SagaOptions { steps, pixels: 48, scales: 2, rate: 0.02, ..SagaOptions::default() }
@@ -31,8 +11,8 @@ fn quick(steps: usize) -> SagaOptions {
 
 #[test]
 fn a_click_selects_its_ball_at_a_small_scale_and_both_at_the_largest() {
-    let at = gaussians();
-    let views = prepared(&at);
+    let at = APART.gaussians();
+    let views = APART.prepared(&at);
     let (mut first, mut last) = (0.0, 0.0);
     let model = train(&views, &at.means, &quick(400), |step, loss| {
         first += if step < 20 { loss } else { 0.0 };
@@ -53,8 +33,8 @@ fn a_click_selects_its_ball_at_a_small_scale_and_both_at_the_largest() {
 
 #[test]
 fn gradients_agree_with_differences() {
-    let at = gaussians();
-    let views = prepared(&at);
+    let at = APART.gaussians();
+    let views = APART.prepared(&at);
     // all pairs; then hard ones alone, of which so few pixels have none close to a threshold, where the loss jumps
     for (pixels, scales, alike, apart) in [(20, 8, 2.0, -1.0), (6, 1, 0.75, 0.5)] {
         let options = SagaOptions { pixels, scales, hard_alike: alike, hard_apart: apart, ..SagaOptions::default() };
@@ -96,8 +76,8 @@ fn gradients_agree_with_differences() {
 
 #[test]
 fn pixels_of_two_balls_are_together_from_the_scale_of_both() {
-    let at = gaussians();
-    let view = &prepared(&at)[0];
+    let at = APART.gaussians();
+    let view = &APART.prepared(&at)[0];
     let facts = Facts::of(view);
     let lists: Vec<&[u32]> = (0..view.pixels.len()).map(|p| view.covering(p)).collect();
     let alone = |ball: u32| *lists.iter().find(|l| **l == [ball, 2]).unwrap();
@@ -111,11 +91,11 @@ fn pixels_of_two_balls_are_together_from_the_scale_of_both() {
 
 #[test]
 fn poison_is_never_selected_and_bad_input_is_refused() {
-    let mut at = gaussians();
+    let mut at = APART.gaussians();
     for poison in [f32::NAN, f32::INFINITY] {
         add(&mut at, [0.5, poison, 0.0], [-2.7; 3]);
     }
-    let views = prepared(&at);
+    let views = APART.prepared(&at);
     let model = train(&views, &at.means, &quick(5), |_, _| true).unwrap();
     let n = 2 * COUNT;
     assert_eq!((model.len(), model.is_empty()), (n + 2, false));
@@ -129,8 +109,8 @@ fn poison_is_never_selected_and_bad_input_is_refused() {
 
 #[test]
 fn the_same_bits_on_one_thread_and_on_three() {
-    let at = gaussians();
-    let views = prepared(&at);
+    let at = APART.gaussians();
+    let views = APART.prepared(&at);
     let run = |threads| on_threads(threads, || train(&views, &at.means, &quick(10), |step, _| step < 8).unwrap());
     assert_eq!(run(1), run(3));
     let other = train(&views, &at.means, &SagaOptions { seed: 1, ..quick(10) }, |_, _| true).unwrap();

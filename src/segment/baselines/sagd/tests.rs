@@ -1,10 +1,10 @@
 //! SAGD on two balls: votes, choices of masks, cuts, poison, threads.
 
-use super::super::balls::{COUNT, add, gaussians, on_threads, views};
 use super::*;
+use crate::segment::balls::{APART, COUNT, add, on_threads};
 
 fn balls() -> Vec<SagdView> {
-    views().into_iter().map(|(camera, masks)| SagdView { camera, masks }).collect()
+    APART.views().into_iter().map(|(camera, masks)| SagdView { camera, masks }).collect()
 }
 
 /// A camera at z = -4 that looks along z: x to the right, y down, 100 pixels a unit at the origin.
@@ -28,7 +28,7 @@ fn one(mean: [f32; 3], log_scales: [f32; 3]) -> GaussiansAt {
 
 #[test]
 fn a_click_finds_its_ball_by_the_small_mask_and_both_by_the_large_one() {
-    let (at, views) = (gaussians(), balls());
+    let (at, views) = (APART.gaussians(), balls());
     let n = COUNT as u32;
     for clicked in [3, n + 3] {
         for (choice, expected) in [
@@ -122,7 +122,7 @@ fn what_is_off_the_screen_behind_or_without_a_place_is_never_selected() {
 
 #[test]
 fn bad_input_is_refused() {
-    let at = gaussians();
+    let at = APART.gaussians();
     let error = segment(&at, &balls(), 999, &SagdOptions::default()).unwrap_err();
     assert_eq!(error, SagdError::Clicked { clicked: 999, count: 2 * COUNT });
     let mut views = balls();
@@ -133,7 +133,7 @@ fn bad_input_is_refused() {
 
 #[test]
 fn the_same_bits_on_one_thread_and_on_three() {
-    let (mut at, views) = (gaussians(), balls());
+    let (mut at, views) = (APART.gaussians(), balls());
     at.log_scales.iter_mut().step_by(3).for_each(|s| *s = -1.5);
     let run = |threads| on_threads(threads, || segment(&at, &views, 3, &SagdOptions::default()).unwrap());
     let found = run(1);

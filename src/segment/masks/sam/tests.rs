@@ -299,7 +299,8 @@ fn a_file_of_other_kind() {
 #[test]
 fn the_full_size_network() {
     let Some(path) = std::env::var_os("VOLSEGGS_TEST_SAM") else {
-        println!("skipped: set VOLSEGGS_TEST_SAM to what `sam_reference.py --full` wrote to check the full size");
+        let missing = "VOLSEGGS_TEST_SAM is not set, a file that `tests/support/sam_reference.py --full` wrote";
+        volseggs_testing::skip(volseggs_testing::Need::Sam, missing);
         return;
     };
     let path = PathBuf::from(path);

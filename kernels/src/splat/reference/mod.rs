@@ -1,0 +1,267 @@
+//! The splat op in plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
+//!
+//! The op's [`Cutoffs`] make its image jump where a Gaussian crosses one of them, so difference quotients of that image say
+//! nothing about its gradient there. Without them ([`Cutoffs::NONE`]) the image is smooth wherever no two depths are equal,
+//! no colour is zero and no slope is at its limit, and [`backward`], which takes any cutoffs, can be held against
+//! difference quotients entry by entry. With them ([`Cutoffs::OP`]) it is the oracle of the kernels' gradients.
+
+mod backward;
+
+use super::{ALPHA_MAX, ALPHA_MIN, DILATION, NEAR, SplatSettings, TRANSMITTANCE_MIN};
+
+pub use backward::backward;
+
+/// The thresholds of blending.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cutoffs {
+    /// Alpha is clamped to this value.
+    pub alpha_max: f64,
+    /// Contributions below this alpha are skipped.
+    pub alpha_min: f64,
+    /// A pixel is finished when its transmittance would fall to this value.
+    pub transmittance_min: f64,
+}
+
+impl Cutoffs {
+    /// Those of the op.
+    pub const OP: Self =
+        Self { alpha_max: ALPHA_MAX as f64, alpha_min: ALPHA_MIN as f64, transmittance_min: TRANSMITTANCE_MIN as f64 };
+    /// None: every Gaussian reaches every pixel.
+    pub const NONE: Self =
+        Self { alpha_max: f64::INFINITY, alpha_min: f64::NEG_INFINITY, transmittance_min: f64::NEG_INFINITY };
+}
+
+/// Gaussians in f64, row-major, shapes as in [`super::SplatInputs`].
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// `[N, 3]`
+    pub means: Vec<f64>,
+    /// `[N, 4]`, wxyz
+    pub rotations: Vec<f64>,
+    /// `[N, 3]`
+    pub log_scales: Vec<f64>,
+    /// `[N]`
+    pub opacity_logits: Vec<f64>,
+    /// `[N, K, 3]`
+    pub sh: Vec<f64>,
+    /// Coefficients a Gaussian, K.
+    pub sh_stride: usize,
+    /// `[N, 2]`
+    pub screen_offsets: Vec<f64>,
+}
+
+impl Scene {
+    /// Gaussians of which every number is zero, as many as here.
+    fn zeros(&self) -> Self {
+        let like = |values: &[f64]| vec![0.0; values.len()];
+        Self {
+            means: like(&self.means),
+            rotations: like(&self.rotations),
+            log_scales: like(&self.log_scales),
+            opacity_logits: like(&self.opacity_logits),
+            sh: like(&self.sh),
+            sh_stride: self.sh_stride,
+            screen_offsets: like(&self.screen_offsets),
+        }
+    }
+}
+
+/// A Gaussian on screen.
+pub(crate) struct Projected {
+    pub(crate) depth: f64,
+    pub(crate) mean: [f64; 2],
+    pub(crate) conic: [f64; 3],
+    pub(crate) opacity: f64,
+    colour: [f64; 3],
+}
+
+impl Projected {
+    /// Alpha before its clamp at the place of an offset (dx, dy) from the mean.
+    pub(crate) fn alpha(&self, [dx, dy]: [f64; 2]) -> f64 {
+        let [a, b, c] = self.conic;
+        self.opacity * (-0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy).exp()
+    }
+}
+
+/// Renders `[H, W, 4]`: colour over the background, and alpha.
+pub fn render(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs) -> Vec<f64> {
+    let drawn = drawn(scene, settings);
+    let camera = &settings.camera;
+    let mut image = Vec::with_capacity(camera.width * camera.height * 4);
+    for pixel in pixel_centres(settings) {
+        let mut colour = [0.0; 3];
+        let mut t = 1.0;
+        for (_, g) in &drawn {
+            let alpha = g.alpha([pixel[0] - g.mean[0], pixel[1] - g.mean[1]]).min(cutoffs.alpha_max);
+            if alpha < cutoffs.alpha_min {
+                continue;
+            }
+            if t * (1.0 - alpha) <= cutoffs.transmittance_min {
+                break;
+            }
+            for c in 0..3 {
+                colour[c] += g.colour[c] * alpha * t;
+            }
+            t *= 1.0 - alpha;
+        }
+        image.extend((0..3).map(|c| colour[c] + t * f64::from(settings.background[c])));
+        image.push(1.0 - t);
+    }
+    image
+}
+
+/// Row by row.
+fn pixel_centres(settings: &SplatSettings) -> impl Iterator<Item = [f64; 2]> {
+    let camera = settings.camera;
+    (0..camera.width * camera.height).map(move |p| [(p % camera.width) as f64 + 0.5, (p / camera.width) as f64 + 0.5])
+}
+
+/// All that is not culled, with its index, nearest first and ties by index.
+pub(crate) fn drawn(scene: &Scene, settings: &SplatSettings) -> Vec<(usize, Projected)> {
+    let n = scene.opacity_logits.len();
+    let mut drawn: Vec<_> = (0..n).filter_map(|i| Some((i, project(scene, i, settings)?))).collect();
+    drawn.sort_by(|a, b| a.1.depth.total_cmp(&b.1.depth)); // stable
+    drawn
+}
+
+/// A Gaussian between its attributes and its shape on screen.
+struct Geometry {
+    /// World to camera.
+    w: [[f64; 3]; 3],
+    /// Position in camera space.
+    t: [f64; 3],
+    /// Of length 1, and the length it had; that of no rotation is 0.
+    quaternion: [f64; 4],
+    norm: f64,
+    rotation: [[f64; 3]; 3],
+    scale: [f64; 3],
+    /// x/z and y/z, clamped, and whether the clamp took hold.
+    slope: [f64; 2],
+    clamped: [bool; 2],
+    /// Jacobian of the projection.
+    j: [[f64; 3]; 2],
+    /// Covariance in the world.
+    sigma: [[f64; 3]; 3],
+    /// Covariance on screen, dilated.
+    covariance: [[f64; 2]; 2],
+    /// Of the view, not of unit length.
+    direction: [f64; 3],
+}
+
+fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
+    let camera = &settings.camera;
+    let w = camera.rotation.map(|row| row.map(f64::from));
+    let mean: [f64; 3] = std::array::from_fn(|k| scene.means[3 * i + k]);
+    let t: [f64; 3] =
+        std::array::from_fn(|r| (0..3).map(|k| w[r][k] * mean[k]).sum::<f64>() + f64::from(camera.translation[r]));
+    let q: [f64; 4] = std::array::from_fn(|k| scene.rotations[4 * i + k]);
+    let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let norm = if norm <= 1e-12 { 0.0 } else { norm };
+    let quaternion = if norm == 0.0 { [1.0, 0.0, 0.0, 0.0] } else { q.map(|v| v / norm) };
+    let [qw, qx, qy, qz] = quaternion;
+    let rotation = [
+        [1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)],
+        [2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)],
+        [2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)],
+    ];
+    let scale: [f64; 3] = std::array::from_fn(|k| scene.log_scales[3 * i + k].exp());
+    let sigma: [[f64; 3]; 3] = std::array::from_fn(|a| {
+        std::array::from_fn(|b| (0..3).map(|k| rotation[a][k] * scale[k] * scale[k] * rotation[b][k]).sum())
+    });
+    let (fx, fy) = (f64::from(camera.fx), f64::from(camera.fy));
+    let limit = [1.3 * camera.width as f64 / (2.0 * fx), 1.3 * camera.height as f64 / (2.0 * fy)];
+    let free = [t[0] / t[2], t[1] / t[2]];
+    let slope: [f64; 2] = std::array::from_fn(|k| free[k].clamp(-limit[k], limit[k]));
+    let j = [[fx / t[2], 0.0, -fx * slope[0] / t[2]], [0.0, fy / t[2], -fy * slope[1] / t[2]]];
+    let jw: [[f64; 3]; 2] = std::array::from_fn(|a| std::array::from_fn(|b| (0..3).map(|k| j[a][k] * w[k][b]).sum()));
+    let covariance: [[f64; 2]; 2] = std::array::from_fn(|a| {
+        std::array::from_fn(|b| {
+            let v: f64 = (0..3).map(|k| (0..3).map(|l| jw[a][k] * sigma[k][l] * jw[b][l]).sum::<f64>()).sum();
+            v + if a == b { f64::from(DILATION) } else { 0.0 }
+        })
+    });
+    let eye: [f64; 3] =
+        std::array::from_fn(|k| -(0..3).map(|r| w[r][k] * f64::from(camera.translation[r])).sum::<f64>());
+    Geometry {
+        w,
+        t,
+        quaternion,
+        norm,
+        rotation,
+        scale,
+        slope,
+        clamped: [slope[0] != free[0], slope[1] != free[1]],
+        j,
+        sigma,
+        covariance,
+        direction: std::array::from_fn(|k| mean[k] - eye[k]),
+    }
+}
+
+/// The inverse of the covariance on screen (a, b, c), and the determinant of the covariance.
+fn conic([[a, b], [_, c]]: [[f64; 2]; 2]) -> ([f64; 3], f64) {
+    let det = a * c - b * b;
+    ([c / det, -b / det, a / det], det)
+}
+
+/// A vector of length 1 and the length it had.
+fn unit(v: [f64; 3]) -> ([f64; 3], f64) {
+    let length = v.iter().map(|v| v * v).sum::<f64>().sqrt();
+    (v.map(|v| v / length), length)
+}
+
+fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projected> {
+    let camera = &settings.camera;
+    let g = geometry(scene, i, settings);
+    let (conic, det) = conic(g.covariance);
+    let basis = sh_basis(unit(g.direction).0, settings.sh_degree);
+    let colour: [f64; 3] = std::array::from_fn(|c| {
+        let sum: f64 = basis.iter().enumerate().map(|(k, b)| b * scene.sh[(scene.sh_stride * i + k) * 3 + c]).sum();
+        // not `f64::max`, which would turn NaN into 0: the kernels cull such a Gaussian
+        if sum + 0.5 < 0.0 { 0.0 } else { sum + 0.5 }
+    });
+    let opacity = 1.0 / (1.0 + (-scene.opacity_logits[i]).exp());
+    let finite = det.is_finite() && det > 0.0 && colour.iter().all(|c| c.is_finite()) && opacity.is_finite();
+    let (fx, fy) = (f64::from(camera.fx), f64::from(camera.fy));
+    (g.t[2] > f64::from(NEAR) && finite).then(|| Projected {
+        depth: g.t[2],
+        mean: [
+            fx * g.t[0] / g.t[2] + f64::from(camera.cx) + scene.screen_offsets[2 * i],
+            fy * g.t[1] / g.t[2] + f64::from(camera.cy) + scene.screen_offsets[2 * i + 1],
+        ],
+        conic,
+        opacity,
+        colour,
+    })
+}
+
+/// Spherical harmonics from their definition, `(degree + 1)^2` values, in the order and signs of 3DGS.
+fn sh_basis([x, y, z]: [f64; 3], degree: usize) -> Vec<f64> {
+    use std::f64::consts::PI;
+    let mut b = vec![0.5 * (1.0 / PI).sqrt()];
+    if degree >= 1 {
+        let c = (3.0 / (4.0 * PI)).sqrt();
+        b.extend([-c * y, c * z, -c * x]);
+    }
+    if degree >= 2 {
+        let c = 0.5 * (15.0 / PI).sqrt();
+        let c20 = 0.25 * (5.0 / PI).sqrt();
+        b.extend([c * x * y, -c * y * z, c20 * (2.0 * z * z - x * x - y * y), -c * x * z, 0.5 * c * (x * x - y * y)]);
+    }
+    if degree >= 3 {
+        let c3 = 0.25 * (35.0 / (2.0 * PI)).sqrt();
+        let c2 = 0.5 * (105.0 / PI).sqrt();
+        let c1 = 0.25 * (21.0 / (2.0 * PI)).sqrt();
+        let c0 = 0.25 * (7.0 / PI).sqrt();
+        b.extend([
+            -c3 * y * (3.0 * x * x - y * y),
+            c2 * x * y * z,
+            -c1 * y * (4.0 * z * z - x * x - y * y),
+            c0 * z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y),
+            -c1 * x * (4.0 * z * z - x * x - y * y),
+            0.5 * c2 * z * (x * x - y * y),
+            -c3 * x * (x * x - 3.0 * y * y),
+        ]);
+    }
+    b
+}

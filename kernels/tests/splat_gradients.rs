@@ -1,0 +1,180 @@
+//! Every entry of every gradient of splatting. The image without cutoffs is smooth, and there the gradient of the f64
+//! reference is held against difference quotients; the kernels are held against that gradient with the op's cutoffs, and,
+//! in scenes that meet none of them, against the difference quotients themselves. Errors are in units of the root mean
+//! square of a gradient's entries.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+mod common;
+
+use common::{FIELDS, Numbers, Tested, camera, random_scene, rounded, settings};
+use volseggs_kernels::contributors::reference::contributors;
+use volseggs_kernels::splat::SplatSettings;
+use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
+
+/// Gradients by the image of a loss, in numbers of f32.
+fn weights(settings: &SplatSettings, seed: u64) -> Vec<f64> {
+    let mut r = Numbers(seed);
+    (0..settings.camera.width * settings.camera.height * 4).map(|_| f64::from(r.normal() as f32)).collect()
+}
+
+fn loss(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> f64 {
+    render(scene, settings, cutoffs).iter().zip(weights).map(|(v, w)| v * w).sum()
+}
+
+/// The gradient by difference quotients of fourth order, entry by entry.
+fn quotients(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> Scene {
+    const STEP: f64 = 1e-4;
+    let mut out = scene.clone();
+    for (_, field) in FIELDS {
+        let mut moved = scene.clone();
+        for i in 0..field(&mut out).len() {
+            let at = field(&mut moved)[i];
+            let mut by = |steps: f64| {
+                field(&mut moved)[i] = at + steps * STEP;
+                loss(&moved, settings, cutoffs, weights)
+            };
+            let (near, far) = (by(1.0) - by(-1.0), by(2.0) - by(-2.0));
+            field(&mut moved)[i] = at;
+            field(&mut out)[i] = (8.0 * near - far) / (12.0 * STEP);
+        }
+    }
+    out
+}
+
+/// The largest error of an entry of `ours`, in units of the root mean square of `exact`.
+fn worst(ours: &[f64], exact: &[f64]) -> f64 {
+    assert_eq!(ours.len(), exact.len());
+    let square = exact.iter().map(|v| v * v).sum::<f64>() / exact.len() as f64;
+    let most = ours.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(square > 0.0, "a gradient that is zero tests nothing");
+    // NaN would be lost in a maximum
+    if ours.iter().all(|v| v.is_finite()) { most / square.sqrt() } else { f64::INFINITY }
+}
+
+/// Position in camera space.
+fn in_camera(scene: &Scene, settings: &SplatSettings, i: usize) -> [f64; 3] {
+    let camera = &settings.camera;
+    std::array::from_fn(|r| {
+        let turned: f64 = (0..3).map(|k| f64::from(camera.rotation[r][k]) * scene.means[3 * i + k]).sum();
+        turned + f64::from(camera.translation[r])
+    })
+}
+
+/// Nothing that a step could carry over an edge: the least distance between two depths.
+fn depth_gap(scene: &Scene, settings: &SplatSettings) -> f64 {
+    let mut depths: Vec<f64> = (0..scene.opacity_logits.len()).map(|i| in_camera(scene, settings, i)[2]).collect();
+    depths.sort_by(f64::total_cmp);
+    depths.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min)
+}
+
+/// A scene that has, beside random Gaussians, two so far aside that their slopes are clamped, one of which a channel's
+/// colour is clamped, one of opacity above 0.99, and offsets on screen.
+fn with_everything(n: usize, degree: usize, seed: u64) -> Scene {
+    let mut scene = random_scene(n, degree, seed);
+    let mut r = Numbers(seed + 100);
+    scene.means[..6].copy_from_slice(&[2.0, 0.2, -0.3, 0.1, -1.9, 0.4]);
+    scene.log_scales[..6].iter_mut().for_each(|s| *s += 2.0);
+    scene.sh[3 * scene.sh_stride * 2] = -6.0;
+    scene.opacity_logits[3] = 6.0;
+    scene.screen_offsets.iter_mut().for_each(|o| *o = 0.7 * r.normal());
+    rounded(scene)
+}
+
+#[test]
+fn the_reference_has_the_gradient_of_the_image_without_cutoffs() {
+    for degree in 0..4 {
+        for seed in [1, 2, 3] {
+            let scene = with_everything(12, degree, seed);
+            let settings = settings(camera(21, 17), degree);
+            let slopes = [0, 1].map(|i| {
+                let [x, y, z] = in_camera(&scene, &settings, i);
+                (x / z * f64::from(settings.camera.fx) / 21.0, y / z * f64::from(settings.camera.fy) / 17.0)
+            });
+            assert!(slopes[0].0 > 0.66 && slopes[1].1 < -0.66, "no slope is clamped: {slopes:?}");
+            assert!(depth_gap(&scene, &settings) > 1e-3, "seed {seed}: two depths are almost equal");
+            let by_image = weights(&settings, seed + 10);
+            let mut ours = backward(&scene, &settings, Cutoffs::NONE, &by_image);
+            let mut exact = quotients(&scene, &settings, Cutoffs::NONE, &by_image);
+            assert_eq!(ours.sh[3 * scene.sh_stride * 2], 0.0, "its colour is clamped");
+            for (name, field) in FIELDS {
+                let error = worst(field(&mut ours), field(&mut exact));
+                println!("degree {degree} seed {seed} {name}: {error:.1e}");
+                assert!(error < 1e-8, "degree {degree} seed {seed} {name}: off by {error:.1e}");
+            }
+        }
+    }
+}
+
+/// Holds the kernels' gradients against `exact`.
+fn check(
+    on: &Tested,
+    scene: &Scene,
+    settings: SplatSettings,
+    by_image: &[f64],
+    mut exact: Scene,
+    least: f64,
+    what: &str,
+) {
+    let by_image: Vec<f32> = by_image.iter().map(|&v| v as f32).collect();
+    let (_, ours) = common::gradients(scene, settings, &by_image, &on.device);
+    for ((name, field), ours) in FIELDS.iter().zip(&ours) {
+        let ours: Vec<f64> = ours.iter().map(|&v| f64::from(v)).collect();
+        let error = worst(&ours, field(&mut exact));
+        println!("{what} {name} on {}: {error:.1e}", on.name);
+        assert!(error < least, "{what} {name}: off by {error:.1e}");
+    }
+}
+
+/// Large, half transparent Gaussians, all of them in every pixel: what a difference quotient of the op's own image sees.
+fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
+    for degree in 0..4 {
+        for seed in [1, 2, 3] {
+            let mut scene = random_scene(8, degree, seed);
+            scene.means.iter_mut().for_each(|v| *v *= 0.5);
+            scene.log_scales.iter_mut().for_each(|s| *s = 0.3 * (*s + 2.6));
+            scene.opacity_logits.iter_mut().for_each(|o| *o = 0.5 * *o - 0.5);
+            let scene = rounded(scene);
+            let settings = settings(camera(21, 17), degree);
+            let smooth = render(&scene, &settings, Cutoffs::NONE);
+            assert_eq!(render(&scene, &settings, Cutoffs::OP), smooth, "seed {seed} meets a cutoff");
+            assert!(depth_gap(&scene, &settings) > 1e-3, "seed {seed}: two depths are almost equal");
+            let by_image = weights(&settings, seed + 10);
+            let exact = quotients(&scene, &settings, Cutoffs::OP, &by_image);
+            let what = format!("degree {degree} seed {seed}");
+            check(&on, &scene, settings, &by_image, exact, on.within(2e-5, 2e-3), &what);
+        }
+    }
+}
+
+/// Small Gaussians that end within the picture, pixels that saturate, alpha above its clamp.
+fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
+    for degree in 0..4 {
+        for (seed, opaque) in [(1, 0.0), (2, 0.0), (3, 4.0), (4, 4.0)] {
+            let mut scene = with_everything(60, degree, seed);
+            scene.opacity_logits.iter_mut().for_each(|o| *o += opaque);
+            scene.log_scales.iter_mut().for_each(|s| *s += 0.1 * opaque);
+            let scene = rounded(scene);
+            let settings = settings(camera(43, 37), degree);
+            // a decision that f32 could take otherwise would say nothing about gradients
+            let pixels: Vec<u32> = (0..43 * 37).collect();
+            let lists = contributors(&scene, &settings, &pixels);
+            let margin = lists.iter().map(|p| p.margin).fold(f64::INFINITY, f64::min);
+            let what = format!("degree {degree} seed {seed}");
+            println!("{what}: margin {margin:.1e}, depth gap {:.1e}", depth_gap(&scene, &settings));
+            assert!(margin > 1e-5 && depth_gap(&scene, &settings) > 1e-5, "{what}: choose another seed");
+            let (all, image) = (render(&scene, &settings, Cutoffs::NONE), render(&scene, &settings, Cutoffs::OP));
+            assert_ne!(all, image, "{what}: meets no cutoff");
+            let ended = image.chunks_exact(4).filter(|p| p[3] > 0.99).count();
+            assert!(opaque == 0.0 || ended > 43 * 37 / 10, "{what}: {ended} pixels end early");
+            let by_image = weights(&settings, seed + 10);
+            let exact = backward(&scene, &settings, Cutoffs::OP, &by_image);
+            check(&on, &scene, settings, &by_image, exact, on.within(4e-5, 4e-3), &what);
+        }
+    }
+}
+
+volseggs_testing::on_every_device!(
+    crate::common::open =>
+    where_no_cutoff_is_met_gradients_are_difference_quotients,
+    with_cutoffs_gradients_are_those_of_the_reference,
+);

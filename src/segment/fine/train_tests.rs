@@ -1,0 +1,255 @@
+//! The affinity field on two balls: gradients, what a click selects at which scale, threads, poison and bad input.
+
+use super::*;
+use crate::device::DeviceName;
+use crate::model::{GaussiansAt, params};
+use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads};
+use crate::segment::click;
+use crate::segment::fine::extract::{Clustering, cluster, similar};
+use crate::segment::fine::network::{ENCODED, Frame};
+use rayon::prelude::*;
+use volseggs_kernels::contrast::reference as contrast_reference;
+use volseggs_kernels::decoder::{DecoderShape, reference as decoder_reference};
+
+/// The threshold of `volseggs segment pick`.
+const THRESHOLD: f32 = 0.8;
+
+fn device() -> Device {
+    DeviceName::all()[0].open().unwrap()
+}
+
+fn quick(steps: usize) -> FineOptions {
+    FineOptions { steps, pixels: 64, ..FineOptions::default() }
+}
+
+/// Weights and biases, layer by layer, in f64.
+type Layers = [Vec<f64>; 6];
+
+fn wide(values: Vec<f32>) -> Vec<f64> {
+    values.into_iter().map(f64::from).collect()
+}
+
+fn layers(field: &AffinityField) -> Layers {
+    [
+        to_vec(field.first_weight.val()),
+        to_vec(field.first_bias.val()),
+        to_vec(field.second_weight.val()),
+        to_vec(field.second_bias.val()),
+        to_vec(field.output_weight.val()),
+        to_vec(field.output_bias.val()),
+    ]
+    .map(wide)
+}
+
+/// A batch in f64, by the references of the decoder and of the contrast.
+struct Exact<'a> {
+    view: &'a FineView,
+    batch: &'a Batch,
+    options: &'a FineOptions,
+    shape: DecoderShape,
+}
+
+impl Exact<'_> {
+    fn params(layers: &Layers) -> decoder_reference::Params<'_> {
+        let [w0, b0, w1, b1, w2, b2] = layers;
+        decoder_reference::Params { w0, b0, w1, b1, w2, b2 }
+    }
+
+    fn inputs(&self, scale: f32) -> Vec<f64> {
+        let rows = self.view.encoded.chunks_exact(ENCODED);
+        rows.flat_map(|row| row.iter().copied().chain([scale])).map(f64::from).collect()
+    }
+
+    fn term(&self, layers: &Layers, scale: f32, repulsion: Repulsion) -> f64 {
+        let features = decoder_reference::forward(&self.shape, Self::params(layers), &self.inputs(scale));
+        let mut rendered = vec![0.0; self.batch.pixels.len() * FEATURES];
+        for (p, pixel) in rendered.chunks_exact_mut(FEATURES).enumerate() {
+            let (indices, weights) = self.batch.pixels.row(p);
+            for (&i, &w) in indices.iter().zip(weights) {
+                let feature = &features[i as usize * FEATURES..][..FEATURES];
+                pixel.iter_mut().zip(feature).for_each(|(sum, f)| *sum += f64::from(w) * f);
+            }
+        }
+        contrast_reference::contrast(&rendered, &self.batch.masks, repulsion)
+    }
+
+    fn loss(&self, layers: &Layers) -> f64 {
+        let own = self.term(layers, self.batch.scale, self.options.repulsion);
+        let larger = self.batch.larger.map(|scale| self.options.hierarchy * self.term(layers, scale, Repulsion::None));
+        own + larger.unwrap_or(0.0)
+    }
+
+    /// The gradient by difference quotients, entry by entry.
+    fn quotients(&self, layers: &Layers) -> Layers {
+        const STEP: f64 = 1e-5;
+        std::array::from_fn(|layer| {
+            let entries = (0..layers[layer].len()).into_par_iter();
+            let quotient = |moved: &mut Layers, i: usize| {
+                let at = layers[layer][i];
+                let [up, down] = [STEP, -STEP].map(|step| {
+                    moved[layer][i] = at + step;
+                    self.loss(moved)
+                });
+                moved[layer][i] = at;
+                (up - down) / (2.0 * STEP)
+            };
+            entries.map_init(|| layers.clone(), quotient).collect()
+        })
+    }
+}
+
+#[test]
+fn the_gradient_by_every_parameter_is_a_difference_quotient() {
+    let balls = Balls { count: 4, ..APART };
+    let at = balls.gaussians();
+    let view = &balls.prepared(&at)[1];
+    for (repulsion, hierarchy) in [(Repulsion::Margin(0.5), 0.7), (Repulsion::Cosine, 0.0)] {
+        let options = FineOptions { pixels: 20, repulsion, hierarchy, ..FineOptions::default() };
+        let field = AffinityField::new(2, &device().autodiff());
+        // at a scale at which there is something to repel
+        let mut draws = (0..).map(|step| Batch::draw(view, &options, &mut Rng::new(1, step, 3)));
+        let batch = draws.find(|b| [0, 1].iter().all(|m| b.masks.contains(m))).unwrap();
+        let (total, loss) = loss(&field, view, &batch, &options);
+        let found = loss.backward();
+        let ours = [
+            to_vec(field.first_weight.val().grad(&found).unwrap()),
+            to_vec(field.first_bias.val().grad(&found).unwrap()),
+            to_vec(field.second_weight.val().grad(&found).unwrap()),
+            to_vec(field.second_bias.val().grad(&found).unwrap()),
+            to_vec(field.output_weight.val().grad(&found).unwrap()),
+            to_vec(field.output_bias.val().grad(&found).unwrap()),
+        ]
+        .map(wide);
+        let layers = layers(&field);
+        let shape = DecoderShape { inputs: ENCODED + 1, width: layers[1].len(), head_sizes: vec![FEATURES] };
+        let exact = Exact { view, batch: &batch, options: &options, shape };
+        assert!((exact.loss(&layers) - total).abs() < 1e-6, "{total}");
+        for scale in [Some(batch.scale), batch.larger].into_iter().flatten() {
+            let kink = decoder_reference::kink_distance(&exact.shape, Exact::params(&layers), &exact.inputs(scale));
+            assert!(kink > 1e-4, "a hidden unit lies at its kink ({kink:.0e}): choose another seed");
+        }
+        for (k, (ours, exact)) in ours.iter().zip(&exact.quotients(&layers)).enumerate() {
+            assert_eq!(ours.len(), exact.len());
+            let scale = (exact.iter().map(|v| v * v).sum::<f64>() / exact.len() as f64).sqrt();
+            let worst = ours.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            println!("{repulsion:?}, tensor {k}: {:.1e} of {scale:.1e}", worst / scale);
+            assert!(scale > 1e-6 && worst < 1e-4 * scale, "{repulsion:?}, tensor {k}: {worst:.1e} of {scale:.1e}");
+        }
+    }
+}
+
+/// A field trained on two balls.
+struct Trained {
+    at: GaussiansAt,
+    frame: Frame,
+    field: AffinityField,
+    camera: volseggs_kernels::Camera,
+    balls: Balls,
+}
+
+impl Trained {
+    fn on(balls: Balls) -> Self {
+        let at = balls.gaussians();
+        let (mut first, mut last) = (0.0, 0.0);
+        // the first few hundred steps go by before the features of the balls part
+        let field = train(&balls.prepared(&at), &quick(2000), &device(), |step, loss| {
+            first += if step < 200 { loss } else { 0.0 };
+            last += if step >= 1800 { loss } else { 0.0 };
+            true
+        })
+        .unwrap();
+        assert!(last < 0.5 * first, "{first} -> {last}");
+        Self { frame: Frame::around(&at.means), at, field, camera: balls.views()[0].0, balls }
+    }
+
+    /// The Gaussian under a click on the middle of a ball.
+    fn clicked(&self, ball: usize) -> usize {
+        let camera = &self.camera;
+        let centre = [if ball == 0 { -self.balls.apart } else { self.balls.apart } as f32, 0.0, 0.0];
+        let [x, y, z] =
+            [0, 1, 2].map(|r| (0..3).map(|k| camera.rotation[r][k] * centre[k]).sum::<f32>() + camera.translation[r]);
+        let pixel = [camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy].map(|v| v as u32);
+        let under = click::under(&self.at, *camera, pixel, &device()).unwrap();
+        let found = click::heaviest(&under, |_| true).unwrap() as usize;
+        assert_eq!(found / COUNT, ball, "the click hits the other ball");
+        found
+    }
+
+    /// Intersection over union of what such a click selects at `scale` with that ball, and with both.
+    fn selects(&self, ball: usize, scale: f32) -> [f64; 2] {
+        let clicked = self.clicked(ball);
+        let found = similar(&self.field, &self.frame, &self.at.means, clicked, scale, THRESHOLD);
+        [iou(&found, |i| i / COUNT == ball), iou(&found, |_| true)]
+    }
+}
+
+fn iou(found: &[bool], truth: impl Fn(usize) -> bool) -> f64 {
+    let count = |both: fn(bool, bool) -> bool| (0..found.len()).filter(|&i| both(found[i], truth(i))).count() as f64;
+    count(|a, b| a && b) / count(|a, b| a || b)
+}
+
+#[test]
+fn a_click_selects_its_ball_at_a_small_scale_and_both_at_the_largest() {
+    let trained = Trained::on(APART);
+    for ball in 0..2 {
+        let [own, _] = trained.selects(ball, 0.0);
+        let [_, both] = trained.selects(ball, 1.0);
+        println!("ball {ball}: {own:.3} at scale 0, {both:.3} at scale 1");
+        assert!(own >= 0.95 && both >= 0.95, "ball {ball}: {own:.3} at scale 0, {both:.3} at scale 1");
+    }
+}
+
+#[test]
+fn a_small_scale_parts_touching_balls_that_a_large_one_joins() {
+    let trained = Trained::on(TOUCHING);
+    let Trained { at, frame, field, .. } = &trained;
+    for ball in 0..2 {
+        let (small, large) = (trained.selects(ball, 0.1), trained.selects(ball, 0.9));
+        println!("ball {ball}, its own and both: {small:.3?} at scale 0.1, {large:.3?} at scale 0.9");
+        assert!(
+            small[0] >= 0.95 && large[1] >= 0.95,
+            "ball {ball}: {small:.3?} at scale 0.1, {large:.3?} at scale 0.9"
+        );
+    }
+    for (clustering, seed) in [(Clustering::Density, 0), (Clustering::KMeans(2), 0), (Clustering::KMeans(2), 7)] {
+        let labels = cluster(field, frame, &at.means, 0.1, clustering, seed).unwrap();
+        assert_eq!(labels.iter().max(), Some(&2), "{clustering:?}");
+        for ball in 0..2 {
+            let most = [1, 2].map(|label| {
+                let found: Vec<bool> = labels.iter().map(|l| *l == label).collect();
+                iou(&found, |i| i / COUNT == ball)
+            });
+            assert!(most[0].max(most[1]) >= 0.95, "{clustering:?}, ball {ball}: {most:?}");
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_whatever_the_threads() {
+    let at = APART.gaussians();
+    let run = |threads, seed| {
+        on_threads(threads, || {
+            let options = FineOptions { hierarchy: 0.5, seed, ..quick(12) };
+            params::collect(&train(&APART.prepared(&at), &options, &device(), |_, _| true).unwrap())
+        })
+    };
+    let one = run(1, 0);
+    assert!(run(3, 0) == one && run(8, 0) == one, "the number of threads changes the field");
+    assert!(run(3, 1) != one, "another seed gives the same field");
+}
+
+#[test]
+fn poison_is_never_selected_and_bad_input_is_refused() {
+    let mut at = APART.gaussians();
+    for poison in [f32::NAN, f32::INFINITY] {
+        add(&mut at, [0.5, poison, 0.0], [-2.7; 3]);
+    }
+    let views = APART.prepared(&at);
+    let field = train(&views, &quick(5), &device(), |_, _| true).unwrap();
+    let n = 2 * COUNT;
+    let found = similar(&field, &Frame::around(&at.means), &at.means, 0, 0.5, -1.0);
+    assert_eq!(found[n - 1..], [true, false, false]);
+    assert!(matches!(train(&[], &quick(5), &device(), |_, _| true), Err(FineError::NoMasks)));
+    let wild = FineOptions { rate: f64::NAN, ..quick(5) };
+    assert!(matches!(train(&views, &wild, &device(), |_, _| true), Err(FineError::NotFinite { .. })));
+}

@@ -1,0 +1,75 @@
+//! Training on every device beside the default one. Those of the CPU run the same kernels and give the same bytes; GPUs
+//! sum in another order and reach the same quality after 200 steps. A checkpoint of either goes on on the other.
+#![cfg(any(feature = "ndarray", feature = "tch", feature = "wgpu", feature = "cuda"))]
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{dataset, json, metrics, newest_bytes, train};
+use std::path::Path;
+use std::sync::OnceLock;
+use tempfile::TempDir;
+use volseggs::device::DeviceName;
+
+/// 40 steps of warm-up, 160 of both; a margin for the sums whose order differs, no more.
+const STEPS: &[&str] = &[
+    "stages.warmup_steps=40",
+    "stages.joint_steps=160",
+    "output.checkpoint_every=100",
+    "output.eval_every=200",
+    "output.eval_views=6",
+];
+
+/// The dataset, with a run on the default device.
+fn straight() -> &'static Path {
+    static ROOT: OnceLock<TempDir> = OnceLock::new();
+    let folder = ROOT.get_or_init(|| {
+        let folder = dataset();
+        train(folder.path(), "straight", STEPS).assert().success();
+        folder
+    });
+    folder.path()
+}
+
+fn test_psnr(run: &Path) -> f64 {
+    metrics(run).last().unwrap()["test_psnr"].as_f64().unwrap()
+}
+
+/// Checks that a run that `device` took part in and that ended on `last` is the one on the default device.
+fn alike(device: DeviceName, last: DeviceName, name: &str) {
+    let (run, straight) = (straight().join(name), straight().join("straight"));
+    let record = json(&run.join("run.json"));
+    assert_eq!((&record["status"], &record["device"]), (&"complete".into(), &last.to_string().into()));
+    assert_eq!(record["gaussians"], 400);
+    let (psnr, expected) = (test_psnr(&run), test_psnr(&straight));
+    eprintln!("{name}: {psnr:.4} dB, on the default device {expected:.4} dB");
+    match device {
+        DeviceName::Wgpu | DeviceName::Cuda => assert!((psnr - expected).abs() < 0.05, "{name}: {psnr} for {expected}"),
+        _ => assert!(newest_bytes(&run) == newest_bytes(&straight), "{name} ends with other bytes"),
+    }
+}
+
+fn two_hundred_steps_end_as_on_the_default_device(device: DeviceName) {
+    let name = device.to_string();
+    train(straight(), &name, STEPS).args(["--device", &name]).assert().success();
+    alike(device, device, &name);
+}
+
+fn a_checkpoint_goes_on_on_the_other_device(device: DeviceName) {
+    let default = DeviceName::all()[0];
+    for (first, second) in [(default, device), (device, default)] {
+        let name = format!("{first}-{second}");
+        let on = |device: DeviceName, more: &[&str]| {
+            train(straight(), &name, STEPS).args(["--device", &device.to_string()]).args(more).assert().success();
+        };
+        on(first, &["--stop-after", "100"]);
+        on(second, &["--resume"]);
+        alike(device, second, &name);
+    }
+}
+
+// the default device would be compared with itself
+volseggs_testing::on_devices!(
+    crate::common::open => [ndarray "ndarray", tch "tch", wgpu "wgpu", cuda "cuda"]
+    two_hundred_steps_end_as_on_the_default_device a_checkpoint_goes_on_on_the_other_device
+);
