@@ -62,6 +62,12 @@ pub fn short(digest: &str) -> &str {
     digest.get(..SHORT).unwrap_or(digest)
 }
 
+/// A build within a sentence; early versions did not record theirs.
+#[must_use]
+pub fn called(build: &str) -> String {
+    if build.is_empty() { "a build that was not recorded".to_owned() } else { format!("build {}", short(build)) }
+}
+
 /// What to start in order to run this very program once more. On Linux it is the file that runs now, also where another
 /// was put in its place since.
 #[must_use]
@@ -110,5 +116,7 @@ mod tests {
         assert_eq!(found.bytes, std::fs::metadata(executable()).unwrap().len());
         assert!(found.file.is_file() && short(&found.digest).len() == 12);
         assert_eq!(short("abc"), "abc");
+        assert_eq!(called("0123456789abcdef"), "build 0123456789ab");
+        assert_eq!(called(""), "a build that was not recorded");
     }
 }

@@ -88,8 +88,11 @@ fn eval_writes_tables_and_pictures() {
 
     let text = output(&mut command(&["eval", "--split", "train", "--views", "5"]));
     assert!(text.contains("5 (32x32, train split)") && text.contains("LPIPS is null"), "{text}");
-    let with_copy = text.lines().find(|l| l.contains("with the copy")).unwrap();
-    assert!(with_copy.contains("(5 frames)"), "{text}");
+    let lines: Vec<&str> = text.lines().collect();
+    let at = lines.iter().position(|l| l.starts_with("frames/second")).unwrap();
+    let number = |line: &str| line.split_whitespace().find_map(|word| word.parse::<f64>().ok()).unwrap();
+    assert!(number(lines[at]) > 0.0 && lines[at].contains("deformation and splatting, anew for each frame"), "{text}");
+    assert!(number(lines[at + 1]) > 0.0 && lines[at + 1].contains("with the copy"), "{text}");
     let bytes = summary["model_bytes"].as_f64().unwrap();
     let size = format!("{:.2} MiB ({:.2} MB), scene.safetensors in f32", bytes / 1024.0 / 1024.0, bytes / 1e6);
     assert!(text.contains(&size), "{size}: {text}");

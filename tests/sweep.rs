@@ -314,3 +314,50 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
     let now = done(&out);
     assert!(now.len() == 4 && untouched(&now), "{now:?}");
 }
+
+#[test]
+fn a_worker_of_another_build_than_planned_trains_a_run_of_its_own() {
+    let (file, out, program) = (sweep_file("handed", TWO), root().join("handed-out"), Path::new(BINARY));
+    said(program, &["--only", "first"], &file, &out);
+    let (old, other) = (build_of(program), rebuilt("volseggs-handed"));
+    let new = build_of(&other);
+    // as a task of Slurm whose program was built again while it stood in the queue
+    let mut worker = Command::new(&other);
+    let output = worker.args(["sweep", "worker", "--task", "1"]).arg(out.join("handed")).assert().success();
+    let told = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
+    assert!(told.contains(&old) && told.contains(&new) && told.contains("\ndone\n"), "{told}");
+    let runs: Vec<PathBuf> = done(&out).into_keys().map(|f| f.parent().unwrap().to_owned()).collect();
+    let of = |build: &str| runs.iter().filter(|r| r.to_str().unwrap().ends_with(&format!("-{build}"))).count();
+    assert_eq!((runs.len(), of(&old), of(&new)), (2, 1, 1), "{runs:?}");
+    let (status, _) = said(program, &["status"], &file, &out);
+    assert!(status.contains(&format!("finished by build {new}")), "{status}");
+    // it does what is done no second time
+    let again =
+        Command::new(&other).args(["sweep", "worker", "--task", "1"]).arg(out.join("handed")).assert().success();
+    assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("done before"));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn all_runs_are_of_the_program_that_began_also_if_its_file_is_replaced() {
+    let (file, out) = (sweep_file("replaced", TWO), root().join("replaced-out"));
+    let (program, other) = (rebuilt("volseggs-replaced"), PathBuf::from(BINARY));
+    let begun = build_of(&program);
+    assert_ne!(begun, build_of(&other));
+    let mut command = std::process::Command::new(&program);
+    command.arg("sweep").arg(&file).arg("--out").arg(&out);
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let patience = Instant::now();
+    while !out.join("replaced/plan.json").is_file() && patience.elapsed() < Duration::from_secs(60) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // as a linker puts a new file in the place of the old one
+    let next = root().join("volseggs-next");
+    let copied = std::process::Command::new("cp").arg(&other).arg(&next).status().unwrap();
+    assert!(copied.success());
+    std::fs::rename(&next, &program).unwrap();
+    assert!(child.wait().unwrap().success());
+    let runs: Vec<PathBuf> = done(&out).into_keys().map(|f| f.parent().unwrap().to_owned()).collect();
+    assert!(runs.len() == 2 && runs.iter().all(|r| r.to_str().unwrap().ends_with(&format!("-{begun}"))), "{runs:?}");
+    assert!(runs.iter().all(|r| json(&r.join("run.json"))["build"].as_str().unwrap().starts_with(&begun)), "{runs:?}");
+}

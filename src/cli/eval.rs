@@ -100,11 +100,7 @@ impl EvalArgs {
         }
         let fps = s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
         outln!("frames/second  {fps} ({} frames): deformation and splatting, anew for each frame", s.speed.fps_frames);
-        outln!(
-            "               {:.1} with the copy of each image to the host ({} frames)",
-            s.speed.fps_with_copy,
-            s.views
-        );
+        outln!("               {:.1} with the copy of each image to the host", s.speed.fps_with_copy);
         outln!("training       {:.1} min", s.training_seconds / 60.0);
         let bytes = s.model_bytes as f64;
         outln!(

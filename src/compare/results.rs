@@ -2,6 +2,7 @@
 //!
 //! No files are read here; `sweep` and `compare::runs` fill these in.
 
+use crate::program::called;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -38,8 +39,21 @@ impl ResultSet {
         if done().all(|o| o.build.is_empty() && o.measured_by.is_empty()) {
             return String::new();
         }
-        let beside = if measured.is_empty() { String::new() } else { format!("; measured by build {measured}") };
-        format!("Trained by build {trained} of the program{beside}.")
+        let beside = if measured.is_empty() { String::new() } else { format!("; measured by {measured}") };
+        format!("Trained by {trained} of the program{beside}.")
+    }
+
+    /// Says that results of early versions lack the frames per second that the table asks for, where some do.
+    #[must_use]
+    pub fn speed_note(&self) -> Option<String> {
+        let has = |o: &&Outcome, id: &str| o.metrics.contains_key(id);
+        let old = self.outcomes.iter().filter(|o| has(o, "fps_with_copy") && !has(o, "fps")).count();
+        (old > 0 && self.metrics.iter().any(|id| id == "fps")).then(|| {
+            format!(
+                "{old} results are from before frames/s were measured without the copy of images to the host; what they have \
+                 is the metric fps_with_copy"
+            )
+        })
     }
 }
 
@@ -51,9 +65,9 @@ fn builds<'a>(runs: impl Iterator<Item = (&'a PathBuf, &'a str)>) -> String {
     }
     let several = of.len() > 1;
     let one = |(build, runs): (&str, BTreeSet<&PathBuf>)| {
-        let name = if build.is_empty() { "not recorded" } else { build };
+        let name = called(build);
         let plural = if runs.len() == 1 { "" } else { "s" };
-        if several { format!("{name} ({} run{plural})", runs.len()) } else { name.to_owned() }
+        if several { format!("{name} ({} run{plural})", runs.len()) } else { name }
     };
     of.into_iter().map(one).collect::<Vec<_>>().join(", ")
 }
@@ -117,6 +131,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn results_without_the_speed_that_is_asked_for_are_told() {
+        let of = |ids: &[&str]| Outcome {
+            metrics: ids.iter().map(|id| ((*id).to_owned(), 1.0)).collect(),
+            ..Outcome::default()
+        };
+        let set = |ids: &[&str], metric: &str| ResultSet {
+            outcomes: vec![of(ids), of(&["fps", "fps_with_copy"])],
+            metrics: vec![metric.to_owned()],
+            ..ResultSet::default()
+        };
+        let told = set(&["fps_with_copy"], "fps").speed_note().unwrap();
+        assert!(told.starts_with("1 results") && told.contains("fps_with_copy"), "{told}");
+        assert_eq!(set(&["fps_with_copy"], "psnr").speed_note(), None);
+        assert_eq!(set(&["fps", "fps_with_copy"], "fps").speed_note(), None);
+        assert_eq!(set(&[], "fps").speed_note(), None);
+    }
+
+    #[test]
     fn a_table_says_of_which_builds_it_is() {
         let of = |run: &str, build: &str, measured_by: &str| Outcome {
             run: run.into(),
@@ -132,11 +164,11 @@ mod tests {
         assert_eq!(said(&[of("a", "11", "11"), of("a", "11", "11")]), "Trained by build 11 of the program.");
         assert_eq!(
             said(&[of("a", "11", "11"), of("b", "22", "22"), of("c", "22", "11")]),
-            "Trained by build 11 (1 run), 22 (2 runs) of the program; measured by build 11."
+            "Trained by build 11 (1 run), build 22 (2 runs) of the program; measured by build 11."
         );
         assert_eq!(
             said(&[of("a", "", "22"), of("b", "22", "22")]),
-            "Trained by build not recorded (1 run), 22 (1 run) of the program; measured by build 22."
+            "Trained by a build that was not recorded (1 run), build 22 (1 run) of the program; measured by build 22."
         );
         let missing = Outcome { state: OutcomeState::Missing, ..of("a", "33", "") };
         assert_eq!(said(&[missing, of("b", "11", "11")]), "Trained by build 11 of the program.");

@@ -15,7 +15,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Metrics of one view.
 #[derive(Clone, Debug, Serialize)]
@@ -158,13 +157,9 @@ pub fn evaluate(
     let mut truth = vec![0.0; 3 * w * h];
     let mut alpha = vec![0.0; w * h];
     let registered = extend::metrics();
-    // first, so that nothing is compiled while the views below are timed
-    let (fps, fps_frames) = speed::measure(scene, split)?;
-    let mut render_seconds = 0.0;
+    let speed = speed::measure(scene, split)?;
     for (i, frame) in split.frames.iter().enumerate() {
-        let started = Instant::now();
         let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
-        render_seconds += started.elapsed().as_secs_f64();
         let render: Vec<f32> =
             image.chunks_exact(4).flat_map(|p| [quantise(p[0]), quantise(p[1]), quantise(p[2])]).collect();
         split.images.composite(i, background, &mut truth);
@@ -218,7 +213,7 @@ pub fn evaluate(
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
         extra: extend::means(views.iter().map(|v| &v.extra)),
         by_distance: by_distance(&views, &costs.trained_times),
-        speed: Speed { fps: Some(fps), fps_frames, fps_with_copy: n as f64 / render_seconds },
+        speed,
         training_seconds: costs.training_seconds,
         model_bytes: costs.model_bytes,
         gaussians: scene.gaussians.count(),

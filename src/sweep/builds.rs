@@ -6,7 +6,7 @@
 use super::key::{is_key, key, parts};
 use super::plan::Plan;
 use super::result::{Progress, progress, progress_in, read};
-use crate::program;
+use crate::program::{called, short};
 use crate::train::checkpoint;
 use crate::train::run::RunRecord;
 use std::collections::{BTreeMap, HashMap};
@@ -75,7 +75,7 @@ impl Plan {
         }
         for run in &mut self.runs {
             let (recipe, of) = parts(&run.key);
-            if of == program::short(&self.build) {
+            if of == short(&self.build) {
                 run.key = key(recipe, build);
             }
         }
@@ -122,8 +122,8 @@ pub fn view(plan: &Plan, any: bool) -> View {
         let keys: BTreeMap<usize, String> =
             candidates.iter().filter_map(|(i, keys)| Some((*i, of_it(keys)?))).collect();
         notes.push(format!(
-            "no run has ended by build {} yet; shown are those of other builds ({})",
-            name(program::short(&plan.build)),
+            "no run of {} has ended yet; shown are those of other builds ({})",
+            called(&plan.build),
             tally(keys.values())
         ));
         shown.put(&keys);
@@ -151,13 +151,7 @@ fn most<'a>(candidates: &[(usize, Vec<&'a String>)]) -> Option<&'a str> {
 pub fn tally<'a>(keys: impl Iterator<Item = &'a String>) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     keys.for_each(|key| *counts.entry(parts(key).1).or_default() += 1);
-    counts.iter().map(|(build, n)| format!("{}: {n}", name(build))).collect::<Vec<_>>().join(", ")
-}
-
-/// What a build is called, which early versions did not record.
-#[must_use]
-pub fn name(build: &str) -> &str {
-    if build.is_empty() { "not recorded" } else { build }
+    counts.iter().map(|(build, n)| format!("{}: {n}", called(build))).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -179,7 +173,7 @@ mod tests {
                     set = { 'loss.tv' = 0.5 }\n[data]\njets = { synthetic = 'jets', size = 40, times = 3, views = 4 }";
         std::fs::write(&path, text).unwrap();
         let mut plan = Plan::new(&path, &PlanOptions { out: root.to_owned(), ..PlanOptions::default() }).unwrap();
-        assert_eq!(plan.build, program::build().unwrap().digest);
+        assert_eq!(plan.build, crate::program::build().unwrap().digest);
         assert!(plan.hand_over(B) && !plan.hand_over(B));
         plan
     }
@@ -226,7 +220,7 @@ mod tests {
         train(&plan, &format!("{before}-x"));
         let found = OtherBuilds::find(&plan);
         assert_eq!((found.of(0), found.of(1)), (&[old.clone(), before.clone()][..], &[][..]));
-        assert_eq!(tally(found.of(0).iter()), "not recorded: 1, aaaaaaaaaaaa: 1");
+        assert_eq!(tally(found.of(0).iter()), "a build that was not recorded: 1, build aaaaaaaaaaaa: 1");
         let instead = found.instead(&plan, &[0, 1]);
         assert_eq!(instead, BTreeMap::from([(0, old.clone())]));
         // taken over, it stays what it is when another build works on the plan, and so does the plan's other run not
@@ -256,7 +250,7 @@ mod tests {
         let (psnr, notes, builds) = shown(false);
         assert_eq!(psnr, [Some(20.0), Some(21.0)]);
         assert!(
-            notes.contains("no run has ended by build bbbbbbbbbbbb") && notes.contains("aaaaaaaaaaaa: 2"),
+            notes.contains("no run of build bbbbbbbbbbbb has ended") && notes.contains("aaaaaaaaaaaa: 2"),
             "{notes}"
         );
         assert!(builds.contains("aaaaaaaaaaaa"), "{builds}");

@@ -4,9 +4,9 @@ use super::{CliError, Planned};
 use crate::cli::print_json;
 use crate::compare::write::write_report;
 use crate::log::progress::duration;
-use crate::program;
+use crate::program::{self, called};
 use crate::sweep::Plan;
-use crate::sweep::builds::{OtherBuilds, name, view};
+use crate::sweep::builds::{OtherBuilds, view};
 use crate::sweep::claim::holder;
 use crate::sweep::collect::collect;
 use crate::sweep::halving;
@@ -107,7 +107,7 @@ impl StatusArgs {
             if let (Some(other), true) = (other_builds.first(), state != "done") {
                 let psnr = other.psnr.map(|p| format!(" ({p:.2} dB)")).unwrap_or_default();
                 let comma = if detail.is_empty() { "" } else { "; " };
-                detail += &format!("{comma}finished by build {}{psnr}", name(&other.build));
+                detail += &format!("{comma}finished by {}{psnr}", called(&other.build));
             }
             RunStatus {
                 task,
@@ -152,8 +152,7 @@ impl CollectArgs {
 fn planned_by(plan: &Plan) -> Vec<String> {
     let own = program::build().ok().filter(|own| own.digest != plan.build);
     let text = |own: &program::Build| {
-        let (planned, own) = (program::short(&plan.build), program::short(&own.digest));
-        format!("the sweep was last planned by build {} of the program; this is build {own}", name(planned))
+        format!("the sweep was last planned by {} of the program; this is {}", called(&plan.build), called(&own.digest))
     };
     own.map(text).into_iter().collect()
 }
@@ -168,6 +167,7 @@ pub(super) fn report(plan: &Plan, dir: &Path, any_build: bool, json: bool) -> Re
     let view = view(plan, any_build);
     tell(&view.notes);
     let set = collect(&view.plan, dir);
+    tell(&set.speed_note().into_iter().collect::<Vec<_>>());
     let text = write_report(dir, &set).map_err(CliError::failure)?;
     errln!("report: {}", dir.join("report.html").display());
     if json {

@@ -2,9 +2,8 @@
 
 use super::CliError;
 use crate::cli::patient_stop_flag;
-use crate::program::{build, short};
+use crate::program::{build, called};
 use crate::sweep::Plan;
-use crate::sweep::builds::name;
 use crate::sweep::local::{HELD, INTERRUPTED};
 use crate::sweep::work::{Ended, work};
 use clap::Args;
@@ -36,9 +35,9 @@ impl WorkerArgs {
         let (own, planned) = (build().map_err(CliError::failure)?, plan.build.clone());
         if plan.hand_over(&own.digest) {
             errln!(
-                "note: planned by build {} of the program, run by build {}, whose run this will be",
-                name(short(&planned)),
-                short(&own.digest)
+                "note: planned by {} of the program, run by {}; the run is one of the latter",
+                called(&planned),
+                called(&own.digest)
             );
         }
         let Some(run) = plan.runs.get(self.task) else {
