@@ -52,7 +52,14 @@ impl EvalArgs {
         if self.segments.segments {
             return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
         }
-        let split = run.split(self.split, self.data.as_deref(), self.views)?;
+        let split = run.measured(self.split, self.data.as_deref(), self.views)?;
+        if !run.config.data.only_times.is_empty() {
+            let times: Vec<String> = split.times().iter().map(|t| format!("{t:.3}")).collect();
+            errln!(
+                "note: data.only_times: measured on the views nearest to the times trained on, at {}",
+                times.join(", ")
+            );
+        }
         let data = data_of(&run, self.data.as_deref())?;
         let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
         let model = std::fs::metadata(&run.scene_path)
