@@ -13,7 +13,7 @@ use volseggs_kernels::field::{FieldShape, LevelShape};
 use volseggs_kernels::photometric::{Distance, photometric_loss};
 use volseggs_kernels::splat::reference::Scene;
 use volseggs_kernels::ssim::mean_ssim;
-use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
+use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, total_variation};
 
 fn values(n: usize, seed: u64) -> Vec<f32> {
     let mut r = Numbers(seed);
@@ -221,10 +221,13 @@ fn ssim_of_three_and_four_channels(on: Tested) {
     }
 }
 
-fn total_variation_of_both_kinds(on: Tested) {
+fn total_variation_of_both_kinds_by_mean_and_by_sum(on: Tested) {
     let shape = shape(8);
-    let weights = TvWeights { space: 1.0, time: 0.5, one_prior_space: 0.1, one_prior_time: 0.2 };
-    for kind in [TvKind::First, TvKind::Second] {
+    let (mean, sum) = (TvReduction::Mean, TvReduction::Sum);
+    for (kind, reduction) in
+        [(TvKind::First, mean), (TvKind::First, sum), (TvKind::Second, mean), (TvKind::Second, sum)]
+    {
+        let weights = TvWeights { space: 1.0, time: 0.5, one_prior_space: 0.1, one_prior_time: 0.2, reduction };
         alike(&on, 1e-5, |device| {
             let p = tensor(&values(shape.planes_len(), 1), [shape.planes_len()], device).require_grad();
             let l = tensor(&values(shape.lines_len(), 2), [shape.lines_len()], device).require_grad();
@@ -302,7 +305,7 @@ volseggs_testing::on_every_gpu!(
     decoder_of_separate_and_shared_heads,
     photometric,
     ssim_of_three_and_four_channels,
-    total_variation_of_both_kinds,
+    total_variation_of_both_kinds_by_mean_and_by_sum,
     adam_in_place_and_on_shared_memory,
     contributors,
 );

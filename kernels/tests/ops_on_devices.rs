@@ -10,7 +10,7 @@ use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
 use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
 use volseggs_kernels::photometric::{Distance, photometric_loss, reference as photometric_reference};
 use volseggs_kernels::ssim::{mean_ssim, reference as ssim_reference};
-use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
+use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, total_variation};
 
 fn values(n: usize, seed: u64) -> Vec<f32> {
     let mut r = Numbers(seed);
@@ -116,8 +116,11 @@ fn total_variation_has_the_gradient_of_its_value(on: Tested) {
     let shape = shape();
     let (planes, lines, times) =
         (values(shape.planes_len(), 8), values(shape.lines_len(), 9), values(shape.times_len(), 10));
-    let weights = TvWeights { space: 1.0, time: 0.5, one_prior_space: 0.0, one_prior_time: 0.0 };
-    for kind in [TvKind::First, TvKind::Second] {
+    let (mean, sum) = (TvReduction::Mean, TvReduction::Sum);
+    for (kind, reduction) in
+        [(TvKind::First, mean), (TvKind::First, sum), (TvKind::Second, mean), (TvKind::Second, sum)]
+    {
+        let weights = TvWeights { space: 1.0, time: 0.5, one_prior_space: 0.0, one_prior_time: 0.0, reduction };
         let run = |planes: &[f32], device: &Device| {
             let p = tensor(planes, [planes.len()], device).require_grad();
             let l = tensor(&lines, [lines.len()], device);

@@ -2,6 +2,7 @@
 
 use super::CliError;
 use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
+use crate::config::legacy::implied;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::files::is_mendable;
@@ -11,7 +12,7 @@ use std::path::Path;
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Args)]
 pub struct ConfigSource {
-    /// Configuration file (TOML) or preset: best, quick, demo, paper, official.
+    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static.
     #[arg(long, value_name = "FILE")]
     config: Option<String>,
     /// Override a key, such as loss.dssim=0.2; may be given many times.
@@ -43,8 +44,10 @@ impl ConfigSource {
                 run_config.display()
             )));
         }
-        let own = Self { config: Some(run_config.to_string_lossy().into_owned()), set: self.set.clone() };
-        own.resolve()
+        let table: Option<toml::Table> = std::fs::read_to_string(run_config).ok().and_then(|text| text.parse().ok());
+        let kept = table.iter().flat_map(implied).map(|(key, value)| format!("{key}={value}"));
+        let set = kept.chain(self.set.iter().cloned()).collect();
+        Self { config: Some(run_config.to_string_lossy().into_owned()), set }.resolve()
     }
 }
 

@@ -4,7 +4,6 @@ use super::eval_segments::SegmentFlags;
 use super::run_folder::RunFolder;
 use super::values::count;
 use super::{CliError, Common, print_json};
-use crate::data::thin::thinned;
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::results::{DataId, KIND, WriteError, results_folder, write_results};
 use crate::eval::run::{Costs, evaluate};
@@ -12,6 +11,7 @@ use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::memory::MIB;
 use crate::metrics::lpips::Lpips;
+use crate::train::trained_times;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -54,7 +54,14 @@ impl EvalArgs {
         if self.segments.segments {
             return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
         }
-        let split = run.split(self.split, self.data.as_deref(), self.views)?;
+        let split = run.measured(self.split, self.data.as_deref(), self.views)?;
+        if !run.config.data.only_times.is_empty() {
+            let times: Vec<String> = split.times().iter().map(|t| format!("{t:.3}")).collect();
+            errln!(
+                "note: data.only_times: measured on the views nearest to the times trained on, at {}",
+                times.join(", ")
+            );
+        }
         let (data, trained_times) = data_of(&run, self.data.as_deref())?;
         let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
         let model = std::fs::metadata(&run.scene_path)
@@ -130,8 +137,7 @@ pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> Result<(DataId, 
     let fingerprint = match Dataset::open(folder, &options) {
         Ok(data) => {
             if data.fingerprint() == run.record.fingerprint {
-                // which views of a time does not matter
-                trained = thinned(data.train.clone(), run.config.data.times, 1).times();
+                trained = trained_times(&data, &run.config);
             }
             data.fingerprint()
         }

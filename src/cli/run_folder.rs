@@ -16,7 +16,7 @@ use crate::files::{RunLock, Work};
 use crate::model::Scene;
 use crate::segment::segmentation::{self, Segmentation};
 use crate::train::run::RunRecord;
-use crate::train::{checkpoint, live};
+use crate::train::{checkpoint, live, open_measured};
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 
@@ -158,6 +158,21 @@ impl RunFolder {
         data: Option<&Path>,
         max_views: Option<usize>,
     ) -> Result<Split, CliError> {
+        Ok(read_split(self.dataset(data)?, name, self.config.data.downscale, max_views)?)
+    }
+
+    /// The views of it that the run is measured on, see [`open_measured`].
+    pub(super) fn measured(
+        &self,
+        name: SplitName,
+        data: Option<&Path>,
+        max_views: Option<usize>,
+    ) -> Result<Split, CliError> {
+        Ok(open_measured(self.dataset(data)?, name, &self.config, max_views)?)
+    }
+
+    /// The run's dataset, or `data` in its place, which must be there.
+    fn dataset<'a>(&'a self, data: Option<&'a Path>) -> Result<&'a Path, CliError> {
         let root = data.unwrap_or(&self.record.dataset);
         if !root.is_dir() {
             return Err(CliError::input(format!(
@@ -165,7 +180,7 @@ impl RunFolder {
                 root.display()
             )));
         }
-        Ok(read_split(root, name, self.config.data.downscale, max_views)?)
+        Ok(root)
     }
 }
 

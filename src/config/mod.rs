@@ -1,6 +1,7 @@
 //! Configuration of a run: types, layers, built-in presets.
 
 pub mod layers;
+pub mod legacy;
 pub mod types;
 
 /// The presets that are compiled in, by name.
@@ -10,6 +11,7 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("demo", include_str!("../../configs/demo.toml")),
     ("paper", include_str!("../../configs/paper.toml")),
     ("official", include_str!("../../configs/official.toml")),
+    ("static", include_str!("../../configs/static.toml")),
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.
@@ -49,6 +51,32 @@ mod tests {
         assert_eq!(with_variable("VOLSEGGS_SEED").unwrap().seed, 1);
         for name in ["VOLSEGGS_TESTS", "VOLSEGGS_SIMD_", "VOLSEGGS_SEEED"] {
             assert!(matches!(with_variable(name), Err(ConfigError::UnknownKey { .. })), "{name}");
+        }
+    }
+
+    #[test]
+    fn presets_of_published_methods_state_every_key() {
+        let defaults = toml::Table::try_from(Config::default()).unwrap();
+        let keys = |table: &toml::Table| table.keys().cloned().collect::<std::collections::BTreeSet<_>>();
+        // neither of them says anything of the method
+        let sections: Vec<_> = keys(&defaults).into_iter().filter(|k| k != "seed" && k != "output").collect();
+        for name in ["paper", "official", "static"] {
+            let (_, text) = PRESETS.iter().find(|(preset, _)| *preset == name).unwrap();
+            let file: toml::Table = text.parse().unwrap();
+            assert_eq!(keys(&file).into_iter().collect::<Vec<_>>(), sections, "{name}: sections");
+            for section in &sections {
+                let of = |table: &toml::Table| keys(table[section].as_table().unwrap());
+                assert_eq!(of(&file), of(&defaults), "{name}: [{section}] is to state each key of its own");
+            }
+        }
+    }
+
+    #[test]
+    fn warm_up_of_shorter_presets_falls_over_their_own_length() {
+        // what they were tuned and measured with
+        for name in ["best", "quick", "demo", "configs/ablations/base-small.toml"] {
+            let config = Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value;
+            assert_eq!(config.optim.warmup_decay_steps, config.stages.joint_steps, "{name}");
         }
     }
 

@@ -3,6 +3,9 @@
 //! The defaults are the `best` preset. Each key that the paper ablates is here by name.
 
 mod defaults;
+mod densify;
+
+pub use densify::{DensifyConfig, DensifyMode, PruneBy};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -44,8 +47,23 @@ pub struct DataConfig {
     pub background: String,
     /// Train on so many of the training times, evenly spread; 0 for all.
     pub times: usize,
+    /// Train on the training times nearest to these, each in [0, 1], and measure on the views nearest to those; empty for
+    /// all. Not together with `times`.
+    pub only_times: Vec<f64>,
     /// Train on so many views of each of them, as far apart as they can be chosen; 0 for all.
     pub views_per_time: usize,
+    /// Each view once a round, shuffled anew (`shuffled`), or any view at any step (`independent`, the reference code's).
+    pub order: ViewOrder,
+}
+
+/// Which view a step sees.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ViewOrder {
+    /// Every view once a round, each round in an order of its own.
+    Shuffled,
+    /// One drawn from all, whichever came before.
+    Independent,
 }
 
 /// `init.*`
@@ -109,6 +127,9 @@ pub struct ModelConfig {
     pub decoder: DecoderKind,
     /// Start the outputs at zero, so that joint training begins where warm-up ended.
     pub zero_init_heads: bool,
+    /// How the decoder's biases start.
+    #[serde(default)] // a scene from before this key still loads
+    pub bias_init: BiasInit,
     /// Whether opacity changes over time.
     pub deform_opacity: bool,
 }
@@ -165,6 +186,17 @@ pub enum DecoderKind {
     Shared,
 }
 
+/// How the decoder's biases start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum BiasInit {
+    /// At zero.
+    #[default]
+    Zero,
+    /// Uniform in +-1 / sqrt(inputs), PyTorch's default; those of the outputs at zero with `zero_init_heads`.
+    Uniform,
+}
+
 /// `stages.*`
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -173,7 +205,7 @@ pub struct StagesConfig {
     pub warmup_steps: usize,
     /// Times that warm-up sees.
     pub warmup_times: WarmupTimes,
-    /// Steps of joint training.
+    /// Steps of joint training; 0 trains a static scene, 3DGS as it is.
     pub joint_steps: usize,
     /// The spherical-harmonics degree rises by one every so many steps, in each stage; 0 starts at the top.
     pub sh_every: usize,
@@ -195,13 +227,15 @@ pub enum WarmupTimes {
 pub struct LossConfig {
     /// Distance between colours.
     pub kind: LossKind,
+    /// Weight of the distance, of colours and alpha alike.
+    pub weight: f64,
     /// Weight of DSSIM (1 - SSIM).
     pub dssim: f64,
-    /// DSSIM counts in the last so many joint steps.
+    /// DSSIM counts in the last so many joint steps (without a joint stage: steps of warm-up).
     pub dssim_last: usize,
     /// Its weight rises from zero over the first so many of them; 1 switches it on at once.
     pub dssim_ramp: usize,
-    /// Weight of the squared error of alpha.
+    /// Distance of alpha, as a multiple of that of the colours.
     pub alpha: f64,
     /// Weight of total variation on planes and lines.
     pub tv: f64,
@@ -209,6 +243,8 @@ pub struct LossConfig {
     pub tv_time: f64,
     /// First differences on both axes (`first`, the paper's) or second differences on one (`second`).
     pub tv_kind: TvOrder,
+    /// Mean over the differences of each tensor (`mean`, the reference code's) or their sum (`sum`, the paper's equation 6).
+    pub tv_reduction: TvReduction,
     /// Weight of mean |1 - g| over the grid (the reference code's prior).
     pub one_prior: f64,
     /// Weights of registered loss terms by name, see `docs/research.md`; 0 leaves one out.
@@ -235,12 +271,25 @@ pub enum TvOrder {
     Second,
 }
 
+/// What becomes of the squared differences of a tensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TvReduction {
+    /// Their mean.
+    Mean,
+    /// Their sum.
+    Sum,
+}
+
 /// `optim.*`: Adam with one learning rate a group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimConfig {
-    /// Means, as a multiple of the scene's extent, falling over the joint stage as `schedule` says.
+    /// Means, as a multiple of the scene's extent, falling over the joint stage as `schedule` says, and in warm-up over
+    /// `warmup_decay_steps`.
     pub means: f64,
+    /// Steps, from the first of warm-up, over which the rate of the means would fall to its end; the joint stage begins anew.
+    pub warmup_decay_steps: usize,
     /// Rotations.
     pub rotations: f64,
     /// Log-scales.
@@ -265,46 +314,6 @@ pub struct OptimConfig {
     pub betas: [f64; 2],
     /// Adam's epsilon.
     pub epsilon: f64,
-}
-
-/// `densify.*`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct DensifyConfig {
-    /// Number of Gaussians that is never exceeded and, in `budget` mode, reached exactly.
-    pub budget: usize,
-    /// How new Gaussians are chosen.
-    pub mode: DensifyMode,
-    /// Steps between densifications.
-    pub every: usize,
-    /// First step of warm-up after which Gaussians are added.
-    pub warmup_from: usize,
-    /// First joint step after which Gaussians are added.
-    pub joint_from: usize,
-    /// Last joint step at which Gaussians are added.
-    pub joint_until: usize,
-    /// Mean norm of the screen-space gradient (normalised device coordinates) above which `threshold` mode adds.
-    pub threshold: f64,
-    /// Gaussians larger than this fraction of the scene's extent are split, smaller ones cloned.
-    pub split_above: f64,
-    /// Gaussians whose largest opacity over time stays below this are removed; 0 turns pruning off.
-    pub prune_opacity: f64,
-    /// Steps between prunings.
-    pub prune_every: usize,
-    /// Warm-up step at which opacities are reset to at most 0.01; 0 for never.
-    pub opacity_reset: usize,
-}
-
-/// How new Gaussians are chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum DensifyMode {
-    /// Those with the largest gradients, as many as a straight line towards the budget asks for.
-    Budget,
-    /// Those above the threshold, as in 3DGS, cut at the budget.
-    Threshold,
-    /// None are added.
-    Off,
 }
 
 /// `speed.*`

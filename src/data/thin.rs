@@ -1,4 +1,4 @@
-//! Fewer training views: some of the times, some of the views of each. For ablations of how much is seen.
+//! Fewer views: some of the times, some of the views of each. For ablations of how much is seen, and for static scenes.
 
 use super::dataset::{Frame, Split};
 use super::images::ImageSet;
@@ -16,10 +16,38 @@ pub fn thinned(split: Split, times: usize, views: usize) -> Split {
         let here: Vec<usize> = (0..split.frames.len()).filter(|&i| split.frames[i].time == time).collect();
         kept.extend(apart(&split.frames, &here, if views == 0 { here.len() } else { views }));
     }
+    kept.sort_unstable();
+    only(split, &kept)
+}
+
+/// The times of `all` (ascending) that are nearest to `wanted`, the earlier of two that are as near, in the order of
+/// `wanted`.
+#[must_use]
+pub fn nearest_times(all: &[f64], wanted: &[f64]) -> Vec<f64> {
+    let nearest = |w: &f64| all.iter().copied().min_by(|a, b| (a - w).abs().total_cmp(&(b - w).abs()));
+    wanted.iter().filter_map(nearest).collect()
+}
+
+/// Keeps the views at `times`, which are times of the split. The order stays.
+#[must_use]
+pub fn at_times(split: Split, times: &[f64]) -> Split {
+    let kept: Vec<usize> = (0..split.frames.len()).filter(|&i| times.contains(&split.frames[i].time)).collect();
+    only(split, &kept)
+}
+
+/// Keeps at most `count` views, evenly spaced over the split.
+#[must_use]
+pub fn evenly(split: Split, count: usize) -> Split {
+    let total = split.frames.len();
+    let kept: Vec<usize> = (0..count.min(total)).map(|i| i * total / count.min(total)).collect();
+    only(split, &kept)
+}
+
+/// Keeps the views `kept`, ascending, with their images.
+fn only(split: Split, kept: &[usize]) -> Split {
     if kept.len() == split.frames.len() {
         return split;
     }
-    kept.sort_unstable();
     let frames = kept.iter().map(|&i| split.frames[i].clone()).collect();
     let size = split.images.width as usize * split.images.height as usize * ImageSet::CHANNELS;
     let pixels = if split.images.pixels.is_empty() {
@@ -94,6 +122,18 @@ mod tests {
                 assert!(gap(a, b) > 2.5, "{} and {}", a.name, b.name);
             }
         }
+    }
+
+    #[test]
+    fn the_nearest_times_are_kept_with_their_images() {
+        let all = split(5, 3).times();
+        assert_eq!(nearest_times(&all, &[0.6, 0.0, 0.9, 0.625]), [0.5, 0.0, 1.0, 0.5]);
+        let few = at_times(split(5, 3), &[0.5, 1.0]);
+        assert_eq!((few.times(), few.frames.len(), few.images.pixels.len()), (vec![0.5, 1.0], 6, 6 * 8));
+        assert!(few.frames.iter().enumerate().all(|(i, f)| f.name == few.images.pixels[8 * i].to_string()));
+        let names = |split: Split| split.frames.into_iter().map(|f| f.name).collect::<Vec<_>>();
+        assert_eq!(names(evenly(few.clone(), 2)), ["6", "12"]);
+        assert_eq!(evenly(few.clone(), 9), few);
     }
 
     #[test]

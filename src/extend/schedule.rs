@@ -6,7 +6,7 @@
 pub trait Schedule: Send + Sync {
     /// What these rates are multiplied by; finite, 0 or above.
     ///
-    /// `progress` in [0, 1] is the step within the stage over `stages.joint_steps`. It starts over with the joint
-    /// stage; in warm-up, where of these only the means are trained, it may end below 1 or stay at 1.
+    /// `progress` in [0, 1] is the step of the joint stage over `stages.joint_steps`. In warm-up, where of these only the
+    /// means are trained, it is the step over `optim.warmup_decay_steps`, and may end below 1 or stay at 1.
     fn factor(&self, progress: f64) -> f64;
 }

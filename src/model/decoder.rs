@@ -1,6 +1,6 @@
 //! The light decoder: features in, changes of mean, rotation, log-scale and opacity logit out.
 
-use crate::config::types::{DecoderKind, ModelConfig};
+use crate::config::types::{BiasInit, DecoderKind, ModelConfig};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -50,7 +50,8 @@ impl Decoder {
     /// A new decoder for `features` inputs.
     ///
     /// With `zero_init_heads` the outputs start within 1e-4 of zero, so that the first joint step does
-    /// not throw the Gaussians about; exactly zero would hold the encoder's gradient at zero for a step.
+    /// not throw the Gaussians about; exactly zero would hold the encoder's gradient at zero for a step. Biases start as
+    /// `bias_init` says, those of such outputs at zero.
     pub fn new(config: &ModelConfig, features: usize, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::DecoderInit as u64);
         let width = config.width;
@@ -58,7 +59,6 @@ impl Decoder {
             DecoderKind::Heads => OUTPUTS.len(),
             DecoderKind::Shared => 1,
         };
-        let bias = |n: usize| Param::from_tensor(Tensor::zeros([n], device));
         let trunk_weight = xavier(&mut rng, features, width, device);
         let hidden: Vec<Tensor<2>> = (0..heads).map(|_| xavier(&mut rng, width, width, device).val()).collect();
         let output_weight = if config.zero_init_heads {
@@ -66,13 +66,22 @@ impl Decoder {
         } else {
             xavier(&mut rng, width, OUTPUT_COLUMNS, device)
         };
+        // drawn after the weights, which are then the same whichever way biases start
+        let mut bias = |inputs: usize, n: usize, is_zero: bool| {
+            let bound = 1.0 / (inputs as f32).sqrt();
+            let values = match config.bias_init {
+                BiasInit::Uniform if !is_zero => (0..n).map(|_| bound * (2.0 * rng.uniform() - 1.0)).collect(),
+                _ => vec![0.0; n],
+            };
+            Param::from_tensor(Tensor::from_data(TensorData::new(values, [n]), device))
+        };
         Self {
             trunk_weight,
-            trunk_bias: bias(width),
+            trunk_bias: bias(features, width, false),
             hidden_weight: Param::from_tensor(Tensor::cat(hidden, 1).detach()),
-            hidden_bias: bias(heads * width),
+            hidden_bias: bias(width, heads * width, false),
             output_weight,
-            output_bias: bias(OUTPUT_COLUMNS),
+            output_bias: bias(width, OUTPUT_COLUMNS, config.zero_init_heads),
             heads,
         }
     }
@@ -94,6 +103,7 @@ impl Decoder {
 mod tests {
     use super::*;
     use crate::config::types::Config;
+    use crate::device::DeviceName;
     use burn::tensor::activation::relu;
 
     /// The same in plain tensor operations.
@@ -112,6 +122,26 @@ mod tests {
             hidden.matmul(part)
         });
         Tensor::cat(outputs.collect(), 1) + decoder.output_bias.val().unsqueeze()
+    }
+
+    #[test]
+    fn biases_start_as_asked_and_leave_the_weights_alone() {
+        use crate::model::params::to_vec;
+        let device = DeviceName::all()[0].open().unwrap();
+        let new = |bias_init, zero_init_heads| {
+            let config = ModelConfig { bias_init, zero_init_heads, ..Config::default().model };
+            Decoder::new(&config, 16, 3, &device)
+        };
+        let biases = |d: &Decoder| [&d.trunk_bias, &d.hidden_bias, &d.output_bias].map(|b| to_vec(b.val()));
+        let (plain, drawn) = (new(BiasInit::Zero, false), new(BiasInit::Uniform, false));
+        assert!(biases(&plain).iter().flatten().all(|b| *b == 0.0));
+        for (values, bound) in biases(&drawn).iter().zip([0.25f32, 0.125, 0.125]) {
+            let largest = values.iter().fold(0.0f32, |m, b| m.max(b.abs()));
+            assert!(largest <= bound && largest > 0.6 * bound, "{largest} of {bound}");
+            assert!(values.iter().any(|b| *b < 0.0) && values.iter().any(|b| *b > 0.0));
+        }
+        assert_eq!(to_vec(plain.output_weight.val()), to_vec(drawn.output_weight.val()));
+        assert!(biases(&new(BiasInit::Uniform, true))[2].iter().all(|b| *b == 0.0), "outputs start at zero");
     }
 
     fn the_fused_decoder_equals_plain_tensor_operations(device: Device) {

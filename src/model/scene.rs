@@ -314,6 +314,15 @@ mod tests {
     }
 
     #[test]
+    fn a_header_from_before_keys_existed_still_reads() {
+        let spec = scene().spec;
+        let mut old = serde_json::to_value(&spec).unwrap();
+        let model = old["model"].as_object_mut().unwrap();
+        assert!(["extra_encoder", "bias_init"].iter().all(|key| model.remove(*key).is_some()));
+        assert_eq!(serde_json::from_value::<SceneSpec>(old).unwrap(), spec);
+    }
+
+    #[test]
     fn a_header_that_asks_for_more_than_the_file_holds_is_refused_before_it_is_allocated() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("scene.safetensors");

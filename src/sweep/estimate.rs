@@ -71,15 +71,18 @@ pub struct Estimate {
 pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
-    let growing = config.densify.budget > config.init.points;
-    let end = config.densify.budget.max(config.init.points) as f64;
+    let most = config.densify.budget.max(config.densify.warmup_budget);
+    let growing = most > config.init.points;
+    let end = most.max(config.init.points) as f64;
     let n = if growing { 0.5 * (config.init.points as f64 + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
     let encoder = if config.model.encoder == EncoderKind::Factorised { 1.0 } else { IMPLICIT };
-    let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(joint) } else { 0.0 };
+    // without a joint stage, DSSIM counts and Gaussians grow in warm-up
+    let (last, warm_n) = if joint > 0.0 { (joint, config.init.points as f64) } else { (warm, n) };
+    let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
     let cpu_seconds = (joint + warm) * PER_STEP
         + joint * (n * PER_GAUSSIAN * encoder + pixels * PER_PIXEL)
-        + warm * (config.init.points as f64 * PER_GAUSSIAN_WARMUP + pixels * PER_PIXEL)
+        + warm * (warm_n * PER_GAUSSIAN_WARMUP + pixels * PER_PIXEL)
         + dssim * pixels * PER_PIXEL_DSSIM;
     // images as bytes; parameters, gradients, two moments and the tape's copies of each Gaussian; the program itself
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };

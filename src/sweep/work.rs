@@ -7,7 +7,6 @@ use super::result::{
     Failure, Metrics, Progress, failure_path, metrics_path, progress, read, segments_path, write, write_measured,
 };
 use crate::config::types::Config;
-use crate::data::dataset::read_split;
 use crate::data::{SplitName, Truth};
 use crate::device::DeviceName;
 use crate::eval::results::{DataId, write_results};
@@ -16,9 +15,8 @@ use crate::eval::segments;
 use crate::files::{AtomicDir, LockError, RunLock, Work};
 use crate::metrics::lpips::Lpips;
 use crate::model::Scene;
-use crate::train::checkpoint;
-use crate::train::open_dataset;
 use crate::train::run::{RunOptions, RunRecord, Start};
+use crate::train::{checkpoint, open_dataset, open_measured};
 use burn::tensor::Device;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -176,7 +174,7 @@ impl Worker<'_> {
         record: &RunRecord,
         model_bytes: u64,
     ) -> Result<(), Failure> {
-        let split = read_split(data, SplitName::Test, config.data.downscale, self.plan.eval.views);
+        let split = open_measured(data, SplitName::Test, config, self.plan.eval.views);
         let split = split.map_err(failed("eval"))?;
         let costs = Costs {
             training_seconds: record.training_seconds,

@@ -2,6 +2,7 @@
 //! program. The sizes are counted from the configuration; what kernels need besides is estimated.
 
 use super::TrainError;
+use super::due::Span;
 use crate::config::types::{Config, DensifyMode};
 use crate::memory::Budget;
 use crate::model::size;
@@ -62,24 +63,24 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
 
 /// The most Gaussians that there can be: no more than twice as many after each time that some are added.
 fn most_gaussians(config: &Config) -> u128 {
-    let (start, d, stages) = (config.init.points as u128, &config.densify, &config.stages);
+    let (start, d) = (config.init.points as u128, &config.densify);
     if d.mode == DensifyMode::Off {
         return start;
     }
-    let warmup = stages.warmup_steps.saturating_sub(d.warmup_from);
-    let joint = d.joint_until.min(stages.joint_steps).saturating_sub(d.joint_from);
-    let times = (warmup / d.every.max(1)).saturating_add(joint / d.every.max(1)).saturating_add(2);
+    let [warmup, joint] = Span::of(config).map(|span| span.steps() / d.every.max(1));
+    let times = warmup.saturating_add(joint).saturating_add(2);
     let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
-    doubled.min(d.budget as u128).max(start)
+    doubled.min(d.budget.max(d.warmup_most()) as u128).max(start)
 }
 
 /// A key and where its value is.
 type Key = (&'static str, fn(&mut Config) -> &mut usize);
 
 /// The keys that sizes follow from.
-const KEYS: [Key; 8] = [
+const KEYS: [Key; 9] = [
     ("init.points", |c| &mut c.init.points),
     ("densify.budget", |c| &mut c.densify.budget),
+    ("densify.warmup_budget", |c| &mut c.densify.warmup_budget),
     ("model.levels", |c| &mut c.model.levels),
     ("model.resolution", |c| &mut c.model.resolution),
     ("model.time_knots", |c| &mut c.model.time_knots),
@@ -129,8 +130,9 @@ mod tests {
     #[test]
     fn the_key_that_takes_most_is_named() {
         type Huge = fn(&mut Config);
-        let cases: [(Huge, &str); 8] = [
+        let cases: [(Huge, &str); 9] = [
             (|c| c.init.points = 2_000_000_000, "init.points = 2000000000"),
+            (|c| c.densify.warmup_budget = 1_000_000_000_000, "densify.warmup_budget = 1000000000000"),
             (|c| c.densify.budget = 1_000_000_000_000, "densify.budget = 1000000000000"),
             (|c| c.model.resolution = 20_000, "model.resolution = 20000"),
             (|c| c.model.levels = 60, "model.levels = 60"),

@@ -1,7 +1,7 @@
 //! What a configuration must hold before training may start, beyond its types.
 
 use super::{TrainError, losses, schedule};
-use crate::config::types::{Config, EncoderKind};
+use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
 use crate::extend::find_schedule;
 use crate::memory::product;
 use crate::model::extra_encoder::ExtraEncoder;
@@ -48,7 +48,7 @@ pub(super) fn check_device(
     device: &Device,
 ) -> Result<(), TrainError> {
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
-    let n = config.densify.budget.max(start);
+    let n = config.densify.budget.max(config.densify.warmup_budget).max(start);
     let m = &config.model;
     let k = m.sh_degree + 1;
     let needs = [
@@ -86,6 +86,11 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
         return bad(format!("init.opacity = {}: between 0 and 1", config.init.opacity));
     }
     check_ranges(config)?;
+    check_times(&config.data)?;
+    check_densify(&config.densify)?;
+    if config.optim.warmup_decay_steps == 0 {
+        return bad("optim.warmup_decay_steps = 0: at least 1".into());
+    }
     if config.speed.coarse_factor == 0 {
         return bad("speed.coarse_factor = 0: at least 1".into());
     }
@@ -130,6 +135,32 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
         Some((key, value, least, most)) => {
             Err(TrainError::Config(format!("{key} = {value:?}: between {least} and {most}")))
         }
+    }
+}
+
+/// Refuses times that no view can have.
+fn check_times(data: &DataConfig) -> Result<(), TrainError> {
+    let bad = |text: String| Err(TrainError::Config(text));
+    if let Some(time) = data.only_times.iter().find(|time| !(0.0..=1.0).contains(*time)) {
+        return bad(format!("data.only_times: {time} is no time; each between 0 and 1"));
+    }
+    if !data.only_times.is_empty() && data.times > 0 {
+        return bad(format!("data.only_times and data.times = {} both choose times: give one of them", data.times));
+    }
+    Ok(())
+}
+
+/// Refuses keys that would do nothing, as they wait for resets of opacity that never come.
+fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
+    let waits = [
+        ("prune_size", densify.prune_size > 0.0, densify.prune_size),
+        ("opacity_reset_until", densify.opacity_reset_until > 0, densify.opacity_reset_until as f64),
+    ];
+    match waits.into_iter().find(|(_, is_on, _)| *is_on && densify.opacity_reset == 0) {
+        Some((key, _, value)) => Err(TrainError::Config(format!(
+            "densify.{key} = {value}: only once opacities have been reset; set densify.opacity_reset as well"
+        ))),
+        None => Ok(()),
     }
 }
 
@@ -188,7 +219,14 @@ mod tests {
     fn values_that_make_no_sense_are_named_with_what_may_stand_there() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 12] = [
+        let cases: [(Edit, [&str; 2]); 19] = [
+            (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
+            (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
+            (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
+            (|c| c.data.only_times = vec![f64::NAN], ["data.only_times", "NaN"]),
+            (|c| (c.data.only_times, c.data.times) = (vec![0.5], 3), ["data.times = 3", "one of them"]),
+            (|c| c.densify.prune_size = 0.1, ["densify.prune_size = 0.1", "densify.opacity_reset"]),
+            (|c| c.densify.opacity_reset_until = 9, ["densify.opacity_reset_until = 9", "densify.opacity_reset "]),
             (|c| c.init.scale = 0.0, ["init.scale = 0", "above 0"]),
             (|c| c.init.scale = 1e-300, ["init.scale", "above 0"]),
             (|c| c.init.scale = 1e300, ["init.scale = 1e300", "too large, at most 3.4e38"]),

@@ -3,10 +3,10 @@
 //! Plans on the host from statistics gathered over the steps; the plan is then applied to the attributes
 //! and to the optimiser's moments alike.
 
-use crate::config::types::{Config, DensifyMode};
+use super::due::Due;
+use crate::config::types::{Config, DensifyMode, PruneBy};
 use crate::model::gaussians::HostGaussians;
 use crate::rng::{Purpose, Rng};
-use crate::train::schedule::Stage;
 
 /// What is remembered about each Gaussian between densifications.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,13 +39,17 @@ impl Statistics {
     /// Notes the opacities of a step, given as logits `[N]`.
     pub fn add_opacity(&mut self, logits: &[f32]) {
         for (largest, logit) in self.opacity.iter_mut().zip(logits) {
-            *largest = largest.max(1.0 / (1.0 + (-logit).exp()));
+            *largest = largest.max(sigmoid(*logit));
         }
     }
 
     fn score(&self, i: usize) -> f32 {
         if self.views[i] > 0.0 { self.gradient[i] / self.views[i] } else { 0.0 }
     }
+}
+
+fn sigmoid(logit: f32) -> f32 {
+    1.0 / (1.0 + (-logit).exp())
 }
 
 /// Where a row of the new arrays comes from.
@@ -67,52 +71,22 @@ impl Row {
     }
 }
 
-/// What is due at a step.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Due {
-    /// The number of Gaussians to grow to; `None` if none are added now.
-    pub grow_to: Option<usize>,
-    /// Whether transparent Gaussians are removed.
-    pub prune: bool,
-    /// Whether opacities are reset.
-    pub reset: bool,
-}
-
-/// What is due after `stage`'s step (counted from 1 within its stage).
-pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
-    let d = &config.densify;
-    let warmup_span = config.stages.warmup_steps.saturating_sub(d.warmup_from);
-    let joint_end = d.joint_until.min(config.stages.joint_steps);
-    let joint_span = joint_end.saturating_sub(d.joint_from);
-    let (done, within, step) = match stage {
-        Stage::Warmup(s) => ((s + 1).saturating_sub(d.warmup_from), s + 1 > d.warmup_from, s + 1),
-        Stage::Joint(s) => {
-            let inside = s + 1 > d.joint_from && s < joint_end;
-            (warmup_span + (s + 1).saturating_sub(d.joint_from), inside, s + 1)
-        }
-    };
-    let is_last = stage == Stage::Joint(joint_end.saturating_sub(1));
-    let now = within && (step.is_multiple_of(d.every.max(1)) || is_last);
-    let grow_to = match d.mode {
-        DensifyMode::Off => None,
-        DensifyMode::Threshold => now.then_some(d.budget),
-        DensifyMode::Budget => now.then(|| {
-            let fraction = done as f64 / (warmup_span + joint_span).max(1) as f64;
-            let start = start.min(d.budget) as f64;
-            (start + (d.budget as f64 - start) * fraction.min(1.0)).round() as usize
-        }),
-    };
-    let prune = d.prune_opacity > 0.0 && within && (step.is_multiple_of(d.prune_every.max(1)) || is_last);
-    let reset = d.opacity_reset > 0 && stage == Stage::Warmup(d.opacity_reset - 1);
-    Due { grow_to, prune, reset }
-}
-
 /// Decides which rows the new arrays have.
 pub fn plan(due: Due, statistics: &Statistics, gaussians: &HostGaussians, config: &Config, extent: f64) -> Vec<Row> {
     let d = &config.densify;
     let n = gaussians.opacity_logits.len();
-    let alive: Vec<usize> =
-        (0..n).filter(|&i| !(due.prune && f64::from(statistics.opacity[i]) < d.prune_opacity)).collect();
+    let opacity = |i: usize| match d.prune_by {
+        PruneBy::Largest => statistics.opacity[i],
+        PruneBy::Present => sigmoid(gaussians.opacity_logits[i]),
+    };
+    // whether a standard deviation is above a fraction of the scene's extent
+    let is_above = |fraction: f64| {
+        let limit = (fraction * extent).ln() as f32;
+        move |i: usize| gaussians.log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit)
+    };
+    let is_transparent = |i: usize| due.prune && f64::from(opacity(i)) < d.prune_opacity;
+    let is_oversized = is_above(d.prune_size);
+    let alive: Vec<usize> = (0..n).filter(|&i| !(is_transparent(i) || due.prune_large && is_oversized(i))).collect();
     // never prune the scene away
     let alive = if alive.is_empty() { (0..n).collect() } else { alive };
     let wanted = due.grow_to.map_or(0, |target| target.saturating_sub(alive.len()));
@@ -122,8 +96,7 @@ pub fn plan(due: Due, statistics: &Statistics, gaussians: &HostGaussians, config
     chosen.truncate(wanted);
     chosen.sort_unstable();
 
-    let limit = (d.split_above * extent).ln() as f32;
-    let is_large = |i: usize| gaussians.log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit);
+    let is_large = is_above(d.split_above);
     let mut rows: Vec<Row> = Vec::with_capacity(alive.len() + chosen.len());
     let mut next = chosen.iter().copied().peekable();
     for i in alive {
@@ -199,7 +172,7 @@ mod tests {
     #[test]
     fn growth_reaches_the_target_exactly_and_takes_the_largest_gradients() {
         let g = gaussians(10);
-        let due = Due { grow_to: Some(13), prune: false, reset: false };
+        let due = Due { grow_to: Some(13), ..Due::default() };
         let rows = plan(due, &statistics(10), &g, &Config::default(), 4.0);
         assert_eq!(rows.len(), 13);
         // 7, 8 and 9 have the largest; odd ones are large and split, 8 is cloned
@@ -215,7 +188,7 @@ mod tests {
     fn pruning_makes_room_and_never_empties_the_scene() {
         let mut s = statistics(6);
         s.opacity[5] = 0.001;
-        let due = Due { grow_to: Some(6), prune: true, reset: false };
+        let due = Due { grow_to: Some(6), prune: true, ..Due::default() };
         let rows = plan(due, &s, &gaussians(6), &Config::default(), 4.0);
         assert_eq!(rows.len(), 6);
         assert!(rows.iter().all(|r| r.source() != 5));
@@ -224,12 +197,28 @@ mod tests {
     }
 
     #[test]
-    fn the_budget_line_ends_at_the_budget() {
-        let config = Config::default();
-        let last = config.densify.joint_until - 1;
-        assert_eq!(due(Stage::Joint(last), &config, 50_000).grow_to, Some(config.densify.budget));
-        assert_eq!(due(Stage::Joint(last + 1), &config, 50_000), Due::default());
-        let first = due(Stage::Warmup(399), &config, 50_000).grow_to.unwrap();
-        assert!((50_000..60_000).contains(&first), "{first}");
+    fn present_opacity_and_size_decide_where_they_are_asked_to() {
+        let (mut config, mut g, s) = (Config::default(), gaussians(6), statistics(6));
+        let kept = |config: &Config, g: &HostGaussians, due: Due| -> Vec<usize> {
+            plan(due, &s, g, config, 4.0).into_iter().map(Row::source).collect()
+        };
+        g.opacity_logits[2] = -6.0; // 0.0025; it was drawn with 0.5
+        let due = Due { prune: true, ..Due::default() };
+        assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);
+        config.densify.prune_by = PruneBy::Present;
+        assert_eq!(kept(&config, &g, due), [0, 1, 3, 4, 5]);
+        // odd ones have a standard deviation of 1; 0.3 of the extent is more, 0.2 less
+        config.densify.prune_size = 0.3;
+        let due = Due { prune_large: true, ..Due::default() };
+        assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);
+        config.densify.prune_size = 0.2;
+        assert_eq!(kept(&config, &g, due), [0, 2, 4]);
+    }
+
+    #[test]
+    fn above_the_budget_none_are_added_and_none_removed() {
+        let due = Due { grow_to: Some(4), ..Due::default() };
+        let rows = plan(due, &statistics(6), &gaussians(6), &Config::default(), 4.0);
+        assert_eq!(rows, (0..6).map(Row::Keep).collect::<Vec<_>>());
     }
 }

@@ -1,7 +1,7 @@
 //! What is minimised (the paper's equations 5 to 8). To add a term, write a function of tensors here,
 //! a weight in `config::types::LossConfig`, and add it in `Trainer::step`; or register it, see [`crate::extend`].
 
-use crate::config::types::{LossConfig, LossKind, TvOrder};
+use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
 use crate::extend::{LossInput, LossTerm, NotRegistered, find_loss_term};
 use crate::model::Deformed;
 use crate::model::encoder::{Encoder, FactorisedEncoder};
@@ -9,11 +9,11 @@ use burn::tensor::Tensor;
 use std::sync::Arc;
 use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};
 use volseggs_kernels::ssim::mean_ssim;
-use volseggs_kernels::tv::{TvKind, TvWeights, total_variation};
+use volseggs_kernels::tv::{self, TvKind, TvWeights, total_variation};
 
 /// Colour and alpha distance: mean over pixels and colour channels of the squared (`l2`, the paper's
 /// equation 5) or absolute difference, plus `alpha` times the same for the alpha channel; and the mean squared
-/// difference of the colours, for PSNR.
+/// difference of the colours, for PSNR. `loss.weight` is not in it.
 ///
 /// `image` and `target` are `[H, W, 4]`.
 pub fn photometric(image: Tensor<3>, target: Tensor<3>, config: &LossConfig) -> Photometric {
@@ -29,8 +29,11 @@ pub fn dssim(image: Tensor<3>, target: Tensor<3>) -> Tensor<1> {
     mean_ssim(image, target).neg().add_scalar(1.0)
 }
 
-/// Smoothness of the encoder (equation 6, each tensor's sum as a mean), weights included; `None` if the
-/// encoder has no grid or every weight is zero.
+/// Smoothness of the encoder, weights included; `None` if the encoder has no grid or every weight is zero.
+///
+/// Equation 6 sums the squared differences of every tensor (`loss.tv_reduction = "sum"`); the default takes their mean in
+/// each tensor, along each axis of a plane by itself, and adds these up over the tensors of all levels, as the reference
+/// code does. `loss.one_prior` always counts with the mean of each tensor.
 pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
     let Encoder::Factorised(encoder) = encoder else { return None };
     let weights = TvWeights {
@@ -38,6 +41,10 @@ pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
         time: config.tv_time as f32,
         one_prior_space: config.one_prior as f32,
         one_prior_time: config.one_prior as f32,
+        reduction: match config.tv_reduction {
+            TvReduction::Mean => tv::TvReduction::Mean,
+            TvReduction::Sum => tv::TvReduction::Sum,
+        },
     };
     let any = config.tv > 0.0 || config.tv_time > 0.0 || config.one_prior > 0.0;
     any.then(|| grid_smoothness(encoder, config.tv_kind, weights))

@@ -7,6 +7,7 @@ mod budget;
 mod check;
 pub mod checkpoint;
 pub mod densify;
+pub mod due;
 pub mod gather;
 pub mod init;
 pub mod live;
@@ -24,5 +25,5 @@ mod tests;
 mod trainer;
 
 pub use check::{check as check_config, evaluation_background};
-pub use open::open_dataset;
+pub use open::{open_dataset, open_measured, trained_times};
 pub use trainer::{StepReport, TrainError, Trainer};

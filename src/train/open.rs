@@ -1,14 +1,15 @@
-//! The dataset as a configuration wants it: size, splits, which of the training views.
+//! The dataset as a configuration wants it: size, splits, which of the views.
 
 use crate::config::types::Config;
-use crate::data::thin::thinned;
-use crate::data::{DataError, Dataset, OpenOptions, SplitName};
+use crate::data::dataset::read_split;
+use crate::data::thin::{at_times, evenly, nearest_times, thinned};
+use crate::data::{DataError, Dataset, OpenOptions, Split, SplitName};
 use std::path::Path;
 
 /// Opens `root` for training with `config`; test views come along where they are looked at while training.
 ///
 /// # Errors
-/// As [`Dataset::open`].
+/// As [`Dataset::open`], and if two of `data.only_times` choose the same time.
 pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> {
     let mut splits = vec![SplitName::Train];
     if config.output.eval_every > 0 && Dataset::present(root).contains(&SplitName::Test) {
@@ -16,6 +17,110 @@ pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> 
     }
     let options = OpenOptions { downscale: config.data.downscale, splits: &splits, max_views: None };
     let mut dataset = Dataset::open(root, &options)?;
+    if !config.data.only_times.is_empty() {
+        let times = only_times(root, &dataset.train.times(), &config.data.only_times)?;
+        dataset.train = at_times(dataset.train, &times);
+        dataset.test = dataset.test.map(|test| near(test, &times));
+    }
     dataset.train = thinned(dataset.train, config.data.times, config.data.views_per_time);
     Ok(dataset)
+}
+
+/// The views of a split that a scene trained with `config` is measured on, at most `max_views`, evenly spaced: all, or with
+/// `data.only_times` those nearest to the times that it was trained on.
+///
+/// # Errors
+/// If the split, or with `data.only_times` the list of training views, cannot be read.
+pub fn open_measured(
+    root: &Path,
+    name: SplitName,
+    config: &Config,
+    max_views: Option<usize>,
+) -> Result<Split, DataError> {
+    if config.data.only_times.is_empty() {
+        return read_split(root, name, config.data.downscale, max_views);
+    }
+    let split = read_split(root, name, config.data.downscale, None)?;
+    // of a dataset without training views, the times that were asked for
+    let times = match SplitName::Train.json_path(root).exists() {
+        true => {
+            let options = OpenOptions { downscale: config.data.downscale, splits: &[], max_views: None };
+            only_times(root, &Dataset::open(root, &options)?.train.times(), &config.data.only_times)?
+        }
+        false => config.data.only_times.clone(),
+    };
+    let split = near(split, &times);
+    Ok(max_views.map_or(split.clone(), |count| evenly(split, count)))
+}
+
+/// The times in [0, 1] that `config` trains on, of a dataset opened with or without its images.
+#[must_use]
+pub fn trained_times(data: &Dataset, config: &Config) -> Vec<f64> {
+    if config.data.only_times.is_empty() {
+        // how many views of each does not matter
+        return thinned(data.train.clone(), config.data.times, 1).times();
+    }
+    nearest_times(&data.train.times(), &config.data.only_times)
+}
+
+/// The views of `split` at those of its times that are nearest to `times`.
+fn near(split: Split, times: &[f64]) -> Split {
+    let nearest = nearest_times(&split.times(), times);
+    at_times(split, &nearest)
+}
+
+/// The training times that `data.only_times` chooses.
+fn only_times(root: &Path, all: &[f64], wanted: &[f64]) -> Result<Vec<f64>, DataError> {
+    let chosen = nearest_times(all, wanted);
+    let twice = (0..chosen.len()).find_map(|i| (0..i).find(|&j| chosen[j] == chosen[i]).map(|j| (j, i)));
+    match twice {
+        None => Ok(chosen),
+        Some((a, b)) => Err(DataError::Option {
+            path: SplitName::Train.json_path(root),
+            option: "data.only_times",
+            problem: format!("{} and {} both choose the training time {}", wanted[a], wanted[b], chosen[a]),
+            hint: "leave one of them out, or give times that lie farther apart".to_owned(),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::dataset::tests::dataset;
+
+    #[test]
+    fn only_times_are_trained_on_and_measured() {
+        let folder = dataset(6, 8); // three views at time 0, three at time 1, in both splits
+        let mut config = Config::default();
+        config.data.only_times = vec![0.7];
+        let data = open_dataset(folder.path(), &config).unwrap();
+        assert_eq!((data.train.times(), data.train.frames.len(), data.train.images.len()), (vec![1.0], 3, 3));
+        assert_eq!(data.test.map(|t| (t.times(), t.frames.len())), Some((vec![1.0], 3)));
+        let measured = |views| open_measured(folder.path(), SplitName::Test, &config, views).unwrap();
+        assert_eq!((measured(None).times(), measured(None).frames.len()), (vec![1.0], 3));
+        assert_eq!((measured(Some(2)).times(), measured(Some(2)).images.len()), (vec![1.0], 2));
+        assert_eq!(trained_times(&open_dataset(folder.path(), &Config::default()).unwrap(), &config), [1.0]);
+        config.data.views_per_time = 2;
+        assert_eq!(open_dataset(folder.path(), &config).unwrap().train.frames.len(), 2);
+        // the same data for all who ask whether they are
+        let whole = open_dataset(folder.path(), &Config::default()).unwrap();
+        assert_eq!((whole.train.frames.len(), whole.fingerprint()), (6, data_fingerprint(folder.path(), &config)));
+    }
+
+    fn data_fingerprint(root: &Path, config: &Config) -> String {
+        open_dataset(root, config).unwrap().fingerprint()
+    }
+
+    #[test]
+    fn two_that_choose_the_same_time_are_named() {
+        let folder = dataset(6, 8);
+        let mut config = Config::default();
+        config.data.only_times = vec![0.1, 0.9, 0.3];
+        let told = open_dataset(folder.path(), &config).unwrap_err().to_string();
+        assert!(
+            told.contains("data.only_times") && told.contains("0.1 and 0.3 both choose the training time 0"),
+            "{told}"
+        );
+    }
 }

@@ -5,6 +5,7 @@
 //! rises to where the longer schedule has it, and a late DSSIM moves to the new end), so a run that was lengthened is
 //! not the run of that length from the start.
 
+use crate::config::legacy::implied;
 use crate::config::types::Config;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -68,13 +69,14 @@ fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize
     Some(format!("it shaped the {step} steps already taken"))
 }
 
-/// Every key with its value; those that an early version did not write have their defaults.
+/// Every key with its value; those that an early version did not write have their defaults, or what it did instead.
 fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
     let table: Table = text.parse().map_err(|e: toml::de::Error| format!("configuration: {}", e.message()))?;
     let mut all = BTreeMap::new();
     if let Ok(Value::Table(defaults)) = Value::try_from(Config::default()) {
         flatten("", &defaults, &mut all);
     }
+    all.extend(implied(&table).into_iter().map(|(key, value)| (key.to_owned(), Value::from(value))));
     flatten("", &table, &mut all);
     Ok(all)
 }
@@ -129,5 +131,20 @@ mod tests {
         assert_ne!(old, base);
         assert_eq!(changes(&old, &base, 5).unwrap(), (Vec::new(), Vec::new()));
         assert!(changes("a = [", &base, 5).is_err());
+    }
+
+    #[test]
+    fn a_run_from_before_warm_up_had_a_schedule_of_its_own_keeps_the_one_it_had() {
+        let without = |text: &str| -> String {
+            text.lines().filter(|l| !l.starts_with("warmup_decay_steps")).map(|l| format!("{l}\n")).collect()
+        };
+        // `best`: as the default says
+        let best = text(|_| ());
+        assert_eq!(changes(&without(&best), &best, 5).unwrap(), (Vec::new(), Vec::new()));
+        // a shorter one fell over its own length
+        let short = text(|c| c.stages.joint_steps = 9000);
+        assert_eq!(changes(&without(&short), &without(&short), 5).unwrap(), (Vec::new(), Vec::new()));
+        let (_, refused) = changes(&without(&short), &short, 5).unwrap();
+        assert!(refused[0].to_string().contains("optim.warmup_decay_steps was 9000 and is 20000 now"), "{refused:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
 
-use crate::config::types::{Config, OptimConfig};
+use crate::config::types::{Config, OptimConfig, ViewOrder};
 use crate::extend::find_schedule;
 use crate::rng::{Purpose, Rng};
 
@@ -31,12 +31,14 @@ impl Stage {
         steps.checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
     }
 
-    /// How far the joint stage has come, in [0, 1].
+    /// How far the rates have come, in [0, 1]: over `optim.warmup_decay_steps` in warm-up, over the joint stage in that.
+    /// As in the reference code, they start over with the joint stage.
     pub fn progress(self, config: &Config) -> f64 {
-        match self {
-            // as in 3DGS, the schedule of the means runs in warm-up too, and starts over with the joint stage
-            Self::Warmup(s) | Self::Joint(s) => (s as f64 / config.stages.joint_steps.max(1) as f64).min(1.0),
-        }
+        let (done, steps) = match self {
+            Self::Warmup(s) => (s, config.optim.warmup_decay_steps),
+            Self::Joint(s) => (s, config.stages.joint_steps),
+        };
+        (done as f64 / steps.max(1) as f64).min(1.0)
     }
 
     /// True in the joint stage.
@@ -44,12 +46,17 @@ impl Stage {
         matches!(self, Self::Joint(_))
     }
 
-    /// Weight of DSSIM: on in the last `loss.dssim_last` steps of the joint stage, rising over the first
-    /// `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and Adam's second moment
+    /// Weight of DSSIM: on in the last `loss.dssim_last` steps of the joint stage (of warm-up if there is no joint stage),
+    /// rising over the first `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and Adam's second moment
     /// takes some hundred steps to learn their size; switched on at once it throws the scene back.
     pub fn dssim_weight(self, config: &Config) -> f64 {
-        let Self::Joint(s) = self else { return 0.0 };
-        let start = config.stages.joint_steps.saturating_sub(config.loss.dssim_last);
+        let stages = &config.stages;
+        let (s, steps) = match self {
+            Self::Joint(s) => (s, stages.joint_steps),
+            Self::Warmup(s) if stages.joint_steps == 0 => (s, stages.warmup_steps),
+            Self::Warmup(_) => return 0.0,
+        };
+        let start = steps.saturating_sub(config.loss.dssim_last);
         if s < start || config.loss.dssim_last == 0 {
             return 0.0;
         }
@@ -92,12 +99,18 @@ pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> 
     }
 }
 
-/// The training view of a step: every view once, shuffled anew each time round.
-pub fn view(seed: u64, step: usize, views: usize) -> usize {
-    let (round, place) = (step / views, step % views);
-    let mut order: Vec<usize> = (0..views).collect();
-    Rng::new(seed, round as u64, Purpose::Views as u64).shuffle(&mut order);
-    order[place]
+/// The training view of a step, as `data.order` says: every view once, shuffled anew each time round, or any at any step.
+pub fn view(config: &Config, step: usize, views: usize) -> usize {
+    let rng = |key: usize| Rng::new(config.seed, key as u64, Purpose::Views as u64);
+    match config.data.order {
+        ViewOrder::Independent => rng(step).below(views),
+        ViewOrder::Shuffled => {
+            let (round, place) = (step / views, step % views);
+            let mut order: Vec<usize> = (0..views).collect();
+            rng(round).shuffle(&mut order);
+            order[place]
+        }
+    }
 }
 
 #[cfg(test)]
@@ -106,11 +119,39 @@ mod tests {
 
     #[test]
     fn every_view_is_seen_once_a_round() {
-        let mut seen: Vec<usize> = (0..30).map(|s| view(7, s, 30)).collect();
-        let second: Vec<usize> = (30..60).map(|s| view(7, s, 30)).collect();
+        let config = Config { seed: 7, ..Config::default() };
+        let mut seen: Vec<usize> = (0..30).map(|s| view(&config, s, 30)).collect();
+        let second: Vec<usize> = (30..60).map(|s| view(&config, s, 30)).collect();
         assert_ne!(seen, second);
         seen.sort_unstable();
         assert_eq!(seen, (0..30).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn independent_views_come_with_replacement_and_all_alike() {
+        let mut config = Config::default();
+        config.data.order = ViewOrder::Independent;
+        let mut counts = [0; 30];
+        (0..3000).for_each(|s| counts[view(&config, s, 30)] += 1);
+        assert!(counts.iter().all(|n| (60..150).contains(n)), "{counts:?}");
+        let first: std::collections::BTreeSet<usize> = (0..30).map(|s| view(&config, s, 30)).collect();
+        assert!(first.len() < 30, "30 draws without a repetition");
+        assert_eq!(view(&config, 12, 30), view(&config, 12, 30));
+    }
+
+    #[test]
+    fn the_means_rate_in_warm_up_does_not_depend_on_the_joint_stage() {
+        let mut config = Config::default();
+        let rate = |step: usize, config: &Config| {
+            let rate = |stage| learning_rate("gaussians.means", stage, config, 1.0).unwrap();
+            rate(Stage::Warmup(step)) / rate(Stage::Warmup(0))
+        };
+        for joint_steps in [0, 5000, 20_000, 30_000] {
+            config.stages.joint_steps = joint_steps;
+            assert!((rate(2000, &config) - 0.01f64.powf(0.1)).abs() < 1e-12, "{joint_steps}");
+        }
+        (config.stages.warmup_steps, config.optim.warmup_decay_steps) = (30_000, 30_000);
+        assert!((rate(15_000, &config) - 0.1).abs() < 1e-12 && (rate(30_000, &config) - 0.01).abs() < 1e-12);
     }
 
     #[test]
@@ -144,5 +185,11 @@ mod tests {
         assert_eq!(weight(14_999), 0.0);
         assert!((weight(15_000) - 0.02).abs() < 1e-12);
         assert_eq!((weight(15_009), weight(19_999)), (0.2, 0.2));
+        assert_eq!(Stage::Warmup(499).dssim_weight(&config), 0.0);
+        // a static scene: the last steps of warm-up, or all
+        (config.stages.warmup_steps, config.stages.joint_steps, config.loss.dssim_ramp) = (6000, 0, 1);
+        assert_eq!([999, 1000, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.0, 0.2, 0.2]);
+        config.loss.dssim_last = 6000;
+        assert_eq!(Stage::Warmup(0).dssim_weight(&config), 0.2);
     }
 }

@@ -1,7 +1,10 @@
 //! A trainer on a dataset of a few small views: what the start of the grid means, and poison values.
 
+use super::schedule::{Stage, learning_rate};
 use super::{TrainError, Trainer, losses};
-use crate::config::types::{Config, GridInit};
+use crate::config::PRESETS;
+use crate::config::layers::Layers;
+use crate::config::types::{Config, GridInit, TvOrder, TvReduction};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -73,8 +76,64 @@ fn a_grid_of_zeros_is_learnt_only_with_the_prior() {
         grid(&trainer)
     };
     assert!(after(&zeros).iter().all(|v| *v == 0.0));
+    // nor does total variation lead away, of whichever kind
+    (zeros.loss.tv, zeros.loss.tv_time) = (1e-4, 1e-2);
+    for (kind, reduction) in [(TvOrder::Second, TvReduction::Mean), (TvOrder::First, TvReduction::Sum)] {
+        (zeros.loss.tv_kind, zeros.loss.tv_reduction) = (kind, reduction);
+        assert!(after(&zeros).iter().all(|v| *v == 0.0), "{kind:?}");
+    }
+    (zeros.loss.tv, zeros.loss.tv_time) = (0.0, 0.0);
     zeros.loss.one_prior = 0.01;
     assert!(after(&zeros).iter().all(|v| *v > 0.0));
+}
+
+#[test]
+fn a_static_scene_is_trained_without_a_joint_stage() {
+    let folder = dataset(8, 16);
+    let steps = 240;
+    let sets = [
+        "init.points=200",
+        "stages.warmup_steps=240",
+        "stages.sh_every=60",
+        "loss.dssim_last=240",
+        "optim.warmup_decay_steps=240",
+        "densify.mode=budget",
+        "densify.budget=333",
+        "densify.every=20",
+        "densify.warmup_from=40",
+        "densify.warmup_until=130",
+        "densify.opacity_reset=0",
+        "densify.opacity_reset_until=0",
+        "densify.prune_size=0",
+        "data.only_times=[0.9]",
+    ];
+    let config = Layers::new(PRESETS).source("static").sets(sets).resolve::<Config>().unwrap().value;
+    let data = super::open_dataset(folder.path(), &config).unwrap();
+    assert_eq!((data.train.times(), data.train.frames.len()), (vec![1.0], 4));
+    let device = DeviceName::all()[0].open().unwrap();
+    let mut trainer = Trainer::new(config.clone(), &data, &device).unwrap();
+    let reports: Vec<_> = (0..steps).map(|_| trainer.step(&data.train).unwrap()).collect();
+    let mean = |from: usize, to: usize| reports[from..to].iter().map(|r| r.psnr).sum::<f64>() / (to - from) as f64;
+    assert!(mean(220, 240) > mean(0, 20) + 3.0, "{} dB, then {} dB", mean(0, 20), mean(220, 240));
+    let counts: Vec<usize> = reports.iter().map(|r| r.gaussians).collect();
+    assert_eq!((counts[128] < 333, counts[129], counts[239]), (true, 333, 333), "the line ends with warmup_until");
+    let rate = |step: usize| learning_rate("gaussians.means", Stage::at(step, &config), &config, 1.0).unwrap();
+    assert!((rate(120) / rate(0) - 0.1).abs() < 1e-12 && rate(239) / rate(0) < 0.011);
+    let scene = trainer.scene();
+    assert!(!scene.spec.deformed && scene.spec.sh_degree == 3);
+    let means = |time: f32| to_vec(scene.at(time).means);
+    assert_eq!(means(0.0), means(1.0));
+}
+
+#[test]
+fn the_weight_of_the_distance_scales_it() {
+    let loss = |weight: f64| {
+        let mut config = config();
+        config.loss.weight = weight;
+        let (data, mut trainer) = trainer(&config);
+        trainer.step(&data.train).unwrap().loss
+    };
+    assert!((loss(0.8) / loss(1.0) - 0.8).abs() < 1e-6);
 }
 
 #[test]

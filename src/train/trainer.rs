@@ -3,6 +3,7 @@
 use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::densify::{self, Statistics};
+use super::due::{Due, due};
 use super::gather::{Gathered, View};
 use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
@@ -230,8 +231,8 @@ impl Trainer {
 
     fn view(&self, stage: Stage, views: usize) -> usize {
         match stage {
-            Stage::Warmup(s) => self.warmup_views[schedule::view(self.config.seed, s, self.warmup_views.len())],
-            Stage::Joint(s) => schedule::view(self.config.seed, s, views),
+            Stage::Warmup(s) => self.warmup_views[schedule::view(&self.config, s, self.warmup_views.len())],
+            Stage::Joint(s) => schedule::view(&self.config, s, views),
         }
     }
 
@@ -287,7 +288,8 @@ impl Trainer {
 
         let config = &self.config.loss;
         let distance = losses::photometric(drawn.image.clone(), target.clone(), config);
-        let mut loss = distance.loss;
+        let mut loss =
+            if config.weight == 1.0 { distance.loss } else { distance.loss.mul_scalar(config.weight as f32) };
         if let Some(at) = &kept {
             let (image, time, scene) = (&drawn.image, frame.time as f32, self.scene());
             let camera = &frame.camera;
@@ -315,7 +317,7 @@ impl Trainer {
         let mut gradients = loss.backward();
         lap(&mut times.backward);
 
-        let due = densify::due(stage, &self.config, self.initial);
+        let due = due(stage, &self.config, self.initial);
         let logits = logits.inner();
         if stage.is_joint() && asleep.is_none() && self.sleep.is_on() {
             self.sleep.note(frame.time, &to_vec(logits.clone()));
@@ -339,7 +341,7 @@ impl Trainer {
             }
         }
         lap(&mut times.adam);
-        if due != densify::Due::default() {
+        if due != Due::default() {
             self.densify(due);
         }
         let sort_every = self.config.speed.sort_every;
@@ -352,7 +354,7 @@ impl Trainer {
         Ok(StepReport { step, stage, loss, psnr, gaussians: self.scene().gaussians.count(), times })
     }
 
-    fn densify(&mut self, due: densify::Due) {
+    fn densify(&mut self, due: Due) {
         let host = self.scene().gaussians.to_host();
         let statistics = self.statistics.to_host();
         let rows = densify::plan(due, &statistics, &host, &self.config, self.extent);

@@ -13,13 +13,33 @@ const TASK: usize = 16_384;
 const FLUSH: usize = 256;
 const LANES: usize = 8;
 
-/// Which differences are penalised. Every tensor counts with the mean over its differences.
+/// Which differences are penalised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TvKind {
     /// Squared first differences: along both axes of a plane, along a line, along time (paper eq. 6).
     First,
     /// Squared second differences along the slow axis of a plane, along a line, along time.
     Second,
+}
+
+/// What becomes of the squared differences of each tensor (of a plane: along each of its axes by itself).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TvReduction {
+    /// Their mean.
+    Mean,
+    /// Their sum (paper eq. 6).
+    Sum,
+}
+
+impl TvReduction {
+    /// Factor of each of `count` squared differences in a penalty of weight `weight`; 0 if there are none.
+    pub(super) fn factor(self, weight: f32, count: usize) -> f32 {
+        match (self, count) {
+            (_, 0) => 0.0,
+            (Self::Mean, count) => weight / count as f32,
+            (Self::Sum, _) => weight,
+        }
+    }
 }
 
 /// Factors of the penalty terms. A term whose weight is 0 leaves the loss and the gradient alone.
@@ -33,6 +53,8 @@ pub struct TvWeights {
     pub one_prior_space: f32,
     /// mean |1 - g| of every time tensor.
     pub one_prior_time: f32,
+    /// Whether differences count with their mean or their sum; |1 - g| always with its mean.
+    pub reduction: TvReduction,
 }
 
 /// Gradient buffers that [`tv`] adds to; laid out like the parameters.
@@ -72,7 +94,7 @@ pub fn tv(params: FieldParams<'_>, shape: &FieldShape, kind: TvKind, weights: Tv
         assert_eq!(data.len(), len, "parameters do not fit the field shape");
         assert_eq!(grad.len(), len, "gradients do not fit the field shape");
         if weight != 0.0 || prior != 0.0 {
-            push_tasks(&mut tasks, &spans, shape.channels, kind, weight, prior, data, grad);
+            push_tasks(&mut tasks, &spans, shape.channels, kind, weights.reduction, weight, prior, data, grad);
         }
     }
     let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|task| crate::arch().dispatch(task)).collect();
@@ -84,6 +106,7 @@ fn push_tasks<'a>(
     spans: &[TensorSpan],
     channels: usize,
     kind: TvKind,
+    reduction: TvReduction,
     weight: f32,
     prior: f32,
     data: &'a [f32],
@@ -95,18 +118,15 @@ fn push_tasks<'a>(
         let data = &data[span.offset..span.offset + len];
         let (own, rest) = grad.split_at_mut(len);
         grad = rest;
-        let mean = |weight: f32, count: usize| match count {
-            0 => 0.0,
-            count => weight / count as f32,
-        };
+        let prior = TvReduction::Mean.factor(prior, len);
         let factors = match kind {
             TvKind::First => Factors {
-                slow: mean(weight, (span.height - 1) * row),
-                fast: mean(weight, span.height * (span.width - 1) * channels),
-                prior: mean(prior, len),
+                slow: reduction.factor(weight, (span.height - 1) * row),
+                fast: reduction.factor(weight, span.height * (span.width - 1) * channels),
+                prior,
             },
             TvKind::Second => {
-                Factors { slow: mean(weight, span.height.saturating_sub(2) * row), fast: 0.0, prior: mean(prior, len) }
+                Factors { slow: reduction.factor(weight, span.height.saturating_sub(2) * row), fast: 0.0, prior }
             }
         };
         let rows = (TASK / row).max(1);

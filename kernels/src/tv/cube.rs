@@ -1,7 +1,7 @@
 //! Total variation on a GPU: a unit an element, which reads its neighbours; sums in a fixed order.
 
 use super::ops::{TvForward, TvOps};
-use super::{TvKind, TvWeights};
+use super::{TvKind, TvReduction, TvWeights};
 use crate::cube::reduce::{over_cube, total};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, rows};
 use crate::field::{FieldShape, TensorSpan};
@@ -84,10 +84,6 @@ fn span(
     }
 }
 
-fn mean(weight: f32, count: usize) -> f32 {
-    if count == 0 { 0.0 } else { weight / count as f32 }
-}
-
 impl TvOps for CubeBackend {
     fn tv_forward(
         planes: FloatTensor<Self>,
@@ -112,14 +108,13 @@ impl TvOps for CubeBackend {
         let mut first = 0;
         for (k, of_kind) in spans.iter().enumerate() {
             let (weight, prior) = factors[k];
+            let factor = |count: usize| weights.reduction.factor(weight, count);
             let (data, grad): (&CubeTensor, &CubeTensor) = (&inputs[k], &grads[k]);
             for s in of_kind {
                 let row = s.width * channels;
                 let (slow, fast) = match kind {
-                    TvKind::First => {
-                        (mean(weight, (s.height - 1) * row), mean(weight, s.height * (s.width - 1) * channels))
-                    }
-                    TvKind::Second => (mean(weight, s.height.saturating_sub(2) * row), 0.0),
+                    TvKind::First => (factor((s.height - 1) * row), factor(s.height * (s.width - 1) * channels)),
+                    TvKind::Second => (factor(s.height.saturating_sub(2) * row), 0.0),
                 };
                 let count = size(s);
                 let used = launched(&count);
@@ -137,7 +132,7 @@ impl TvOps for CubeBackend {
                     channels as u32,
                     slow,
                     fast,
-                    mean(prior, s.height * row),
+                    TvReduction::Mean.factor(prior, s.height * row),
                     kind == TvKind::Second,
                 );
                 first += used;

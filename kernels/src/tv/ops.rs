@@ -37,7 +37,7 @@ pub trait TvOps: Backend {
     ) -> TvForward<Self>;
 }
 
-/// Weighted total variation of the field's parameters (the paper's equation 6, as means), `[1]`, differentiable.
+/// Weighted total variation of the field's parameters (the paper's equation 6), `[1]`, differentiable.
 ///
 /// # Panics
 /// If a buffer does not fit `shape`.

@@ -1,15 +1,16 @@
 //! Total variation and one-prior as plain f64 loops: the oracle of the fast kernel, gradient included.
 
-use super::cpu::TvKind;
+use super::cpu::{TvKind, TvReduction};
 use crate::field::TensorSpan;
 
-/// Penalty of one kind of tensors: `weight` times the mean squared differences and `prior` times
+/// Penalty of one kind of tensors: `weight` times the mean or sum of the squared differences and `prior` times
 /// mean |1 - g| of every tensor in `spans`. Adds the gradient to `grad`.
 pub fn tv(
     data: &[f64],
     spans: &[TensorSpan],
     channels: usize,
     kind: TvKind,
+    reduction: TvReduction,
     weight: f64,
     prior: f64,
     grad: &mut [f64],
@@ -25,7 +26,10 @@ pub fn tv(
         for stencil in stencils {
             let (_, dy, dx) = stencil[stencil.len() - 1];
             let (height, width) = (span.height.saturating_sub(dy), span.width.saturating_sub(dx));
-            let count = (height * width * channels) as f64;
+            let count = match reduction {
+                TvReduction::Mean => (height * width * channels) as f64,
+                TvReduction::Sum => 1.0,
+            };
             for y in 0..height {
                 for x in 0..width {
                     for r in 0..channels {

@@ -1,4 +1,4 @@
-use super::{TvGrads, TvKind, TvWeights, reference, tv};
+use super::{TvGrads, TvKind, TvReduction, TvWeights, reference, tv};
 use crate::field::{FieldParams, FieldShape, LevelShape};
 use proptest::prelude::*;
 
@@ -22,7 +22,10 @@ fn shape(levels: &[[usize; 3]], time_knots: usize, channels: usize) -> FieldShap
     FieldShape { levels: levels.collect(), time_knots, channels }
 }
 
-const WEIGHTS: TvWeights = TvWeights { space: 0.7, time: 0.3, one_prior_space: 0.2, one_prior_time: 0.5 };
+const WEIGHTS: TvWeights =
+    TvWeights { space: 0.7, time: 0.3, one_prior_space: 0.2, one_prior_time: 0.5, reduction: TvReduction::Mean };
+/// The same by sums, and smaller, so that gradients stay near 1.
+const SUMS: TvWeights = TvWeights { space: 0.07, time: 0.03, reduction: TvReduction::Sum, ..WEIGHTS };
 
 /// Parameters of all three kinds.
 fn params(shape: &FieldShape, seed: u64) -> [Vec<f32>; 3] {
@@ -37,24 +40,26 @@ fn fast(shape: &FieldShape, p: &[Vec<f32>; 3], kind: TvKind, w: TvWeights) -> (f
     (loss, grads)
 }
 
-fn exact(shape: &FieldShape, p: &[Vec<f64>; 3], kind: TvKind) -> (f64, [Vec<f64>; 3]) {
+fn exact(shape: &FieldShape, p: &[Vec<f64>; 3], kind: TvKind, w: TvWeights) -> (f64, [Vec<f64>; 3]) {
     let mut grads = p.clone().map(|v| vec![0.0; v.len()]);
-    let (space, space_prior) = (WEIGHTS.space.into(), WEIGHTS.one_prior_space.into());
-    let (time, time_prior) = (WEIGHTS.time.into(), WEIGHTS.one_prior_time.into());
-    let c = shape.channels;
-    let loss = reference::tv(&p[0], &shape.plane_spans(), c, kind, space, space_prior, &mut grads[0])
-        + reference::tv(&p[1], &shape.line_spans(), c, kind, space, space_prior, &mut grads[1])
-        + reference::tv(&p[2], &shape.time_spans(), c, kind, time, time_prior, &mut grads[2]);
+    let (space, space_prior) = (w.space.into(), w.one_prior_space.into());
+    let (time, time_prior) = (w.time.into(), w.one_prior_time.into());
+    let (c, r) = (shape.channels, w.reduction);
+    let loss = reference::tv(&p[0], &shape.plane_spans(), c, kind, r, space, space_prior, &mut grads[0])
+        + reference::tv(&p[1], &shape.line_spans(), c, kind, r, space, space_prior, &mut grads[1])
+        + reference::tv(&p[2], &shape.time_spans(), c, kind, r, time, time_prior, &mut grads[2]);
     (loss, grads)
 }
 
 fn against_reference(shape: &FieldShape, kind: TvKind, seed: u64) {
     let p = params(shape, seed);
-    let (loss, grads) = fast(shape, &p, kind, WEIGHTS);
-    let (loss_exact, grads_exact) = exact(shape, &p.clone().map(|v| wide(&v)), kind);
-    assert!((loss - loss_exact).abs() <= 1e-6 * loss_exact.max(1.0), "{loss} {loss_exact}");
-    for (g, e) in grads.iter().flatten().zip(grads_exact.iter().flatten()) {
-        assert!((f64::from(*g) - e).abs() < 1e-5, "{g} against {e}");
+    for weights in [WEIGHTS, SUMS] {
+        let (loss, grads) = fast(shape, &p, kind, weights);
+        let (loss_exact, grads_exact) = exact(shape, &p.clone().map(|v| wide(&v)), kind, weights);
+        assert!((loss - loss_exact).abs() <= 1e-6 * loss_exact.max(1.0), "{loss} {loss_exact}");
+        for (g, e) in grads.iter().flatten().zip(grads_exact.iter().flatten()) {
+            assert!((f64::from(*g) - e).abs() < 1e-5, "{g} against {e}");
+        }
     }
 }
 
@@ -81,15 +86,15 @@ fn large_planes_match_the_reference() {
 fn reference_gradient_matches_finite_differences() {
     let shape = shape(&[[3, 4, 2]], 4, 2);
     let base = params(&shape, 3).map(|v| wide(&v));
-    for kind in [TvKind::First, TvKind::Second] {
-        let (_, grads) = exact(&shape, &base, kind);
+    for (kind, weights) in [TvKind::First, TvKind::Second].into_iter().flat_map(|k| [(k, WEIGHTS), (k, SUMS)]) {
+        let (_, grads) = exact(&shape, &base, kind, weights);
         for part in 0..3 {
             for i in 0..base[part].len() {
                 let mut moved = base.clone();
                 moved[part][i] += 1e-6;
-                let up = exact(&shape, &moved, kind).0;
+                let up = exact(&shape, &moved, kind, weights).0;
                 moved[part][i] -= 2e-6;
-                let slope = (up - exact(&shape, &moved, kind).0) / 2e-6;
+                let slope = (up - exact(&shape, &moved, kind, weights).0) / 2e-6;
                 assert!((slope - grads[part][i]).abs() < 1e-7);
             }
         }
@@ -109,9 +114,12 @@ fn a_field_of_ones_costs_nothing_and_a_ramp_only_its_slope() {
     for (i, v) in ramp[2].iter_mut().enumerate() {
         *v = (i / 8) as f32;
     }
-    let w = TvWeights { space: 1.0, time: 3.0, one_prior_space: 0.0, one_prior_time: 0.0 };
+    let w = TvWeights { space: 1.0, time: 3.0, one_prior_space: 0.0, one_prior_time: 0.0, ..WEIGHTS };
     assert_eq!(fast(&shape, &ramp, TvKind::First, w).0, 3.0);
     assert_eq!(fast(&shape, &ramp, TvKind::Second, w).0, 0.0);
+    // 4 steps of 1 in 8 channels
+    let summed = TvWeights { reduction: TvReduction::Sum, ..w };
+    assert_eq!(fast(&shape, &ramp, TvKind::First, summed).0, 3.0 * 32.0);
 }
 
 #[test]

@@ -1,0 +1,191 @@
+//! When Gaussians are added, removed and reset: what is due after a step, from the step alone.
+
+use super::schedule::Stage;
+use crate::config::types::{Config, DensifyMode};
+
+/// What is due at a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Due {
+    /// The number of Gaussians to grow to; `None` if none are added now.
+    pub grow_to: Option<usize>,
+    /// Whether transparent Gaussians are removed.
+    pub prune: bool,
+    /// Whether large ones are removed.
+    pub prune_large: bool,
+    /// Whether opacities are reset.
+    pub reset: bool,
+}
+
+/// The steps of a stage, counted from 1, at which Gaussians may be added: above `from`, up to and with `until`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Span {
+    from: usize,
+    until: usize,
+}
+
+impl Span {
+    /// That of warm-up and that of the joint stage.
+    pub(super) fn of(config: &Config) -> [Self; 2] {
+        let (d, stages) = (&config.densify, &config.stages);
+        [
+            Self { from: d.warmup_from, until: d.warmup_until.min(stages.warmup_steps) },
+            Self { from: d.joint_from, until: d.joint_until.min(stages.joint_steps) },
+        ]
+    }
+
+    /// Its number of steps.
+    pub(super) fn steps(self) -> usize {
+        self.until.saturating_sub(self.from)
+    }
+
+    /// How many of them are done with `step`.
+    fn done(self, step: usize) -> usize {
+        step.saturating_sub(self.from).min(self.steps())
+    }
+
+    fn contains(self, step: usize) -> bool {
+        step > self.from && step <= self.until
+    }
+}
+
+/// What is due after `stage`'s step (counted from 1 within its stage), for a run that started with `start` Gaussians.
+pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
+    let d = &config.densify;
+    let [warmup, joint] = Span::of(config);
+    let (step, span) = match stage {
+        Stage::Warmup(s) => (s + 1, warmup),
+        Stage::Joint(s) => (s + 1, joint),
+    };
+    let within = span.contains(step);
+    // the last step of each line towards a budget, so that the line ends there
+    let ends = stage.is_joint() || joint.steps() == 0 || d.warmup_budget > 0;
+    let is_last = ends && step == span.until;
+    let every = |n: usize| within && (step.is_multiple_of(n.max(1)) || is_last);
+    let grow_to = match d.mode {
+        _ if !every(d.every) => None,
+        DensifyMode::Off => None,
+        DensifyMode::Threshold if stage.is_joint() => Some(d.budget),
+        DensifyMode::Threshold => Some(d.warmup_most()),
+        DensifyMode::Budget => Some(line(stage, config, start)),
+    };
+    let prunes = match stage {
+        Stage::Warmup(_) => step > d.prune_from,
+        Stage::Joint(_) => d.prune_joint,
+    };
+    let prunes = prunes && every(d.prune_every);
+    let was_reset = d.opacity_reset > 0 && (stage.is_joint() || step > d.opacity_reset);
+    let reset = !stage.is_joint()
+        && d.opacity_reset > 0
+        && (step == d.opacity_reset || step <= d.opacity_reset_until && step.is_multiple_of(d.opacity_reset));
+    Due {
+        grow_to,
+        prune: prunes && d.prune_opacity > 0.0,
+        prune_large: prunes && d.prune_size > 0.0 && was_reset,
+        reset,
+    }
+}
+
+/// Where the straight line towards the budget is after a step: one line over both stages, or one for each if warm-up has
+/// a budget of its own.
+fn line(stage: Stage, config: &Config, start: usize) -> usize {
+    let d = &config.densify;
+    let [warmup, joint] = Span::of(config);
+    let (from, to, done, steps) = match (stage, d.warmup_budget) {
+        (Stage::Warmup(s), 0) => (start, d.budget, warmup.done(s + 1), warmup.steps() + joint.steps()),
+        (Stage::Joint(s), 0) => (start, d.budget, warmup.steps() + joint.done(s + 1), warmup.steps() + joint.steps()),
+        (Stage::Warmup(s), own) => (start, own, warmup.done(s + 1), warmup.steps()),
+        (Stage::Joint(s), own) => (own.max(start), d.budget, joint.done(s + 1), joint.steps()),
+    };
+    let (from, to) = (from.min(to) as f64, to as f64);
+    (from + (to - from) * (done as f64 / steps.max(1) as f64).min(1.0)).round() as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The warm-up steps, counted from 1, at which `what` is due.
+    fn warmup_steps(config: &Config, what: impl Fn(Due) -> bool) -> Vec<usize> {
+        (1..=config.stages.warmup_steps).filter(|s| what(due(Stage::Warmup(s - 1), config, 100))).collect()
+    }
+
+    fn targets(config: &Config, start: usize) -> Vec<usize> {
+        let warmup = (0..config.stages.warmup_steps).map(Stage::Warmup);
+        let all = warmup.chain((0..config.stages.joint_steps).map(Stage::Joint));
+        all.filter_map(|stage| due(stage, config, start).grow_to).collect()
+    }
+
+    #[test]
+    fn the_budget_line_ends_at_the_budget() {
+        let config = Config::default();
+        let last = config.densify.joint_until - 1;
+        assert_eq!(due(Stage::Joint(last), &config, 50_000).grow_to, Some(config.densify.budget));
+        assert_eq!(due(Stage::Joint(last + 1), &config, 50_000), Due::default());
+        let first = due(Stage::Warmup(399), &config, 50_000).grow_to.unwrap();
+        assert!((50_000..60_000).contains(&first), "{first}");
+    }
+
+    #[test]
+    fn without_a_joint_stage_warm_up_ends_at_the_budget() {
+        let mut config = Config::default();
+        (config.stages.warmup_steps, config.stages.joint_steps) = (730, 0);
+        (config.densify.budget, config.densify.warmup_from, config.densify.prune_every) = (1000, 100, 100);
+        assert_eq!(targets(&config, 100).last(), Some(&1000));
+        let pruned = warmup_steps(&config, |d| d.prune);
+        assert_eq!(pruned, [200, 300, 400, 500, 600, 700, 730], "and so does pruning");
+        config.densify.warmup_until = 450;
+        assert_eq!(warmup_steps(&config, |d| d.grow_to.is_some()), [200, 300, 400, 450]);
+        assert_eq!(targets(&config, 100).last(), Some(&1000));
+        assert_eq!(warmup_steps(&config, |d| d.prune), [200, 300, 400, 450]);
+        // a joint stage that adds none is no joint stage in this
+        (config.stages.joint_steps, config.densify.joint_from) = (300, 300);
+        assert_eq!(targets(&config, 100).last(), Some(&1000));
+    }
+
+    #[test]
+    fn warm_up_may_have_a_budget_of_its_own() {
+        let mut config = Config::default();
+        (config.stages.warmup_steps, config.densify.warmup_from) = (1000, 0);
+        (config.densify.warmup_budget, config.densify.budget) = (300, 500);
+        let all = targets(&config, 100);
+        assert!(all.is_sorted(), "{all:?}");
+        assert_eq!((all[9], all.last()), (300, Some(&500)));
+        assert_eq!(targets(&config, 400).first(), Some(&300), "more than that from the start: none are added");
+        // above the second budget: the joint stage asks for no more than that, and for nothing to go
+        config.densify.warmup_budget = 700;
+        let all = targets(&config, 100);
+        assert_eq!(all[9], 700);
+        assert!(all[10..].iter().all(|n| *n == 500), "{all:?}");
+        config.densify.mode = DensifyMode::Threshold;
+        let all = targets(&config, 100);
+        assert!(all[..10].iter().all(|n| *n == 700) && all[10..].iter().all(|n| *n == 500), "{all:?}");
+    }
+
+    #[test]
+    fn opacities_are_reset_as_3dgs_and_as_the_released_code_do() {
+        let mut config = Config::default();
+        (config.stages.warmup_steps, config.densify.opacity_reset) = (30_000, 3000);
+        let resets = |config: &Config| warmup_steps(config, |d| d.reset);
+        assert_eq!(resets(&config), [3000], "once, unless more is asked for");
+        config.densify.opacity_reset_until = 14_900;
+        assert_eq!(resets(&config), [3000, 6000, 9000, 12_000]);
+        config.stages.warmup_steps = 3000;
+        assert_eq!(resets(&config), [3000], "its last step");
+        assert!(!due(Stage::Joint(2999), &config, 100).reset);
+    }
+
+    #[test]
+    fn large_ones_go_only_after_a_reset_and_none_where_pruning_is_off() {
+        let mut config = Config::default();
+        (config.stages.warmup_steps, config.densify.warmup_from) = (6000, 500);
+        (config.densify.prune_size, config.densify.prune_every, config.densify.prune_from) = (0.1, 500, 1000);
+        assert_eq!(warmup_steps(&config, |d| d.prune)[..2], [1500, 2000]);
+        assert!(warmup_steps(&config, |d| d.prune_large).is_empty());
+        config.densify.opacity_reset = 3000;
+        assert_eq!(warmup_steps(&config, |d| d.prune_large), [3500, 4000, 4500, 5000, 5500, 6000]);
+        assert!(due(Stage::Joint(999), &config, 100).prune);
+        config.densify.prune_joint = false;
+        let joint = due(Stage::Joint(999), &config, 100);
+        assert!(!joint.prune && !joint.prune_large && joint.grow_to.is_some());
+    }
+}
