@@ -1,7 +1,7 @@
 //! A trainer on a dataset of a few small views: what the start of the grid means, and poison values.
 
 use super::{TrainError, Trainer, losses};
-use crate::config::types::{Config, GridInit};
+use crate::config::types::{Config, EncoderKind, GridInit};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -75,6 +75,23 @@ fn a_grid_of_zeros_is_learnt_only_with_the_prior() {
     assert!(after(&zeros).iter().all(|v| *v == 0.0));
     zeros.loss.one_prior = 0.01;
     assert!(after(&zeros).iter().all(|v| *v > 0.0));
+}
+
+#[test]
+fn every_layer_of_the_implicit_encoder_is_trained() {
+    let mut config = config();
+    (config.model.encoder, config.model.implicit_width, config.optim.encoder) = (EncoderKind::Implicit, 24, 1e-3);
+    let (data, mut trainer) = trainer(&config);
+    let start = params::collect(trainer.scene());
+    let losses: Vec<f64> = (0..30).map(|_| trainer.step(&data.train).unwrap().loss).collect();
+    let end = params::collect(trainer.scene());
+    let layers: Vec<&String> = end.keys().filter(|name| name.starts_with("field.encoder.Implicit.layers")).collect();
+    assert_eq!(layers.len(), 2 * config.model.implicit_depth);
+    for name in layers {
+        assert_ne!(start[name], end[name], "{name}");
+    }
+    // sums over several views, as each step sees another one
+    assert!(losses[24..].iter().sum::<f64>() < losses[..6].iter().sum(), "{losses:?}");
 }
 
 #[test]
