@@ -30,7 +30,7 @@ fn pipe(path: &Path) {
 #[test]
 fn sizes_that_do_not_fit_into_memory_are_refused_by_key() {
     let root = dataset();
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 10] = [
         (&["init.points=2000000000"], "init.points = 2000000000"),
         (&["model.resolution=20000"], "model.resolution = 20000"),
         (&["model.resolution=64", "model.channels=64", "model.levels=60"], "model.levels = 60"),
@@ -38,6 +38,7 @@ fn sizes_that_do_not_fit_into_memory_are_refused_by_key() {
         (&["model.channels=1000000"], "model.channels = 1000000"),
         (&["model.width=1000000"], "model.width = 1000000"),
         (&["model.encoder=implicit", "model.width=1000000"], "model.width = 1000000"),
+        (&["model.encoder=implicit", "model.implicit_width=1000000"], "model.implicit_width = 1000000"),
         (&["densify.budget=1000000000000", "densify.every=1"], "densify.budget = 1000000000000"),
         (
             &["init.points=9223372036854775807", "model.levels=9223372036854775807"],

@@ -119,9 +119,22 @@ pub struct ModelConfig {
     pub bounds: Bounds,
     /// Margin added around the box, as a fraction of its size.
     pub bounds_margin: f64,
-    /// Octaves of the positional encoding of the implicit encoder.
+    /// Octaves of a point in the implicit encoder, which sees p, sin(2^k p) and cos(2^k p), k from 0.
     pub implicit_octaves: usize,
-    /// Width of the hidden layers.
+    /// Octaves of time there.
+    #[serde(default = "defaults::implicit_time_octaves")]
+    // a scene with another encoder from before these keys still loads
+    pub implicit_time_octaves: usize,
+    /// Width of its hidden layers; the last is as wide as the decoder's input, `levels * channels`.
+    #[serde(default = "defaults::implicit_width")]
+    pub implicit_width: usize,
+    /// How many hidden layers it has.
+    #[serde(default = "defaults::implicit_depth")]
+    pub implicit_depth: usize,
+    /// After so many of them its input goes in again; 0 for never.
+    #[serde(default = "defaults::implicit_skip")]
+    pub implicit_skip: usize,
+    /// Width of the decoder's hidden layers.
     pub width: usize,
     /// One hidden layer for each output (`heads`, the paper's) or one for all (`shared`, cheaper).
     pub decoder: DecoderKind,
@@ -300,7 +313,7 @@ pub struct OptimConfig {
     pub sh: f64,
     /// Learning rate of the others, as a fraction of `sh`.
     pub sh_rest: f64,
-    /// Planes, lines and temporal vectors (and the other encoders).
+    /// Planes, lines and temporal vectors (and the other encoders; the implicit one wants a tenth, D3DGS has 8e-4).
     pub encoder: f64,
     /// The decoder.
     pub decoder: f64,

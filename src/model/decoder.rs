@@ -32,7 +32,7 @@ pub struct Decoder {
 
 /// `x W + b`.
 pub(crate) fn linear(x: Tensor<2>, weight: &Param<Tensor<2>>, bias: &Param<Tensor<1>>) -> Tensor<2> {
-    x.matmul(weight.val()) + bias.val().unsqueeze()
+    burn::tensor::module::linear(x, weight.val(), Some(bias.val()))
 }
 
 /// Xavier-uniform weights `[inputs, outputs]`.

@@ -2,8 +2,9 @@
 
 use super::Gaussians;
 use super::decoder::Decoder;
-use super::encoder::{Encoder, FactorisedEncoder, ImplicitEncoder};
+use super::encoder::{Encoder, FactorisedEncoder};
 use super::extra_encoder::ExtraEncoder;
+use super::implicit::ImplicitEncoder;
 use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};

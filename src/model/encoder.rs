@@ -1,17 +1,21 @@
 //! Space-time encoders: a point and a time in, features out. Registered ones are in [`super::extra_encoder`].
 
-use super::decoder::linear;
 use super::extra_encoder::ExtraEncoder;
+use super::implicit::ImplicitEncoder;
 use crate::config::types::{GridInit, ModelConfig};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
-use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::field::{FieldShape, LevelShape, field};
 
 /// The paper's explicit encoder: planes, lines and temporal vectors at several resolutions.
 ///
 /// The three flat buffers are laid out as [`FieldShape`] says.
+///
+/// The paper's equation 4 sums over the ranks of space and of time,
+/// `T4 = (sum_r Mxy_r o vz_r + Mxz_r o vy_r + Myz_r o vx_r) o (sum_r vt_r)`, which read as it stands leaves one number a level.
+/// Here, as in the released code, nothing is summed over r: each rank is a channel, and what the decoder gets is the product of
+/// space and time of every channel of every level. [`volseggs_kernels::field`] says why the sum is not offered.
 #[derive(Module, Debug)]
 pub struct FactorisedEncoder {
     /// Spatial feature matrices of all levels, flat.
@@ -64,63 +68,6 @@ impl FactorisedEncoder {
     /// Sizes and layout.
     pub fn shape(&self) -> &FieldShape {
         &self.shape
-    }
-}
-
-/// The fully implicit encoder of the paper's ablation: positional encoding of the point, the time, two
-/// hidden layers.
-#[derive(Module, Debug)]
-pub struct ImplicitEncoder {
-    /// `[6 * octaves + 1, width]`
-    pub first_weight: Param<Tensor<2>>,
-    /// `[width]`
-    pub first_bias: Param<Tensor<1>>,
-    /// `[width, width]`
-    pub second_weight: Param<Tensor<2>>,
-    /// `[width]`
-    pub second_bias: Param<Tensor<1>>,
-    /// `[width, features]`
-    pub last_weight: Param<Tensor<2>>,
-    /// `[features]`
-    pub last_bias: Param<Tensor<1>>,
-    octaves: usize,
-}
-
-impl ImplicitEncoder {
-    /// A new encoder with as many features as the factorised one would have.
-    pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
-        let mut rng = Rng::new(seed, 1, Purpose::EncoderInit as u64);
-        let features = config.levels * config.channels;
-        let inputs = 6 * config.implicit_octaves + 1;
-        let width = config.width;
-        let mut layer = |i, o| super::decoder::xavier(&mut rng, i, o, device);
-        let bias = |n: usize| Param::from_tensor(Tensor::zeros([n], device));
-        Self {
-            first_weight: layer(inputs, width),
-            first_bias: bias(width),
-            second_weight: layer(width, width),
-            second_bias: bias(width),
-            last_weight: layer(width, features),
-            last_bias: bias(features),
-            octaves: config.implicit_octaves,
-        }
-    }
-
-    /// Features `[N, levels * channels]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1].
-    pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
-        let [n, _] = points.dims();
-        let device = points.device();
-        let mut parts = Vec::with_capacity(2 * self.octaves + 1);
-        for k in 0..self.octaves {
-            let angle = points.clone().mul_scalar(std::f32::consts::PI * (1 << k) as f32);
-            parts.push(angle.clone().sin());
-            parts.push(angle.cos());
-        }
-        parts.push(Tensor::full([n, 1], time, &device));
-        let x = Tensor::cat(parts, 1);
-        let x = relu(linear(x, &self.first_weight, &self.first_bias));
-        let x = relu(linear(x, &self.second_weight, &self.second_bias));
-        linear(x, &self.last_weight, &self.last_bias)
     }
 }
 

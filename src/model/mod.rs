@@ -8,6 +8,7 @@ pub mod deformation;
 pub mod encoder;
 pub mod extra_encoder;
 pub mod gaussians;
+pub mod implicit;
 pub mod params;
 pub mod scene;
 pub mod size;

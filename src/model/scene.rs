@@ -196,9 +196,19 @@ impl Scene {
     }
 }
 
+/// A tensor that only the first implicit encoder had.
+const OLD_IMPLICIT: &str = "field.encoder.Implicit.first_weight";
+
 /// Refuses a spec that no scene has, or that asks for a larger field than the file holds: the field is made as the spec
 /// says before the tensors are put into it.
 fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
+    if tensors.contains_key(OLD_IMPLICIT) {
+        return Err(
+            "the implicit encoder of this scene is the one of two small layers that early versions had, which this \
+                    version has no more: train again, or read it with the version that wrote it"
+                .into(),
+        );
+    }
     check_model(&spec.model)?;
     if spec.sh_degree > spec.model.sh_degree {
         return Err(format!("sh_degree = {} is above model.sh_degree = {}", spec.sh_degree, spec.model.sh_degree));
@@ -298,9 +308,14 @@ mod tests {
     use crate::device::DeviceName;
 
     fn scene() -> Scene {
+        scene_of(EncoderKind::Factorised)
+    }
+
+    fn scene_of(encoder: EncoderKind) -> Scene {
         let device = DeviceName::all()[0].open().unwrap();
         let mut model = Config::default().model;
         (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
+        (model.encoder, model.implicit_width) = (encoder, 12);
         let gaussians = HostGaussians {
             means: vec![0.0; 6],
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(2),
@@ -348,6 +363,38 @@ mod tests {
             let error = Scene::load(&path, &device).unwrap_err().to_string();
             assert!(error.contains(words) && error.contains("scene.safetensors"), "{error}");
         }
+    }
+
+    #[test]
+    fn the_implicit_encoder_is_saved_and_read_and_its_first_form_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let device = DeviceName::all()[0].open().unwrap();
+        let scene = scene_of(EncoderKind::Implicit);
+        scene.save(&path).unwrap();
+        let read = Scene::load(&path, &device).unwrap();
+        assert_eq!((params::collect(&read), &read.spec), (params::collect(&scene), &scene.spec));
+        let means = |scene: &Scene| params::to_vec(scene.at(0.3).means);
+        assert_eq!(means(&read), means(&scene));
+
+        // as early versions wrote it: other tensors, and none of the keys that came later
+        let mut tensors = params::collect(&scene);
+        tensors.retain(|name, _| !name.starts_with("field.encoder"));
+        tensors.insert(OLD_IMPLICIT.into(), HostTensor { shape: vec![25, 8], values: vec![0.1; 200] });
+        let mut spec = serde_json::to_value(&scene.spec).unwrap();
+        let model = spec["model"].as_object_mut().unwrap();
+        model.retain(|key, _| !key.starts_with("implicit_") || key == "implicit_octaves");
+        write_tensors(&path, &tensors, Some(("volseggs", spec.to_string()))).unwrap();
+        let error = Scene::load(&path, &device).unwrap_err().to_string();
+        assert!(error.contains("early versions") && error.contains("train again"), "{error}");
+
+        // a factorised one of that time is read as ever
+        let old = scene_of(EncoderKind::Factorised);
+        let mut spec = serde_json::to_value(&old.spec).unwrap();
+        let model = spec["model"].as_object_mut().unwrap();
+        model.retain(|key, _| !key.starts_with("implicit_") || key == "implicit_octaves");
+        write_tensors(&path, &params::collect(&old), Some(("volseggs", spec.to_string()))).unwrap();
+        assert_eq!(means(&Scene::load(&path, &device).unwrap()), means(&old));
     }
 
     #[test]

@@ -9,6 +9,8 @@ use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 
 /// Octaves of the positional encoding beyond which single precision says nothing about a position.
 const MAX_OCTAVES: usize = 24;
+/// Hidden layers of the implicit encoder beyond which gradients hardly reach the first ones.
+const MAX_DEPTH: usize = 64;
 
 /// Refuses sizes that no model can have, by key.
 ///
@@ -29,8 +31,30 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
             return Err(format!("model.{name} = 0: at least 1"));
         }
     }
-    if config.encoder == EncoderKind::Implicit && config.implicit_octaves > MAX_OCTAVES {
-        return Err(format!("model.implicit_octaves = {}: at most {MAX_OCTAVES}", config.implicit_octaves));
+    if config.encoder == EncoderKind::Implicit { check_implicit(config) } else { Ok(()) }
+}
+
+fn check_implicit(config: &ModelConfig) -> Result<(), String> {
+    let (depth, skip) = (config.implicit_depth, config.implicit_skip);
+    // (key, value, least, most)
+    let ranges = [
+        ("octaves", config.implicit_octaves, 0, MAX_OCTAVES),
+        ("time_octaves", config.implicit_time_octaves, 0, MAX_OCTAVES),
+        ("width", config.implicit_width, 1, usize::MAX),
+        ("depth", depth, 1, MAX_DEPTH),
+    ];
+    for (name, value, least, most) in ranges {
+        if value < least {
+            return Err(format!("model.implicit_{name} = {value}: at least {least}"));
+        }
+        if value > most {
+            return Err(format!("model.implicit_{name} = {value}: at most {most}"));
+        }
+    }
+    if skip >= depth {
+        return Err(format!(
+            "model.implicit_skip = {skip}: below model.implicit_depth = {depth}, as a layer must come after it; 0 for never"
+        ));
     }
     Ok(())
 }
@@ -64,12 +88,44 @@ fn heads(config: &ModelConfig) -> usize {
     }
 }
 
-/// Parameters of the deformation field. Of a registered encoder they are not known, and count as none.
+/// Values of a point and a time as the implicit encoder sees them.
+fn encoded(config: &ModelConfig) -> u128 {
+    let waves = |octaves: usize| (octaves as u128).saturating_mul(2).saturating_add(1);
+    waves(config.implicit_octaves).saturating_mul(3).saturating_add(waves(config.implicit_time_octaves))
+}
+
+/// Values that a step keeps for each Gaussian until the gradients of the implicit encoder are found: its input, once
+/// more beside the hidden layer that it joins, and each hidden layer before and after its ReLU. 0 for other encoders.
 #[must_use]
-pub fn field_parameters(config: &ModelConfig) -> u128 {
-    let width = config.width as u128;
-    let layer = |inputs: u128, outputs: u128| inputs.saturating_add(1).saturating_mul(outputs);
-    let encoder = match config.encoder {
+pub fn encoder_values(config: &ModelConfig) -> u128 {
+    if config.encoder != EncoderKind::Implicit {
+        return 0;
+    }
+    let (width, inputs) = (config.implicit_width as u128, encoded(config));
+    let joined = if config.implicit_skip > 0 { inputs.saturating_add(width) } else { 0 };
+    let layers = (config.implicit_depth as u128).saturating_sub(1).saturating_mul(width);
+    inputs.saturating_add(joined).saturating_add(layers.saturating_add(features(config)).saturating_mul(2))
+}
+
+/// Values of the widest tensor of the implicit encoder for each Gaussian. 0 for other encoders.
+#[must_use]
+pub fn widest_layer(config: &ModelConfig) -> u128 {
+    if config.encoder != EncoderKind::Implicit {
+        return 0;
+    }
+    let (inputs, width) = (encoded(config), config.implicit_width as u128);
+    if config.implicit_skip > 0 { inputs.saturating_add(width) } else { inputs.max(width) }
+}
+
+/// Parameters of a layer.
+fn layer(inputs: u128, outputs: u128) -> u128 {
+    inputs.saturating_add(1).saturating_mul(outputs)
+}
+
+/// Parameters of the encoder. Of a registered one they are not known, and count as none.
+#[must_use]
+pub fn encoder_parameters(config: &ModelConfig) -> u128 {
+    match config.encoder {
         EncoderKind::Factorised => {
             let (levels, nodes) = (config.levels as u128, config.resolution as u128);
             // level m has m * resolution nodes an axis: sums of m and of m * m over the levels
@@ -82,15 +138,28 @@ pub fn field_parameters(config: &ModelConfig) -> u128 {
             planes.saturating_add(lines).saturating_add(times).saturating_mul(config.channels as u128)
         }
         EncoderKind::Implicit => {
-            let inputs = (config.implicit_octaves as u128).saturating_mul(6).saturating_add(1);
-            let hidden = layer(inputs, width).saturating_add(layer(width, width));
-            hidden.saturating_add(layer(width, features(config)))
+            let (depth, skip) = (config.implicit_depth as u128, config.implicit_skip as u128);
+            let (width, inputs, outputs) = (config.implicit_width as u128, encoded(config), features(config));
+            if depth < 2 {
+                return layer(inputs, outputs);
+            }
+            let within = (depth - 2).saturating_mul(layer(width, width));
+            let whole = layer(inputs, width).saturating_add(within).saturating_add(layer(width, outputs));
+            let joins = if skip == depth - 1 { outputs } else { width };
+            whole.saturating_add(if skip > 0 { inputs.saturating_mul(joins) } else { 0 })
         }
         EncoderKind::Extra => 0,
-    };
+    }
+}
+
+/// Parameters of the deformation field: of the encoder, as [`encoder_parameters`] says, and of the decoder.
+#[must_use]
+pub fn field_parameters(config: &ModelConfig) -> u128 {
+    let width = config.width as u128;
     let trunk = layer(features(config), width);
     let hidden = layer(width, width).saturating_mul(heads(config) as u128);
-    encoder.saturating_add(trunk).saturating_add(hidden).saturating_add(layer(width, OUTPUT_COLUMNS as u128))
+    let decoder = trunk.saturating_add(hidden).saturating_add(layer(width, OUTPUT_COLUMNS as u128));
+    encoder_parameters(config).saturating_add(decoder)
 }
 
 #[cfg(test)]
@@ -103,16 +172,56 @@ mod tests {
     #[test]
     fn the_count_is_that_of_the_module() {
         let device = DeviceName::all()[0].open().unwrap();
-        for encoder in [EncoderKind::Factorised, EncoderKind::Implicit] {
+        let implicit = [(1, 0), (2, 0), (2, 1), (5, 0), (5, 2), (5, 4)].map(|shape| (EncoderKind::Implicit, shape));
+        for (encoder, (depth, skip)) in std::iter::once((EncoderKind::Factorised, (0, 0))).chain(implicit) {
             for decoder in [DecoderKind::Heads, DecoderKind::Shared] {
                 let mut config = Config::default().model;
                 (config.levels, config.resolution, config.time_knots) = (3, 5, 7);
                 (config.channels, config.width, config.encoder, config.decoder) = (4, 6, encoder, decoder);
+                (config.implicit_width, config.implicit_depth, config.implicit_skip) = (9, depth, skip);
+                check_model(&config).unwrap();
                 let field = DeformationField::new(&config, [0.0; 3], [1.0; 3], 0, &device);
-                let values: usize = params::collect(&field).values().map(|t| t.values.len()).sum();
-                assert_eq!(field_parameters(&config), values as u128, "{encoder:?} {decoder:?}");
+                let values = |part: &str| -> usize {
+                    let parameters = params::collect(&field);
+                    parameters.iter().filter(|(name, _)| name.starts_with(part)).map(|(_, t)| t.values.len()).sum()
+                };
+                let what = format!("{encoder:?} {depth} {skip} {decoder:?}");
+                assert_eq!(field_parameters(&config), values("") as u128, "{what}");
+                assert_eq!(encoder_parameters(&config), values("encoder") as u128, "{what}");
             }
         }
+    }
+
+    #[test]
+    fn shapes_that_the_implicit_encoder_cannot_have_are_refused_by_key() {
+        type Edit = fn(&mut ModelConfig);
+        let cases: [(Edit, &str); 7] = [
+            (|m| m.implicit_octaves = 25, "model.implicit_octaves = 25: at most 24"),
+            (|m| m.implicit_time_octaves = 25, "model.implicit_time_octaves = 25: at most 24"),
+            (|m| m.implicit_width = 0, "model.implicit_width = 0: at least 1"),
+            (|m| m.implicit_depth = 0, "model.implicit_depth = 0: at least 1"),
+            (|m| m.implicit_depth = 65, "model.implicit_depth = 65: at most 64"),
+            (|m| m.implicit_depth = 5, "model.implicit_skip = 5: below model.implicit_depth = 5"),
+            (|m| m.implicit_skip = usize::MAX, "model.implicit_skip"),
+        ];
+        for (edit, words) in cases {
+            let mut config = Config::default().model;
+            edit(&mut config);
+            assert_eq!(check_model(&config), Ok(()), "another encoder does not read these keys");
+            config.encoder = EncoderKind::Implicit;
+            let error = check_model(&config).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_a_step_keeps_of_the_implicit_encoder_is_counted() {
+        let mut config = Config::default().model;
+        assert_eq!(encoder_values(&config), 0);
+        config.encoder = EncoderKind::Implicit;
+        assert_eq!(encoder_values(&config), 76 + (76 + 256) + 2 * (7 * 256 + 64));
+        config.implicit_skip = 0;
+        assert_eq!(encoder_values(&config), 76 + 2 * (7 * 256 + 64));
     }
 
     #[test]
@@ -120,6 +229,8 @@ mod tests {
         let mut config = Config::default().model;
         (config.levels, config.resolution, config.time_knots) = (usize::MAX, usize::MAX, usize::MAX);
         (config.channels, config.width, config.implicit_octaves) = (usize::MAX, usize::MAX, usize::MAX);
+        (config.implicit_width, config.implicit_depth) = (usize::MAX, usize::MAX);
+        (config.implicit_time_octaves, config.implicit_skip) = (usize::MAX, usize::MAX);
         config.sh_degree = usize::MAX;
         for encoder in [EncoderKind::Factorised, EncoderKind::Implicit, EncoderKind::Extra] {
             config.encoder = encoder;

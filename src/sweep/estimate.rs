@@ -8,6 +8,7 @@ use super::file::EvalSpec;
 use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
+use crate::model::size;
 use crate::train::run::RunRecord;
 use std::path::Path;
 
@@ -21,8 +22,10 @@ const PER_GAUSSIAN_WARMUP: f64 = 0.9e-6;
 const PER_PIXEL: f64 = 1.5e-7;
 /// More for each pixel while DSSIM counts.
 const PER_PIXEL_DSSIM: f64 = 2.0e-7;
-/// The implicit encoder beside the factorised one, for each Gaussian.
-const IMPLICIT: f64 = 1.6;
+/// More for each Gaussian of a joint step and each weight of the implicit encoder: three products of matrices.
+const PER_WEIGHT: f64 = 1.5e-10;
+/// A registered encoder beside the factorised one, for each Gaussian: a guess.
+const REGISTERED: f64 = 1.6;
 /// Part of the cores that a run keeps busy.
 const BUSY: f64 = 0.8;
 /// Seconds of CPU time until a run's first step, beside its images: the process, the plan, the visual hull.
@@ -76,17 +79,20 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let end = most.max(config.init.points) as f64;
     let n = if growing { 0.5 * (config.init.points as f64 + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
-    let encoder = if config.model.encoder == EncoderKind::Factorised { 1.0 } else { IMPLICIT };
+    let registered = if config.model.encoder == EncoderKind::Extra { REGISTERED } else { 1.0 };
+    let implicit = config.model.encoder == EncoderKind::Implicit;
+    let products = if implicit { size::encoder_parameters(&config.model) as f64 * PER_WEIGHT } else { 0.0 };
     // without a joint stage, DSSIM counts and Gaussians grow in warm-up
     let (last, warm_n) = if joint > 0.0 { (joint, config.init.points as f64) } else { (warm, n) };
     let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
     let cpu_seconds = (joint + warm) * PER_STEP
-        + joint * (n * PER_GAUSSIAN * encoder + pixels * PER_PIXEL)
+        + joint * (n * (PER_GAUSSIAN * registered + products) + pixels * PER_PIXEL)
         + warm * (warm_n * PER_GAUSSIAN_WARMUP + pixels * PER_PIXEL)
         + dssim * pixels * PER_PIXEL_DSSIM;
     // images as bytes; parameters, gradients, two moments and the tape's copies of each Gaussian; the program itself
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
-    let memory = views * pixels * 4.0 + end * 4.0e3 + 1.5e8;
+    let tape = size::encoder_values(&config.model) as f64 * 4.0;
+    let memory = views * pixels * 4.0 + end * (4.0e3 + tape) + 1.5e8;
     let measured = eval.views.unwrap_or(data.test_views).min(data.test_views) as f64;
     let live = match config.output.eval_every {
         0 => 0.0,
@@ -95,7 +101,7 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let lpips = eval.lpips_weights.len() as f64;
     let around = START
         + (views + measured) * pixels * PER_PIXEL_READ
-        + (measured + live) * (PER_VIEW + end * PER_GAUSSIAN_VIEW + pixels * PER_PIXEL)
+        + (measured + live) * (PER_VIEW + end * (PER_GAUSSIAN_VIEW + products / 3.0) + pixels * PER_PIXEL)
         + measured * pixels * (PER_PIXEL_VIEW + lpips * PER_PIXEL_LPIPS);
     Cost { cpu_seconds, around, memory }
 }
@@ -185,6 +191,21 @@ mod tests {
 
     fn seconds(plan: &Plan) -> f64 {
         estimate(plan, &(0..plan.runs.len()).collect::<Vec<_>>(), 1).seconds
+    }
+
+    #[test]
+    fn the_implicit_encoder_takes_as_long_and_as_much_memory_as_its_layers() {
+        let plan = plan("[0]", 5);
+        let data = plan.datasets.values().next().unwrap();
+        let mut config = Config::default();
+        let hybrid = cost(&config, data, &plan.eval);
+        config.model.encoder = EncoderKind::Implicit;
+        let implicit = cost(&config, data, &plan.eval);
+        config.model.implicit_width /= 2;
+        let half = cost(&config, data, &plan.eval);
+        assert!(implicit.cpu_seconds > 3.0 * half.cpu_seconds && half.cpu_seconds > hybrid.cpu_seconds);
+        assert!(implicit.around > half.around && half.around > hybrid.around);
+        assert!(implicit.memory > 1.5 * half.memory && half.memory > hybrid.memory);
     }
 
     #[test]

@@ -50,7 +50,8 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
     } else {
         let features = size::features(model).saturating_mul(2);
         let step = attributes.saturating_mul(COPIES - 1).saturating_add(features);
-        let step = step.saturating_add(size::hidden(model)).saturating_add(VALUES_DRAWN);
+        let step = step.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model));
+        let step = step.saturating_add(VALUES_DRAWN);
         (step.max(attributes.saturating_mul(COPIES_MOVED)), COPIES, VALUES_PIXEL)
     };
     let hull = count.saturating_mul(pixels / 8 + pixels.min(HULL_TABLE).saturating_mul(VALUE));
@@ -77,7 +78,7 @@ fn most_gaussians(config: &Config) -> u128 {
 type Key = (&'static str, fn(&mut Config) -> &mut usize);
 
 /// The keys that sizes follow from.
-const KEYS: [Key; 9] = [
+const KEYS: [Key; 12] = [
     ("init.points", |c| &mut c.init.points),
     ("densify.budget", |c| &mut c.densify.budget),
     ("densify.warmup_budget", |c| &mut c.densify.warmup_budget),
@@ -87,6 +88,9 @@ const KEYS: [Key; 9] = [
     ("model.channels", |c| &mut c.model.channels),
     ("model.width", |c| &mut c.model.width),
     ("model.implicit_octaves", |c| &mut c.model.implicit_octaves),
+    ("model.implicit_time_octaves", |c| &mut c.model.implicit_time_octaves),
+    ("model.implicit_width", |c| &mut c.model.implicit_width),
+    ("model.implicit_depth", |c| &mut c.model.implicit_depth),
 ];
 
 /// The key, with its value, whose return to its default would save most; the number of Gaussians where none would.
@@ -140,6 +144,10 @@ mod tests {
             (|c| c.model.channels = 1_000_000, "model.channels = 1000000"),
             (|c| c.model.width = 1_000_000, "model.width = 1000000"),
             (|c| (c.model.encoder, c.model.width) = (EncoderKind::Implicit, 1_000_000), "model.width = 1000000"),
+            (
+                |c| (c.model.encoder, c.model.implicit_width) = (EncoderKind::Implicit, 1_000_000),
+                "model.implicit_width = 1000000",
+            ),
         ];
         for (huge, key) in cases {
             let mut config = Config::default();
@@ -149,6 +157,18 @@ mod tests {
             // tensors on a GPU pass through the host as well
             assert!(refusal(&config, true).contains(key));
         }
+    }
+
+    #[test]
+    fn hidden_layers_of_the_implicit_encoder_count() {
+        let mut config = Config::default();
+        let before = needed(&config, VIEWS, false);
+        config.model.encoder = EncoderKind::Implicit;
+        // 150,000 Gaussians keep 4,120 values each; the grid's two million parameters are gone
+        let more = needed(&config, VIEWS, false) - before;
+        assert!((2_300_000_000..2_500_000_000).contains(&more), "{more}");
+        (config.model.implicit_depth, config.densify.budget) = (64, 300_000);
+        assert!(refusal(&config, false).contains("model.implicit_depth = 64"), "{}", refusal(&config, false));
     }
 
     #[test]

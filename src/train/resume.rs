@@ -14,6 +14,10 @@ use toml::{Table, Value};
 /// The key of the length of joint training.
 const LENGTH: &str = "stages.joint_steps";
 
+/// The key of the encoder, and how the keys begin that the implicit one alone reads: their defaults have changed.
+const ENCODER: &str = "model.encoder";
+const IMPLICIT: &str = "model.implicit_";
+
 /// A key that differs from the checkpoint's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
@@ -44,8 +48,13 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
     let (old, new) = (flat(was)?, flat(now)?);
     let shown = |v: Option<&Value>| v.map_or_else(|| "not set".to_owned(), ToString::to_string);
     let keys: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
+    let implicit = |all: &BTreeMap<String, Value>| all.get(ENCODER).and_then(Value::as_str) == Some("implicit");
+    let read = implicit(&old) || implicit(&new);
     let mut found = (Vec::new(), Vec::new());
     for key in keys {
+        if key.starts_with(IMPLICIT) && !read {
+            continue;
+        }
         let (before, after) = (old.get(key), new.get(key));
         if before == after {
             continue;
@@ -94,6 +103,7 @@ fn flatten(prefix: &str, table: &Table, all: &mut BTreeMap<String, Value>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::types::EncoderKind;
 
     fn text(edit: impl Fn(&mut Config)) -> String {
         let mut config = Config::default();
@@ -122,6 +132,18 @@ mod tests {
         let told: Vec<String> = refused.iter().map(ToString::to_string).collect();
         assert!(told[0].contains("loss.extra.mine was not set and is 0.5 now"), "{told:?}");
         assert!(told[1].contains("seed was 0 and is 9 now (it shaped the 5 steps already taken)"), "{told:?}");
+    }
+
+    #[test]
+    fn keys_that_no_encoder_of_the_run_reads_may_differ() {
+        let of = |encoder: EncoderKind, octaves: usize| {
+            text(|c| (c.model.encoder, c.model.implicit_octaves) = (encoder, octaves))
+        };
+        let (factorised, implicit) = (EncoderKind::Factorised, EncoderKind::Implicit);
+        assert_eq!(changes(&of(factorised, 4), &of(factorised, 10), 5).unwrap(), (Vec::new(), Vec::new()));
+        let (_, refused) = changes(&of(implicit, 4), &of(implicit, 10), 5).unwrap();
+        assert!(refused[0].to_string().contains("model.implicit_octaves was 4 and is 10 now"), "{}", refused[0]);
+        assert_eq!(changes(&of(factorised, 4), &of(implicit, 10), 5).unwrap().1.len(), 2);
     }
 
     #[test]

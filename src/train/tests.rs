@@ -4,7 +4,7 @@ use super::schedule::{Stage, learning_rate};
 use super::{TrainError, Trainer, losses};
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
-use crate::config::types::{Config, GridInit, TvOrder, TvReduction};
+use crate::config::types::{Config, EncoderKind, GridInit, TvOrder, TvReduction};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -134,6 +134,23 @@ fn the_weight_of_the_distance_scales_it() {
         trainer.step(&data.train).unwrap().loss
     };
     assert!((loss(0.8) / loss(1.0) - 0.8).abs() < 1e-6);
+}
+
+#[test]
+fn every_layer_of_the_implicit_encoder_is_trained() {
+    let mut config = config();
+    (config.model.encoder, config.model.implicit_width, config.optim.encoder) = (EncoderKind::Implicit, 24, 1e-3);
+    let (data, mut trainer) = trainer(&config);
+    let start = params::collect(trainer.scene());
+    let losses: Vec<f64> = (0..30).map(|_| trainer.step(&data.train).unwrap().loss).collect();
+    let end = params::collect(trainer.scene());
+    let layers: Vec<&String> = end.keys().filter(|name| name.starts_with("field.encoder.Implicit.layers")).collect();
+    assert_eq!(layers.len(), 2 * config.model.implicit_depth);
+    for name in layers {
+        assert_ne!(start[name], end[name], "{name}");
+    }
+    // sums over several views, as each step sees another one
+    assert!(losses[24..].iter().sum::<f64>() < losses[..6].iter().sum(), "{losses:?}");
 }
 
 #[test]

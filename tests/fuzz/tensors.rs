@@ -134,7 +134,8 @@ fn saved(scratch: &Scratch, save: impl FnOnce(&Path)) -> Vec<u8> {
 fn scene_file() {
     fuzz("scene", |scratch| {
         let implicit = volseggs::config::types::EncoderKind::Implicit;
-        let mut seeds = [small(), ModelConfig { encoder: implicit, implicit_octaves: 1, ..small() }]
+        let shape = ModelConfig { implicit_octaves: 1, implicit_time_octaves: 1, implicit_width: 4, ..small() };
+        let mut seeds = [small(), ModelConfig { encoder: implicit, implicit_depth: 3, implicit_skip: 1, ..shape }]
             .map(|model| saved(scratch, |path| scene(model).save(path).unwrap()))
             .to_vec();
         seeds.extend(contradictions().map(|(tensors, spec)| {

@@ -33,7 +33,12 @@ impl Default for Config {
                 time_range: TimeRange::Full,
                 bounds: Bounds::Hull,
                 bounds_margin: 0.05,
-                implicit_octaves: 4,
+                // the network of D3DGS, see `model::implicit`
+                implicit_octaves: 10,
+                implicit_time_octaves: implicit_time_octaves(),
+                implicit_width: implicit_width(),
+                implicit_depth: implicit_depth(),
+                implicit_skip: implicit_skip(),
                 width: 64,
                 decoder: DecoderKind::Heads,
                 zero_init_heads: true,
@@ -100,4 +105,24 @@ impl Default for Config {
             output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
         }
     }
+}
+
+/// Of the default implicit encoder; also what a scene from before its keys is read with.
+pub(super) fn implicit_time_octaves() -> usize {
+    6
+}
+
+/// As [`implicit_time_octaves`].
+pub(super) fn implicit_width() -> usize {
+    256
+}
+
+/// As [`implicit_time_octaves`].
+pub(super) fn implicit_depth() -> usize {
+    8
+}
+
+/// As [`implicit_time_octaves`].
+pub(super) fn implicit_skip() -> usize {
+    5
 }
