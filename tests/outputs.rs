@@ -50,8 +50,8 @@ fn bytes_of(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// The name of a temporary of `name` as a process that was killed leaves it: no process has so high a number.
 fn leftover(name: &str) -> String {
-    let host = std::fs::read("/proc/sys/kernel/hostname").unwrap_or_default();
-    let host = host.iter().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(*b)).wrapping_mul(0x0100_0193));
+    let host = volseggs::process::host_name().unwrap_or_default();
+    let host = host.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193));
     format!(".tmp-{name}-4294967290@{host:08x}-0")
 }
 
