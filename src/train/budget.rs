@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn the_key_that_takes_most_is_named() {
         type Huge = fn(&mut Config);
-        let cases: [(Huge, &str); 9] = [
+        let cases: [(Huge, &str); 10] = [
             (|c| c.init.points = 2_000_000_000, "init.points = 2000000000"),
             (|c| c.densify.warmup_budget = 1_000_000_000_000, "densify.warmup_budget = 1000000000000"),
             (|c| c.densify.budget = 1_000_000_000_000, "densify.budget = 1000000000000"),
