@@ -125,10 +125,10 @@ pub struct ModelConfig {
     #[serde(default = "defaults::implicit_time_octaves")]
     // a scene with another encoder from before these keys still loads
     pub implicit_time_octaves: usize,
-    /// Width of its hidden layers; the last is as wide as the decoder's input, `levels * channels`.
+    /// Width of its layers but the last, which gives the `levels * channels` features.
     #[serde(default = "defaults::implicit_width")]
     pub implicit_width: usize,
-    /// How many hidden layers it has.
+    /// How many layers it has.
     #[serde(default = "defaults::implicit_depth")]
     pub implicit_depth: usize,
     /// After so many of them its input goes in again; 0 for never.

@@ -7,7 +7,7 @@ use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// A layer: `relu(x W + b)`.
+/// A layer: `x W + b`.
 #[derive(Module, Debug)]
 pub struct Layer {
     /// `[inputs, outputs]`
@@ -19,21 +19,27 @@ pub struct Layer {
 /// A multi-layer perceptron in the place of planes, lines and temporal vectors.
 ///
 /// The paper does not describe the network of its ablation, so this is the deformation network of D3DGS (Yang et al.,
-/// CVPR 2024, which the paper follows), as its authors' code has it: eight hidden layers, 256 wide, ReLU after each; the
-/// encoded input goes in again beside the output of the fifth. A value v is encoded as v, sin(2^k v) and cos(2^k v), without
-/// a factor of pi: 10 octaves of the point, 6 of time. Weights and biases start uniform within 1 / sqrt(inputs) of zero,
-/// which is what PyTorch gives a linear layer that nobody initialises. No gradient goes back to the points.
+/// CVPR 2024, which the paper follows), as its authors' code has it: eight layers, 256 wide, with ReLU between them; the encoded
+/// input goes in again beside the output of the fifth. A value v is encoded as v, sin(2^k v) and cos(2^k v), without a factor
+/// of pi: 10 octaves of the point, 6 of time. No gradient goes back to the points.
 ///
-/// What differs from D3DGS: the eighth layer is as wide as the decoder's input, so that the decoder is the same behind both
-/// encoders; points are those of the field's box in [-1, 1], not in world units; time goes in as it is encoded, without the small
-/// network before it that D3DGS has for synthetic data.
+/// What differs from D3DGS:
+///
+/// - The eighth layer gives the features, as many as the factorised encoder has and like them of either sign, so that the
+///   decoder is the same behind both.
+/// - Weights start as He et al. (2015) start layers before a ReLU, uniform within sqrt(6 / inputs) of zero, biases at zero.
+///   PyTorch's own start, which D3DGS keeps, is within 1 / sqrt(inputs): eight such layers tell places apart by a
+///   thousandth of their input at first, and learn more slowly (20.8 dB against 21.5 after 600 steps on `vortex` at 100x100,
+///   3,000 Gaussians, one seed, a ReLU behind the eighth layer besides).
+/// - Points are those of the field's box in [-1, 1], not in world units. Time, in [0, 1], goes in as it is encoded, without
+///   the small network before it that D3DGS has for synthetic data.
 ///
 /// The default has 450,368 parameters. The paper's sizes (37.36 MiB with the implicit network, 43.48 with the hybrid one; 62
 /// floats a Gaussian) leave it 382,000 to 472,000, for as many Gaussians as the hybrid model has and for 150,000, the number
 /// at which none are added any more. With an eighth layer of 256 and one more to the decoder it would be 516,160.
 #[derive(Module, Debug)]
 pub struct ImplicitEncoder {
-    /// The hidden layers.
+    /// The layers in their order.
     pub layers: Vec<Layer>,
     octaves: usize,
     time_octaves: usize,
@@ -53,21 +59,15 @@ impl ImplicitEncoder {
         let layer = |i: usize| {
             let again = if i > 0 && i == skip { encoded } else { 0 };
             let inputs = again + if i == 0 { encoded } else { width(i - 1) };
-            let bound = 1.0 / (inputs as f32).sqrt();
-            let mut values =
-                |len: usize| -> Vec<f32> { (0..len).map(|_| bound * (2.0 * rng.uniform() - 1.0)).collect() };
-            let outputs = width(i);
-            let weight = TensorData::new(values(inputs * outputs), [inputs, outputs]);
-            let bias = TensorData::new(values(outputs), [outputs]);
-            Layer {
-                weight: Param::from_tensor(Tensor::from_data(weight, device)),
-                bias: Param::from_tensor(Tensor::from_data(bias, device)),
-            }
+            let (bound, outputs) = ((6.0 / inputs as f32).sqrt(), width(i));
+            let values: Vec<f32> = (0..inputs * outputs).map(|_| bound * (2.0 * rng.uniform() - 1.0)).collect();
+            let weight = Tensor::from_data(TensorData::new(values, [inputs, outputs]), device);
+            Layer { weight: Param::from_tensor(weight), bias: Param::from_tensor(Tensor::zeros([outputs], device)) }
         };
         Self { layers: (0..depth).map(layer).collect(), octaves, time_octaves, skip }
     }
 
-    /// Features `[N, levels * channels]`, none below zero, of points `[N, 3]` in [-1, 1] at `time` in [0, 1].
+    /// Features `[N, levels * channels]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1].
     pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
         // as in D3DGS: the highest octaves would shake the means with slopes of several hundred
         let encoded = self.encode(points.detach(), time);
@@ -76,7 +76,10 @@ impl ImplicitEncoder {
             if i > 0 && i == self.skip {
                 x = Tensor::cat(vec![encoded.clone(), x], 1);
             }
-            x = relu(linear(x, &layer.weight, &layer.bias));
+            x = linear(x, &layer.weight, &layer.bias);
+            if i + 1 < self.layers.len() {
+                x = relu(x);
+            }
         }
         x
     }
@@ -143,7 +146,8 @@ mod tests {
                 let (_, bias) = &parameters[&format!("layers.{i}.bias")];
                 assert_eq!(shape[0], x.len());
                 let sum = |o: usize| bias[o] + (0..shape[0]).map(|k| x[k] * weight[k * shape[1] + o]).sum::<f64>();
-                x = (0..shape[1]).map(|o| sum(o).max(0.0)).collect();
+                let last = i + 1 == config.implicit_depth;
+                x = (0..shape[1]).map(|o| if last { sum(o) } else { sum(o).max(0.0) }).collect();
             }
             features.extend(x);
         }
@@ -163,7 +167,8 @@ mod tests {
             let points = Tensor::<2>::from_data(points, &device).require_grad();
             let features = encoder.forward(points.clone(), TIME as f32);
             let expected = reference(&parameters, &config);
-            assert!(expected.iter().filter(|v| **v > 0.0).count() >= 4, "{expected:?}");
+            let varied = |k: usize| expected.iter().skip(2).step_by(2).any(|v| (v - expected[k]).abs() > 1e-3);
+            assert!(varied(0), "alive: {expected:?}");
             for (a, b) in params::to_vec(features.clone()).iter().zip(&expected) {
                 assert!((f64::from(*a) - b).abs() < 1e-5, "{a} {b}");
             }
@@ -225,19 +230,32 @@ mod tests {
     }
 
     #[test]
-    fn it_starts_as_linear_layers_of_pytorch_do_and_differs_by_seed() {
+    fn it_starts_with_features_that_tell_places_apart_and_differs_by_seed() {
         let device = DeviceName::all()[0].open().unwrap();
-        let config = tiny();
-        let of = |seed: u64| params::collect(&ImplicitEncoder::new(&config, seed, &device));
-        let (one, other) = (of(1), of(2));
+        let config = ModelConfig { encoder: EncoderKind::Implicit, ..Config::default().model };
+        let encoder = |seed: u64| ImplicitEncoder::new(&config, seed, &device);
+        let (one, other) = (params::collect(&encoder(1)), params::collect(&encoder(2)));
+        assert_eq!(one, params::collect(&encoder(1)));
         for (name, tensor) in &one {
-            assert_ne!(tensor, &other[name], "{name}");
-            let weight = &one[&name.replace("bias", "weight")];
-            let bound = 1.0 / (weight.shape[0] as f32).sqrt();
             let largest = tensor.values.iter().fold(0.0f32, |m, v| m.max(v.abs()));
-            assert!(largest <= bound && largest > 0.3 * bound, "{name}: {largest} {bound}");
+            if name.ends_with("bias") {
+                assert_eq!(largest, 0.0, "{name}");
+                continue;
+            }
+            let bound = (6.0 / tensor.shape[0] as f32).sqrt();
+            assert!(largest <= bound && largest > 0.99 * bound, "{name}: {largest} {bound}");
+            assert_ne!(tensor, &other[name], "{name}");
         }
-        assert_eq!(one, of(1));
+        let mut rng = Rng::new(1, 2, 3);
+        let points: Vec<f32> = (0..3 * 200).map(|_| 2.0 * rng.uniform() - 1.0).collect();
+        let points = Tensor::<2>::from_data(TensorData::new(points, [200, 3]), &device);
+        let features = params::to_vec(encoder(1).forward(points, 0.5));
+        for k in 0..64 {
+            let column: Vec<f32> = features.iter().skip(k).step_by(64).copied().collect();
+            let mean = column.iter().sum::<f32>() / 200.0;
+            let spread = (column.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / 200.0).sqrt();
+            assert!((0.1..3.0).contains(&spread), "feature {k}: {spread}");
+        }
     }
 
     #[test]

@@ -138,7 +138,14 @@ impl Scene {
 
     /// Renders `[H, W, 4]` (colour over the scene's background, and alpha) to the host.
     pub fn render(&self, camera: Camera, time: f32) -> Vec<f32> {
-        params::to_vec(self.draw(self.at(time), camera, self.spec.background, None).image)
+        params::to_vec(self.drawn(camera, time))
+    }
+
+    /// What [`Scene::render`] shows, on the device but without gradients: their tape would hold the hidden layers of every view
+    /// that is rendered until the next step of the training.
+    fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
+        let still = self.valid();
+        still.draw(still.at(time), camera, self.spec.background, None).image
     }
 
     /// 16 hexadecimal digits that tell this state of the scene from others: a 64-bit FNV-1a hash of the canonical means,
@@ -305,6 +312,7 @@ pub fn refuse_not_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) ->
 mod tests {
     use super::*;
     use crate::config::types::Config;
+    use crate::data::paths::{Lens, training_cameras};
     use crate::device::DeviceName;
 
     fn scene() -> Scene {
@@ -363,6 +371,17 @@ mod tests {
             let error = Scene::load(&path, &device).unwrap_err().to_string();
             assert!(error.contains(words) && error.contains("scene.safetensors"), "{error}");
         }
+    }
+
+    #[test]
+    fn rendering_a_scene_in_training_keeps_no_tape() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let plain = scene();
+        let training = Scene::new(plain.gaussians.to_host(), plain.spec.clone(), 0, &device.autodiff());
+        let camera = training_cameras(1, 4.0, Lens { fov_x: 0.5, width: 6, height: 4 })[0].to_kernel();
+        assert!(training.at(0.3).means.device().is_autodiff());
+        assert!(!training.drawn(camera, 0.3).device().is_autodiff());
+        assert_eq!(training.render(camera, 0.3), plain.render(camera, 0.3));
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 
 /// Octaves of the positional encoding beyond which single precision says nothing about a position.
 const MAX_OCTAVES: usize = 24;
-/// Hidden layers of the implicit encoder beyond which gradients hardly reach the first ones.
+/// Layers of the implicit encoder beyond which gradients hardly reach the first ones.
 const MAX_DEPTH: usize = 64;
 
 /// Refuses sizes that no model can have, by key.
@@ -95,7 +95,7 @@ fn encoded(config: &ModelConfig) -> u128 {
 }
 
 /// Values that a step keeps for each Gaussian until the gradients of the implicit encoder are found: its input, once
-/// more beside the hidden layer that it joins, and each hidden layer before and after its ReLU. 0 for other encoders.
+/// more beside the layer that it joins, and each layer but the last before and after its ReLU. 0 for other encoders.
 #[must_use]
 pub fn encoder_values(config: &ModelConfig) -> u128 {
     if config.encoder != EncoderKind::Implicit {
@@ -104,7 +104,7 @@ pub fn encoder_values(config: &ModelConfig) -> u128 {
     let (width, inputs) = (config.implicit_width as u128, encoded(config));
     let joined = if config.implicit_skip > 0 { inputs.saturating_add(width) } else { 0 };
     let layers = (config.implicit_depth as u128).saturating_sub(1).saturating_mul(width);
-    inputs.saturating_add(joined).saturating_add(layers.saturating_add(features(config)).saturating_mul(2))
+    inputs.saturating_add(joined).saturating_add(layers.saturating_mul(2))
 }
 
 /// Values of the widest tensor of the implicit encoder for each Gaussian. 0 for other encoders.
@@ -219,9 +219,9 @@ mod tests {
         let mut config = Config::default().model;
         assert_eq!(encoder_values(&config), 0);
         config.encoder = EncoderKind::Implicit;
-        assert_eq!(encoder_values(&config), 76 + (76 + 256) + 2 * (7 * 256 + 64));
+        assert_eq!(encoder_values(&config), 76 + (76 + 256) + 2 * 7 * 256);
         config.implicit_skip = 0;
-        assert_eq!(encoder_values(&config), 76 + 2 * (7 * 256 + 64));
+        assert_eq!(encoder_values(&config), 76 + 2 * 7 * 256);
     }
 
     #[test]

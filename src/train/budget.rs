@@ -164,7 +164,7 @@ mod tests {
         let mut config = Config::default();
         let before = needed(&config, VIEWS, false);
         config.model.encoder = EncoderKind::Implicit;
-        // 150,000 Gaussians keep 4,120 values each; the grid's two million parameters are gone
+        // 150,000 Gaussians keep 3,992 values each; the grid's two million parameters are gone
         let more = needed(&config, VIEWS, false) - before;
         assert!((2_300_000_000..2_500_000_000).contains(&more), "{more}");
         (config.model.implicit_depth, config.densify.budget) = (64, 300_000);
