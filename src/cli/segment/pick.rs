@@ -11,8 +11,8 @@ use crate::memory::{Budget, product};
 use crate::model::params::to_vec;
 use crate::name::Name;
 use crate::segment::click::{heaviest, under};
-use crate::segment::fine::extract::{similar, without_strays};
 use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::pick::{Asked, PickOptions, meant, pick};
 use crate::segment::segmentation::{Origin, Segment};
 use clap::Args;
 use glam::DVec3;
@@ -53,10 +53,15 @@ pub struct PickArgs {
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
     /// Mask scale in [0, 1], from small parts to large ones.
-    #[arg(long, default_value_t = 0.5, value_parser = fraction_f32)]
+    #[arg(long, default_value_t = PickOptions::default().scale, value_parser = fraction_f32)]
     scale: f32,
     /// Cosine of the affinity features that what is like the click has at least.
-    #[arg(long, default_value_t = 0.8, value_parser = cosine_f32, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = PickOptions::default().threshold,
+        value_parser = cosine_f32,
+        allow_negative_numbers = true
+    )]
     threshold: f32,
     /// Keep small pieces that do not touch the rest.
     #[arg(long)]
@@ -113,7 +118,13 @@ impl PickArgs {
         let beneath = under(shown.as_ref().unwrap_or(&at), camera.to_kernel(), [x, y], &device).map_err(|_| {
             CliError::input(format!("--pixel {x},{y}: the picture has {}x{}", camera.width, camera.height))
         })?;
-        let Some(hit) = heaviest(&beneath, |_| true) else {
+        let held = |i: u32| all.segments.iter().any(|s| s.members.binary_search(&i).is_ok());
+        let hit = match (&self.name, &within) {
+            // what is to become a segment is looked for in one, see `meant`
+            (Some(_), None) => meant(&beneath, held),
+            _ => heaviest(&beneath, |_| true),
+        };
+        let Some(hit) = hit else {
             return Err(CliError::input(format!("--pixel {x},{y}: nothing is there at time {time}")));
         };
         let weight = beneath.iter().find(|(i, _)| *i == hit).map_or(0.0, |(_, w)| *w);
@@ -124,13 +135,9 @@ impl PickArgs {
         if let (Some(name), Some((field, spec))) = (&self.name, field) {
             let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
             let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
-            let position = candidates.binary_search(&gaussian).map_err(CliError::failure)?;
-            let means: Vec<f32> = candidates.iter().flat_map(|&i| &places[3 * i as usize..][..3]).copied().collect();
-            let like = similar(&field, &spec.frame, &means, position, self.scale, self.threshold);
-            let mut members: Vec<u32> = candidates.iter().zip(like).filter(|(_, l)| *l).map(|(m, _)| *m).collect();
-            if !self.keep_strays {
-                members = without_strays(&at, &members).map_err(CliError::failure)?;
-            }
+            let asked = Asked { field: &field, frame: &spec.frame, places: &places };
+            let options = PickOptions { scale: self.scale, threshold: self.threshold, keep_strays: self.keep_strays };
+            let members = pick(&asked, &at, &candidates, gaussian, &options).map_err(CliError::failure)?;
             if members.is_empty() {
                 return Err(CliError::input(format!(
                     "{name}: nothing but strays is like the click; choose another pixel or a lower --threshold, or pass \
