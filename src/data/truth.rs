@@ -35,6 +35,9 @@ pub struct SegmentFile {
     pub label_images: Vec<String>,
     /// The segments, by ascending id.
     pub segments: Vec<SegmentEntry>,
+    /// Volumes of ids and opacity, by ascending time; none in datasets of old versions.
+    #[serde(default)]
+    pub volumes: Vec<VolumeEntry>,
 }
 
 /// One segment.
@@ -61,6 +64,15 @@ pub struct SegmentFrame {
     pub time: f64,
     /// Pixels of the mask.
     pub pixels: usize,
+}
+
+/// One volume of ids and opacity, as [`TruthVolume`](super::truth_volume::TruthVolume) has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VolumeEntry {
+    /// Time in [0, 1].
+    pub time: f64,
+    /// The file, from the dataset's folder.
+    pub file: String,
 }
 
 /// The truth about a dataset's segments.

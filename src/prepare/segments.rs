@@ -191,6 +191,7 @@ impl<'a> SegmentWriter<'a> {
                 Vec::new()
             },
             segments: self.entries,
+            volumes: Vec::new(),
         };
         let path = self.root.join(FILE);
         let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.clone(), reason: e.to_string() };
