@@ -23,7 +23,8 @@ const SAME_TIME: f64 = 1e-9;
 /// `segments.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SegmentFile {
-    /// `labels` (a label volume or a synthetic scene) or `transfer-function` (its named ranges).
+    /// `labels` (a label volume or a synthetic scene), `components` (connected parts) or `transfer-function` (its named
+    /// ranges).
     pub source: String,
     /// Least alpha of a pixel of a mask or label image.
     pub mask_alpha: f32,
@@ -109,8 +110,8 @@ impl Truth {
             action: "read what is known of segments",
             source,
             hint:
-                "only datasets that `volseggs prepare` made with --labels, --synthetic or named ranges of a transfer \
-                   function have it"
+                "only datasets that `volseggs prepare` made with --labels, --components, --synthetic or named ranges of a \
+                   transfer function have it"
                     .to_owned(),
         })?;
         let file: SegmentFile = serde_json::from_str(&text).map_err(|e| DataError::Syntax {

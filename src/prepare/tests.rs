@@ -18,7 +18,7 @@ fn options(size: u32) -> PrepareOptions {
         },
         side: published_side(),
         step: 1.0,
-        segments: SegmentOptions { views: 3, steps: vec![0, 4], label_images: true },
+        segments: SegmentOptions { views: 3, steps: SegmentSteps::These(vec![0, 4]), label_images: true },
         replace: false,
         needed: Vec::new(),
     }
