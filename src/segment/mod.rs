@@ -12,6 +12,7 @@ pub mod colour;
 pub mod dice;
 pub mod fine;
 pub mod history;
+pub mod levels;
 pub mod masks;
 pub mod paint;
 pub mod palette;
