@@ -14,7 +14,7 @@ use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::sheet::distinct_colour;
-use crate::segment::pick::PickOptions;
+use crate::segment::pick::Meaning;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{FILE, Origin, Segment, Segmentation};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
@@ -94,7 +94,7 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
         let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
         let members = result.fixed.members.clone();
-        let PickOptions { scale, threshold, .. } = PickOptions::default();
+        let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::FALLBACK);
         let origin = Origin::Pick { scale, threshold };
         let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
         found.add(segment).map_err(|e| e.to_string())?;

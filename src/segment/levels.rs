@@ -55,14 +55,10 @@ pub struct Level {
 ///
 /// # Panics
 /// If a member of `within`, or a Gaussian of the evidence, is not below N.
-pub fn levels(
-    asked: &Asked<'_>,
-    evidence: &Evidence,
-    within: &[u32],
-    clicked: u32,
-) -> Result<(Vec<Level>, usize), PickError> {
+pub fn levels(asked: &Asked<'_>, within: &[u32], clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let outside = |_| PickError::Outside { clicked, count: within.len() };
     let position = within.binary_search(&clicked).map_err(outside)?;
+    let (evidence, count) = (asked.evidence, asked.places.len() / 3);
     let means: Vec<f32> = within.iter().flat_map(|&i| &asked.places[3 * i as usize..][..3]).copied().collect();
     let encoded = asked.frame.encode(&means);
     let cosines = |scale: f32| -> Vec<f32> {
@@ -70,7 +66,6 @@ pub fn levels(
         let of = &features[position * FEATURES..][..FEATURES];
         features.chunks_exact(FEATURES).map(|row| row.iter().zip(of).map(|(a, b)| a * b).sum()).collect()
     };
-    let count = asked.places.len() / 3;
     let mut mark = vec![0.0; count];
     mark[clicked as usize] = 1.0;
     let mut voters = voters(evidence, &mark);
@@ -229,7 +224,7 @@ mod tests {
     use crate::segment::balls::{APART, COUNT};
     use crate::segment::fine::network::Frame;
     use crate::segment::fine::train::{FineOptions, train};
-    use crate::segment::pick::{PickOptions, pick};
+    use crate::segment::pick::{Meaning, PickOptions, pick};
 
     #[test]
     fn a_click_on_a_ball_tells_the_ball_and_both_and_means_the_ball() {
@@ -239,12 +234,12 @@ mod tests {
         let options = FineOptions { steps: 300, pixels: 256, ..FineOptions::default() };
         let field = train(&views, &options, &device, |_, _| true).unwrap();
         let (frame, evidence) = (Frame::around(&at.means), Evidence::of(&views, 0));
-        let asked = Asked { field: &field, frame: &frame, places: &at.means };
+        let asked = Asked { field: &field, frame: &frame, places: &at.means, evidence: &evidence };
         let all: Vec<u32> = (0..at.len() as u32).collect();
         let balls = [&all[..COUNT], &all[COUNT..]];
         for clicked in [3, 31, COUNT as u32 + 7] {
             let mine = balls[usize::from(clicked as usize >= COUNT)];
-            let (found, likeliest) = levels(&asked, &evidence, &all, clicked).unwrap();
+            let (found, likeliest) = levels(&asked, &all, clicked).unwrap();
             assert!((2..=3).contains(&found.len()), "{found:?}");
             assert!(overlap(&found[likeliest].members, mine) > 0.95, "{:?}", found[likeliest]);
             assert!(overlap(&found.last().unwrap().members, &all) > 0.95);
@@ -252,11 +247,18 @@ mod tests {
             assert!(found.iter().all(|l| l.members.binary_search(&clicked).is_ok()));
             // the same selection by its numbers
             let Level { scale, threshold, .. } = found[likeliest];
-            let by_hand = PickOptions { scale, threshold, keep_strays: true };
-            assert_eq!(pick(&asked, &at, &all, clicked, &by_hand).unwrap(), found[likeliest].members);
+            let by_hand = PickOptions { meaning: Meaning::By { scale, threshold }, keep_strays: true };
+            let picked = pick(&asked, &at, &all, clicked, &by_hand).unwrap();
+            assert_eq!(picked.members, found[likeliest].members);
+            let picked = pick(&asked, &at, &all, clicked, &PickOptions::default()).unwrap();
+            assert_eq!((picked.level, picked.scale, picked.threshold), (Some(likeliest), scale, threshold));
+            let largest = PickOptions { meaning: Meaning::Level(9), ..PickOptions::default() };
+            let picked = pick(&asked, &at, &all, clicked, &largest).unwrap();
+            assert_eq!(picked.level, Some(found.len() - 1));
         }
-        assert!(levels(&asked, &evidence, &all[1..], 0).is_err());
-        let (none, likeliest) = levels(&asked, &Evidence::default(), &all, 0).unwrap();
+        assert!(levels(&asked, &all[1..], 0).is_err());
+        let nothing = Evidence::default();
+        let (none, likeliest) = levels(&Asked { evidence: &nothing, ..asked }, &all, 0).unwrap();
         assert!(none.is_empty() && likeliest == 0);
     }
 

@@ -84,6 +84,8 @@ pub struct Outcome {
     pub at: Option<Row>,
     /// The setting in words.
     pub setting: String,
+    /// Mask scale and cosine that a field was asked with, at the first click.
+    pub asked: Option<(f32, f32)>,
     /// Intersection over union in the clicked view, in [0, 1], by which an oracle chose the setting.
     pub fit: Option<f64>,
     /// Clicks that it took.

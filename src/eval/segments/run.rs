@@ -158,6 +158,7 @@ fn choose(
 fn outcome(chosen: Chosen) -> Outcome {
     Outcome {
         setting: chosen.setting,
+        asked: chosen.selected.asked,
         fit: chosen.fit,
         clicks: chosen.clicks,
         gaussians: chosen.selected.members.len(),

@@ -4,7 +4,7 @@
 use super::click::Click;
 use super::method::Method;
 use super::setting::Setting;
-use super::train::Trained;
+use super::train::{Lifted, Trained};
 use crate::model::GaussiansAt;
 use crate::segment::baselines::sagd;
 use crate::segment::coarse::Coarse;
@@ -18,6 +18,8 @@ pub struct Selected {
     pub members: Vec<u32>,
     /// What to add to each one's mean, `[M, 3]`, and log-scales, `[M, 3]`; empty for nothing.
     pub moved: (Vec<f32>, Vec<f32>),
+    /// Mask scale and cosine that a field was asked with.
+    pub asked: Option<(f32, f32)>,
 }
 
 impl Selected {
@@ -48,7 +50,7 @@ impl Selected {
         all
     }
 
-    /// All of both; where both have a Gaussian, as this one has it.
+    /// All of both; where both have a Gaussian, as this one has it. A field was asked as for this one.
     #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         let mut rows: Vec<(u32, bool, usize)> = self.members.iter().enumerate().map(|(r, &m)| (m, false, r)).collect();
@@ -67,6 +69,7 @@ impl Selected {
         };
         Self {
             moved: (joined(&|s| &s.moved.0), joined(&|s| &s.moved.1)),
+            asked: self.asked,
             members: rows.iter().map(|row| row.0).collect(),
         }
     }
@@ -98,8 +101,8 @@ impl Scenery<'_> {
             }
             Setting::Field(options) => {
                 let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
-                let (field, frame) = field.as_ref().ok_or("the field was not trained beforehand")?;
-                let asked = Asked { field, frame, places: &self.at.means };
+                let Lifted { field, frame, evidence } = field.as_ref().ok_or("the field was not trained beforehand")?;
+                let asked = Asked { field, frame, places: &self.at.means, evidence };
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in all if no colour holds what is there
@@ -109,7 +112,8 @@ impl Scenery<'_> {
                 let Some((clicked, within)) = on.or_else(|| Some((anything()?, all()))) else {
                     return Ok(Selected::default());
                 };
-                pick(&asked, self.at, &within, clicked, options).map(whole).map_err(|e| e.to_string())
+                let picked = pick(&asked, self.at, &within, clicked, options).map_err(|e| e.to_string())?;
+                Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
             }
             Setting::Saga(options) => {
                 let model = trained.saga.as_ref().ok_or("SAGA was not trained beforehand")?;
@@ -125,7 +129,7 @@ impl Scenery<'_> {
                     change(&found.gaussians.means, &before.means),
                     change(&found.gaussians.log_scales, &before.log_scales),
                 );
-                Ok(Selected { members: found.members, moved })
+                Ok(Selected { members: found.members, moved, asked: None })
             }
         }
     }

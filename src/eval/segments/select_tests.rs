@@ -110,7 +110,7 @@ fn further_clicks_add_to_what_is_selected() {
 fn a_moved_gaussian_stands_in_the_scene_where_the_selection_has_it() {
     let at = APART.gaussians();
     let moved = (vec![0.5, 0.0, 0.0, 0.0, 0.25, 0.0], vec![0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
-    let selected = Selected { members: vec![2, 7], moved };
+    let selected = Selected { members: vec![2, 7], moved, asked: None };
     let all = selected.within(&at);
     assert_eq!(all.subset(&selected.members), selected.of(&at));
     assert_eq!((all.means[3 * 2], all.means[3 * 7 + 1]), (at.means[6] + 0.5, at.means[22] + 0.25));

@@ -3,7 +3,7 @@
 use super::method::Method;
 use crate::segment::baselines::sagd::{MaskChoice, SagdOptions};
 use crate::segment::coarse::{CoarseOptions, ColourSpace};
-use crate::segment::pick::{PickOptions, SagaPick};
+use crate::segment::pick::{Meaning, PickOptions, SagaPick};
 use std::fmt;
 
 /// Tries of the oracle, of every method.
@@ -44,7 +44,8 @@ impl Setting {
         }
     }
 
-    /// What the oracle may choose from, the fixed setting among them. Fields and SAGA: three scales with four cosines;
+    /// What the oracle may choose from, the fixed setting among them. Fields: that, and eleven of three scales with four
+    /// cosines; SAGA: all twelve;
     /// SAGD: three choices of a mask with four shares of the votes; `coarse`: six numbers of colours in two spaces.
     #[must_use]
     pub fn tries(method: Method, coarse: &CoarseOptions) -> [Self; TRIES] {
@@ -54,8 +55,16 @@ impl Setting {
                 let space = if i % 2 == 0 { ColourSpace::Rgb } else { ColourSpace::Lab };
                 Self::Coarse(CoarseOptions { clusters, space, ..*coarse })
             }
-            Method::Fine | Method::CoarseFine => Self::Field(picks(i)),
-            Method::Saga => Self::Saga(SagaPick::like(&picks(i))),
+            // the levels that the masks show take the place of the smallest scale with the lowest cosine
+            Method::Fine | Method::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
+            Method::Fine | Method::CoarseFine => {
+                let (scale, threshold) = by_hand(i);
+                Self::Field(PickOptions { meaning: Meaning::By { scale, threshold }, ..PickOptions::default() })
+            }
+            Method::Saga => {
+                let (scale, cosine) = by_hand(i);
+                Self::Saga(SagaPick::like(scale, cosine))
+            }
             Method::Sagd => {
                 let choice = [MaskChoice::Largest, MaskChoice::Middle, MaskChoice::Smallest][i / 4];
                 Self::Sagd(SagdOptions { choice, agreement: AGREEMENTS[i % 4], ..SagdOptions::default() })
@@ -64,9 +73,9 @@ impl Setting {
     }
 }
 
-/// Try `i` of a field.
-fn picks(i: usize) -> PickOptions {
-    PickOptions { scale: SCALES[i / 4], threshold: COSINES[i % 4], ..PickOptions::default() }
+/// Scale and cosine of try `i` of a field.
+fn by_hand(i: usize) -> (f32, f32) {
+    (SCALES[i / 4], COSINES[i % 4])
 }
 
 impl fmt::Display for Setting {
@@ -79,7 +88,11 @@ impl fmt::Display for Setting {
                     None => write!(f, "suggested number of colours in {space}"),
                 }
             }
-            Self::Field(p) => write!(f, "scale {}, cosine {}", p.scale, p.threshold),
+            Self::Field(p) => match p.meaning {
+                Meaning::Likeliest => f.write_str("the likeliest level"),
+                Meaning::Level(level) => write!(f, "level {}", level + 1),
+                Meaning::By { scale, threshold } => write!(f, "scale {scale}, cosine {threshold}"),
+            },
             Self::Saga(p) => write!(f, "scale {}, similarity {:.3}", p.scale, p.threshold),
             Self::Sagd(s) => {
                 let mask = match s.choice {

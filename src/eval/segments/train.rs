@@ -11,6 +11,7 @@ use crate::model::{GaussiansAt, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, read_views};
 use crate::segment::fine::{AffinityField, train as fine};
@@ -26,14 +27,24 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
 
+/// Masks, lifted to a field of features.
+pub struct Lifted {
+    /// The field.
+    pub field: AffinityField,
+    /// The box of its positions.
+    pub frame: Frame,
+    /// What the masks say.
+    pub evidence: Evidence,
+}
+
 /// What clicks are put to.
 pub struct Trained {
     /// Gaussians by colour: first as `segment coarse` finds them, then at the settings that the oracle tries.
     pub colours: Vec<(CoarseOptions, Coarse)>,
     /// Field trained on masks of each colour alone.
-    pub parts: Option<(AffinityField, Frame)>,
+    pub parts: Option<Lifted>,
     /// Field trained on masks of the whole scene.
-    pub whole: Option<(AffinityField, Frame)>,
+    pub whole: Option<Lifted>,
     /// SAGA's features.
     pub saga: Option<SagaModel>,
     /// SAGD's masks.
@@ -98,7 +109,7 @@ impl Trainers<'_> {
             let started = Instant::now();
             let masks = masker.make(0..parts.len(), "parts.jsonl", say)?;
             let views = self.fine_views(&masks, &parts, &frame)?;
-            trained.parts = Some((self.field(&views, "coarse+fine", say)?, frame));
+            trained.parts = Some(self.lift(&views, frame, "coarse+fine", say)?);
             trained.seconds.insert(Method::CoarseFine, coarse_seconds + started.elapsed().as_secs_f64());
         }
         if !scene.is_empty() {
@@ -114,7 +125,7 @@ impl Trainers<'_> {
             let before = mask_seconds + started.elapsed().as_secs_f64();
             if self.wants(Method::Fine) {
                 let started = Instant::now();
-                trained.whole = Some((self.field(&views, "fine", say)?, frame));
+                trained.whole = Some(self.lift(&views, frame, "fine", say)?);
                 trained.seconds.insert(Method::Fine, before + started.elapsed().as_secs_f64());
             }
             if self.wants(Method::Saga) {
@@ -197,9 +208,10 @@ impl Trainers<'_> {
         Ok(views.map_err(|e| e.to_string())?.0)
     }
 
-    fn field(&self, views: &[FineView], name: &str, say: &mut impl FnMut(&str)) -> Result<AffinityField, String> {
+    fn lift(&self, views: &[FineView], frame: Frame, name: &str, say: &mut impl FnMut(&str)) -> Result<Lifted, String> {
         say(&format!("{name}: {} steps", self.options.fine.steps));
-        fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| e.to_string())
+        let field = fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| e.to_string())?;
+        Ok(Lifted { field, frame, evidence: Evidence::of(views, self.options.fine.seed) })
     }
 }
 

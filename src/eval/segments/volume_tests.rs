@@ -116,7 +116,7 @@ fn half_of_the_density_is_not_more_than_half() {
     assert_eq!(cells.iou(&of(&[0, 1]), &[1]).unwrap(), Some(1.0));
     // cut back to a place beside the cell, the selected one loses it
     let moved = (vec![0.5, 0.0, 0.0, 0.5, 0.0, 0.0], vec![0.0; 6]);
-    let cut = Selected { members: vec![0, 1], moved };
+    let cut = Selected { members: vec![0, 1], moved, asked: None };
     add(&mut at, DVec3::new(0.17, 0.05, 0.05), 0.06);
     assert_eq!(Cells::new(&truth, &at).unwrap().iou(&cut, &[1]).unwrap(), Some(0.0));
 }
