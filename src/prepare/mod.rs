@@ -10,6 +10,8 @@ mod write;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod truth_tests;
 
 pub use segments::{SegmentOptions, SegmentSteps};
 pub use source::{FileLabels, Source};

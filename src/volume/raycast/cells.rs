@@ -37,9 +37,9 @@ fn layout(placement: &Placement, dims: [usize; 3], longest: usize) -> ([usize; 3
 impl RayCaster {
     /// The segments and opacities of the cells of the volume's box, of which the longest side has `longest` at most.
     ///
-    /// Each cell is cut into 2 to 4 parts an axis, fewer than one a voxel only beyond 4; in each part the values run from
-    /// one corner to the opposite one, as along a ray, and the extinction is their mean under the transfer function. The
-    /// same bits for any number of threads.
+    /// Each cell is cut into 2 to 4 parts an axis, no longer than a voxel unless the cell is longer than 4; in each part the
+    /// values run from one corner to the opposite one, as along a ray, and the extinction is their mean under the transfer
+    /// function. The same bits for any number of threads.
     #[must_use]
     pub fn cells(&self, longest: usize) -> Cells {
         let (dims, spacing, origin) = layout(&self.placement, self.field.dims, longest);
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn a_band_between_voxels_is_not_missed() {
         // values rise along x; the band lies between two voxels, whose own values show nothing
-        let band = [(0.0, 0.0), (0.5, 0.0), (0.5, 0.4), (0.52, 0.4), (0.52, 0.0), (1.0, 0.0)];
+        let band = [(0.0, 0.0), (0.52, 0.0), (0.52, 0.4), (0.54, 0.4), (0.54, 0.0), (1.0, 0.0)];
         for turn in 0..3 {
             let mut dims = [9; 3];
             dims[turn] = 12;

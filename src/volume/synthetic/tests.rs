@@ -125,13 +125,14 @@ fn plumes_and_hidden_solids_stay_whole() {
 
 #[test]
 fn layers_lie_within_each_other() {
-    for step in 0..=10 {
-        let t = f64::from(step) / 10.0;
-        let (_, labels) = Synthetic::Layers.sample([96; 3], t);
+    const FINE: usize = 64;
+    for step in 0..=5 {
+        let t = f64::from(step) / 5.0;
+        let (_, labels) = Synthetic::Layers.sample([FINE; 3], t);
         assert!((1..=3).all(|id| pieces(&labels, id) == 1), "layers at {t}");
         // nothing but the body touches the core, and neither touches the shell or what is around it
         for (at, id) in labels.ids.iter().enumerate().filter(|(_, id)| **id > 1) {
-            for next in [at - 1, at + 1, at - 96, at + 96, at - 96 * 96, at + 96 * 96] {
+            for next in [at - 1, at + 1, at - FINE, at + FINE, at - FINE * FINE, at + FINE * FINE] {
                 let other = labels.ids[next];
                 assert!(other != 1 && (*id == 2 || other >= 2), "{id} beside {other} at {t}");
             }
@@ -182,8 +183,8 @@ fn beads_merge_part_and_split() {
 
 #[test]
 fn filaments_are_thin_and_whole() {
-    for step in 0..=10 {
-        let t = f64::from(step) / 10.0;
+    for step in 0..=5 {
+        let t = f64::from(step) / 5.0;
         let (_, labels) = Synthetic::Filaments.sample([96; 3], t);
         for (id, name) in (1..).zip(Synthetic::Filaments.segment_names()) {
             assert_eq!(pieces(&labels, id), 1, "{name} at {t}");
