@@ -122,7 +122,7 @@ pub fn pick(
     let mut picked = match options.meaning {
         Meaning::By { scale, threshold } => by_hand((scale, threshold)),
         Meaning::Likeliest | Meaning::Level(_) => {
-            let (found, likeliest) = levels(asked, at, within, clicked)?;
+            let (found, likeliest) = levels(asked, within, clicked)?;
             let level = if let Meaning::Level(n) = options.meaning { n } else { likeliest };
             let level = level.min(found.len().saturating_sub(1));
             match found.get(level) {
