@@ -62,7 +62,8 @@ fn a_series_becomes_a_dataset_with_its_truth() {
             "train",
             "transfer-function.toml",
             "transforms_test.json",
-            "transforms_train.json"
+            "transforms_train.json",
+            "volumes"
         ]
     );
     let open = OpenOptions { downscale: 1, splits: &[SplitName::Train, SplitName::Test], max_views: None };
@@ -72,9 +73,61 @@ fn a_series_becomes_a_dataset_with_its_truth() {
     assert_eq!(dataset.test.unwrap().times(), [0.0, 0.5, 1.0]);
     let segments = json(&data.join("segments.json"));
     assert_eq!(segments["segments"][1]["id"], 4);
-    assert_eq!(names(&data.join("segments/core")), ["r_0.png", "r_0_mask.png", "r_4.png", "r_4_mask.png"]);
+    let pictures = names(&data.join("segments/core"));
+    assert_eq!((pictures.len(), pictures[0].as_str()), (2 * 2 * 3, "r_0_step_0.png"), "{pictures:?}");
+    assert_eq!(names(&data.join("volumes")), ["step_0.safetensors", "step_1.safetensors", "step_2.safetensors"]);
     // the dataset passes every check
     volseggs().args(["inspect", &text(root, "data")]).assert().success();
+}
+
+#[test]
+fn connected_parts_are_segments_of_volumes_without_labels() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    write_series(root);
+    let parts = |out: &str, value: &str, more: &[&str]| {
+        let mut command = volseggs();
+        command.args(arguments(root, out)).args(["--components", value, "--json"]).args(more);
+        command
+    };
+    let output = parts("data", "100", &["--segment-steps", "own"]).assert().success();
+    let record: serde_json::Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    assert_eq!(record["segments"], serde_json::json!(["part-1"]));
+    let segments = json(&root.join("data/segments.json"));
+    assert_eq!(segments["source"], "components");
+    let pictures = names(&root.join("data/segments/part-1"));
+    assert_eq!(pictures, ["r_0.png", "r_0_mask.png", "r_4.png", "r_4_mask.png"]);
+    assert!(segments["segments"][0]["frames"][0]["pixels"].as_u64().unwrap() > 10);
+    assert_eq!(segments["volumes"].as_array().unwrap().len(), 3);
+    refused(&mut parts("none", "1e6", &[]), &["--components", "largest value", "lower value"]);
+    refused(&mut parts("none", "100", &["--smallest-component", "5000"]), &["5000", "smaller part"]);
+    refused(&mut parts("none", "100", &["--labels", &text(root, "l_*.raw")]), &["--labels", "cannot be used"]);
+    refused(&mut parts("none", "nan", &[]), &["finite"]);
+}
+
+#[test]
+fn lighting_is_chosen_without_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    let few = "prepare --synthetic layers --dims 24 --series-steps 2 --size 32 --times 1 --views 1 --test-views 2 \
+               --segment-views 1 --no-label-images --out";
+    let picture = |name: &str, light: &[&str]| {
+        let few = few.split_whitespace();
+        volseggs().args(few).arg(text(root, name)).args(light).assert().success();
+        std::fs::read(root.join(name).join("test/r_1.png")).unwrap()
+    };
+    let plain = picture("plain", &[]);
+    let dark = picture("dark", &["--ambient", "0.1", "--diffuse", "0.9", "--specular", "0"]);
+    let shiny = picture("shiny", &["--specular", "0.9", "--shininess", "60"]);
+    assert!(plain != dark && plain != shiny && dark != shiny);
+    let made = std::fs::read_to_string(root.join("shiny/transfer-function.toml")).unwrap();
+    assert!(
+        made.contains("specular = 0.9") && made.contains("power = 60.0") && made.contains("ambient = 0.45"),
+        "{made}"
+    );
+    let mut command = volseggs();
+    command.args(few.split_whitespace()).arg(text(root, "none")).args(["--ambient", "-1"]);
+    refused(&mut command, &["--ambient", "0 or above"]);
 }
 
 #[test]

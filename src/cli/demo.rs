@@ -17,7 +17,7 @@ pub struct DemoArgs {
     /// Folder of the dataset, the run and report.html.
     #[arg(long, default_value = "checkpoints/demo", value_name = "DIR")]
     out: PathBuf,
-    /// The scene: jets, vortices or shells.
+    /// The scene: jets, vortices, shells, layers, beads or filaments.
     #[arg(long, default_value = "jets", value_name = "NAME")]
     scene: Synthetic,
     /// Width and height of the images in pixels; longer training suits larger ones.

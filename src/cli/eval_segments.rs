@@ -3,42 +3,67 @@
 use super::eval::{data_of, folder};
 use super::run_folder::RunFolder;
 use super::values::{cosine_f32, count, fraction, fraction_f32};
-use super::{CliError, print_json};
+use super::{CliError, print_json, stop_flag};
 use crate::data::paths::Axis;
 use crate::data::{Camera, Truth};
 use crate::eval::segments::{
-    KIND, MaskKind, Method, SegmentEvalError, SegmentOptions, evaluate_segments, markdown, write_results,
+    KIND, MaskKind, Method, SegmentEvalError, SegmentOptions, Union, evaluate_segments, markdown, write_mask_pictures,
+    write_results,
 };
 use crate::files::AtomicDir;
+use crate::log::progress;
 use crate::memory::{Budget, product};
 use crate::metrics::lpips::Lpips;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::FineOptions;
+use crate::segment::fine::train::{FineOptions, MaskScale, repulsion};
+use crate::segment::masks::origin::SAM_POINTS;
+use crate::segment::masks::sam::checkpoint;
 use clap::{Args, ValueEnum};
 use std::f64::consts::FRAC_PI_4;
-use std::path::Path;
-use volseggs_kernels::contrast::Repulsion;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 /// How `--segments` is measured.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Segments")]
 pub(super) struct SegmentFlags {
-    /// Measure segmentation and tracking against the dataset's known segments instead: one click on each, by each method.
+    /// Measure segmentation and tracking against the dataset's known segments instead: one click on each, by each method,
+    /// with settings that were fixed beforehand; beside it, what an oracle would choose of twelve settings.
     #[arg(long)]
     pub segments: bool,
     /// Methods: sagd, saga, coarse, fine, coarse+fine.
     #[arg(long, value_delimiter = ',', default_value = "sagd,saga,coarse,fine,coarse+fine", requires = "segments")]
     methods: Vec<Method>,
-    /// Clicks on each segment at most; those after the first on what is still missing in the clicked view.
+    /// Clicks on each segment at most; those after the first on what is still missing in the clicked view. The truth
+    /// places them.
     #[arg(long, default_value_t = 1, value_parser = count, requires = "segments")]
     clicks: usize,
-    /// Source of the masks: regions of rendered views, or the dataset's label images (an upper bound).
+    /// Leave the oracle out: half the time.
+    #[arg(long, requires = "segments")]
+    no_oracle: bool,
+    /// Source of the masks.
     #[arg(long, value_enum, default_value_t = Masks::Regions, requires = "segments")]
     masks: Masks,
+    /// For dir: the folder of masks, GROUP/VIEW_NUMBER.png, or the COCO file.
+    #[arg(long, value_name = "PATH", requires = "segments")]
+    mask_dir: Option<PathBuf>,
+    /// Write the pictures for another program to segment into this folder, and measure nothing: give its masks with
+    /// --masks dir and the same options.
+    #[arg(long, value_name = "FOLDER", requires = "segments")]
+    mask_pictures: Option<PathBuf>,
+    /// For sam: the weights; looked for in the cache folder if not given.
+    #[arg(long, value_name = "FILE", requires = "segments")]
+    sam_weights: Option<PathBuf>,
+    /// For sam: points along a side of the grid that is asked.
+    #[arg(long, value_name = "N", default_value_t = SAM_POINTS, value_parser = count, requires = "segments")]
+    sam_points: usize,
     /// Known segments to measure; all if not given.
     #[arg(long = "only", value_name = "NAME,...", value_delimiter = ',', requires = "segments")]
     only: Vec<String>,
+    /// Several known segments to click and measure as one, beside the others; may be given more than once.
+    #[arg(long = "score", value_name = "NAME=SEGMENT+SEGMENT", requires = "segments")]
+    unions: Vec<Union>,
     /// Time of the clicks in [0, 1]; the nearest training time is taken, the other times are tracked.
     #[arg(long, default_value_t = 0.5, value_parser = fraction, requires = "segments")]
     time: f64,
@@ -54,13 +79,19 @@ pub(super) struct SegmentFlags {
     /// Steps of the affinity field.
     #[arg(long, default_value_t = 5000, value_parser = count, requires = "segments")]
     fine_steps: usize,
+    /// Pixels of a step of the affinity field; the paper's 8192.
+    #[arg(long, default_value_t = FineOptions::default().pixels, value_parser = count, requires = "segments")]
+    fine_pixels: usize,
     /// Steps of SAGA.
     #[arg(long, default_value_t = 10_000, value_parser = count, requires = "segments")]
     saga_steps: usize,
     /// Margin of the contrastive loss; -1 is the paper's loss, without one.
     #[arg(long, default_value_t = 0.5, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
     margin: f32,
-    /// Least alpha of a pixel of a mask; that of the dataset's masks if not given.
+    /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper [drawn, own].
+    #[arg(long, value_name = "WHICH", default_value = "drawn", requires = "segments")]
+    mask_scale: MaskScale,
+    /// Least alpha of a pixel of a silhouette; that of the dataset's masks if not given.
     #[arg(long, value_name = "ALPHA", value_parser = fraction_f32, requires = "segments")]
     mask_alpha: Option<f32>,
     /// Seed of clusters and fields.
@@ -68,12 +99,19 @@ pub(super) struct SegmentFlags {
     seed: u64,
 }
 
+/// Bytes of a point of the grid that a network is asked at.
+const POINT: usize = 64;
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Masks {
     /// Regions of rendered views.
     Regions,
-    /// Label images of the dataset.
+    /// Label images of the dataset: an upper bound.
     Labels,
+    /// Masks that another program made.
+    Dir,
+    /// MobileSAM.
+    Sam,
 }
 
 impl SegmentFlags {
@@ -89,10 +127,15 @@ impl SegmentFlags {
         }
         let views = product(&[self.mask_views, 4 * size_of::<Camera>()]);
         Budget::now().check(format!("--mask-views {}", self.mask_views), views).map_err(CliError::input)?;
+        if self.masks == Masks::Sam {
+            let points = product(&[self.sam_points, self.sam_points, POINT]);
+            Budget::now().check(format!("--sam-points {}", self.sam_points), points).map_err(CliError::input)?;
+        }
         let gaussians = run.scene.gaussians.count();
         if let Some(k) = self.clusters.filter(|k| *k > gaussians) {
             return Err(CliError::input(format!("--clusters {k}: the scene has {gaussians} Gaussians")));
         }
+        let masks = self.kind()?;
         let root = data.unwrap_or(&run.record.dataset);
         let truth = Truth::read(root)?;
         let known = |name: &String| truth.file.segments.iter().any(|s| s.name == *name);
@@ -100,42 +143,114 @@ impl SegmentFlags {
             let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
             return Err(CliError::input(format!("--only {name}: the dataset knows {}", names.join(", "))));
         }
-        let repulsion = if self.margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(self.margin) };
-        let (steps, seed) = (self.fine_steps, self.seed);
-        let options = SegmentOptions {
-            time: self.time,
-            methods: Method::ALL.into_iter().filter(|m| self.methods.contains(m)).collect(),
-            segments: self.only.clone(),
-            clicks: self.clicks,
-            masks: if self.masks == Masks::Labels { MaskKind::Labels } else { MaskKind::Regions },
-            views: self.mask_views,
-            bias: self.mask_bias.map(|axis| (axis, FRAC_PI_4)),
-            coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },
-            fine: FineOptions { steps, repulsion, seed, ..FineOptions::default() },
-            saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
-            mask_alpha: self.mask_alpha,
-        };
+        let options = self.options(masks);
+        if let Some(folder) = &self.mask_pictures {
+            return hand_out(run, &truth, &options, folder);
+        }
         let (id, _) = data_of(run, data)?;
-        let what = if self.masks == Masks::Labels { "segments-labels" } else { "segments" };
-        let folder = folder(run, what, &KIND, &id)?;
+        let what = match &options.masks {
+            MaskKind::Regions => "segments".to_owned(),
+            other => format!("segments-{}", other.name()),
+        };
+        let folder = folder(run, &what, &KIND, &id)?;
         // never published: it goes when this ends
         let eval = run.path.join("eval");
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
-        let mut evaluation =
-            evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}")).map_err(
-                |e| match e {
-                    SegmentEvalError::Data(error) => error.into(),
-                    SegmentEvalError::Failed(_) => CliError::failure(e),
-                },
-            )?;
+        let found = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"));
+        let mut evaluation = found.map_err(eval_error)?;
         evaluation.data = id;
         write_results(&folder, &evaluation)?;
         if json {
             return print_json(&evaluation);
         }
         out!("{}", markdown(&evaluation));
-        errln!("at time {:.3}; other times and pictures: {}", evaluation.time, folder.display());
+        errln!("other times, pictures and curves: {}", folder.display());
         Ok(())
     }
+
+    fn options(&self, masks: MaskKind) -> SegmentOptions {
+        let seed = self.seed;
+        SegmentOptions {
+            time: self.time,
+            methods: Method::ALL.into_iter().filter(|m| self.methods.contains(m)).collect(),
+            segments: self.only.clone(),
+            unions: self.unions.clone(),
+            clicks: self.clicks,
+            oracle: !self.no_oracle,
+            masks,
+            views: self.mask_views,
+            bias: self.mask_bias.map(|axis| (axis, FRAC_PI_4)),
+            coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },
+            fine: FineOptions {
+                steps: self.fine_steps,
+                pixels: self.fine_pixels,
+                repulsion: repulsion(self.margin),
+                mask_scale: self.mask_scale,
+                seed,
+                ..FineOptions::default()
+            },
+            saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
+            mask_alpha: self.mask_alpha,
+        }
+    }
+
+    /// The source of masks, with its files.
+    fn kind(&self) -> Result<MaskKind, CliError> {
+        for (given, option, of, name) in [
+            (self.mask_dir.is_some(), "--mask-dir", Masks::Dir, "dir"),
+            (self.sam_weights.is_some(), "--sam-weights", Masks::Sam, "sam"),
+        ] {
+            if given && self.masks != of {
+                return Err(CliError::input(format!("{option} is for --masks {name}")));
+            }
+        }
+        Ok(match self.masks {
+            Masks::Regions => MaskKind::Regions,
+            Masks::Labels => MaskKind::Labels,
+            Masks::Dir => MaskKind::Dir(self.mask_dir.clone().ok_or_else(|| {
+                CliError::input("--masks dir: name the folder of masks or the COCO file with --mask-dir PATH")
+            })?),
+            Masks::Sam => MaskKind::Sam {
+                weights: checkpoint::locate(self.sam_weights.as_deref()).map_err(CliError::input)?,
+                points: self.sam_points,
+            },
+        })
+    }
+}
+
+fn eval_error(error: SegmentEvalError) -> CliError {
+    match error {
+        SegmentEvalError::Data(error) => error.into(),
+        SegmentEvalError::Masks(_) => CliError::input(error),
+        SegmentEvalError::Failed(_) => CliError::failure(error),
+    }
+}
+
+/// Writes the pictures for another program.
+fn hand_out(run: &RunFolder, truth: &Truth, options: &SegmentOptions, folder: &Path) -> Result<(), CliError> {
+    if folder.exists() {
+        return Err(CliError::input(format!(
+            "--mask-pictures {}: it is there already; give a folder that is not",
+            folder.display()
+        )));
+    }
+    let fail = |e: std::io::Error| CliError::failure(format!("{}: {e}", folder.display()));
+    let stop = stop_flag("stopping; nothing is written")?;
+    let building = AtomicDir::create(folder).map_err(fail)?;
+    let bar = progress::bar(0, "pictures");
+    let count = write_mask_pictures(&run.scene, truth, options, building.dir(), || {
+        bar.inc(1);
+        !stop.load(Ordering::Relaxed)
+    })
+    .map_err(eval_error)?;
+    building.commit().map_err(fail)?;
+    bar.finish_and_clear();
+    outln!("{count} pictures");
+    errln!(
+        "pictures: {}; next: let your program write MASKS/GROUP/VIEW_NUMBER.png, then measure with --masks dir \
+            --mask-dir MASKS",
+        folder.display()
+    );
+    Ok(())
 }

@@ -14,6 +14,7 @@ mod inspect;
 mod inspect_volume;
 mod lpips;
 mod prepare;
+mod prepare_inputs;
 mod render;
 mod run_folder;
 mod segment;

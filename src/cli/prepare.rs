@@ -1,11 +1,14 @@
 //! `volseggs prepare`
 
+use super::prepare_inputs::{ComponentArgs, ShadingArgs, segment_steps};
 use super::values::{count, finite, finite_f32, number, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
 use crate::name::Name;
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{LENGTHS, PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
+use crate::prepare::{
+    FileLabels, LENGTHS, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare,
+};
 use crate::volume::raycast::{DEFAULT_STEP, LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -23,24 +26,28 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Render a time-varying volume into a dataset: images, cameras, and segments where labels are known.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
+    after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --volume 'run/*.nrrd' --components 0.6 --out data/parts\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
 )]
 pub struct PrepareArgs {
     /// Volume files in order of time, a folder, a glob in quotes, or one 4D file.
     #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "synthetic", conflicts_with = "synthetic")]
     volume: Vec<String>,
-    /// A synthetic scene with known segments: jets, vortices or shells.
+    /// A synthetic scene with known segments: jets, vortices, shells, layers, beads or filaments.
     #[arg(long, value_name = "NAME")]
     synthetic: Option<Synthetic>,
     /// Transfer function: a .toml file, a ParaView colour map (.json) or a preset (see configs/transfer-functions).
     #[arg(long, value_name = "TF")]
     transfer_function: Option<String>,
+    #[command(flatten)]
+    shading: ShadingArgs,
     /// Label volumes (whole numbers, 0 is none), as many as volumes.
     #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "synthetic")]
     labels: Vec<String>,
     /// Names of labels, such as 1=core,2=shell.
     #[arg(long, value_name = "ID=NAME", value_delimiter = ',', value_parser = label_name)]
     label_names: Vec<(u16, Name)>,
+    #[command(flatten)]
+    components: ComponentArgs,
     /// Folder of the dataset; must not be there yet, or be one that --replace may replace.
     #[arg(long, value_name = "DATASET")]
     out: PathBuf,
@@ -98,12 +105,13 @@ pub struct PrepareArgs {
     /// Steps of a synthetic scene.
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = series_steps)]
     series_steps: usize,
-    /// Test views, evenly spaced, in which each known segment is rendered alone; 0 for none.
-    #[arg(long, default_value_t = 19, value_name = "N")]
+    /// Test views, evenly spaced, in which each known segment is rendered alone; 0 for none, and no volumes of ids.
+    #[arg(long, default_value_t = 10, value_name = "N")]
     segment_views: usize,
-    /// Steps at which segments are rendered; each view's own if not given.
-    #[arg(long, value_name = "STEP,...", value_delimiter = ',')]
-    segment_steps: Vec<usize>,
+    /// Steps at which segments are rendered in each of these views, or `own`: in each view the step of its test image.
+    /// If not given, five spread evenly over the series, moved to steps that training sees where one is near.
+    #[arg(long, value_name = "STEP,...|own", value_parser = segment_steps)]
+    segment_steps: Option<SegmentSteps>,
     /// Write no label images.
     #[arg(long)]
     no_label_images: bool,
@@ -187,8 +195,10 @@ impl PrepareArgs {
             times: (!self.time_values.is_empty()).then(|| self.time_values.clone()),
         };
         let series = Series::open(&self.volume, &options)?;
-        let labels = if self.labels.is_empty() {
-            None
+        let labels = if let Some(parts) = self.components.labels(&series)? {
+            parts
+        } else if self.labels.is_empty() {
+            FileLabels::None
         } else {
             let labels = Series::open(&self.labels, &options)?;
             if labels.len() != series.len() || labels.grid().dims != series.grid().dims {
@@ -200,24 +210,29 @@ impl PrepareArgs {
                     series.grid().dims
                 )));
             }
-            Some(Box::new(labels))
+            FileLabels::Files { series: Box::new(labels), names: self.label_names.clone() }
         };
-        Ok(Source::Files { series: Box::new(series), labels, names: self.label_names.clone() })
+        Ok(Source::Files { series: Box::new(series), labels })
     }
 
     fn transfer(&self) -> Result<TransferFunction, CliError> {
-        match (&self.transfer_function, self.synthetic) {
-            (Some(spec), _) => Ok(TransferFunction::load(spec)?),
-            (None, Some(scene)) => scene.transfer_function().map_err(CliError::failure),
+        let mut transfer = match (&self.transfer_function, self.synthetic) {
+            (Some(spec), _) => TransferFunction::load(spec)?,
+            (None, Some(scene)) => scene.transfer_function().map_err(CliError::failure)?,
             (None, None) => {
                 errln!("note: no --transfer-function, the preset `ramp` is used");
-                Ok(TransferFunction::load("ramp")?)
+                TransferFunction::load("ramp")?
             }
-        }
+        };
+        self.shading.apply(&mut transfer);
+        Ok(transfer)
     }
 
     fn options(&self, source: &Source) -> Result<PrepareOptions, CliError> {
-        if let Some(step) = self.segment_steps.iter().find(|s| **s >= source.len()) {
+        let segment_steps = self.segment_steps.clone().unwrap_or_default();
+        if let SegmentSteps::These(list) = &segment_steps
+            && let Some(step) = list.iter().find(|s| **s >= source.len())
+        {
             return Err(CliError::input(format!("--segment-steps {step}: the series has {} steps", source.len())));
         }
         let side = self.side.unwrap_or_else(|| self.radius * (0.5 * self.fov).to_radians().tan());
@@ -246,7 +261,7 @@ impl PrepareArgs {
             step: self.sample_step,
             segments: SegmentOptions {
                 views: self.segment_views,
-                steps: self.segment_steps.clone(),
+                steps: segment_steps,
                 label_images: !self.no_label_images,
             },
             replace: self.replace,

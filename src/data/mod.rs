@@ -18,6 +18,7 @@ pub mod scan;
 pub mod thin;
 pub mod transforms;
 pub mod truth;
+pub mod truth_volume;
 
 pub use camera::Camera;
 pub use dataset::{Dataset, Frame, OpenOptions, Split, SplitName};
@@ -26,3 +27,4 @@ pub use hull::{Aabb, VisualHull};
 pub use images::ImageSet;
 pub use transforms::Transforms;
 pub use truth::Truth;
+pub use truth_volume::TruthVolume;

@@ -23,7 +23,8 @@ const SAME_TIME: f64 = 1e-9;
 /// `segments.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SegmentFile {
-    /// `labels` (a label volume or a synthetic scene) or `transfer-function` (its named ranges).
+    /// `labels` (a label volume or a synthetic scene), `components` (connected parts) or `transfer-function` (its named
+    /// ranges).
     pub source: String,
     /// Least alpha of a pixel of a mask or label image.
     pub mask_alpha: f32,
@@ -35,6 +36,9 @@ pub struct SegmentFile {
     pub label_images: Vec<String>,
     /// The segments, by ascending id.
     pub segments: Vec<SegmentEntry>,
+    /// Volumes of ids and opacity, by ascending time; none in datasets of old versions.
+    #[serde(default)]
+    pub volumes: Vec<VolumeEntry>,
 }
 
 /// One segment.
@@ -61,6 +65,15 @@ pub struct SegmentFrame {
     pub time: f64,
     /// Pixels of the mask.
     pub pixels: usize,
+}
+
+/// One volume of ids and opacity, as [`TruthVolume`](super::truth_volume::TruthVolume) has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VolumeEntry {
+    /// Time in [0, 1].
+    pub time: f64,
+    /// The file, from the dataset's folder.
+    pub file: String,
 }
 
 /// The truth about a dataset's segments.
@@ -97,8 +110,8 @@ impl Truth {
             action: "read what is known of segments",
             source,
             hint:
-                "only datasets that `volseggs prepare` made with --labels, --synthetic or named ranges of a transfer \
-                   function have it"
+                "only datasets that `volseggs prepare` made with --labels, --components, --synthetic or named ranges of a \
+                   transfer function have it"
                     .to_owned(),
         })?;
         let file: SegmentFile = serde_json::from_str(&text).map_err(|e| DataError::Syntax {

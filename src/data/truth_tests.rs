@@ -26,6 +26,7 @@ fn write(root: &Path) {
         size: [4, 2],
         label_images: vec!["./labels/train".into(), "./labels/test".into()],
         segments: Vec::new(),
+        volumes: Vec::new(),
     };
     std::fs::write(root.join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
 }

@@ -14,7 +14,9 @@ use crate::files::{LockError, RunLock, Work};
 use crate::log::progress;
 use crate::model::Scene;
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, Source, image_count, prepare};
+use crate::prepare::{
+    PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, image_count, prepare,
+};
 use crate::train::checkpoint::newest_scene;
 use crate::train::run::{RunOptions, RunOutcome, Start, run};
 use crate::volume::placement::published_side;
@@ -196,7 +198,7 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         },
         side: published_side(),
         step: DEFAULT_STEP,
-        segments: SegmentOptions { views: 7, steps: Vec::new(), label_images: true },
+        segments: SegmentOptions { views: 7, steps: SegmentSteps::OfViews, label_images: true },
         replace: false,
         needed: Vec::new(),
     };

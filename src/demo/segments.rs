@@ -14,6 +14,7 @@ use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::pick::Meaning;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{FILE, Origin, Segment, Segmentation};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
@@ -48,7 +49,7 @@ impl SegmentStory {
         let of_method = self.evaluation.results.iter().filter(|r| r.method == Method::CoarseFine);
         let points = of_method.map(|r| Series {
             name: r.segment.clone(),
-            points: r.times.iter().filter_map(|row| Some((row.time?, row.iou?))).collect(),
+            points: r.fixed.times.iter().filter_map(|row| Some((row.time, row.iou?))).collect(),
         });
         line_plot("Tracked segments against the truth", "time", "IoU, %", &points.collect::<Vec<_>>())
     }
@@ -71,7 +72,9 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         time: 0.5,
         methods: vec![Method::Coarse, Method::CoarseFine],
         segments: Vec::new(),
+        unions: Vec::new(),
         clicks: 1,
+        oracle: false,
         masks: MaskKind::Regions,
         views: MASK_VIEWS,
         bias: None,
@@ -86,12 +89,13 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
     write_results(&run.join("eval/segments"), &evaluation).map_err(|e| e.to_string())?;
 
     let mut found = Segmentation::new(scene.gaussians.count(), scene.fingerprint());
-    let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.members.is_empty());
+    let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.fixed.members.is_empty());
     for (i, result) in chosen.enumerate() {
         let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
         let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
-        let members = result.members.clone();
-        let origin = Origin::Fine { scale: 0.5 };
+        let members = result.fixed.members.clone();
+        let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::FALLBACK);
+        let origin = Origin::Pick { scale, threshold };
         let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
         found.add(segment).map_err(|e| e.to_string())?;
     }

@@ -1,8 +1,9 @@
 //! What can be known to be wrong with a dataset before anything is rendered.
 
-use super::{FOLDER, PrepareError, PrepareOptions, Source, image_count, views};
+use super::{FOLDER, FileLabels, PrepareError, PrepareOptions, Source, image_count, views};
 use crate::memory::{Budget, product};
 use crate::name::Name;
+use crate::volume::components;
 use crate::volume::placement::Placement;
 use crate::volume::raycast::{LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::transfer::TransferFunction;
@@ -87,7 +88,7 @@ fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareErro
             return wrong(format!("transfer function {}: {e}", transfer.name));
         }
     }
-    if let Source::Files { names, .. } = source {
+    if let Source::Files { labels: FileLabels::Files { names, .. }, .. } = source {
         let (mut ids, mut known) = (BTreeSet::new(), BTreeSet::new());
         for (id, name) in names {
             if !ids.insert(id) || !known.insert(name) {
@@ -116,7 +117,9 @@ fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError>
     free.check(what, product(&[w, h, PIXEL_BYTES * threads]).max(product(&[w, h, SHEET_BYTES])))?;
     let dims = source.grid().dims;
     let [x, y, z] = dims;
-    free.check(format!("a volume of {x} x {y} x {z} voxels"), product(&[x, y, z, VOXEL_BYTES]))?;
+    let parts = matches!(source, Source::Files { labels: FileLabels::Parts(_), .. });
+    let bytes = if parts { VOXEL_BYTES.max(size_of::<f32>() + components::VOXEL_BYTES) } else { VOXEL_BYTES };
+    free.check(format!("a volume of {x} x {y} x {z} voxels"), product(&[x, y, z, bytes]))?;
     Ok(())
 }
 

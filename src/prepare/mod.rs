@@ -3,15 +3,18 @@
 
 mod check;
 pub mod segments;
+mod shots;
 mod source;
 pub mod views;
 mod write;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod truth_tests;
 
-pub use segments::SegmentOptions;
-pub use source::Source;
+pub use segments::{SegmentOptions, SegmentSteps};
+pub use source::{FileLabels, Source};
 
 use crate::data::DataError;
 use crate::data::dataset::{SplitName, read_split};
@@ -28,6 +31,7 @@ use check::{check, needed};
 use rayon::prelude::*;
 use segments::SegmentWriter;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
@@ -160,6 +164,7 @@ pub const FOLDER: FolderKind = FolderKind {
         "segments/*/*[0-9].png",
         "segments/*/*[0-9]_mask.png",
         "segments.json",
+        "volumes/step_[0-9]*.safetensors",
         "transfer-function.toml",
         "contact-sheet.png",
     ],
@@ -218,8 +223,10 @@ pub fn prepare(
     }
     let (train_views, test_views) =
         [SplitName::Train, SplitName::Test].map(|s| jobs.iter().filter(|j| j.split == s).count()).into();
-    let known = source.has_labels() || !transfer.segments.is_empty();
-    let mut segments = SegmentWriter::new(root, source, transfer, &options.segments, known, &jobs_of_test(&jobs));
+    let known = source.label_kind().is_some() || !transfer.segments.is_empty();
+    let trained: BTreeSet<usize> = jobs.iter().filter(|j| j.split == SplitName::Train).map(|j| j.view.step).collect();
+    let mut segments =
+        SegmentWriter::new(root, source, transfer, &options.segments, known, &jobs_of_test(&jobs), &trained);
     segments.make_folders(&[SplitName::Train, SplitName::Test]).map_err(|e| write_error(root, &e))?;
 
     let done = AtomicUsize::new(0);

@@ -1,34 +1,39 @@
 //! The truth about segments: each rendered alone with its mask (`segments/NAME/`), label images (`labels/SPLIT/`),
-//! and `segments.json`, which says what there is.
+//! volumes of ids (`volumes/`), and `segments.json`, which says what there is.
 
+pub use super::shots::SegmentSteps;
+use super::shots::{Shot, shots, volume_steps};
 use super::views::View;
 use super::write::{write_mask, write_picture};
 use super::{MASK_ALPHA, PrepareError, Source};
-use crate::data::SplitName;
-use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame};
+use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame, VolumeEntry};
+use crate::data::{SplitName, TruthVolume};
 use crate::files::write_atomic;
 use crate::volume::grid::Labels;
-use crate::volume::raycast::RayCaster;
+use crate::volume::raycast::{Cells, RayCaster};
 use crate::volume::transfer::TransferFunction;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+/// Most cells along the longest side of a volume of ids.
+pub const VOLUME_CELLS: usize = 96;
+
 /// Which truth to render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentOptions {
-    /// Test views, evenly spaced, in which each segment is rendered alone; 0 for none.
+    /// Test views, evenly spaced, in which each segment is rendered alone; 0 for none, and for no volume of ids.
     pub views: usize,
-    /// Steps at which they are rendered; if none, each view at its own time.
-    pub steps: Vec<usize>,
+    /// Steps at which they are rendered.
+    pub steps: SegmentSteps,
     /// Write a label image beside every training and test image.
     pub label_images: bool,
 }
 
 impl Default for SegmentOptions {
     fn default() -> Self {
-        Self { views: 19, steps: Vec::new(), label_images: true }
+        Self { views: 10, steps: SegmentSteps::default(), label_images: true }
     }
 }
 
@@ -41,16 +46,12 @@ pub(super) struct SegmentWriter<'a> {
     known: bool,
     from_labels: bool,
     shots: Vec<Shot>,
+    volume_steps: BTreeSet<usize>,
+    volumes: Vec<VolumeEntry>,
     camera_angle_x: f64,
     size: [u32; 2],
     ids: BTreeSet<u16>,
     entries: Vec<SegmentEntry>,
-}
-
-/// A view of a step in which every segment is shown.
-struct Shot {
-    name: String,
-    view: View,
 }
 
 impl<'a> SegmentWriter<'a> {
@@ -61,23 +62,12 @@ impl<'a> SegmentWriter<'a> {
         options: &'a SegmentOptions,
         known: bool,
         test: &[View],
+        trained: &BTreeSet<usize>,
     ) -> Self {
         let n = if known { options.views.min(test.len()) } else { 0 };
-        let chosen = (0..n).map(|k| if n == 1 { 0 } else { k * (test.len() - 1) / (n - 1) });
-        let shots = chosen
-            .flat_map(|i| {
-                let view = &test[i];
-                if options.steps.is_empty() {
-                    return vec![Shot { name: format!("r_{i}"), view: view.clone() }];
-                }
-                let at = |step: &usize| Shot {
-                    name: format!("r_{i}_step_{step}"),
-                    view: View { camera: view.camera.clone(), step: *step },
-                };
-                options.steps.iter().map(at).collect()
-            })
-            .collect();
-        let from_labels = source.has_labels();
+        let shots = shots(test, n, &options.steps, source.len(), trained);
+        let volume_steps = if n > 0 { volume_steps(&options.steps, source.len(), trained) } else { BTreeSet::new() };
+        let from_labels = source.label_kind().is_some();
         let ids = if known && !from_labels { (1..=transfer.segments.len() as u16).collect() } else { BTreeSet::new() };
         let first = test.first().map(|v| &v.camera);
         Self {
@@ -88,6 +78,8 @@ impl<'a> SegmentWriter<'a> {
             known,
             from_labels,
             shots,
+            volume_steps,
+            volumes: Vec::new(),
             camera_angle_x: first.map_or(0.0, crate::data::Camera::fov_x),
             size: first.map_or([0; 2], |c| [c.width, c.height]),
             ids,
@@ -107,7 +99,7 @@ impl<'a> SegmentWriter<'a> {
 
     /// Whether a step is needed for segments alone.
     pub fn wants(&self, step: usize) -> bool {
-        self.shots.iter().any(|s| s.view.step == step)
+        self.volume_steps.contains(&step) || self.shots.iter().any(|s| s.view.step == step)
     }
 
     /// Notes which ids a step has.
@@ -126,6 +118,9 @@ impl<'a> SegmentWriter<'a> {
 
     /// Renders every known segment in the views of a step.
     pub fn render(&mut self, step: usize, caster: &RayCaster, stop: &AtomicBool) -> Result<(), PrepareError> {
+        if self.volume_steps.contains(&step) {
+            self.write_volume(step, caster)?;
+        }
         let shots: Vec<&Shot> = self.shots.iter().filter(|s| s.view.step == step).collect();
         if shots.is_empty() {
             return Ok(());
@@ -166,6 +161,21 @@ impl<'a> SegmentWriter<'a> {
         Ok(())
     }
 
+    /// Writes the ids and the opacity of a step on a coarse grid.
+    fn write_volume(&mut self, step: usize, caster: &RayCaster) -> Result<(), PrepareError> {
+        let time = self.source.time(step);
+        let Cells { dims, spacing, origin, ids, opacity } = caster.cells(VOLUME_CELLS);
+        let folder = self.root.join("volumes");
+        let error =
+            |path: &Path, e: &dyn std::fmt::Display| PrepareError::Write { path: path.into(), reason: e.to_string() };
+        std::fs::create_dir_all(&folder).map_err(|e| error(&folder, &e))?;
+        let file = format!("step_{step}.safetensors");
+        let path = folder.join(&file);
+        TruthVolume { time, dims, spacing, origin, ids, opacity }.write(&path).map_err(|e| error(&path, &e))?;
+        self.volumes.push(VolumeEntry { time, file: format!("./volumes/{file}") });
+        Ok(())
+    }
+
     /// Writes `segments.json` if anything is known, and gives the names of the segments.
     pub fn finish(mut self) -> Result<Vec<String>, PrepareError> {
         if !self.known {
@@ -181,7 +191,7 @@ impl<'a> SegmentWriter<'a> {
         let names = self.entries.iter().map(|e| e.name.clone()).collect();
         let splits = [SplitName::Train, SplitName::Test];
         let file = SegmentFile {
-            source: if self.from_labels { "labels" } else { "transfer-function" }.into(),
+            source: self.source.label_kind().unwrap_or("transfer-function").into(),
             mask_alpha: MASK_ALPHA,
             camera_angle_x: self.camera_angle_x,
             size: self.size,
@@ -191,6 +201,7 @@ impl<'a> SegmentWriter<'a> {
                 Vec::new()
             },
             segments: self.entries,
+            volumes: self.volumes,
         };
         let path = self.root.join(FILE);
         let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.clone(), reason: e.to_string() };

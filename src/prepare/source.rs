@@ -1,6 +1,7 @@
 //! Where the steps of a series come from: volume files, or a synthetic scene.
 
 use crate::name::Name;
+use crate::volume::components::{PartOptions, Parts, PartsError, part_name};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, Labels, Volume};
 use crate::volume::series::Series;
@@ -10,14 +11,12 @@ use std::path::{Path, PathBuf};
 /// A time series that is held one step at a time.
 #[derive(Debug)]
 pub enum Source {
-    /// Volume files, and label files with the names of their ids if there are any.
+    /// Volume files.
     Files {
         /// The values.
         series: Box<Series>,
-        /// The labels, of the same grid and number of steps.
-        labels: Option<Box<Series>>,
-        /// Names of ids, where given.
-        names: Vec<(u16, Name)>,
+        /// What is known of segments.
+        labels: FileLabels,
     },
     /// A synthetic scene.
     Synthetic {
@@ -28,6 +27,54 @@ pub enum Source {
         /// Number of steps.
         steps: usize,
     },
+}
+
+/// The segments of volume files.
+#[derive(Debug)]
+pub enum FileLabels {
+    /// Not known.
+    None,
+    /// In label volumes.
+    Files {
+        /// The labels, of the same grid and number of steps as the values.
+        series: Box<Series>,
+        /// Names of ids, where given.
+        names: Vec<(u16, Name)>,
+    },
+    /// The connected parts above a value.
+    Parts(Parts),
+}
+
+impl FileLabels {
+    /// The connected parts of a series; reads every step of it once.
+    ///
+    /// # Errors
+    /// As [`Parts::follow`].
+    pub fn parts(series: &Series, options: PartOptions) -> Result<Self, PartsError> {
+        Parts::follow(series.grid(), series.len(), options, |step| series.load(step)).map(Self::Parts)
+    }
+
+    fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        let series = if let Self::Files { series, .. } = self { series.files() } else { &[] };
+        series.iter()
+    }
+
+    /// Where a dataset says that its segments come from.
+    fn kind(&self) -> Option<&'static str> {
+        match self {
+            Self::None => None,
+            Self::Files { .. } => Some("labels"),
+            Self::Parts(_) => Some("components"),
+        }
+    }
+
+    fn load(&self, step: usize, volume: &Volume) -> Result<Option<Labels>, VolumeError> {
+        match self {
+            Self::None => Ok(None),
+            Self::Files { series, .. } => series.load_labels(step).map(Some),
+            Self::Parts(parts) => Ok(Some(parts.labels(step, volume))),
+        }
+    }
 }
 
 impl Source {
@@ -51,8 +98,7 @@ impl Source {
     pub fn files(&self) -> Vec<&Path> {
         match self {
             Self::Files { series, labels, .. } => {
-                let series = std::iter::once(series).chain(labels);
-                series.flat_map(|s| s.files()).map(PathBuf::as_path).collect()
+                series.files().iter().chain(labels.files()).map(PathBuf::as_path).collect()
             }
             Self::Synthetic { .. } => Vec::new(),
         }
@@ -87,12 +133,13 @@ impl Source {
         }
     }
 
-    /// Whether labels come with the values.
+    /// What tells the segment of each voxel, as `segments.json` names it: `labels` or `components`; none where nothing
+    /// does.
     #[must_use]
-    pub fn has_labels(&self) -> bool {
+    pub fn label_kind(&self) -> Option<&'static str> {
         match self {
-            Self::Files { labels, .. } => labels.is_some(),
-            Self::Synthetic { .. } => true,
+            Self::Files { labels, .. } => labels.kind(),
+            Self::Synthetic { .. } => Some("labels"),
         }
     }
 
@@ -100,7 +147,11 @@ impl Source {
     #[must_use]
     pub fn segment_name(&self, id: u16) -> String {
         let given = match self {
-            Self::Files { names, .. } => names.iter().find(|(i, _)| *i == id).map(|(_, n)| n.to_string()),
+            Self::Files { labels: FileLabels::Files { names, .. }, .. } => {
+                names.iter().find(|(i, _)| *i == id).map(|(_, n)| n.to_string())
+            }
+            Self::Files { labels: FileLabels::Parts(_), .. } => Some(part_name(id)),
+            Self::Files { labels: FileLabels::None, .. } => None,
             Self::Synthetic { scene, .. } => scene.segment_names().get(usize::from(id) - 1).map(|n| (*n).to_owned()),
         };
         given.unwrap_or_else(|| format!("segment-{id}"))
@@ -113,8 +164,9 @@ impl Source {
     pub fn load(&self, step: usize) -> Result<(Volume, Option<Labels>), VolumeError> {
         match self {
             Self::Files { series, labels, .. } => {
-                let labels = labels.as_ref().map(|l| l.load_labels(step)).transpose()?;
-                Ok((series.load(step)?, labels))
+                let volume = series.load(step)?;
+                let labels = labels.load(step, &volume)?;
+                Ok((volume, labels))
             }
             Self::Synthetic { scene, dims, .. } => {
                 let (volume, labels) = scene.sample(*dims, self.time(step));

@@ -7,7 +7,7 @@ use crate::prepare::views::Times;
 use crate::volume::placement::published_side;
 use crate::volume::synthetic::Synthetic;
 
-fn options(size: u32) -> PrepareOptions {
+pub(super) fn options(size: u32) -> PrepareOptions {
     PrepareOptions {
         views: ViewOptions {
             size: [size; 2],
@@ -18,7 +18,7 @@ fn options(size: u32) -> PrepareOptions {
         },
         side: published_side(),
         step: 1.0,
-        segments: SegmentOptions { views: 3, steps: vec![0, 4], label_images: true },
+        segments: SegmentOptions { views: 3, steps: SegmentSteps::These(vec![0, 4]), label_images: true },
         replace: false,
         needed: Vec::new(),
     }
@@ -29,7 +29,11 @@ fn source(scene: Synthetic) -> (Source, TransferFunction) {
 }
 
 fn make(out: &Path, options: &PrepareOptions) -> Result<PrepareRecord, PrepareError> {
-    let (source, transfer) = source(Synthetic::Shells);
+    make_with(Synthetic::Shells, out, options)
+}
+
+pub(super) fn make_with(scene: Synthetic, out: &Path, options: &PrepareOptions) -> Result<PrepareRecord, PrepareError> {
+    let (source, transfer) = source(scene);
     prepare(&source, &transfer, options, out, &|_| {}, &AtomicBool::new(false))
 }
 
@@ -75,8 +79,15 @@ fn the_same_options_give_the_same_bytes() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let out = folder.path().join(name);
         pool.install(|| make(&out, &options(24))).unwrap();
-        ["train/r_5.png", "test/r_6.png", "labels/train/r_0.png", "transforms_train.json", "segments.json"]
-            .map(|f| std::fs::read(out.join(f)).unwrap())
+        [
+            "train/r_5.png",
+            "test/r_6.png",
+            "labels/train/r_0.png",
+            "transforms_train.json",
+            "segments.json",
+            "volumes/step_4.safetensors",
+        ]
+        .map(|f| std::fs::read(out.join(f)).unwrap())
     };
     assert!(bytes("one", 1) == bytes("two", 3));
 }

@@ -10,23 +10,23 @@ use crate::segment::masks::Mask;
 use glam::DVec3;
 
 /// Gaussians of a ball.
-pub(super) const COUNT: usize = 60;
+pub(crate) const COUNT: usize = 60;
 const RADIUS: f64 = 0.35;
 const SIZE: u32 = 40;
 
 /// Where the balls are, and of how many Gaussians.
 #[derive(Clone, Copy)]
-pub(super) struct Balls {
+pub(crate) struct Balls {
     /// Distance of each centre from the origin.
-    pub(super) apart: f64,
+    pub(crate) apart: f64,
     /// Gaussians of each.
-    pub(super) count: usize,
+    pub(crate) count: usize,
 }
 
 /// With a gap between them.
-pub(super) const APART: Balls = Balls { apart: 0.5, count: COUNT };
+pub(crate) const APART: Balls = Balls { apart: 0.5, count: COUNT };
 /// With one point in common.
-pub(super) const TOUCHING: Balls = Balls { apart: RADIUS, count: COUNT };
+pub(crate) const TOUCHING: Balls = Balls { apart: RADIUS, count: COUNT };
 
 impl Balls {
     fn centres(self) -> [DVec3; 2] {
@@ -34,7 +34,7 @@ impl Balls {
     }
 
     /// The first ball's Gaussians, then the second's.
-    pub(super) fn gaussians(self) -> GaussiansAt {
+    pub(crate) fn gaussians(self) -> GaussiansAt {
         let mut rng = Rng::new(5, 0, 0);
         let mut out = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
         for centre in self.centres() {
@@ -48,7 +48,7 @@ impl Balls {
     }
 
     /// Views from around, where neither ball hides the other, with the masks of the first ball, of the second, and of both.
-    pub(super) fn views(self) -> Vec<(volseggs_kernels::Camera, Vec<Mask>)> {
+    pub(crate) fn views(self) -> Vec<(volseggs_kernels::Camera, Vec<Mask>)> {
         let eyes =
             [[0.0, -4.0, 0.5], [1.0, -3.8, 1.5], [0.5, 3.9, -0.5], [-1.0, 3.5, 1.5], [0.3, 0.5, 4.0], [0.0, 0.8, -4.0]];
         eyes.into_iter().map(|eye| self.view(DVec3::from_array(eye))).collect()
@@ -74,7 +74,7 @@ impl Balls {
     }
 
     /// The views as training takes them, of all of `at`.
-    pub(super) fn prepared(self, at: &GaussiansAt) -> Vec<FineView> {
+    pub(crate) fn prepared(self, at: &GaussiansAt) -> Vec<FineView> {
         let device = DeviceName::all()[0].open().unwrap();
         let members: Vec<u32> = (0..at.len() as u32).collect();
         let frame = Frame::around(&at.means);
@@ -91,7 +91,7 @@ impl Balls {
 }
 
 /// Adds an unturned Gaussian.
-pub(super) fn add(to: &mut GaussiansAt, mean: [f32; 3], log_scales: [f32; 3]) {
+pub(crate) fn add(to: &mut GaussiansAt, mean: [f32; 3], log_scales: [f32; 3]) {
     to.means.extend(mean);
     to.rotations.extend([1.0, 0.0, 0.0, 0.0]);
     to.log_scales.extend(log_scales);
@@ -100,6 +100,6 @@ pub(super) fn add(to: &mut GaussiansAt, mean: [f32; 3], log_scales: [f32; 3]) {
 }
 
 /// `work` on so many threads.
-pub(super) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
 }

@@ -2,7 +2,7 @@
 //!
 //! Coarse by view-independent colour ([`coarse`]), fine by a field trained on 2D masks ([`masks`], [`mod@fine`]); a
 //! [`segmentation`] is what the commands after it read, [`history`] takes changes of it back; [`voxels`] carries labels back to a volume, [`dice`]
-//! compares label volumes; [`paint`] shows them in colour. Published methods to compare with are in [`baselines`].
+//! compares label volumes; [`pick`] is what a click selects; [`paint`] shows them in colour. Published methods to compare with are in [`baselines`].
 //! Nothing here knows what segments do over time (see `track`).
 
 pub mod baselines;
@@ -12,12 +12,14 @@ pub mod colour;
 pub mod dice;
 pub mod fine;
 pub mod history;
+pub mod levels;
 pub mod masks;
 pub mod paint;
 pub mod palette;
+pub mod pick;
 pub mod pictures;
 pub mod segmentation;
 pub mod voxels;
 
 #[cfg(test)]
-mod balls;
+pub(crate) mod balls;

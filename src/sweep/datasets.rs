@@ -8,7 +8,7 @@ use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
 use crate::log::progress;
 use crate::memory::{Budget, product};
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, Source, image_count, prepare};
+use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use serde::{Deserialize, Serialize};
@@ -176,7 +176,7 @@ fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), 
         step: DEFAULT_STEP,
         segments: SegmentOptions {
             views: if spec.segments { 7 } else { 0 },
-            steps: Vec::new(),
+            steps: SegmentSteps::OfViews,
             label_images: spec.segments,
         },
         replace: false,

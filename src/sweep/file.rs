@@ -137,7 +137,7 @@ fn half() -> f64 {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SyntheticSpec {
-    /// Which: jets, vortices or shells.
+    /// Which: jets, vortices, shells, layers, beads or filaments.
     pub synthetic: String,
     /// Width and height of images in pixels.
     #[serde(default = "side")]

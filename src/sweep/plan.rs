@@ -307,7 +307,7 @@ impl Plan {
 }
 
 const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
-const SEGMENT_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "iou"];
+const SEGMENT_METRICS: &[&str] = &["iou_3d", "iou", "psnr", "ssim", "lpips_alex"];
 
 /// What has its place in a plan already.
 #[derive(Default)]
@@ -371,7 +371,13 @@ impl Base<'_> {
                 table.get_or_insert_default().insert(key.to_owned(), value);
             }
         }
-        let read = |t: Table| t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
+        let read = |t: Table| {
+            let spec = t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
+            let mut spec: SegmentSpec = spec?;
+            let base = self.path.parent().unwrap_or(Path::new(""));
+            spec.place(base).map_err(|e| format!("segments: {e}"))?;
+            Ok::<_, String>(spec)
+        };
         table.map(read).transpose()
     }
 }

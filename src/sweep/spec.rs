@@ -4,13 +4,18 @@ use crate::data::paths::Axis;
 use crate::eval::segments::{MaskKind, Method, SegmentOptions};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::FineOptions;
+use crate::segment::fine::train::{FineOptions, repulsion};
+use crate::segment::masks::origin::SAM_POINTS;
+use crate::segment::masks::sam::checkpoint;
 use serde::{Deserialize, Serialize};
-use volseggs_kernels::contrast::Repulsion;
+use std::path::{Path, PathBuf};
 
 /// Most views with masks, and most colours, that anybody can want; beyond, memory ends.
 const MOST_VIEWS: usize = 100_000;
 const MOST_COLOURS: usize = 10_000;
+/// Pixels that are kept of a view, and points of the grid that a network can be asked at.
+const MOST_PIXELS: usize = 16_384;
+const MOST_POINTS: usize = 1000;
 
 /// One measurement of segments, as `volseggs eval --segments` does it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,8 +23,15 @@ const MOST_COLOURS: usize = 10_000;
 pub struct SegmentSpec {
     /// Method: sagd, saga, coarse, fine or coarse+fine.
     pub method: String,
-    /// Source of the masks: regions or labels.
+    /// Source of the masks: regions, labels, dir or sam.
     pub masks: String,
+    /// For dir: the masks of another program, `GROUP/VIEW_NUMBER.png` or a COCO file; relative to the sweep file. Every
+    /// run has the same, so they suit methods whose group is the whole scene, `scene`.
+    pub mask_dir: Option<PathBuf>,
+    /// For sam: the weights, relative to the sweep file; looked for in the cache folder if not given.
+    pub sam_weights: Option<PathBuf>,
+    /// For sam: points along a side of the grid that is asked.
+    pub sam_points: usize,
     /// Views with masks.
     pub views: usize,
     /// Take these views near an axis (x, y or z) in place of the whole sphere; empty for none.
@@ -30,6 +42,10 @@ pub struct SegmentSpec {
     pub time: f64,
     /// Known segments to measure; all if empty.
     pub only: Vec<String>,
+    /// Known segments to measure as one, each `NAME=SEGMENT+SEGMENT`.
+    pub score: Vec<String>,
+    /// Whether the oracle chooses among settings too, beside the fixed one.
+    pub oracle: bool,
     /// Clicks on a segment at most.
     pub clicks: usize,
     /// Number of colours; suggested from the data if not given.
@@ -38,8 +54,12 @@ pub struct SegmentSpec {
     pub fine_steps: usize,
     /// Steps of SAGA.
     pub saga_steps: usize,
+    /// Pixels of a step of the affinity field; the paper's 8192.
+    pub pixels: usize,
     /// Margin of the contrastive loss; -1 is the paper's loss, without one.
     pub margin: f32,
+    /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper (own).
+    pub mask_scale: String,
 }
 
 impl Default for SegmentSpec {
@@ -47,16 +67,23 @@ impl Default for SegmentSpec {
         Self {
             method: "coarse+fine".into(),
             masks: "regions".into(),
+            mask_dir: None,
+            sam_weights: None,
+            sam_points: SAM_POINTS,
             views: 30,
             bias: String::new(),
             bias_angle: 45.0,
             time: 0.5,
             only: Vec::new(),
+            score: Vec::new(),
+            oracle: true,
             clicks: 1,
             clusters: None,
             fine_steps: 5000,
             saga_steps: 10_000,
+            pixels: FineOptions::default().pixels,
             margin: 0.5,
+            mask_scale: "drawn".into(),
         }
     }
 }
@@ -68,28 +95,31 @@ impl SegmentSpec {
     /// A message that names the key.
     pub fn options(&self, seed: u64) -> Result<SegmentOptions, String> {
         let method: Method = self.method.parse().map_err(|e| format!("segments.method: {e}"))?;
-        let masks = match self.masks.as_str() {
-            "regions" => MaskKind::Regions,
-            "labels" => MaskKind::Labels,
-            other => return Err(format!("segments.masks: \"{other}\" is neither regions nor labels")),
-        };
+        let masks = self.kind()?;
         let bias: Option<Axis> = match self.bias.as_str() {
             "" => None,
             axis => Some(axis.parse().map_err(|e| format!("segments.bias: {e}"))?),
         };
         if bias.is_some() && masks == MaskKind::Labels {
-            return Err("segments.bias: label images have the dataset's own views; use masks = \"regions\"".into());
+            return Err("segments.bias: label images have the dataset's own views; use other masks".into());
         }
         let counts = [
             ("views", self.views),
             ("clicks", self.clicks),
             ("fine_steps", self.fine_steps),
+            ("pixels", self.pixels),
+            ("sam_points", self.sam_points),
             ("saga_steps", self.saga_steps),
         ];
         if let Some((key, _)) = counts.into_iter().find(|(_, n)| *n == 0) {
             return Err(format!("segments.{key}: at least 1"));
         }
-        let most = [("views", self.views, MOST_VIEWS), ("clicks", self.clicks, 1000)];
+        let most = [
+            ("views", self.views, MOST_VIEWS),
+            ("clicks", self.clicks, 1000),
+            ("pixels", self.pixels, MOST_PIXELS),
+            ("sam_points", self.sam_points, MOST_POINTS),
+        ];
         if let Some((key, n, most)) = most.into_iter().find(|(_, n, most)| n > most) {
             return Err(format!("segments.{key} = {n}: at most {most}"));
         }
@@ -105,19 +135,62 @@ impl SegmentSpec {
         if !(self.bias_angle > 0.0 && self.bias_angle <= 180.0) {
             return Err(format!("segments.bias_angle: {} is not in (0, 180]", self.bias_angle));
         }
-        let repulsion = if self.margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(self.margin) };
+        let mask_scale = self.mask_scale.parse().map_err(|e| format!("segments.mask_scale: {e}"))?;
+        let unions = self.score.iter().map(|text| text.parse().map_err(|e| format!("segments.score: {e}")));
         Ok(SegmentOptions {
             time: self.time,
             methods: vec![method],
             segments: self.only.clone(),
+            unions: unions.collect::<Result<_, String>>()?,
             clicks: self.clicks,
+            oracle: self.oracle,
             masks,
             views: self.views,
             bias: bias.map(|axis| (axis, self.bias_angle.to_radians())),
             coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },
-            fine: FineOptions { steps: self.fine_steps, repulsion, seed, ..FineOptions::default() },
+            fine: FineOptions {
+                steps: self.fine_steps,
+                pixels: self.pixels,
+                repulsion: repulsion(self.margin),
+                mask_scale,
+                seed,
+                ..FineOptions::default()
+            },
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
             mask_alpha: None,
         })
+    }
+
+    /// Makes the paths absolute that are relative to the folder `base`, that of the sweep file.
+    pub(super) fn place(&mut self, base: &Path) -> std::io::Result<()> {
+        for path in [&mut self.mask_dir, &mut self.sam_weights].into_iter().flatten() {
+            *path = std::path::absolute(base.join(&*path))?;
+        }
+        Ok(())
+    }
+
+    /// The source of masks, whose files are there.
+    fn kind(&self) -> Result<MaskKind, String> {
+        let of = |key: &str, given: bool, kind: &str| match given && self.masks != kind {
+            true => Err(format!("segments.{key}: is for masks = \"{kind}\", not for \"{}\"", self.masks)),
+            false => Ok(()),
+        };
+        of("mask_dir", self.mask_dir.is_some(), "dir")?;
+        of("sam_weights", self.sam_weights.is_some(), "sam")?;
+        match self.masks.as_str() {
+            "regions" => Ok(MaskKind::Regions),
+            "labels" => Ok(MaskKind::Labels),
+            "dir" => match &self.mask_dir {
+                Some(path) if path.exists() => Ok(MaskKind::Dir(path.clone())),
+                Some(path) => Err(format!("segments.mask_dir: {}: there is no such folder or file", path.display())),
+                None => Err("segments.mask_dir: masks = \"dir\" needs the folder of masks, or the COCO file".into()),
+            },
+            "sam" => {
+                let weights = checkpoint::locate(self.sam_weights.as_deref());
+                let weights = weights.map_err(|e| format!("segments.sam_weights: {e}"))?;
+                Ok(MaskKind::Sam { weights, points: self.sam_points })
+            }
+            other => Err(format!("segments.masks: \"{other}\" is none of regions, labels, dir and sam")),
+        }
     }
 }

@@ -216,15 +216,20 @@ impl Worker<'_> {
         let mut by_segment: BTreeMap<String, Metrics> = BTreeMap::new();
         for result in &evaluation.results {
             let mut metrics = Metrics::new();
-            if let Some(row) = &result.at {
-                metrics.extend([
-                    ("psnr".into(), row.psnr),
-                    ("ssim".into(), row.ssim),
-                    ("ssim_gray".into(), row.ssim_gray),
-                ]);
-                metrics.extend(row.iou.map(|v| ("iou".to_owned(), v)));
-                metrics.extend(row.lpips.map(|v| ("lpips_alex".to_owned(), v)));
-            }
+            let mut put = |name: &str, value: Option<f64>| {
+                metrics.extend(value.map(|v| (name.to_owned(), v)));
+            };
+            let (fixed, row) = (&result.fixed, result.fixed.at.as_ref());
+            put("iou_3d", fixed.iou_3d);
+            put("iou_3d_least", fixed.least_iou_3d);
+            put("iou", fixed.iou());
+            put("iou_least", fixed.least_iou);
+            put("psnr", row.and_then(|r| r.psnr));
+            put("ssim", row.and_then(|r| r.ssim));
+            put("ssim_gray", row.and_then(|r| r.ssim_gray));
+            put("lpips_alex", row.and_then(|r| r.lpips));
+            put("iou_3d_oracle", result.oracle.as_ref().and_then(|o| o.iou_3d));
+            put("iou_oracle", result.oracle.as_ref().and_then(|o| o.iou()));
             metrics.extend(
                 evaluation.training_seconds.get(result.method.name()).map(|s| ("segment_seconds".to_owned(), *s)),
             );

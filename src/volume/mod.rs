@@ -1,6 +1,7 @@
 //! Volumes: files and series, transfer functions, the ray caster, synthetic scenes. Gives images; knows nothing of
 //! datasets beyond the camera, and nothing of models.
 
+pub mod components;
 pub mod error;
 pub mod formats;
 pub mod grid;

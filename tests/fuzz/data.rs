@@ -120,6 +120,7 @@ fn segments() -> Vec<u8> {
             SegmentEntry { id: 1, name: "a".into(), frames: vec![frame] },
             SegmentEntry { id: 2, name: "b".into(), frames: Vec::new() },
         ],
+        volumes: Vec::new(),
     };
     serde_json::to_vec_pretty(&file).unwrap()
 }

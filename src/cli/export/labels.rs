@@ -46,7 +46,7 @@ pub(super) struct LabelArgs {
     #[arg(long, value_enum, value_name = "SPACE")]
     space: Option<SpaceName>,
     /// Print Dice scores against the truth: label volumes in order of time (that of the nearest time is taken), or a
-    /// synthetic scene: jets, vortices or shells.
+    /// synthetic scene: jets, vortices, shells, layers, beads or filaments.
     #[arg(long, value_name = "LABELS", num_args = 1..)]
     truth: Vec<String>,
 }

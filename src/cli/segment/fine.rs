@@ -6,9 +6,10 @@ use super::super::{CliError, Common, print_json, stop_flag};
 use crate::files::Work;
 use crate::log::progress;
 use crate::memory::{Budget, product};
+use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::network::Frame;
-use crate::segment::fine::train::{FineError, FineOptions, train};
+use crate::segment::fine::train::{FineError, FineOptions, MaskScale, repulsion, train};
 use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::members_key;
@@ -16,12 +17,11 @@ use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
-use volseggs_kernels::contrast::Repulsion;
 
 /// Train the affinity field on the masks.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment fine RUN\n  volseggs segment fine RUN --margin -1 --pixels 8192   # the paper's loss\n\nReads RUN/segments/masks.jsonl, writes RUN/segments/affinity.safetensors."
+    after_help = "Examples:\n  volseggs segment fine RUN\n  volseggs segment fine RUN --margin -1 --pixels 8192 --mask-scale own   # as the paper\n\nReads RUN/segments/masks.jsonl, writes RUN/segments/affinity.safetensors."
 )]
 pub struct FineArgs {
     /// Folder of the run.
@@ -39,6 +39,9 @@ pub struct FineArgs {
     /// one, more parts find room beside each other.
     #[arg(long, value_name = "COSINE", default_value_t = 0.5, value_parser = cosine_f32, allow_negative_numbers = true)]
     margin: f32,
+    /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper [drawn, own].
+    #[arg(long, value_name = "WHICH", default_value = "drawn")]
+    mask_scale: MaskScale,
     /// Weight of the hierarchy loss: what is together at a scale stays together at larger ones.
     #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
     hierarchy: f64,
@@ -90,12 +93,12 @@ impl FineArgs {
         bar.finish_and_clear();
         errln!("{} views of segments, {} masks, {:.1} s", views.len(), spreads.len(), started.elapsed().as_secs_f64());
 
-        let repulsion = if self.margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(self.margin) };
         let options = FineOptions {
             steps: self.steps,
             pixels: self.pixels,
             rate: self.rate,
-            repulsion,
+            repulsion: repulsion(self.margin),
+            mask_scale: self.mask_scale,
             hierarchy: self.hierarchy,
             seed: self.seed,
         };
@@ -120,7 +123,7 @@ impl FineArgs {
         let seconds = started.elapsed().as_secs_f64();
         let spec = AffinitySpec { frame, time: header.time, scene: run.scene.fingerprint(), spreads };
         let path = run.path.join(file::FILE);
-        file::save(&path, &field, &spec).map_err(CliError::failure)?;
+        file::save(&path, &field, &Evidence::of(&views, self.seed), &spec).map_err(CliError::failure)?;
         let loss = smooth.unwrap_or_default();
         if self.common.json {
             return print_json(

@@ -100,10 +100,10 @@ impl MasksArgs {
         if self.pictures {
             return self.hand_out(&run, &plan, &device);
         }
-        let source = self.source(&run, &plan, weights.as_deref(), &device)?;
         let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
         let at = run.scene.host_at(plan.time as f32);
         let job = plan.job(&run, &at, &device);
+        let source = self.source(&plan, &job, weights.as_deref())?;
         let (views, every) = (plan.shots.len(), plan.shots.len().div_ceil(4));
         let bar = progress::bar(views * plan.groups.len(), "pictures");
         let mut shown = Vec::new();

@@ -1,7 +1,7 @@
 //! `volseggs segment pick`
 
 use super::super::run_folder::RunFolder;
-use super::super::values::{cosine_f32, fraction, fraction_f32, pixels, point};
+use super::super::values::{cosine_f32, count, fraction, fraction_f32, pixels, point};
 use super::super::{CliError, Common, print_json};
 use super::affinity;
 use super::history::History;
@@ -11,8 +11,9 @@ use crate::memory::{Budget, product};
 use crate::model::params::to_vec;
 use crate::name::Name;
 use crate::segment::click::{heaviest, under};
-use crate::segment::fine::extract::{similar, without_strays};
+use crate::segment::levels::{Level, levels};
 use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::pick::{Asked, Meaning, PickOptions, meant, pick};
 use crate::segment::segmentation::{Origin, Segment};
 use clap::Args;
 use glam::DVec3;
@@ -23,10 +24,10 @@ use std::time::Instant;
 /// A camera nearer to the centre than this, world units, looks in no direction.
 const NEAREST: f64 = 1e-6;
 
-/// What is under a click; with --name, a segment of all that is like it.
+/// What is under a click; with --name, a segment of what it means.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment pick RUN --camera 3,-2,1.5 --pixel 210,180              # which segments are there\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --scale 0.3\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --within red --threshold 0.9\n\nThe picture is the one that `volseggs render` draws from the same camera; pixels count from its top left."
+    after_help = "Examples:\n  volseggs segment pick RUN --camera 3,-2,1.5 --pixel 210,180              # which segments are there\n  volseggs segment pick RUN --view 12 --pixel 210,180 --levels         # from parts to wholes\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex            # the likeliest of them\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --level 1\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --within red --scale 0.3 --threshold 0.9\n\nThe picture is the one that `volseggs render` draws from the same camera; pixels count from its top left."
 )]
 pub struct PickArgs {
     /// Folder of the run.
@@ -52,12 +53,18 @@ pub struct PickArgs {
     /// Look in this segment only, as if the others were hidden; in the clicked colour if not given.
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
-    /// Mask scale in [0, 1], from small parts to large ones.
-    #[arg(long, default_value_t = 0.5, value_parser = fraction_f32)]
-    scale: f32,
-    /// Cosine of the affinity features that what is like the click has at least.
-    #[arg(long, default_value_t = 0.8, value_parser = cosine_f32, allow_negative_numbers = true)]
-    threshold: f32,
+    /// Show the levels that the masks show at the click, from small parts to large wholes; with --name, too.
+    #[arg(long)]
+    levels: bool,
+    /// Take this level, from 1, the smallest; the likeliest if not given.
+    #[arg(long, value_name = "N", value_parser = count, conflicts_with_all = ["scale", "threshold"])]
+    level: Option<usize>,
+    /// Mask scale in [0, 1], from small parts to large ones, in place of a level.
+    #[arg(long, value_parser = fraction_f32)]
+    scale: Option<f32>,
+    /// Cosine of the affinity features that what is like the click has at least, in place of a level.
+    #[arg(long, value_parser = cosine_f32, allow_negative_numbers = true)]
+    threshold: Option<f32>,
     /// Keep small pieces that do not touch the rest.
     #[arg(long)]
     keep_strays: bool,
@@ -77,11 +84,47 @@ struct Report {
     segments: Vec<String>,
     /// The segment made, with the number of its Gaussians.
     made: Option<(Name, usize)>,
+    /// The levels at the click, from small to large, if they were asked for or one of them was taken.
+    levels: Vec<Shown>,
+    /// The one that was taken, or is the likeliest, from 1.
+    level: Option<usize>,
     /// Seconds from the click to the segment.
     seconds: f64,
 }
 
+/// A level.
+#[derive(Serialize)]
+struct Shown {
+    /// Mask scale in [0, 1].
+    scale: f32,
+    /// Cosine that a member has at least.
+    threshold: f32,
+    /// Mean intersection over union with the masks, in [0, 1].
+    agreement: f64,
+    /// Views that have a mask of it.
+    views: usize,
+    /// Gaussians, strays among them.
+    gaussians: usize,
+}
+
+impl Shown {
+    fn of(level: &Level) -> Self {
+        let Level { scale, threshold, agreement, views, .. } = *level;
+        Self { scale, threshold, agreement, views, gaussians: level.members.len() }
+    }
+}
+
 impl PickArgs {
+    /// What the click means, as far as it is said.
+    fn meaning(&self) -> Meaning {
+        let (scale, threshold) = Meaning::FALLBACK;
+        match (self.level, self.scale, self.threshold) {
+            (Some(n), _, _) => Meaning::Level(n - 1),
+            (None, None, None) => Meaning::Likeliest,
+            (None, s, t) => Meaning::By { scale: s.unwrap_or(scale), threshold: t.unwrap_or(threshold) },
+        }
+    }
+
     pub(super) fn run(self) -> Result<(), CliError> {
         let [x, y] = self.pixel[..] else {
             return Err(CliError::input("--pixel: two numbers, such as --pixel 210,180"));
@@ -97,15 +140,13 @@ impl PickArgs {
         let found_at = all.segments.first().map(|s| s.time);
         let time = self.time.or(view_time).or(found_at).unwrap_or(0.5);
         let within = self.within.as_ref().map(|name| all.get(name)).transpose().map_err(CliError::input)?.cloned();
-        let field = match self.name {
-            Some(_) => Some(affinity(&run, &device)?),
-            None => None,
-        };
+        let wants = self.name.is_some() || self.levels;
+        let field = if wants { Some(affinity(&run, &device)?) } else { None };
 
         let at = run.scene.host_at(time as f32);
         // the field knows the places of the time that it was trained at
         let places = match &field {
-            Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
+            Some((.., spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
         };
         let started = Instant::now();
@@ -113,35 +154,57 @@ impl PickArgs {
         let beneath = under(shown.as_ref().unwrap_or(&at), camera.to_kernel(), [x, y], &device).map_err(|_| {
             CliError::input(format!("--pixel {x},{y}: the picture has {}x{}", camera.width, camera.height))
         })?;
-        let Some(hit) = heaviest(&beneath, |_| true) else {
+        let held = |i: u32| all.segments.iter().any(|s| s.members.binary_search(&i).is_ok());
+        let hit = match within {
+            // what is to become a segment is looked for in one, see `meant`
+            None if wants => meant(&beneath, held),
+            _ => heaviest(&beneath, |_| true),
+        };
+        let Some(hit) = hit else {
             return Err(CliError::input(format!("--pixel {x},{y}: nothing is there at time {time}")));
         };
         let weight = beneath.iter().find(|(i, _)| *i == hit).map_or(0.0, |(_, w)| *w);
         let gaussian = within.as_ref().map_or(hit, |s| s.members[hit as usize]);
         let holds = |s: &&Segment| s.members.binary_search(&gaussian).is_ok();
         let segments: Vec<String> = all.segments.iter().filter(holds).map(|s| s.name.to_string()).collect();
-        let mut made = None;
-        if let (Some(name), Some((field, spec))) = (&self.name, field) {
+        let (mut made, mut picked) = (None, None);
+        if let Some((field, evidence, spec)) = field {
             let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
             let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
-            let position = candidates.binary_search(&gaussian).map_err(CliError::failure)?;
-            let means: Vec<f32> = candidates.iter().flat_map(|&i| &places[3 * i as usize..][..3]).copied().collect();
-            let like = similar(&field, &spec.frame, &means, position, self.scale, self.threshold);
-            let mut members: Vec<u32> = candidates.iter().zip(like).filter(|(_, l)| *l).map(|(m, _)| *m).collect();
-            if !self.keep_strays {
-                members = without_strays(&at, &members).map_err(CliError::failure)?;
-            }
-            if members.is_empty() {
+            let asked = Asked { field: &field, frame: &spec.frame, places: &places, evidence: &evidence };
+            if let Some(n) = self.level.filter(|_| evidence.is_empty()) {
                 return Err(CliError::input(format!(
-                    "{name}: nothing but strays is like the click; choose another pixel or a lower --threshold, or pass \
-                     --keep-strays"
+                    "--level {n}: the affinity field was trained by an older program and knows no levels; run `volseggs \
+                     segment fine {}` again, or choose by --scale and --threshold",
+                    run.path.display()
                 )));
             }
-            made = Some((name.clone(), members.len()));
-            let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
-            let origin = Origin::Pick { scale: self.scale, threshold: self.threshold };
-            let (name, parent) = (name.clone(), whole.map(|s| s.name));
-            all.add(Segment { name, parent, colour, time, origin, members }).map_err(CliError::input)?;
+            let options = PickOptions { meaning: self.meaning(), keep_strays: self.keep_strays };
+            let mut found = pick(&asked, &at, &candidates, gaussian, &options).map_err(CliError::failure)?;
+            if self.level.is_some_and(|n| n > found.levels.len()) {
+                let (n, count) = (self.level.unwrap_or_default(), found.levels.len());
+                return Err(CliError::input(format!(
+                    "--level {n}: the masks show {count} at this click; see --levels"
+                )));
+            }
+            if self.levels && found.levels.is_empty() {
+                found.levels = levels(&asked, &candidates, gaussian).map_err(CliError::failure)?.0;
+            }
+            if let Some(name) = &self.name {
+                let members = std::mem::take(&mut found.members);
+                if members.is_empty() {
+                    return Err(CliError::input(format!(
+                        "{name}: nothing but strays is like the click; choose another pixel, another --level or a lower \
+                         --threshold, or pass --keep-strays"
+                    )));
+                }
+                made = Some((name.clone(), members.len()));
+                let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
+                let origin = Origin::Pick { scale: found.scale, threshold: found.threshold };
+                let (name, parent) = (name.clone(), whole.map(|s| s.name));
+                all.add(Segment { name, parent, colour, time, origin, members }).map_err(CliError::input)?;
+            }
+            picked = Some(found);
         }
         let seconds = started.elapsed().as_secs_f64();
         if let Some((name, _)) = &made {
@@ -149,15 +212,22 @@ impl PickArgs {
             history.save()?;
         }
         let mean = [0, 1, 2].map(|k| at.means[3 * gaussian as usize + k]);
-        let report = Report { gaussian, weight, mean, segments, made, seconds };
+        let levels = picked.iter().flat_map(|p| &p.levels).map(Shown::of).collect();
+        let level = picked.as_ref().and_then(|p| p.level).map(|n| n + 1);
+        let report = Report { gaussian, weight, mean, segments, made, levels, level, seconds };
         if self.common.json {
             return print_json(&report);
         }
         outln!("Gaussian {gaussian}, {:.0} % of the pixel, at {mean:.3?}", 100.0 * weight);
         let list = if report.segments.is_empty() { "none".into() } else { report.segments.join(", ") };
         outln!("in segments: {list}");
-        if let Some((name, count)) = &report.made {
-            outln!("{name}: {count} Gaussians, {:.0} ms", 1e3 * seconds);
+        if self.levels {
+            show(&report);
+        }
+        if let (Some((name, count)), Some(picked)) = (&report.made, &picked) {
+            let level = report.level.map_or(String::new(), |n| format!("level {n} of {}, ", report.levels.len()));
+            let (scale, threshold) = (picked.scale, picked.threshold);
+            outln!("{name}: {count} Gaussians, {level}scale {scale:.2}, cosine {threshold}; {:.0} ms", 1e3 * seconds);
         }
         Ok(())
     }
@@ -186,5 +256,25 @@ impl PickArgs {
             )));
         }
         Ok((Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height), None))
+    }
+}
+
+/// The levels, a line each.
+fn show(report: &Report) {
+    if report.levels.is_empty() {
+        outln!("no levels: no view of the masks shows this place");
+        return;
+    }
+    outln!("level  Gaussians  agreement  views  scale  cosine");
+    for (n, l) in (1..).zip(&report.levels) {
+        let mark = if report.level == Some(n) { "  <- taken" } else { "" };
+        let agreement = format!("{:.0} %", 100.0 * l.agreement);
+        outln!(
+            "{n:>5}  {:>9}  {agreement:>9}  {:>5}  {:>5.2}  {:>6.2}{mark}",
+            l.gaussians,
+            l.views,
+            l.scale,
+            l.threshold
+        );
     }
 }

@@ -1,6 +1,6 @@
 //! A selection drawn alone against the truth, view by view.
 
-use super::methods::Selected;
+use super::select::Selected;
 use super::truth::{TruthFrame, TruthImage};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::psnr;
@@ -17,6 +17,13 @@ pub struct FrameScore {
     pub time: f64,
     /// Intersection over union of the masks; none where both are empty: the segment is not there, and nothing is shown.
     pub iou: Option<f64>,
+    /// How the pictures compare; none of several segments, which have no picture together.
+    pub picture: Option<PictureScore>,
+}
+
+/// How two pictures compare.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PictureScore {
     /// Decibels, over all pixels of the 8-bit pictures.
     pub psnr: f64,
     /// SSIM on RGB, 11-tap Gaussian window.
@@ -58,10 +65,9 @@ impl Judge<'_> {
         let alone = selected.of(at);
         let image = draw(&alone, frame.camera.to_kernel(), self.background, self.sh_degree, self.device);
         let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(quantise)).collect();
-        let expected = self.composite(truth);
         let least = self.mask_alpha.unwrap_or(self.truth_alpha);
         let known = |(i, known): (usize, &bool)| match self.mask_alpha {
-            Some(least) => f32::from(truth.rgba[4 * i + 3]) / 255.0 >= least,
+            Some(least) => truth.alpha[i] >= least,
             None => *known,
         };
         let (mut both, mut either) = (0usize, 0usize);
@@ -70,26 +76,37 @@ impl Judge<'_> {
             both += usize::from(shown && known);
             either += usize::from(shown || known);
         }
-        let (w, h) = (frame.camera.width as usize, frame.camera.height as usize);
-        let network = self.networks.iter().find(|n| n.net() == LpipsNet::Alex);
-        let score = FrameScore {
-            time: frame.time,
-            iou: (either > 0).then(|| both as f64 / either as f64),
-            psnr: psnr(&render, &expected).map_err(|e| e.to_string())?,
-            ssim: ssim_rgb(&render, &expected, w, h).map_err(|e| e.to_string())?,
-            ssim_gray: ssim_gray(&render, &expected, w, h).map_err(|e| e.to_string())?,
-            lpips: network.map(|n| n.distance(&render, &expected, h, w).map_err(|e| e.to_string())).transpose()?,
-        };
+        let size = (frame.camera.width as usize, frame.camera.height as usize);
+        let expected = truth.rgba.as_ref().map(|rgba| self.composite(rgba));
+        let picture = expected.map(|expected| self.compare(&render, &expected, size)).transpose()?;
+        let score = FrameScore { time: frame.time, iou: (either > 0).then(|| both as f64 / either as f64), picture };
         Ok((score, render))
     }
 
-    /// The truth over the background, RGB `[H, W, 3]`.
-    pub fn composite(&self, truth: &TruthImage) -> Vec<f32> {
+    fn compare(&self, render: &[f32], expected: &[f32], (w, h): (usize, usize)) -> Result<PictureScore, String> {
+        let network = self.networks.iter().find(|n| n.net() == LpipsNet::Alex);
+        Ok(PictureScore {
+            psnr: psnr(render, expected).map_err(|e| e.to_string())?,
+            ssim: ssim_rgb(render, expected, w, h).map_err(|e| e.to_string())?,
+            ssim_gray: ssim_gray(render, expected, w, h).map_err(|e| e.to_string())?,
+            lpips: network.map(|n| n.distance(render, expected, h, w).map_err(|e| e.to_string())).transpose()?,
+        })
+    }
+
+    /// What the truth looks like over the background, RGB `[H, W, 3]`; of several segments their mask, white on black.
+    pub fn shown(&self, truth: &TruthImage) -> Vec<f32> {
+        match &truth.rgba {
+            Some(rgba) => self.composite(rgba),
+            None => truth.mask.iter().flat_map(|m| [f32::from(u8::from(*m)); 3]).collect(),
+        }
+    }
+
+    fn composite(&self, rgba: &[u8]) -> Vec<f32> {
         let over = |p: &[u8]| {
             let a = f32::from(p[3]) / 255.0;
             [0, 1, 2].map(|c| quantise(f32::from(p[c]) / 255.0 * a + (1.0 - a) * self.background[c]))
         };
-        truth.rgba.chunks_exact(4).flat_map(over).collect()
+        rgba.chunks_exact(4).flat_map(over).collect()
     }
 }
 

@@ -1,11 +1,13 @@
-//! The clicks that stand for a user's choice, and how well what they select fits in the view that was clicked. A method's
-//! settings are chosen by that one view alone, as a user moves a slider until the picture looks right, and so is each
-//! further click, on what is still missing there; the views that are measured are others.
+//! Where clicks are placed, and how well a selection fits in the view that was clicked. Both know the truth: a person
+//! who clicks sees what they want, so the first click is on the pixel that lies deepest inside the segment, in the view
+//! that shows most of it, and each further one deepest in what is still missing there. What a method is given is a
+//! [`Click`], which tells no more; only the [`oracle`](super::oracle) asks for the fit.
 
+use super::click::Click;
 use super::truth::Labelled;
 use crate::model::GaussiansAt;
 use crate::rng::{Purpose, Rng};
-use crate::segment::click::{heaviest, seen};
+use crate::segment::click::seen;
 use burn::tensor::Device;
 use volseggs_kernels::contributors::{Contributors, ContributorsError};
 
@@ -30,60 +32,47 @@ pub struct Prompt {
     inside: Vec<bool>,
 }
 
-/// What a clicked pixel is made of.
-#[derive(Clone, Debug)]
-pub struct Click {
-    under: Vec<(u32, f32)>,
-}
-
-impl Click {
-    /// The clicked Gaussian: the one that shows most, of those that are `wanted`.
-    #[must_use]
-    pub fn on(&self, wanted: impl Fn(u32) -> bool) -> Option<u32> {
-        heaviest(&self.under, wanted)
-    }
-}
-
 impl Prompt {
-    /// A click on the pixel of segment `id` that lies deepest inside it, in the view that shows most of it. `None` where
-    /// no view shows it: it is hidden behind others.
+    /// A click on what the segments `ids` show: on the pixel that lies deepest inside it, in the view that shows most of
+    /// it. `None` where no view shows it: it is hidden behind others.
     ///
     /// # Errors
     /// As [`contributors`](volseggs_kernels::contributors::contributors).
     pub fn new(
         views: &[Labelled],
-        id: u16,
+        ids: &[u16],
         at: &GaussiansAt,
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
-        let count = |v: &&Labelled| v.labels.iter().filter(|l| **l == id).count();
+        let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();
         let Some(view) = views.iter().rev().max_by_key(count).filter(|v| count(v) > 0) else { return Ok(None) };
         let camera = view.view.camera.to_kernel();
         let (width, height) = (camera.width, camera.height);
-        let clicked = deepest(&view.labels, id, width, height);
+        let within: Vec<bool> = view.labels.iter().map(|l| ids.contains(l)).collect();
+        let clicked = deepest(&within, width, height);
 
         // as many pixels of the segment as of the rest of what is seen, at most
-        let mut rng = Rng::new(0, u64::from(id), Purpose::Clusters as u64 + 1000);
-        let mut choose = |wanted: &dyn Fn(u16) -> bool| {
-            let mut all: Vec<u32> =
-                (0..view.labels.len() as u32).filter(|&p| wanted(view.labels[p as usize])).collect();
+        let number = ids.first().copied().unwrap_or_default();
+        let mut rng = Rng::new(0, u64::from(number), Purpose::Clusters as u64 + 1000);
+        let mut choose = |wanted: bool| {
+            let mut all: Vec<u32> = (0..within.len() as u32).filter(|&p| within[p as usize] == wanted).collect();
             let total = all.len();
             rng.shuffle(&mut all);
             all.truncate(PIXELS);
             (all, total)
         };
-        let (inner, _) = choose(&|l| l == id);
-        let (outer, _) = choose(&|l| l != id);
+        let (inner, _) = choose(true);
+        let (outer, _) = choose(false);
         let mut chosen = vec![clicked as u32];
         // the two samples must stand for the same number of pixels each
         let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
-        let inner_total = view.labels.iter().filter(|l| **l == id).count();
-        let outer_total = view.labels.len() - inner_total;
+        let inner_total = within.iter().filter(|w| **w).count();
+        let outer_total = within.len() - inner_total;
         let rate = share(inner.len(), inner_total).min(share(outer.len(), outer_total));
         chosen.extend(&inner[..((rate * inner_total as f64) as usize).min(inner.len())]);
         chosen.extend(&outer[..((rate * outer_total as f64) as usize).min(outer.len())]);
         let found = seen(at, camera, &chosen, device)?;
-        let inside = chosen.iter().map(|&p| view.labels[p as usize] == id).collect();
+        let inside = chosen.iter().map(|&p| within[p as usize]).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
         let view = view.view.name.clone();
         Ok(Some(Self { view, pixel, size: [width, height], chosen, pixels: found, inside }))
@@ -99,12 +88,12 @@ impl Prompt {
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
         let [width, height] = self.size;
-        let mut left_out = vec![0u16; width * height];
+        let mut left_out = vec![false; width * height];
         for (p, &pixel) in self.chosen.iter().enumerate() {
-            left_out[pixel as usize] = u16::from(self.inside[p] && !self.covered(p, selected));
+            left_out[pixel as usize] = self.inside[p] && !self.covered(p, selected);
         }
-        let pixel = deepest(&left_out, 1, width, height);
-        let missing = left_out[pixel] == 1;
+        let pixel = deepest(&left_out, width, height);
+        let missing = left_out[pixel];
         missing.then(|| self.chosen.iter().position(|&c| c as usize == pixel).map(|p| self.click(p))).flatten()
     }
 
@@ -138,14 +127,14 @@ impl Prompt {
     }
 }
 
-/// The pixel of `id` that is farthest from any other label and from the border, the first of equals; steps along rows
+/// The pixel of a segment that is farthest from what is not of it and from the border, the first of equals; steps along rows
 /// and columns count 1.
-fn deepest(labels: &[u16], id: u16, width: usize, height: usize) -> usize {
-    let mut depth = vec![0u32; labels.len()];
+fn deepest(within: &[bool], width: usize, height: usize) -> usize {
+    let mut depth = vec![0u32; within.len()];
     for y in 0..height {
         for x in 0..width {
             let i = y * width + x;
-            if labels[i] == id {
+            if within[i] {
                 let up = if y > 0 { depth[i - width] } else { 0 };
                 let left = if x > 0 { depth[i - 1] } else { 0 };
                 depth[i] = 1 + up.min(left);
@@ -176,12 +165,12 @@ mod tests {
     #[test]
     fn the_click_is_in_the_middle_of_the_largest_part() {
         // a 2x2 part at the left, a 5x5 part at the right
-        let mut labels = vec![0u16; 12 * 7];
+        let mut within = vec![false; 12 * 7];
         for y in 1..6 {
-            (6..11).for_each(|x| labels[y * 12 + x] = 3);
+            (6..11).for_each(|x| within[y * 12 + x] = true);
         }
-        [13, 14, 25, 26].iter().for_each(|&i| labels[i] = 3);
-        assert_eq!(deepest(&labels, 3, 12, 7), 3 * 12 + 8);
-        assert_eq!(deepest(&[5; 9], 5, 3, 3), 4, "the border counts as outside");
+        [13, 14, 25, 26].iter().for_each(|&i| within[i] = true);
+        assert_eq!(deepest(&within, 12, 7), 3 * 12 + 8);
+        assert_eq!(deepest(&[true; 9], 3, 3), 4, "the border counts as outside");
     }
 }

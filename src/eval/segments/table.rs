@@ -1,116 +1,153 @@
-//! Results in the shape of the paper's tables: a row for each segment and method at the chosen time, and for tracking
-//! a row for each segment and time.
+//! Results as tables: a row for each segment and method at the chosen time, and for tracking a row for each segment and
+//! time. What was selected with fixed settings comes first, in space before pictures.
 
-use super::measure::FrameScore;
-use super::methods::Method;
-use super::run::SegmentEvaluation;
+use super::method::Method;
+use super::result::{Means, Outcome, Row, SegmentEvaluation, SegmentResult};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
 use crate::eval::results::WriteError;
 use crate::export::images::encode_png;
 use crate::files::{AtomicDir, FolderKind};
-use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Means over the views of one time, or of all times.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
-    /// Name of the segment.
-    pub segment: String,
-    /// The method.
-    pub method: Method,
-    /// Time in [0, 1]; none for the mean over all times.
-    pub time: Option<f64>,
-    /// Views.
-    pub views: usize,
-    /// Intersection over union, percent; none where the segment is nowhere, and nothing was shown.
-    pub iou: Option<f64>,
-    /// Decibels.
-    pub psnr: f64,
-    /// SSIM, RGB.
-    pub ssim: f64,
-    /// SSIM, grey.
-    pub ssim_gray: f64,
-    /// LPIPS, AlexNet; none without weights.
-    pub lpips: Option<f64>,
-}
-
-impl Row {
-    /// The means of `scores`; `None` if the segment is nowhere, and nothing was shown.
-    #[must_use]
-    pub fn mean(segment: &str, method: Method, time: Option<f64>, scores: &[&FrameScore]) -> Option<Self> {
-        // a view in which the segment is not there, and nothing is shown, says nothing
-        let scores: Vec<&FrameScore> = scores.iter().copied().filter(|s| s.iou.is_some()).collect();
-        if scores.is_empty() {
-            return None;
-        }
-        let of = |f: &dyn Fn(&FrameScore) -> Option<f64>| {
-            let values: Vec<f64> = scores.iter().filter_map(|s| f(s)).collect();
-            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-        };
-        Some(Self {
-            segment: segment.into(),
-            method,
-            time,
-            views: scores.len(),
-            iou: of(&|s| s.iou).map(|v| 100.0 * v),
-            psnr: of(&|s| Some(s.psnr)).unwrap_or_default(),
-            ssim: of(&|s| Some(s.ssim)).unwrap_or_default(),
-            ssim_gray: of(&|s| Some(s.ssim_gray)).unwrap_or_default(),
-            lpips: of(&|s| s.lpips),
-        })
-    }
-}
-
-/// The table at the chosen time, as Markdown: what the terminal shows.
+/// The table at the chosen time, as Markdown: what the terminal shows. First what is selected with the fixed setting of
+/// each method, in space and in pictures; then what the oracle selects; under it, what the numbers rest on.
 #[must_use]
 pub fn markdown(evaluation: &SegmentEvaluation) -> String {
-    let mut out = String::from(
-        "| segment | method | IoU % | PSNR dB | SSIM | LPIPS | training, s | click, s |\n|---|---|--:|--:|--:|--:|--:|--:|\n",
+    let asked = evaluation.oracle_tries > 0;
+    let oracle = if asked { " oracle: 3D IoU % | least | 2D IoU % | least |" } else { "" };
+    let mut out = format!(
+        "| segment | method | 3D IoU % | least | 2D IoU % | least | PSNR dB | SSIM | LPIPS |{oracle} training, s | click, s \
+         |\n|---|---|--:|--:|--:|--:|--:|--:|--:|{}--:|--:|\n",
+        if asked { "--:|--:|--:|--:|" } else { "" }
     );
-    let cell = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
-    for result in &evaluation.results {
-        let (row, training) = (&result.at, evaluation.training_seconds.get(result.method.name()));
-        let seconds = (cell(training.copied().filter(|t| *t > 0.0), 1), cell(Some(result.click_seconds), 2));
+    // writing to a String cannot fail
+    for r in &evaluation.results {
+        let of = |o: &Outcome| Means::of(&[o]);
+        let training = evaluation.training_seconds.get(r.method.name()).copied().filter(|t| *t > 0.0);
+        let cells = cells(&of(&r.fixed), r.oracle.as_ref().map(of).as_ref().filter(|_| asked));
+        let (training, click) = (cell(training, 1), cell(Some(r.fixed.click_seconds), 2));
+        let _ = writeln!(out, "| {} | {} | {cells} | {training} | {click} |", r.segment, r.method);
+    }
+    for m in &evaluation.means {
+        let cells = cells(&m.fixed, m.oracle.as_ref().filter(|_| asked));
+        let _ = writeln!(out, "| **mean** | {} | {cells} | | |", m.method);
+    }
+    out + "\n" + &note(evaluation)
+}
+
+fn cells(fixed: &Means, oracle: Option<&Means>) -> String {
+    let overlaps = |m: &Means| [m.iou_3d, m.least_iou_3d, m.iou, m.least_iou].map(|v| cell(v, 2));
+    let mut all = overlaps(fixed).to_vec();
+    all.extend([cell(fixed.psnr, 2), cell(fixed.ssim, 3), cell(fixed.lpips, 3)]);
+    all.extend(oracle.into_iter().flat_map(overlaps));
+    all.join(" | ")
+}
+
+fn cell(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".into(), |v| format!("{v:.digits$}"))
+}
+
+/// What the numbers rest on: views, times, seed, tries.
+fn note(evaluation: &SegmentEvaluation) -> String {
+    let views = |of: &dyn Fn(&Row) -> usize| {
+        let counts = || evaluation.results.iter().filter_map(|r| r.fixed.at.as_ref()).map(of);
+        match (counts().min(), counts().max()) {
+            (Some(least), Some(most)) if least == most => format!("{most}"),
+            (Some(least), Some(most)) => format!("{least} to {most}"),
+            _ => "0".into(),
+        }
+    };
+    let times = evaluation.results.iter().map(|r| r.fixed.times.len()).max().unwrap_or(0);
+    let mut out = format!(
+        "Clicked at time {:.3}, placed by the truth; settings fixed beforehand, one try. Seed {}; masks: {}, {} views. 2D: \
+         {} views a time that were not clicked ({} of them with the segment at the clicked time), {times} times; \"least\" is \
+         the least over the times, the Gaussians followed.",
+        evaluation.time,
+        evaluation.seed,
+        evaluation.masks,
+        evaluation.mask_views,
+        views(&|r| r.views),
+        views(&|r| r.iou_views),
+    );
+    if evaluation.oracle_tries > 0 {
+        let _ = write!(
+            out,
+            " Oracle: the best of {} settings for each method and click by the truth in the clicked view, which no user has.",
+            evaluation.oracle_tries
+        );
+    }
+    match evaluation.volume_times.len() {
+        0 => out.push_str(
+            " 3D: the dataset has no volumes of segment ids; make it again with `volseggs prepare` to have them.",
+        ),
+        n => {
+            let _ = write!(out, " 3D: cells of true volumes at {n} times, weighted by their opacity.");
+        }
+    }
+    out.push('\n');
+    out
+}
+
+/// The outcomes of all results with what they are called: the fixed setting's, then the oracle's.
+fn outcomes(evaluation: &SegmentEvaluation) -> impl Iterator<Item = (&SegmentResult, &'static str, &Outcome)> {
+    evaluation
+        .results
+        .iter()
+        .flat_map(|r| std::iter::once((r, "fixed", &r.fixed)).chain(r.oracle.as_ref().map(|o| (r, "oracle", o))))
+}
+
+fn plain(value: Option<f64>, digits: usize) -> String {
+    value.map(|v| format!("{v:.digits$}")).unwrap_or_default()
+}
+
+fn row_cells(r: &Row) -> String {
+    format!(
+        "{:.6},{},{},{},{},{},{},{}",
+        r.time,
+        r.views,
+        r.iou_views,
+        plain(r.iou, 6),
+        plain(r.psnr, 4),
+        plain(r.ssim, 6),
+        plain(r.ssim_gray, 6),
+        plain(r.lpips, 6)
+    )
+}
+
+const ROW_HEAD: &str = "time,views,iou_views,iou,psnr,ssim,ssim_gray,lpips_alex";
+
+/// At the clicked time.
+fn csv_at(evaluation: &SegmentEvaluation) -> String {
+    let mut out = format!("segment,method,setting,iou_3d,least_iou_3d,least_iou,{ROW_HEAD}\n");
+    for (r, setting, o) in outcomes(evaluation) {
+        let overlaps = [o.iou_3d, o.least_iou_3d, o.least_iou].map(|v| plain(v, 6)).join(",");
+        let row = o.at.as_ref().map_or_else(|| ",".repeat(7), row_cells);
         // writing to a String cannot fail
-        let _ = match row {
-            Some(r) => writeln!(
-                out,
-                "| {} | {} | {} | {:.2} | {:.3} | {} | {} | {} |",
-                r.segment,
-                r.method,
-                cell(r.iou, 2),
-                r.psnr,
-                r.ssim,
-                cell(r.lpips, 3),
-                seconds.0,
-                seconds.1
-            ),
-            None => writeln!(out, "| {} | {} | - | - | - | - | {} | - |", result.segment, result.method, seconds.0),
-        };
+        let _ = writeln!(out, "{},{},{setting},{overlaps},{row}", r.segment, r.method);
     }
     out
 }
 
-fn csv(rows: &[&Row]) -> String {
-    let mut out = String::from("segment,method,time,views,iou,psnr,ssim,ssim_gray,lpips_alex\n");
-    let cell = |v: Option<f64>| v.map(|v| format!("{v:.6}")).unwrap_or_default();
-    for r in rows {
-        // writing to a String cannot fail
-        let _ = writeln!(
-            out,
-            "{},{},{},{},{},{:.4},{:.6},{:.6},{}",
-            r.segment,
-            r.method,
-            cell(r.time),
-            r.views,
-            cell(r.iou),
-            r.psnr,
-            r.ssim,
-            r.ssim_gray,
-            cell(r.lpips)
-        );
+/// Silhouettes and pictures at every time.
+fn csv_tracking(evaluation: &SegmentEvaluation) -> String {
+    let mut out = format!("segment,method,setting,{ROW_HEAD}\n");
+    for (r, setting, o) in outcomes(evaluation) {
+        for row in &o.times {
+            let _ = writeln!(out, "{},{},{setting},{}", r.segment, r.method, row_cells(row));
+        }
+    }
+    out
+}
+
+/// In space at every time that has a volume.
+fn csv_volumes(evaluation: &SegmentEvaluation) -> String {
+    let mut out = String::from("segment,method,setting,time,iou_3d\n");
+    for (r, setting, o) in outcomes(evaluation) {
+        for v in &o.volumes {
+            let _ = writeln!(out, "{},{},{setting},{:.6},{}", r.segment, r.method, v.time, plain(v.iou_3d, 6));
+        }
     }
     out
 }
@@ -122,8 +159,8 @@ pub const KIND: FolderKind = FolderKind {
     entries: &["*.csv", "table.md", "*.svg", "segments.png"],
 };
 
-/// Writes `segments.json`, `segments.csv` (at the chosen time), `tracking.csv` (every time), `table.md`,
-/// `iou-METHOD.svg` and `segments.png` into `folder`, in place of what was there.
+/// Writes `segments.json`, `segments.csv` (at the chosen time), `tracking.csv` (pictures of every time), `volumes.csv` (in
+/// space), `table.md`, `iou-METHOD.svg`, `iou-3d-METHOD.svg` and `segments.png` into `folder`, in place of what was there.
 ///
 /// # Errors
 /// If something else stands there, or a file cannot be written.
@@ -134,22 +171,23 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
     let out = AtomicDir::create(folder).map_err(WriteError::at(folder))?;
     let put = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
     put("segments.json", &serde_json::to_vec_pretty(evaluation).map_err(WriteError::at(folder))?)?;
-    put("segments.csv", csv(&evaluation.results.iter().filter_map(|r| r.at.as_ref()).collect::<Vec<_>>()).as_bytes())?;
-    put("tracking.csv", csv(&evaluation.results.iter().flat_map(|r| &r.times).collect::<Vec<_>>()).as_bytes())?;
+    put("segments.csv", csv_at(evaluation).as_bytes())?;
+    put("tracking.csv", csv_tracking(evaluation).as_bytes())?;
+    put("volumes.csv", csv_volumes(evaluation).as_bytes())?;
     put("table.md", markdown(evaluation).as_bytes())?;
     for method in Method::ALL {
-        let series: Vec<Series> = evaluation
-            .results
-            .iter()
-            .filter(|r| r.method == method && r.times.len() > 1)
-            .map(|r| Series {
-                name: r.segment.clone(),
-                points: r.times.iter().filter_map(|row| Some((row.time?, row.iou?))).collect(),
-            })
-            .collect();
-        if !series.is_empty() {
-            let plot = line_plot(&format!("IoU over time, {method}"), "time", "%", &series);
-            put(&format!("iou-{}.svg", method.name().replace('+', "-")), plot.as_bytes())?;
+        let name = method.name().replace('+', "-");
+        let flat = |o: &Outcome| o.times.iter().filter_map(|r| Some((r.time, r.iou?))).collect();
+        let deep = |o: &Outcome| o.volumes.iter().filter_map(|v| Some((v.time, v.iou_3d?))).collect();
+        let kinds: [(&str, &str, &Points); 2] = [("iou-3d", "3D IoU", &deep), ("iou", "2D IoU", &flat)];
+        for (file, what, points) in kinds {
+            let of = evaluation.results.iter().filter(|r| r.method == method);
+            let series = of.map(|r| Series { name: r.segment.clone(), points: points(&r.fixed) });
+            let series: Vec<Series> = series.filter(|s| s.points.len() > 1).collect();
+            if !series.is_empty() {
+                let plot = line_plot(&format!("{what} over time, {method}"), "time", "%", &series);
+                put(&format!("{file}-{name}.svg"), plot.as_bytes())?;
+            }
         }
     }
     if !evaluation.pictures.is_empty() {
@@ -158,3 +196,6 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
     }
     Ok(out.commit_replacing(&KIND, &[])?)
 }
+
+/// From an outcome to the points of a plot.
+type Points = dyn Fn(&Outcome) -> Vec<(f64, f64)>;

@@ -1,20 +1,25 @@
 //! What the methods need before a click: colours, masks, affinity fields, and the baselines' features and votes. Each
-//! method is timed for all that it needs, masks too.
+//! method is timed for all that it needs, masks too. The truth is read here only where label images are the masks.
 
-use super::methods::Method;
-use super::run::{MaskKind, SegmentOptions};
-use super::truth::Labelled;
+use super::method::Method;
+use super::options::{MaskKind, SegmentEvalError, SegmentOptions};
+use super::setting::Setting;
+use super::truth::{Labelled, labelled};
 use crate::data::Truth;
 use crate::data::paths::{Lens, biased, training_cameras};
 use crate::model::{GaussiansAt, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
-use crate::segment::coarse::{Coarse, coarse};
+use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, read_views};
 use crate::segment::fine::{AffinityField, train as fine};
-use crate::segment::masks::make::{MaskJob, Shot, make_masks};
-use crate::segment::masks::source::{Group, MaskSource, labels::Labels, regions::Regions};
+use crate::segment::masks::handout::write_pictures;
+use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
+use crate::segment::masks::origin::MaskOrigin;
+use crate::segment::masks::source::sam::SamSource;
+use crate::segment::masks::source::{Found, Group, MaskSource, Seen, SourceError};
 use crate::segment::masks::{MaskReader, RegionOptions};
 use burn::tensor::Device;
 use glam::DVec3;
@@ -22,20 +27,37 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
 
+/// Masks, lifted to a field of features.
+pub struct Lifted {
+    /// The field.
+    pub field: AffinityField,
+    /// The box of its positions.
+    pub frame: Frame,
+    /// What the masks say.
+    pub evidence: Evidence,
+}
+
 /// What clicks are put to.
 pub struct Trained {
-    /// Gaussians by colour.
-    pub coarse: Coarse,
+    /// Gaussians by colour: first as `segment coarse` finds them, then at the settings that the oracle tries.
+    pub colours: Vec<(CoarseOptions, Coarse)>,
     /// Field trained on masks of each colour alone.
-    pub parts: Option<(AffinityField, Frame)>,
+    pub parts: Option<Lifted>,
     /// Field trained on masks of the whole scene.
-    pub whole: Option<(AffinityField, Frame)>,
+    pub whole: Option<Lifted>,
     /// SAGA's features.
     pub saga: Option<SagaModel>,
     /// SAGD's masks.
     pub votes: Option<Vec<SagdView>>,
     /// Seconds by method.
     pub seconds: HashMap<Method, f64>,
+}
+
+impl Trained {
+    /// Gaussians by colour, as `segment coarse` finds them.
+    pub fn coarse(&self) -> &Coarse {
+        &self.colours[0].1
+    }
 }
 
 /// How to get there.
@@ -50,56 +72,63 @@ pub struct Trainers<'a> {
     pub views: &'a [Labelled],
     /// What is asked for.
     pub options: &'a SegmentOptions,
-    /// Folder for masks.
-    pub work: &'a Path,
     /// Where to draw and train.
     pub device: &'a Device,
 }
 
+/// The group of the methods that have masks of the whole scene.
+const SCENE: &str = "scene";
+
 impl Trainers<'_> {
-    /// Makes all that the chosen methods need.
-    pub fn train(&self, time: f64, say: &mut impl FnMut(&str)) -> Result<Trained, String> {
-        let wants = |m: Method| self.options.methods.contains(&m);
+    /// Makes all that the chosen methods need; masks go through files in `work`.
+    pub fn train(&self, time: f64, work: &Path, say: &mut impl FnMut(&str)) -> Result<Trained, SegmentEvalError> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
-        let coarse =
-            coarse(self.at, Some(&self.scene.largest_opacity()), &self.options.coarse).map_err(|e| e.to_string())?;
+        let largest = self.scene.largest_opacity();
+        let found = coarse(self.at, Some(&largest), &self.options.coarse).map_err(|e| e.to_string())?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
+        let mut colours = vec![(self.options.coarse, found)];
+        if self.wants(Method::Coarse) && self.options.oracle {
+            for setting in Setting::tries(Method::Coarse, &self.options.coarse) {
+                let Setting::Coarse(options) = setting else { continue };
+                if !colours.iter().any(|(known, _)| *known == options) {
+                    let found = coarse(self.at, Some(&largest), &options).map_err(|e| e.to_string())?;
+                    colours.push((options, found));
+                }
+            }
+        }
         let frame = Frame::around(&self.at.visible_means());
-        let mut trained = Trained { coarse, parts: None, whole: None, saga: None, votes: None, seconds };
+        let (parts, scene) = self.groups(&colours[0].1);
+        let masker =
+            Masker { trainers: self, shots: self.shots()?, time, work, all: [&parts[..], &scene[..]].concat() };
+        let mut trained = Trained { colours, parts: None, whole: None, saga: None, votes: None, seconds };
 
-        if wants(Method::CoarseFine) {
+        if self.wants(Method::CoarseFine) {
             let started = Instant::now();
-            let name = |(label, entry): (u32, &crate::segment::palette::PaletteEntry)| Group {
-                name: entry.name.clone(),
-                members: (0..).zip(&trained.coarse.labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect(),
-            };
-            let groups: Vec<Group> = (1..).zip(&trained.coarse.palette).map(name).collect();
-            let masks = self.masks(&groups, "parts.jsonl", time, say)?;
-            let views = self.fine_views(&masks, &groups, &frame)?;
-            trained.parts = Some((self.field(&views, "coarse+fine", say)?, frame));
+            let masks = masker.make(0..parts.len(), "parts.jsonl", say)?;
+            let views = self.fine_views(&masks, &parts, &frame)?;
+            trained.parts = Some(self.lift(&views, frame, "coarse+fine", say)?);
             trained.seconds.insert(Method::CoarseFine, coarse_seconds + started.elapsed().as_secs_f64());
         }
-        if wants(Method::Fine) || wants(Method::Saga) || wants(Method::Sagd) {
+        if !scene.is_empty() {
             let started = Instant::now();
-            let all = [Group { name: "scene".into(), members: (0..self.at.len() as u32).collect() }];
-            let masks = self.masks(&all, "whole.jsonl", time, say)?;
+            let masks = masker.make(parts.len()..parts.len() + 1, "whole.jsonl", say)?;
             let mask_seconds = started.elapsed().as_secs_f64();
-            if wants(Method::Sagd) {
+            if self.wants(Method::Sagd) {
                 trained.votes = Some(votes(&masks)?);
                 trained.seconds.insert(Method::Sagd, started.elapsed().as_secs_f64());
             }
             let started = Instant::now();
-            let views = self.fine_views(&masks, &all, &frame)?;
+            let views = self.fine_views(&masks, &scene, &frame)?;
             let before = mask_seconds + started.elapsed().as_secs_f64();
-            if wants(Method::Fine) {
+            if self.wants(Method::Fine) {
                 let started = Instant::now();
-                trained.whole = Some((self.field(&views, "fine", say)?, frame));
+                trained.whole = Some(self.lift(&views, frame, "fine", say)?);
                 trained.seconds.insert(Method::Fine, before + started.elapsed().as_secs_f64());
             }
-            if wants(Method::Saga) {
+            if self.wants(Method::Saga) {
                 say(&format!("saga: {} steps", self.options.saga.steps));
                 let started = Instant::now();
                 let model = saga::train(&views, &self.at.means, &self.options.saga, |_, _| true);
@@ -110,43 +139,66 @@ impl Trainers<'_> {
         Ok(trained)
     }
 
-    fn masks(&self, groups: &[Group], file: &str, time: f64, say: &mut impl FnMut(&str)) -> Result<MaskReader, String> {
-        let first = self.views.first().ok_or("no labelled views at this time")?;
-        let (shots, source): (Vec<Shot>, Box<dyn MaskSource>) = match self.options.masks {
-            MaskKind::Labels => {
-                let shot = |v: &Labelled| Shot { file: v.view.name.clone(), camera: v.view.camera.clone() };
-                let views = self.views.iter().map(|v| v.view.clone()).collect();
-                (self.views.iter().map(shot).collect(), Box::new(Labels::new(self.truth.clone(), views)))
-            }
-            MaskKind::Regions => {
-                let camera = &first.view.camera;
-                let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
-                let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
-                let (views, radius) = (self.options.views, camera.position().distance(centre));
-                let cameras = match self.options.bias {
-                    Some((axis, angle)) => biased(views, radius, axis, angle, lens),
-                    None => training_cameras(views, radius, lens),
-                };
-                (Shot::numbered(cameras), Box::new(Regions::new(self.scene.spec.background, RegionOptions::default())))
-            }
+    fn wants(&self, method: Method) -> bool {
+        self.options.methods.contains(&method)
+    }
+
+    /// Views that have masks.
+    pub fn mask_views(&self) -> usize {
+        if self.options.masks == MaskKind::Labels { self.views.len() } else { self.options.views }
+    }
+
+    /// What is drawn alone: each colour, if `coarse+fine` is asked for, and the whole scene, if another method is that
+    /// needs masks.
+    fn groups(&self, coarse: &Coarse) -> (Vec<Group>, Vec<Group>) {
+        let name = |(label, entry): (u32, &crate::segment::palette::PaletteEntry)| Group {
+            name: entry.name.replace(' ', "-"),
+            members: (0..).zip(&coarse.labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect(),
         };
-        say(&format!(
-            "masks of {} in {} views",
-            groups.iter().map(|g| g.name.as_str()).collect::<Vec<_>>().join(", "),
-            shots.len()
-        ));
-        let job = MaskJob {
+        let parts = if self.wants(Method::CoarseFine) { &coarse.palette[..] } else { &[] };
+        let whole = [Method::Fine, Method::Saga, Method::Sagd].into_iter().any(|m| self.wants(m));
+        let all = || Group { name: SCENE.into(), members: (0..self.at.len() as u32).collect() };
+        ((1..).zip(parts).map(name).collect(), whole.then(all).into_iter().collect())
+    }
+
+    /// From where groups are drawn.
+    fn shots(&self) -> Result<Vec<Shot>, String> {
+        if self.options.masks == MaskKind::Labels {
+            let shot = |v: &Labelled| Shot { file: v.view.name.clone(), camera: v.view.camera.clone() };
+            return Ok(self.views.iter().map(shot).collect());
+        }
+        let camera = &self.views.first().ok_or("no labelled views at this time")?.view.camera;
+        let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
+        let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
+        let (views, radius) = (self.options.views, camera.position().distance(centre));
+        let cameras = match self.options.bias {
+            Some((axis, angle)) => biased(views, radius, axis, angle, lens),
+            None => training_cameras(views, radius, lens),
+        };
+        Ok(Shot::numbered(cameras))
+    }
+
+    fn job<'b>(&'b self, groups: &'b [Group], shots: &'b [Shot], time: f64) -> MaskJob<'b> {
+        MaskJob {
             at: self.at,
             groups,
-            shots: &shots,
+            shots,
             time,
             background: self.scene.spec.background,
             sh_degree: self.scene.spec.sh_degree,
             device: self.device,
-        };
-        let path = self.work.join(file);
-        make_masks(&job, source.as_ref(), &path, |_, _| true).map_err(|e| e.to_string())?;
-        MaskReader::open(&path).map_err(|e| e.to_string())
+        }
+    }
+
+    fn origin(&self) -> MaskOrigin {
+        match &self.options.masks {
+            MaskKind::Regions => MaskOrigin::Regions(RegionOptions::default()),
+            MaskKind::Labels => {
+                MaskOrigin::Labels(self.truth.clone(), self.views.iter().map(|v| v.view.clone()).collect())
+            }
+            MaskKind::Dir(path) => MaskOrigin::Dir(path.clone()),
+            MaskKind::Sam { weights, points } => MaskOrigin::Sam { weights: weights.clone(), points: *points },
+        }
     }
 
     fn fine_views(&self, masks: &MaskReader, groups: &[Group], frame: &Frame) -> Result<Vec<FineView>, String> {
@@ -156,10 +208,103 @@ impl Trainers<'_> {
         Ok(views.map_err(|e| e.to_string())?.0)
     }
 
-    fn field(&self, views: &[FineView], name: &str, say: &mut impl FnMut(&str)) -> Result<AffinityField, String> {
+    fn lift(&self, views: &[FineView], frame: Frame, name: &str, say: &mut impl FnMut(&str)) -> Result<Lifted, String> {
         say(&format!("{name}: {} steps", self.options.fine.steps));
-        fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| e.to_string())
+        let field = fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| e.to_string())?;
+        Ok(Lifted { field, frame, evidence: Evidence::of(views, self.options.fine.seed) })
     }
+}
+
+/// Makes files of masks.
+struct Masker<'a> {
+    trainers: &'a Trainers<'a>,
+    shots: Vec<Shot>,
+    time: f64,
+    work: &'a Path,
+    /// All groups of which there may be masks.
+    all: Vec<Group>,
+}
+
+impl Masker<'_> {
+    /// Masks of some of the groups.
+    fn make(
+        &self,
+        which: std::ops::Range<usize>,
+        file: &str,
+        say: &mut impl FnMut(&str),
+    ) -> Result<MaskReader, SegmentEvalError> {
+        let (first, groups) = (which.start, &self.all[which]);
+        let names = groups.iter().map(|g| g.name.as_str()).collect::<Vec<_>>().join(", ");
+        say(&format!("masks of {names} in {} views", self.shots.len()));
+        if let MaskKind::Sam { points, .. } = &self.trainers.options.masks {
+            let seconds = SamSource::seconds(self.shots.len() * groups.len(), *points);
+            say(&format!("sam: about {:.0} min on two cores", seconds / 60.0));
+        }
+        // opened for all groups, so that one file of masks may have those of every method
+        let every = self.trainers.job(&self.all, &self.shots, self.time);
+        let inner = self.trainers.origin().open(&every).map_err(|e| SegmentEvalError::Masks(e.to_string()))?;
+        let path = self.work.join(file);
+        let job = MaskJob { groups, ..every };
+        make_masks(&job, &Shifted { inner, first }, &path, |_, _| true).map_err(|e| match e {
+            MakeError::Source(e) if e.is_input() => SegmentEvalError::Masks(e.to_string()),
+            e => SegmentEvalError::Failed(e.to_string()),
+        })?;
+        Ok(MaskReader::open(&path).map_err(|e| e.to_string())?)
+    }
+}
+
+/// A source opened for more groups than it is asked for: group 0 of the job is its group `first`.
+struct Shifted {
+    inner: Box<dyn MaskSource>,
+    first: usize,
+}
+
+impl MaskSource for Shifted {
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+        self.inner.find(&Seen { group: self.first + seen.group, ..*seen })
+    }
+
+    fn needs_front(&self) -> bool {
+        self.inner.needs_front()
+    }
+
+    fn side_by_side(&self) -> usize {
+        self.inner.side_by_side()
+    }
+}
+
+/// Writes the pictures that masks of another program are to be of ([`MaskKind::Dir`]) into the folder `folder`:
+/// `GROUP/view-000.png` and so on, for the groups of the chosen methods, and a list of them. Gives the number of
+/// pictures; `progress` is called after each and says whether to go on.
+///
+/// # Errors
+/// The truth is not there, no method needs masks, or a file cannot be written.
+pub fn write_mask_pictures(
+    scene: &Scene,
+    truth: &Truth,
+    options: &SegmentOptions,
+    folder: &Path,
+    progress: impl FnMut() -> bool,
+) -> Result<usize, SegmentEvalError> {
+    let views = labelled(truth, options.time)?;
+    let time = views.first().map_or(options.time, |v| v.view.time);
+    let device = scene.gaussians.means.val().device();
+    let at = scene.host_at(time as f32);
+    let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
+    let coarse = coarse(&at, Some(&scene.largest_opacity()), &options.coarse).map_err(|e| e.to_string())?;
+    let (parts, whole) = trainers.groups(&coarse);
+    let groups = [parts, whole].concat();
+    if groups.is_empty() {
+        return Err("none of the methods needs masks, so there are no pictures of them".to_owned().into());
+    }
+    let shots = trainers.shots()?;
+    let job = trainers.job(&groups, &shots, time);
+    write_pictures(&job, &scene.fingerprint(), folder, progress).map_err(|e| e.to_string())?;
+    Ok(groups.len() * shots.len())
 }
 
 /// The masks of each view, for votes.

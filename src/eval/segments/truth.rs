@@ -1,4 +1,5 @@
-//! The pictures of known segments: each rendered alone with its mask, and the label images of training views.
+//! The pictures of known segments: each rendered alone with its mask, several as one, and the label images of training
+//! views.
 
 use crate::data::png::check_claim;
 use crate::data::{Camera, DataError, Truth, truth};
@@ -8,23 +9,26 @@ use image::{DynamicImage, ImageFormat, ImageReader};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-/// A segment alone in one view.
+/// A segment alone, or several together, in one view.
 #[derive(Clone, Debug)]
 pub struct TruthFrame {
     /// The camera.
     pub camera: Camera,
     /// Time in [0, 1].
     pub time: f64,
-    image: PathBuf,
-    mask: PathBuf,
+    /// Picture and mask of each segment that it is of.
+    images: Vec<(PathBuf, PathBuf)>,
 }
 
-/// A picture of a segment alone, `[H, W]` pixels.
+/// What is known of one or more segments alone in a view, `[H, W]` pixels.
 #[derive(Clone, Debug)]
 pub struct TruthImage {
-    /// RGBA with straight alpha, `[H, W, 4]`.
-    pub rgba: Vec<u8>,
-    /// Its mask `[H, W]`.
+    /// RGBA with straight alpha, `[H, W, 4]`; none of several segments, as there is no picture of them together.
+    pub rgba: Option<Vec<u8>>,
+    /// Alpha in [0, 1], `[H, W]`. That of several segments is what light gets through none of them, which is right
+    /// wherever no two share a voxel.
+    pub alpha: Vec<f32>,
+    /// The mask `[H, W]`: where any of the segments shows.
     pub mask: Vec<bool>,
 }
 
@@ -48,8 +52,7 @@ pub fn frames(truth: &Truth, id: u16) -> Vec<TruthFrame> {
             TruthFrame {
                 camera: Camera::from_fov_x(truth.file.camera_angle_x, width, height, pose),
                 time: f.time,
-                image: truth.root.join(&f.file_path),
-                mask: truth.root.join(&f.mask_path),
+                images: vec![(truth.root.join(&f.file_path), truth.root.join(&f.mask_path))],
             }
         })
         .collect()
@@ -65,14 +68,32 @@ pub fn labelled(truth: &Truth, time: f64) -> Result<Vec<Labelled>, DataError> {
 }
 
 impl TruthFrame {
-    /// Reads its picture and mask.
+    /// Makes `other` a part of what this is of; false, and nothing done, if it is another view.
+    pub(super) fn join(&mut self, other: Self) -> bool {
+        let same = self.time == other.time && self.camera == other.camera;
+        if same {
+            self.images.extend(other.images);
+        }
+        same
+    }
+
+    /// Reads its pictures and masks.
     ///
     /// # Errors
     /// If a file is missing, damaged or of another size.
     pub fn load(&self) -> Result<TruthImage, DataError> {
-        let rgba = self.open(&self.image)?.into_rgba8();
-        let mask = self.open(&self.mask)?.into_luma8();
-        Ok(TruthImage { rgba: rgba.into_raw(), mask: mask.as_raw().iter().map(|v| *v > 127).collect() })
+        let pixels = self.camera.width as usize * self.camera.height as usize;
+        let mut out = TruthImage { rgba: None, alpha: vec![0.0; pixels], mask: vec![false; pixels] };
+        for (image, mask) in &self.images {
+            let rgba = self.open(image)?.into_rgba8().into_raw();
+            let mask = self.open(mask)?.into_luma8();
+            out.mask.iter_mut().zip(mask.as_raw()).for_each(|(all, v)| *all |= *v > 127);
+            for (all, p) in out.alpha.iter_mut().zip(rgba.chunks_exact(4)) {
+                *all += (1.0 - *all) * f32::from(p[3]) / 255.0;
+            }
+            out.rgba = (self.images.len() == 1).then_some(rgba);
+        }
+        Ok(out)
     }
 
     fn open(&self, path: &Path) -> Result<DynamicImage, DataError> {

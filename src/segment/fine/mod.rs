@@ -2,8 +2,9 @@
 //! which what belongs together points the same way.
 //!
 //! `network` is the field, `views` what it is trained on, `file` its place in a run, `train` the steps, and
-//! `extract` makes segments of the trained field.
+//! `extract` makes segments of the trained field. `evidence` keeps a little of what the masks say, for clicks.
 
+pub mod evidence;
 pub mod extract;
 pub mod file;
 pub mod network;

@@ -95,12 +95,22 @@ impl AffinityField {
     /// Features `[N, 16]` of encoded positions `[N, 24]` at `scale` in [0, 1]; not normalised.
     #[must_use]
     pub fn forward(&self, encoded: &[f32], scale: f32) -> Tensor<2> {
+        self.forward_each(encoded, &vec![scale; encoded.len() / ENCODED])
+    }
+
+    /// The same with a scale for each position, `[N]`.
+    ///
+    /// # Panics
+    /// If there are not as many scales as positions.
+    #[must_use]
+    pub fn forward_each(&self, encoded: &[f32], scales: &[f32]) -> Tensor<2> {
+        assert_eq!(encoded.len(), ENCODED * scales.len(), "scales: [N]");
         let device = self.first_weight.val().device();
         let n = encoded.len() / ENCODED;
         let mut inputs = Vec::with_capacity(n * (ENCODED + 1));
-        for row in encoded.chunks_exact(ENCODED) {
+        for (row, scale) in encoded.chunks_exact(ENCODED).zip(scales) {
             inputs.extend_from_slice(row);
-            inputs.push(scale);
+            inputs.push(*scale);
         }
         let weights = DecoderWeights {
             trunk: (self.first_weight.val(), self.first_bias.val()),

@@ -7,8 +7,41 @@ use crate::rng::{Purpose, Rng};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
+use std::str::FromStr;
 use volseggs_kernels::contrast::{Repulsion, contrast};
 use volseggs_kernels::contributors::Contributors;
+
+/// At which scale a step asks the field, and which of the masks over a pixel counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MaskScale {
+    /// One scale a step, drawn evenly from [0, 1]; of the masks over a pixel the smallest that is not below it. The field
+    /// then learns at each scale which parts there are.
+    #[default]
+    Drawn,
+    /// The paper's: of the masks over a pixel any, and each Gaussian is asked at the scale of its own mask. Masks of a view
+    /// are put in a random order at each step, and a pixel takes the first that covers it; a Gaussian's mask is the one
+    /// whose pixels it gives most to. A scale is the rank of a mask's spread here too, so that a trained field is asked in
+    /// the same way.
+    Own,
+}
+
+impl FromStr for MaskScale {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "drawn" => Ok(Self::Drawn),
+            "own" => Ok(Self::Own),
+            _ => Err(format!("\"{text}\" is neither drawn nor own")),
+        }
+    }
+}
+
+/// How masks repel with that `margin`, a cosine: -1 is the paper's loss, without one.
+#[must_use]
+pub fn repulsion(margin: f32) -> Repulsion {
+    if margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(margin) }
+}
 
 /// How to train.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +54,8 @@ pub struct FineOptions {
     pub rate: f64,
     /// How pixels of different masks repel.
     pub repulsion: Repulsion,
+    /// At which scales.
+    pub mask_scale: MaskScale,
     /// Weight of the hierarchy loss: pixels of one mask attract also at a random larger scale, so that parts stay
     /// together in their whole; 0 leaves it out, as the paper does.
     pub hierarchy: f64,
@@ -30,7 +65,15 @@ pub struct FineOptions {
 
 impl Default for FineOptions {
     fn default() -> Self {
-        Self { steps: 5000, pixels: 2048, rate: 1e-3, repulsion: Repulsion::Margin(0.5), hierarchy: 0.0, seed: 0 }
+        Self {
+            steps: 5000,
+            pixels: 2048,
+            rate: 1e-3,
+            repulsion: Repulsion::Margin(0.5),
+            mask_scale: MaskScale::Drawn,
+            hierarchy: 0.0,
+            seed: 0,
+        }
     }
 }
 
@@ -90,28 +133,67 @@ pub fn train(
 
 /// What a step trains on.
 struct Batch {
-    /// Rows of the chosen pixels, and the mask of each at `scale`.
+    /// Rows of the chosen pixels, and the mask of each.
     pixels: Contributors,
     masks: Vec<u32>,
-    scale: f32,
+    /// The scale that each of the view's Gaussians is asked at.
+    scales: Vec<f32>,
     /// Where pixels of one mask attract too, if the hierarchy loss has a weight.
-    larger: Option<f32>,
+    larger: Option<Vec<f32>>,
 }
 
 impl Batch {
     fn draw(view: &FineView, options: &FineOptions, rng: &mut Rng) -> Self {
-        let scale = rng.uniform();
-        let (pixels, masks) = sample(view, scale, options.pixels, rng);
-        let larger = (options.hierarchy > 0.0).then(|| scale + (1.0 - scale) * rng.uniform());
-        Self { pixels, masks, scale, larger }
+        let n = view.globals.len();
+        let (pixels, masks, scales) = match options.mask_scale {
+            MaskScale::Drawn => {
+                let scale = rng.uniform();
+                let (pixels, masks) = sample(view, options.pixels, rng, |p| view.mask(p, scale));
+                (pixels, masks, vec![scale; n])
+            }
+            MaskScale::Own => {
+                let mut place: Vec<u32> = (0..view.scales.len() as u32).collect();
+                rng.shuffle(&mut place);
+                let first =
+                    |p: usize| view.covering(p).iter().copied().min_by_key(|&m| place[m as usize]).unwrap_or_default();
+                let (pixels, masks) = sample(view, options.pixels, rng, first);
+                let scales = own_scales(view, &pixels, &masks);
+                (pixels, masks, scales)
+            }
+        };
+        let larger = (options.hierarchy > 0.0).then(|| {
+            let up = rng.uniform();
+            scales.iter().map(|s| s + (1.0 - s) * up).collect()
+        });
+        Self { pixels, masks, scales, larger }
     }
+}
+
+/// The scale of each Gaussian's own mask: the one whose pixels it gives most to, the first of equals; 0 for those that no
+/// pixel has, whose features count nowhere.
+fn own_scales(view: &FineView, pixels: &Contributors, masks: &[u32]) -> Vec<f32> {
+    let mut given: Vec<(u32, u32, f32)> = Vec::with_capacity(pixels.indices.len());
+    for (p, &mask) in masks.iter().enumerate() {
+        let (indices, weights) = pixels.row(p);
+        given.extend(indices.iter().zip(weights).map(|(&i, &w)| (i, mask, w)));
+    }
+    // stable, so that each sum has one order
+    given.sort_by_key(|&(gaussian, mask, _)| (gaussian, mask));
+    let (mut scales, mut most) = (vec![0.0; view.globals.len()], vec![0.0f32; view.globals.len()]);
+    for part in given.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+        let (gaussian, sum) = (part[0].0 as usize, part.iter().map(|g| g.2).sum::<f32>());
+        if sum > most[gaussian] {
+            (most[gaussian], scales[gaussian]) = (sum, view.scales[part[0].1 as usize]);
+        }
+    }
+    scales
 }
 
 /// The loss of a batch, and a tensor that has its gradient by the field's parameters.
 fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOptions) -> (f64, Tensor<1>) {
     let n = view.encoded.len() / super::network::ENCODED;
-    let term = |scale: f32, repulsion: Repulsion, weight: f64| {
-        let features = field.forward(&view.encoded, scale);
+    let term = |scales: &[f32], repulsion: Repulsion, weight: f64| {
+        let features = field.forward_each(&view.encoded, scales);
         let rendered = batch.pixels.gather(&to_vec(features.clone().inner()), FEATURES);
         let out = contrast(&rendered, &batch.masks, repulsion);
         let slopes = batch.pixels.scatter(&out.gradient, n, FEATURES);
@@ -119,14 +201,14 @@ fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOpt
         // a sum with the slopes as constants has them as its gradient
         (weight * out.loss, (features * slopes).sum() * weight)
     };
-    let (total, loss) = term(batch.scale, options.repulsion, 1.0);
-    let Some(larger) = batch.larger else { return (total, loss) };
+    let (total, loss) = term(&batch.scales, options.repulsion, 1.0);
+    let Some(larger) = &batch.larger else { return (total, loss) };
     let (more, part) = term(larger, Repulsion::None, options.hierarchy);
     (total + more, loss + part)
 }
 
-/// Rows of up to `count` pixels of a view, and the mask of each at `scale`.
-fn sample(view: &FineView, scale: f32, count: usize, rng: &mut Rng) -> (Contributors, Vec<u32>) {
+/// Rows of up to `count` pixels of a view, and the mask of each by `mask`.
+fn sample(view: &FineView, count: usize, rng: &mut Rng, mask: impl Fn(usize) -> u32) -> (Contributors, Vec<u32>) {
     let all = view.pixels.len();
     let chosen: Vec<usize> =
         if all <= count { (0..all).collect() } else { (0..count).map(|_| rng.below(all)).collect() };
@@ -137,7 +219,7 @@ fn sample(view: &FineView, scale: f32, count: usize, rng: &mut Rng) -> (Contribu
         rows.indices.extend_from_slice(indices);
         rows.weights.extend_from_slice(weights);
         rows.offsets.push(rows.indices.len() as u32);
-        masks.push(view.mask(p, scale));
+        masks.push(mask(p));
     }
     (rows, masks)
 }

@@ -51,12 +51,12 @@ struct Exact<'a> {
 
 impl<'a> Exact<'a> {
     fn new(view: &FineView, batch: &'a Batch, options: &FineOptions, width: usize) -> Self {
-        let inputs = |scale: f32| -> Vec<f64> {
-            let rows = view.encoded.chunks_exact(ENCODED);
-            rows.flat_map(|row| row.iter().copied().chain([scale])).map(f64::from).collect()
+        let inputs = |scales: &[f32]| -> Vec<f64> {
+            let rows = view.encoded.chunks_exact(ENCODED).zip(scales);
+            rows.flat_map(|(row, scale)| row.iter().copied().chain([*scale])).map(f64::from).collect()
         };
-        let mut terms = vec![(inputs(batch.scale), options.repulsion, 1.0)];
-        terms.extend(batch.larger.map(|scale| (inputs(scale), Repulsion::None, options.hierarchy)));
+        let mut terms = vec![(inputs(&batch.scales), options.repulsion, 1.0)];
+        terms.extend(batch.larger.iter().map(|scales| (inputs(scales), Repulsion::None, options.hierarchy)));
         Self { batch, shape: DecoderShape { inputs: ENCODED + 1, width, head_sizes: vec![FEATURES] }, terms }
     }
 
@@ -107,12 +107,17 @@ fn the_gradient_by_every_parameter_is_a_difference_quotient() {
     let balls = Balls { count: 2, ..APART };
     let at = balls.gaussians();
     let view = &balls.prepared(&at)[1];
-    let options = FineOptions { pixels: 14, hierarchy: 0.7, ..FineOptions::default() };
+    for mask_scale in [MaskScale::Drawn, MaskScale::Own] {
+        gradient(view, &FineOptions { pixels: 14, hierarchy: 0.7, mask_scale, ..FineOptions::default() });
+    }
+}
+
+fn gradient(view: &FineView, options: &FineOptions) {
     let field = AffinityField::new(2, &device().autodiff());
     // at a scale at which there is something to repel
-    let mut draws = (0..).map(|step| Batch::draw(view, &options, &mut Rng::new(1, step, 3)));
+    let mut draws = (0..).map(|step| Batch::draw(view, options, &mut Rng::new(1, step, 3)));
     let batch = draws.find(|b| [0, 1].iter().all(|m| b.masks.contains(m))).unwrap();
-    let (total, loss) = loss(&field, view, &batch, &options);
+    let (total, loss) = loss(&field, view, &batch, options);
     let found = loss.backward();
     let ours = [
         to_vec(field.first_weight.val().grad(&found).unwrap()),
@@ -124,7 +129,7 @@ fn the_gradient_by_every_parameter_is_a_difference_quotient() {
     ]
     .map(wide);
     let layers = layers(&field);
-    let exact = Exact::new(view, &batch, &options, layers[1].len());
+    let exact = Exact::new(view, &batch, options, layers[1].len());
     assert!((exact.loss(&layers) - total).abs() < 1e-6, "{total}");
     for (inputs, ..) in &exact.terms {
         let kink = decoder_reference::kink_distance(&exact.shape, Exact::params(&layers), inputs);
@@ -137,6 +142,35 @@ fn the_gradient_by_every_parameter_is_a_difference_quotient() {
         println!("tensor {k}: {:.1e} of {scale:.1e}", worst / scale);
         assert!(scale > 1e-6 && worst < 1e-5 * scale, "tensor {k}: {worst:.1e} of {scale:.1e}");
     }
+}
+
+#[test]
+fn by_its_own_scale_each_gaussian_is_asked_at_that_of_the_mask_it_gives_most_to() {
+    let at = APART.gaussians();
+    let views = APART.prepared(&at);
+    let options = FineOptions { mask_scale: MaskScale::Own, pixels: 300, ..FineOptions::default() };
+    let (mut parted, mut joined) = (0, 0);
+    for step in 0..40 {
+        let view = &views[step % views.len()];
+        let batch = Batch::draw(view, &options, &mut Rng::new(1, step as u64, 3));
+        for (p, mask) in batch.masks.iter().enumerate() {
+            let (indices, weights) = batch.pixels.row(p);
+            let most = (0..indices.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
+            let Some(most) = most else { continue };
+            // of balls apart a Gaussian is under its own ball's mask or under that of both, whichever came first
+            let scale = batch.scales[indices[most] as usize];
+            assert_eq!(scale, view.scales[*mask as usize]);
+        }
+        if batch.masks.iter().all(|m| *m == 2) { joined += 1 } else { parted += 1 }
+    }
+    assert!(parted > 15 && joined > 3, "{parted} {joined}: the mask of both comes first in a third of the steps");
+}
+
+#[test]
+fn names_of_mask_scales_are_read() {
+    assert_eq!(("drawn".parse(), "own".parse()), (Ok(MaskScale::Drawn), Ok(MaskScale::Own)));
+    assert!("small".parse::<MaskScale>().unwrap_err().contains("drawn"));
+    assert_eq!((repulsion(-1.0), repulsion(0.5)), (Repulsion::Cosine, Repulsion::Margin(0.5)));
 }
 
 /// A field trained on two balls.
@@ -227,10 +261,16 @@ fn a_small_scale_parts_touching_balls_that_a_large_one_joins() {
 
 #[test]
 fn the_same_seed_gives_the_same_bits_whatever_the_threads() {
+    for mask_scale in [MaskScale::Drawn, MaskScale::Own] {
+        same_bits(mask_scale);
+    }
+}
+
+fn same_bits(mask_scale: MaskScale) {
     let at = APART.gaussians();
     let run = |threads, seed| {
         on_threads(threads, || {
-            let options = FineOptions { hierarchy: 0.5, seed, ..quick(12) };
+            let options = FineOptions { hierarchy: 0.5, seed, mask_scale, ..quick(12) };
             params::collect(&train(&APART.prepared(&at), &options, &device(), |_, _| true).unwrap())
         })
     };

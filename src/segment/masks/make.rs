@@ -2,6 +2,7 @@
 //!
 //! What is known of masks, and where they come from, is the source's.
 
+use super::alpha::background_below;
 use super::source::{Found, Group, MaskSource, Seen, SourceError};
 use super::store::{Annotation, Header, MaskWriter, StoreError, View};
 use crate::data::Camera;
@@ -14,10 +15,8 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use thiserror::Error;
 
-/// A group is in front where more than this of the whole scene's colour is its own ...
+/// A group is in front where more than this of the whole scene's colour is its own, and alone it is no background.
 const MOST: f32 = 0.5;
-/// ... and alone it has more than this alpha.
-const LEAST_ALPHA: f32 = 0.3;
 
 /// A view to draw.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -131,7 +130,8 @@ impl MaskJob<'_> {
     /// Where `members` are what one sees in the whole scene; `picture` is of them alone.
     fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
         let share = share(self.at, members, camera.to_kernel(), self.device);
-        share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MOST && p[3] > LEAST_ALPHA).collect()
+        let below = background_below(picture) as f32;
+        share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MOST && p[3] > below).collect()
     }
 }
 

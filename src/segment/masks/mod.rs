@@ -1,10 +1,11 @@
 //! 2D masks of rendered images: what the fine segmentation lifts to 3D.
 //!
 //! The masks themselves ([`mask`], [`rle`]), their files ([`store`], [`coco`], [`png_folder`]), what finds them in a
-//! picture ([`regions`], [`sam`]), clean-up ([`filter`]) and pictures of them ([`sheet`]) know nothing of Gaussians.
+//! picture ([`regions`], [`sam`]), clean-up ([`filter`], [`mod@alpha`]) and pictures of them ([`sheet`]) know nothing of Gaussians.
 //! [`source`] makes these and the truth of a dataset one kind of thing; [`make`] draws groups of Gaussians, asks a source
-//! and writes the masks; [`handout`] writes the pictures that another program shall segment.
+//! and writes the masks; [`origin`] opens the source that a command or an evaluation asks for; [`handout`] writes the pictures that another program shall segment.
 
+pub mod alpha;
 pub mod coco;
 mod edges;
 pub mod filter;
@@ -12,6 +13,7 @@ pub mod handout;
 pub mod make;
 pub mod mask;
 mod merge;
+pub mod origin;
 pub mod png_folder;
 mod reader;
 pub mod regions;

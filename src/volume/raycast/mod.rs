@@ -5,6 +5,7 @@
 //! steps, so that skipping changes no bit. Each pixel is computed alone: results do not depend on threads. The
 //! plain f64 version is in `reference`.
 
+mod cells;
 mod field;
 mod occupancy;
 mod picture;
@@ -14,6 +15,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+pub use cells::Cells;
 pub use picture::{Picture, Shares};
 
 use crate::data::Camera;

@@ -1,10 +1,14 @@
 //! Analytic, time-varying scalar fields with known segments, for demos and tests: no file, no noise source, the
-//! same values everywhere. Each scene is a file of its own; shared shapes are in `field`. Nothing here reads,
+//! same values everywhere. Each scene is a file of its own; shared shapes are in `field` and `strand`. Nothing here reads,
 //! writes or draws.
 
+mod beads;
 mod field;
+mod filaments;
 mod jets;
+mod layers;
 mod shells;
+mod strand;
 mod vortices;
 
 #[cfg(test)]
@@ -28,11 +32,17 @@ pub enum Synthetic {
     Vortices,
     /// Nested closed layers around a hidden core and a hidden orbiting seed.
     Shells,
+    /// A translucent shell, a body in it and a core in the body, each of another shape.
+    Layers,
+    /// Beads of one colour that touch, merge, part and split.
+    Beads,
+    /// Thin curved filaments in two colours that turn, sway and bend.
+    Filaments,
 }
 
 /// A name that is no synthetic scene.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("synthetic scene {name:?}: no such scene; use one of jets, vortices, shells")]
+#[error("synthetic scene {name:?}: no such scene; use one of {}", Synthetic::ALL.map(Synthetic::name).join(", "))]
 pub struct UnknownSynthetic {
     /// The name that was asked for.
     pub name: String,
@@ -44,6 +54,9 @@ enum Frame {
     Jets(jets::Frame),
     Vortices(vortices::Frame),
     Shells(shells::Frame),
+    Layers(layers::Frame),
+    Beads(beads::Frame),
+    Filaments(filaments::Frame),
 }
 
 impl Frame {
@@ -54,6 +67,9 @@ impl Frame {
             Synthetic::Jets => Self::Jets(jets::Frame::new(t)),
             Synthetic::Vortices => Self::Vortices(vortices::Frame::new(t)),
             Synthetic::Shells => Self::Shells(shells::Frame::new(t)),
+            Synthetic::Layers => Self::Layers(layers::Frame::new(t)),
+            Synthetic::Beads => Self::Beads(beads::Frame::new(t)),
+            Synthetic::Filaments => Self::Filaments(filaments::Frame::new(t)),
         }
     }
 
@@ -82,6 +98,15 @@ impl Frame {
                 fill(&|x, y| slice.at(x, y));
             }
             Self::Shells(frame) => fill(&|x, y| frame.at([x, y, z])),
+            Self::Layers(frame) => fill(&|x, y| frame.at([x, y, z])),
+            Self::Beads(frame) => {
+                let slice = frame.slice(z);
+                fill(&|x, y| slice.at(x, y));
+            }
+            Self::Filaments(frame) => {
+                let slice = frame.slice(z);
+                fill(&|x, y| slice.at(x, y));
+            }
         }
     }
 }
@@ -91,7 +116,7 @@ const LABEL_FLOOR: f64 = 0.03;
 
 impl Synthetic {
     /// Every scene.
-    pub const ALL: [Self; 3] = [Self::Jets, Self::Vortices, Self::Shells];
+    pub const ALL: [Self; 6] = [Self::Jets, Self::Vortices, Self::Shells, Self::Layers, Self::Beads, Self::Filaments];
 
     /// One line of description.
     #[must_use]
@@ -100,6 +125,9 @@ impl Synthetic {
             Self::Jets => "five turbulent plumes rise, mushroom and merge near the top",
             Self::Vortices => "vortex tubes split, join, vanish and appear inside two translucent shells",
             Self::Shells => "nested deforming layers hide a core and a small orbiting seed",
+            Self::Layers => "a translucent shell, a body and a core, each of another shape, deform and move",
+            Self::Beads => "beads of one colour touch, merge, part and split",
+            Self::Filaments => "thin curved filaments in two colours turn, sway and bend",
         }
     }
 
@@ -110,6 +138,9 @@ impl Synthetic {
             Self::Jets => &jets::NAMES,
             Self::Vortices => &vortices::NAMES,
             Self::Shells => &shells::NAMES,
+            Self::Layers => &layers::NAMES,
+            Self::Beads => &beads::NAMES,
+            Self::Filaments => &filaments::NAMES,
         }
     }
 
@@ -148,22 +179,34 @@ impl Synthetic {
         (Volume { grid, values }, Labels { grid, ids })
     }
 
-    /// A transfer function that shows the scene well: the preset of its name.
+    /// A transfer function that shows the scene well: a preset, of the scene's name but for `layers`, whose is `nested`.
     ///
     /// # Errors
-    /// Never for the presets as they are built in.
+    /// If the preset is missing or wrong.
     pub fn transfer_function(self) -> Result<TransferFunction, VolumeError> {
-        TransferFunction::load(&self.to_string())
+        TransferFunction::load(match self {
+            Self::Layers => "nested",
+            scene => scene.name(),
+        })
+    }
+
+    /// The name that it is asked for by.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Jets => "jets",
+            Self::Vortices => "vortices",
+            Self::Shells => "shells",
+            Self::Layers => "layers",
+            Self::Beads => "beads",
+            Self::Filaments => "filaments",
+        }
     }
 }
 
 impl fmt::Display for Synthetic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
-            Self::Jets => "jets",
-            Self::Vortices => "vortices",
-            Self::Shells => "shells",
-        })
+        f.pad(self.name())
     }
 }
 

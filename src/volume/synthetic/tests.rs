@@ -84,6 +84,8 @@ fn every_segment_is_there_when_it_should_be() {
                     "tube-d" if t < 0.45 => assert_eq!(there, 0, "{name} {t}"),
                     "tube-c" if t > 0.2 => {}
                     "tube-d" if t < 0.75 => {}
+                    "bead-7" if t < 0.3 => assert_eq!(there, 0, "{name} {t}"),
+                    "bead-7" if t < 0.6 => {}
                     _ => assert!(there >= 24, "{scene} {name} {t}: {there} voxels"),
                 }
             }
@@ -118,6 +120,77 @@ fn plumes_and_hidden_solids_stay_whole() {
         );
         let shells = cube(Synthetic::Shells, t).1;
         assert!((1..=4).all(|id| pieces(&shells, id) == 1), "layers at {t}");
+    }
+}
+
+#[test]
+fn layers_lie_within_each_other() {
+    const FINE: usize = 64;
+    for step in 0..=5 {
+        let t = f64::from(step) / 5.0;
+        let (_, labels) = Synthetic::Layers.sample([FINE; 3], t);
+        assert!((1..=3).all(|id| pieces(&labels, id) == 1), "layers at {t}");
+        // nothing but the body touches the core, and neither touches the shell or what is around it
+        for (at, id) in labels.ids.iter().enumerate().filter(|(_, id)| **id > 1) {
+            for next in [at - 1, at + 1, at - FINE, at + FINE, at - FINE * FINE, at + FINE * FINE] {
+                let other = labels.ids[next];
+                assert!(other != 1 && (*id == 2 || other >= 2), "{id} beside {other} at {t}");
+            }
+        }
+    }
+}
+
+#[test]
+fn layers_are_not_concentric() {
+    let centre = |labels: &Labels, id: u16| -> [f64; 3] {
+        let at: Vec<usize> = (0..labels.ids.len()).filter(|&i| labels.ids[i] == id).collect();
+        let place = |i: usize| [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)].map(|c| c as f64 * 2.0 / SIDE as f64);
+        let sum = at.iter().fold([0.0; 3], |s: [f64; 3], i| std::array::from_fn(|a| s[a] + place(*i)[a]));
+        sum.map(|c| c / at.len() as f64)
+    };
+    let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
+    for t in [0.0, 0.3, 0.6] {
+        let labels = cube(Synthetic::Layers, t).1;
+        let [shell, body, core] = [1, 2, 3].map(|id| centre(&labels, id));
+        assert!(apart(shell, body) > 0.04 && apart(body, core) > 0.02, "{t}: {shell:?} {body:?} {core:?}");
+    }
+}
+
+#[test]
+fn beads_merge_part_and_split() {
+    let scene = Synthetic::Beads;
+    // what a threshold sees, with some of the beads alone
+    let bodies = |t: f64, names: &[&str]| {
+        let (_, mut labels) = cube(scene, t);
+        let ids: Vec<u16> = names.iter().map(|n| id_of(scene, n)).collect();
+        labels.ids.iter_mut().for_each(|id| *id = u16::from(ids.contains(id)));
+        pieces(&labels, 1)
+    };
+    let over_time = |names: &[&str]| [0.0, 0.25, 0.5, 0.75, 1.0].map(|t| bodies(t, names));
+    let pair = over_time(&["bead-1", "bead-2"]);
+    assert_eq!([pair[0], pair[2], pair[4]], [2, 1, 2], "{pair:?}");
+    let family = over_time(&["bead-3", "bead-7"]);
+    assert_eq!([family[0], family[2], family[4]], [1, 1, 2], "{family:?}");
+    let passing = over_time(&["bead-4", "bead-5"]);
+    assert_eq!(passing, [2, 2, 1, 2, 2]);
+    assert_eq!(over_time(&["bead-6"]), [1; 5]);
+    assert_eq!([bodies(0.0, &scene.segment_names()[..6]), bodies(1.0, scene.segment_names())], [6, 7]);
+    for step in 0..=20 {
+        let labels = cube(scene, f64::from(step) / 20.0).1;
+        assert!((1..=7).all(|id| pieces(&labels, id) <= 1), "a bead is in pieces at step {step}");
+    }
+}
+
+#[test]
+fn filaments_are_thin_and_whole() {
+    for step in 0..=5 {
+        let t = f64::from(step) / 5.0;
+        let (_, labels) = Synthetic::Filaments.sample([96; 3], t);
+        for (id, name) in (1..).zip(Synthetic::Filaments.segment_names()) {
+            assert_eq!(pieces(&labels, id), 1, "{name} at {t}");
+            let share = labels.ids.iter().filter(|l| **l == id).count() as f64 / labels.ids.len() as f64;
+            assert!((0.0003..0.003).contains(&share), "{name} at {t}: {share} of the box");
+        }
     }
 }
 

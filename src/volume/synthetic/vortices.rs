@@ -2,7 +2,8 @@
 //! each like a zip; c vanishes, d appears, e is a ring that stays. The shells own the low values, the tubes the
 //! high ones, and a tube starts from the value inside both shells, so no tube wears a skin of shell.
 
-use super::field::{P3, dot, ellipsoid, norm, smooth_max, step, sub};
+use super::field::{P3, ellipsoid, smooth_max, step};
+use super::strand::{Bead, Chunk, chunks};
 use std::f64::consts::{PI, TAU};
 
 /// Segment names by label.
@@ -23,17 +24,6 @@ const CHUNK: usize = 6;
 /// Full radius of a tube, and how far apart a tube's two strands go from the middle.
 const RADIUS: f64 = 0.082;
 const APART: f64 = 0.17;
-
-/// A point of a strand: position and radius. A radius of `-FLANK` or less leaves no trace in the field.
-type Bead = (P3, f64);
-
-/// A run of beads and the sphere that holds all it can raise.
-struct Chunk {
-    beads: Vec<Bead>,
-    centre: P3,
-    reach: f64,
-    tube: usize,
-}
 
 /// The scene at one time.
 pub(super) struct Frame {
@@ -131,25 +121,13 @@ impl Frame {
                 (turn(p, 0.9 * t), radius)
             })
             .collect();
-        for start in (0..PIECES).step_by(CHUNK) {
-            let beads = beads[start..=start + CHUNK].to_vec();
-            let centre = beads[CHUNK / 2].0;
-            let reach = beads.iter().map(|(p, radius)| norm(sub(*p, centre)) + radius + FLANK).fold(0.0, f64::max);
-            self.chunks.push(Chunk { beads, centre, reach, tube });
-        }
+        self.chunks.extend(chunks(tube, &beads, CHUNK, FLANK));
     }
 
     pub(super) fn slice(&self, z: f64) -> Slice<'_> {
-        let chunks = self.chunks.iter().filter(|chunk| (chunk.centre[2] - z).abs() < chunk.reach).collect();
+        let chunks = self.chunks.iter().filter(|chunk| chunk.reaches(z)).collect();
         Slice { frame: self, z, chunks }
     }
-}
-
-/// Signed distance to the cone between two beads, negative inside.
-fn piece(p: P3, a: &Bead, b: &Bead) -> f64 {
-    let (from, along) = (sub(p, a.0), sub(b.0, a.0));
-    let s = (dot(from, along) / dot(along, along).max(1e-12)).clamp(0.0, 1.0);
-    norm(sub(from, along.map(|c| c * s))) - (a.1 + (b.1 - a.1) * s)
 }
 
 impl Slice<'_> {
@@ -158,9 +136,7 @@ impl Slice<'_> {
         let p = [x, y, self.z];
         let mut outside = [f64::INFINITY; PEAKS.len()];
         for chunk in &self.chunks {
-            let from = sub(p, chunk.centre);
-            if dot(from, from) < chunk.reach * chunk.reach {
-                let nearest = chunk.beads.windows(2).map(|w| piece(p, &w[0], &w[1])).fold(f64::INFINITY, f64::min);
+            if let Some(nearest) = chunk.outside(p) {
                 outside[chunk.tube] = outside[chunk.tube].min(nearest);
             }
         }

@@ -24,6 +24,9 @@ const PRESETS: &[(&str, &str)] = &[
     ("jets", include_str!("../../../configs/transfer-functions/jets.toml")),
     ("vortices", include_str!("../../../configs/transfer-functions/vortices.toml")),
     ("shells", include_str!("../../../configs/transfer-functions/shells.toml")),
+    ("nested", include_str!("../../../configs/transfer-functions/nested.toml")),
+    ("beads", include_str!("../../../configs/transfer-functions/beads.toml")),
+    ("filaments", include_str!("../../../configs/transfer-functions/filaments.toml")),
 ];
 
 /// Maps data values to colours and opacities. Positions are fractions of [`TransferFunction::span`], so that one

@@ -12,10 +12,8 @@ use crate::model::GaussiansAt;
 use crate::segment::masks::RegionOptions;
 use crate::segment::masks::handout::{FILE, Handout};
 use crate::segment::masks::make::{MaskJob, Shot};
+use crate::segment::masks::origin::{MaskOrigin, SAM_POINTS};
 use crate::segment::masks::sam::checkpoint;
-use crate::segment::masks::source::foreign::Foreign;
-use crate::segment::masks::source::labels::Labels;
-use crate::segment::masks::source::regions::Regions;
 use crate::segment::masks::source::sam::SamSource;
 use crate::segment::masks::source::{Group, MaskSource};
 use burn::tensor::Device;
@@ -23,8 +21,6 @@ use std::path::{Path, PathBuf};
 
 /// Views if not told otherwise.
 const VIEWS: usize = 30;
-/// Points along a side of the grid, as published.
-const POINTS: usize = 32;
 
 /// Bytes of a view in memory and in the header of the file of masks.
 const VIEW: usize = 1000;
@@ -109,7 +105,7 @@ impl MasksArgs {
             let what = self.size.map_or(format!("pictures of {width}x{height} pixels"), |n| format!("--size {n}"));
             budget.check(what, all).map_err(CliError::input)?;
         }
-        let points = self.points.unwrap_or(POINTS);
+        let points = self.points.unwrap_or(SAM_POINTS);
         budget.check(format!("--points {points}"), product(&[points, points, POINT])).map_err(CliError::input)
     }
 
@@ -136,35 +132,32 @@ impl MasksArgs {
         Ok(Plan { groups, shots, time: found, labels: Some((truth, views)) })
     }
 
+    /// Opens the source for what is drawn.
     pub(super) fn source(
         &self,
-        run: &RunFolder,
         plan: &Plan,
+        job: &MaskJob<'_>,
         weights: Option<&Path>,
-        device: &Device,
     ) -> Result<Box<dyn MaskSource>, CliError> {
+        self.origin(plan, weights).open(job).map_err(CliError::input)
+    }
+
+    fn origin(&self, plan: &Plan, weights: Option<&Path>) -> MaskOrigin {
         if let Some((truth, views)) = &plan.labels {
-            return Ok(Box::new(Labels::new(truth.clone(), views.clone())));
+            return MaskOrigin::Labels(truth.clone(), views.clone());
         }
         if let Some(path) = &self.masks {
-            let groups: Vec<String> = plan.groups.iter().map(|g| g.name.clone()).collect();
-            let views: Vec<String> = plan.shots.iter().map(|s| format!("{}.png", s.file)).collect();
-            let size = plan.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
-            let found = Foreign::open(path, &groups, &views, size.0, size.1).map_err(CliError::input)?;
-            return Ok(Box::new(found));
+            return MaskOrigin::Dir(path.clone());
         }
-        if let Some(weights) = weights {
-            let points = self.points.unwrap_or(POINTS);
-            let source = SamSource::load(weights, points, device).map_err(CliError::input)?;
-            let pictures = plan.shots.len() * plan.groups.len();
-            errln!(
-                "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
-                 are quicker",
-                duration(SamSource::seconds(pictures, points))
-            );
-            return Ok(Box::new(source));
-        }
-        Ok(Box::new(Regions::new(run.scene.spec.background, RegionOptions::default())))
+        let Some(weights) = weights else { return MaskOrigin::Regions(RegionOptions::default()) };
+        let points = self.points.unwrap_or(SAM_POINTS);
+        let pictures = plan.shots.len() * plan.groups.len();
+        errln!(
+            "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
+             are quicker",
+            duration(SamSource::seconds(pictures, points))
+        );
+        MaskOrigin::Sam { weights: weights.to_owned(), points }
     }
 }
 

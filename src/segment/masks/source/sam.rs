@@ -1,14 +1,11 @@
 //! Masks of MobileSAM's automatic mode as a source.
 
+use super::super::alpha::{background_below, on_background};
 use super::super::sam::{AutomaticOptions, Sam, SamConfig, SamError, generate};
 use super::{Found, MaskSource, Seen, SourceError};
-use crate::segment::masks::Mask;
-use crate::segment::pictures::Picture;
 use burn::tensor::Device;
 use std::path::Path;
 
-/// Masks whose pixels have a lower alpha on average lie on the background.
-const LEAST_ALPHA: f64 = 0.5;
 /// Seconds that a picture and a point of the grid took on two cores.
 const SECONDS: [f64; 2] = [4.0, 0.12];
 
@@ -54,7 +51,8 @@ impl MaskSource for SamSource {
         let byte = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
         let rgb: Vec<u8> = picture.rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(byte).collect();
         let mut masks = generate(&self.sam, &rgb, picture.width, picture.height, &self.options)?;
-        masks.retain(|m| mean_alpha(picture, &m.mask) >= LEAST_ALPHA);
+        let below = background_below(picture);
+        masks.retain(|m| !on_background(picture, &m.mask, below));
         let found = masks.into_iter().map(|m| Found {
             mask: m.mask,
             predicted_iou: m.predicted_iou,
@@ -69,16 +67,11 @@ impl MaskSource for SamSource {
     }
 }
 
-/// Mean alpha of the picture in a mask of its size; 0 for an empty one.
-fn mean_alpha(picture: &Picture, mask: &Mask) -> f64 {
-    let sum: f64 = mask.pixels().map(|p| f64::from(picture.rgba[4 * p as usize + 3])).sum();
-    sum / mask.area().max(1) as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::super::sam::tests::{fixture, small};
     use super::*;
+    use crate::segment::pictures::Picture;
 
     fn picture(alpha: impl Fn(usize) -> f32) -> Picture {
         let (width, height) = (40, 24);
@@ -90,15 +83,6 @@ mod tests {
         };
         let rgba = (0..width * height).flat_map(pixel).collect();
         Picture { width, height, rgba, depth: vec![1.0; width * height] }
-    }
-
-    #[test]
-    fn masks_on_the_background_are_left_out() {
-        let rows: Vec<bool> = (0..40 * 24).map(|i| i % 40 < 10).collect();
-        let mask = Mask::from_rows(40, 24, &rows).unwrap();
-        assert_eq!(mean_alpha(&picture(|x| if x < 5 { 1.0 } else { 0.0 }), &mask), 0.5);
-        assert_eq!(mean_alpha(&picture(|x| if x < 10 { 0.0 } else { 1.0 }), &mask), 0.0);
-        assert_eq!(mean_alpha(&picture(|_| 1.0), &Mask::empty(40, 24).unwrap()), 0.0);
     }
 
     #[test]
@@ -118,6 +102,8 @@ mod tests {
         assert!(!found.is_empty());
         assert!(found.iter().all(|f| (f.mask.width, f.mask.height) == (40, 24) && f.mask.area() > 0));
         assert!(find(&picture(|_| 0.0)).is_empty());
+        // one pale all over has the masks of an opaque one: the network sees the same colours
+        assert_eq!(find(&picture(|_| 0.1)), found);
         assert_eq!(source.name(), "sam, 3 by 3 points");
     }
 }

@@ -1,0 +1,116 @@
+//! Arguments of `prepare` that come in groups: how surfaces are lit, and segments of volumes without labels.
+
+use super::CliError;
+use super::values::{count, finite_f32, not_negative_f32, positive_f32};
+use crate::memory::{Budget, product};
+use crate::prepare::{FileLabels, SegmentSteps};
+use crate::volume::components::{PartOptions, PartsError, SMALLEST, VOXEL_BYTES};
+use crate::volume::series::Series;
+use crate::volume::transfer::TransferFunction;
+use clap::Args;
+
+/// Lighting in place of the transfer function's; any of them turns shading on.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct ShadingArgs {
+    /// Share of the colour that is there without light, in place of the transfer function's; near 0 for dark rims.
+    #[arg(long, value_name = "SHARE", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    ambient: Option<f32>,
+    /// Share of the colour that depends on the angle to the light, in place of the transfer function's.
+    #[arg(long, value_name = "SHARE", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    diffuse: Option<f32>,
+    /// Strength of the white highlight, in place of the transfer function's.
+    #[arg(long, value_name = "STRENGTH", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    specular: Option<f32>,
+    /// Exponent of the highlight, its `power`: the larger, the smaller the highlight.
+    #[arg(long, value_name = "POWER", value_parser = positive_f32, allow_negative_numbers = true)]
+    shininess: Option<f32>,
+}
+
+impl ShadingArgs {
+    /// Puts what was given into the transfer function.
+    pub(super) fn apply(self, transfer: &mut TransferFunction) {
+        let own = &mut transfer.shading;
+        for (given, value) in [
+            (self.ambient, &mut own.ambient),
+            (self.diffuse, &mut own.diffuse),
+            (self.specular, &mut own.specular),
+            (self.shininess, &mut own.power),
+        ] {
+            if let Some(given) = given {
+                (*value, own.enabled) = (given, true);
+            }
+        }
+    }
+}
+
+/// Segments of volumes that come without labels.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct ComponentArgs {
+    /// Segments are the connected parts of voxels of this value or more, followed from step to step: part-1, part-2, ...
+    #[arg(
+        long,
+        value_name = "VALUE",
+        value_parser = finite_f32,
+        allow_negative_numbers = true,
+        conflicts_with_all = ["labels", "synthetic", "label_names"]
+    )]
+    components: Option<f32>,
+    /// Voxels of the smallest such part; smaller ones are no segment.
+    #[arg(long, default_value_t = SMALLEST, value_name = "VOXELS", value_parser = count, requires = "components")]
+    smallest_component: usize,
+}
+
+impl ComponentArgs {
+    /// The parts of a series, if they are asked for. Reads all of it.
+    pub(super) fn labels(self, series: &Series) -> Result<Option<FileLabels>, CliError> {
+        let Some(value) = self.components else { return Ok(None) };
+        let [x, y, z] = series.grid().dims;
+        let bytes = product(&[x, y, z, size_of::<f32>() + VOXEL_BYTES]);
+        let what = format!("--components in a volume of {x} x {y} x {z} voxels");
+        Budget::now().check(what, bytes).map_err(CliError::input)?;
+        let options = PartOptions { value, smallest: self.smallest_component };
+        let labels = FileLabels::parts(series, options).map_err(|e| match e {
+            PartsError::Volume(e) => e.into(),
+            other => CliError::input(format!("--components: {other}")),
+        })?;
+        Ok(Some(labels))
+    }
+}
+
+/// Steps as they are typed: numbers with commas between them, or `own`.
+pub(super) fn segment_steps(text: &str) -> Result<SegmentSteps, String> {
+    if text.trim() == "own" {
+        return Ok(SegmentSteps::OfViews);
+    }
+    let steps = text.split(',').map(|step| step.trim().parse::<usize>());
+    let steps = steps.collect::<Result<Vec<_>, _>>();
+    steps.map(SegmentSteps::These).map_err(|_| "steps from 0 with commas between them, or own".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_given_replaces_and_turns_shading_on() {
+        let mut transfer = TransferFunction::load("shells").unwrap();
+        let before = transfer.clone();
+        let none = ShadingArgs { ambient: None, diffuse: None, specular: None, shininess: None };
+        transfer.shading.enabled = false;
+        none.apply(&mut transfer);
+        assert!(!transfer.shading.enabled);
+        ShadingArgs { ambient: Some(0.1), shininess: Some(80.0), ..none }.apply(&mut transfer);
+        let (now, old) = (transfer.shading, before.shading);
+        assert_eq!((now.enabled, now.ambient, now.power), (true, 0.1, 80.0));
+        assert_eq!((now.diffuse, now.specular), (old.diffuse, old.specular));
+    }
+
+    #[test]
+    fn steps_are_numbers_or_own() {
+        assert_eq!(segment_steps("own"), Ok(SegmentSteps::OfViews));
+        assert_eq!(segment_steps("3, 0"), Ok(SegmentSteps::These(vec![3, 0])));
+        for bad in ["", "-1", "1,,2", "1.5", "all"] {
+            assert!(segment_steps(bad).is_err(), "{bad}");
+        }
+    }
+}

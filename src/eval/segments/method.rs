@@ -1,0 +1,57 @@
+//! The methods that are compared.
+
+use serde::Serialize;
+use std::fmt;
+use std::str::FromStr;
+
+/// A way to turn a click into a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+pub enum Method {
+    /// All of the clicked colour.
+    #[serde(rename = "coarse")]
+    Coarse,
+    /// The affinity field alone, trained on masks of the whole scene.
+    #[serde(rename = "fine")]
+    Fine,
+    /// The affinity field within the clicked colour.
+    #[serde(rename = "coarse+fine")]
+    CoarseFine,
+    /// Affinity features of each Gaussian, gated by scale.
+    #[serde(rename = "saga")]
+    Saga,
+    /// Votes of the masks, without training.
+    #[serde(rename = "sagd")]
+    Sagd,
+}
+
+impl Method {
+    /// All, in the order of the tables.
+    pub const ALL: [Self; 5] = [Self::Sagd, Self::Saga, Self::Coarse, Self::Fine, Self::CoarseFine];
+
+    /// Its name on the command line and in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Coarse => "coarse",
+            Self::Fine => "fine",
+            Self::CoarseFine => "coarse+fine",
+            Self::Saga => "saga",
+            Self::Sagd => "sagd",
+        }
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Method {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|m| m.name() == text);
+        found.ok_or_else(|| format!("no method \"{text}\"; there is {}", Self::ALL.map(Self::name).join(", ")))
+    }
+}

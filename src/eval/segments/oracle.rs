@@ -1,0 +1,79 @@
+//! The oracle: of [`TRIES`] settings, the one whose selection fits the known segment best **in the clicked view**. No user
+//! has it, as it knows the truth there; it shows what a method could give if its setting were always chosen well. Each
+//! method has as many tries.
+
+use super::click::Click;
+use super::method::Method;
+use super::prompt::Prompt;
+use super::select::{Chosen, Scenery, Selected};
+use super::setting::{Setting, TRIES};
+use crate::segment::coarse::CoarseOptions;
+use std::time::Instant;
+
+/// What a further click has to add to the fit.
+const WORTH: f64 = 0.005;
+
+/// The best selection of up to `clicks` clicks, the first of equals; each further click is on what is still missing, is
+/// tried at all settings again, and is kept only if it is worth it.
+///
+/// # Errors
+/// A message: the method failed.
+pub fn best(
+    scenery: Scenery<'_>,
+    method: Method,
+    coarse: &CoarseOptions,
+    prompt: &Prompt,
+    clicks: usize,
+) -> Result<Chosen, String> {
+    let tries: [Setting; TRIES] = Setting::tries(method, coarse);
+    let mut best: Option<Chosen> = None;
+    let (mut click, mut seconds) = (Some(prompt.first()), f64::INFINITY);
+    while let Some(place) = click.take() {
+        let before = best.clone();
+        let least = before.as_ref().map_or(-1.0, |b| b.fit.unwrap_or(0.0) + WORTH);
+        let found = round(scenery, (method, &tries), &place, before.as_ref(), prompt, &mut seconds)?;
+        let count = found.clicks;
+        if found.fit.unwrap_or(0.0) <= least {
+            break;
+        }
+        if count < clicks {
+            click = prompt.next(&flags(&found.selected, scenery.at.len()));
+        }
+        best = Some(found);
+    }
+    let mut best = best.ok_or("no setting was tried")?;
+    best.seconds = seconds;
+    Ok(best)
+}
+
+/// The best of all settings for one click, with what was selected `before`.
+fn round(
+    scenery: Scenery<'_>,
+    (method, tries): (Method, &[Setting]),
+    click: &Click,
+    before: Option<&Chosen>,
+    prompt: &Prompt,
+    seconds: &mut f64,
+) -> Result<Chosen, String> {
+    let mut best: Option<Chosen> = None;
+    for setting in tries {
+        let started = Instant::now();
+        let selected = scenery.select(method, setting, click)?;
+        *seconds = seconds.min(started.elapsed().as_secs_f64());
+        let selected = before.map_or_else(|| selected.clone(), |b| b.selected.with(&selected));
+        let fit = prompt.fit(&flags(&selected, scenery.at.len()));
+        if best.as_ref().is_none_or(|b| fit > b.fit.unwrap_or(0.0)) {
+            let (said, clicks) = before.map_or((String::new(), 0), |b| (format!("{}; ", b.setting), b.clicks));
+            let setting = format!("{said}{setting}");
+            best = Some(Chosen { selected, setting, clicks: clicks + 1, seconds: 0.0, fit: Some(fit) });
+        }
+    }
+    best.ok_or_else(|| "no setting was tried".to_owned())
+}
+
+/// `[N]`: whether each Gaussian is selected.
+pub fn flags(selected: &Selected, gaussians: usize) -> Vec<bool> {
+    let mut flags = vec![false; gaussians];
+    selected.members.iter().for_each(|&i| flags[i as usize] = true);
+    flags
+}

@@ -1,0 +1,283 @@
+//! What an evaluation finds, and its means.
+
+use super::measure::{FrameScore, PictureScore};
+use super::method::Method;
+use super::setting::TRIES;
+use crate::eval::results::DataId;
+use image::RgbImage;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// How a selection fits the true segment in space, at one time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct VolumeScore {
+    /// Time in [0, 1].
+    pub time: f64,
+    /// Intersection over union of the cells, weighted by their true opacity, percent; none where the segment is
+    /// nowhere, and nothing is selected.
+    pub iou_3d: Option<f64>,
+}
+
+/// Means over the views of one time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Time in [0, 1].
+    pub time: f64,
+    /// Views: PSNR, SSIM and LPIPS are means over all of them.
+    pub views: usize,
+    /// Views in which the segment is, or something is shown; IoU is the mean over these.
+    pub iou_views: usize,
+    /// Intersection over union of the silhouettes, percent; none where the segment is nowhere, and nothing was shown.
+    pub iou: Option<f64>,
+    /// Decibels; none of several segments as one, of which there are no pictures.
+    pub psnr: Option<f64>,
+    /// SSIM, RGB.
+    pub ssim: Option<f64>,
+    /// SSIM, grey.
+    pub ssim_gray: Option<f64>,
+    /// LPIPS, AlexNet; none without weights.
+    pub lpips: Option<f64>,
+}
+
+impl Row {
+    /// The means of `scores`, which are of one time; `None` without any. A view in which the segment is not there and
+    /// nothing is shown has no IoU, but its picture counts: to show nothing where nothing is is right.
+    #[must_use]
+    pub fn mean(time: f64, scores: &[&FrameScore]) -> Option<Self> {
+        let picture = |f: &dyn Fn(&PictureScore) -> Option<f64>| {
+            mean(scores.iter().filter_map(|s| s.picture.as_ref().and_then(f)))
+        };
+        (!scores.is_empty()).then(|| Self {
+            time,
+            views: scores.len(),
+            iou_views: scores.iter().filter(|s| s.iou.is_some()).count(),
+            iou: mean(scores.iter().filter_map(|s| s.iou)).map(|v| 100.0 * v),
+            psnr: picture(&|s| Some(s.psnr)),
+            ssim: picture(&|s| Some(s.ssim)),
+            ssim_gray: picture(&|s| Some(s.ssim_gray)),
+            lpips: picture(&|s| s.lpips),
+        })
+    }
+}
+
+/// The mean, in the order given; `None` of nothing.
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
+    (count > 0).then(|| sum / count as f64)
+}
+
+/// The least; `None` of nothing.
+fn least(values: impl Iterator<Item = f64>) -> Option<f64> {
+    values.min_by(f64::total_cmp)
+}
+
+/// One selection and how right it is.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Outcome {
+    /// IoU in space at the time nearest to that of the click, percent; none where the dataset has no volumes of ids.
+    pub iou_3d: Option<f64>,
+    /// The least IoU in space over all times that have a volume.
+    pub least_iou_3d: Option<f64>,
+    /// The least IoU of the silhouettes over all times.
+    pub least_iou: Option<f64>,
+    /// Silhouettes and pictures at the time nearest to that of the click.
+    pub at: Option<Row>,
+    /// The setting in words.
+    pub setting: String,
+    /// Mask scale and cosine that a field was asked with, at the first click.
+    pub asked: Option<(f32, f32)>,
+    /// Intersection over union in the clicked view, in [0, 1], by which an oracle chose the setting.
+    pub fit: Option<f64>,
+    /// Clicks that it took.
+    pub clicks: usize,
+    /// Gaussians selected.
+    pub gaussians: usize,
+    /// Their indices, ascending.
+    #[serde(skip)]
+    pub members: Vec<u32>,
+    /// Seconds from a click to a segment.
+    pub click_seconds: f64,
+    /// In space at each time.
+    pub volumes: Vec<VolumeScore>,
+    /// Silhouettes and pictures at each time: tracking.
+    pub times: Vec<Row>,
+}
+
+impl Outcome {
+    /// Fills in what is told of views, `scores`, and of volumes; `time` is that of the click.
+    pub(super) fn fill(&mut self, time: f64, scores: &[FrameScore], volumes: Vec<VolumeScore>) {
+        let mut times: Vec<f64> = scores.iter().map(|s| s.time).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        let row = |t: f64| Row::mean(t, &scores.iter().filter(|s| s.time == t).collect::<Vec<_>>());
+        self.times = times.into_iter().filter_map(row).collect();
+        self.at = nearest(&self.times, time, |r| r.time).cloned();
+        self.least_iou = least(self.times.iter().filter_map(|r| r.iou));
+        self.iou_3d = nearest(&volumes, time, |v| v.time).and_then(|v| v.iou_3d);
+        self.least_iou_3d = least(volumes.iter().filter_map(|v| v.iou_3d));
+        self.volumes = volumes;
+    }
+
+    /// IoU of the silhouettes at the time nearest to that of the click, percent.
+    #[must_use]
+    pub fn iou(&self) -> Option<f64> {
+        self.at.as_ref().and_then(|r| r.iou)
+    }
+}
+
+fn nearest<T>(rows: &[T], time: f64, of: impl Fn(&T) -> f64) -> Option<&T> {
+    rows.iter().min_by(|a, b| (of(a) - time).abs().total_cmp(&(of(b) - time).abs()))
+}
+
+/// One segment by one method.
+#[derive(Clone, Debug, Serialize)]
+pub struct SegmentResult {
+    /// Name of the known segment, or of several as one.
+    pub segment: String,
+    /// The method.
+    pub method: Method,
+    /// The view that was clicked.
+    pub view: String,
+    /// Column and row of the first click.
+    pub pixel: [u32; 2],
+    /// With the setting that was fixed beforehand.
+    pub fixed: Outcome,
+    /// With the best of [`TRIES`] settings in the clicked view.
+    pub oracle: Option<Outcome>,
+}
+
+/// Means over the segments for which there is a value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Means {
+    /// IoU in space at the clicked time, percent.
+    pub iou_3d: Option<f64>,
+    /// Of each segment's least IoU in space.
+    pub least_iou_3d: Option<f64>,
+    /// IoU of silhouettes at the clicked time, percent.
+    pub iou: Option<f64>,
+    /// Of each segment's least IoU of silhouettes.
+    pub least_iou: Option<f64>,
+    /// Decibels at the clicked time.
+    pub psnr: Option<f64>,
+    /// SSIM, RGB, at the clicked time.
+    pub ssim: Option<f64>,
+    /// LPIPS at the clicked time.
+    pub lpips: Option<f64>,
+}
+
+impl Means {
+    /// Over some outcomes.
+    #[must_use]
+    pub fn of(outcomes: &[&Outcome]) -> Self {
+        let over = |f: &dyn Fn(&Outcome) -> Option<f64>| mean(outcomes.iter().filter_map(|o| f(o)));
+        let row = |f: &dyn Fn(&Row) -> Option<f64>| over(&|o| o.at.as_ref().and_then(f));
+        Self {
+            iou_3d: over(&|o| o.iou_3d),
+            least_iou_3d: over(&|o| o.least_iou_3d),
+            iou: over(&Outcome::iou),
+            least_iou: over(&|o| o.least_iou),
+            psnr: row(&|r| r.psnr),
+            ssim: row(&|r| r.ssim),
+            lpips: row(&|r| r.lpips),
+        }
+    }
+}
+
+/// The means of one method.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct MethodMeans {
+    /// The method.
+    pub method: Method,
+    /// With the fixed setting.
+    pub fixed: Means,
+    /// By the oracle, if it was asked.
+    pub oracle: Option<Means>,
+}
+
+/// All of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct SegmentEvaluation {
+    /// The data; the caller says which.
+    #[serde(flatten)]
+    pub data: DataId,
+    /// Time of the clicks.
+    pub time: f64,
+    /// Source of the masks.
+    pub masks: &'static str,
+    /// Views with masks.
+    pub mask_views: usize,
+    /// Seed of clusters and fields.
+    pub seed: u64,
+    /// Settings that the oracle tried for each method and click; 0 if it was not asked. The fixed setting is one try.
+    pub oracle_tries: usize,
+    /// Times that have a volume of ids.
+    pub volume_times: Vec<f64>,
+    /// Names of the coarse colours.
+    pub palette: Vec<String>,
+    /// Seconds of masks and training by method.
+    pub training_seconds: BTreeMap<String, f64>,
+    /// Over the segments, method by method; unions of segments are not among them.
+    pub means: Vec<MethodMeans>,
+    /// Segment by segment, method by method.
+    pub results: Vec<SegmentResult>,
+    /// Truth and each method's fixed setting, a row for each segment.
+    #[serde(skip)]
+    pub pictures: Vec<(String, RgbImage)>,
+    /// Pictures in a row.
+    #[serde(skip)]
+    pub columns: usize,
+}
+
+impl SegmentEvaluation {
+    /// Takes the means over the results of `segments`.
+    pub(super) fn take_means(&mut self, methods: &[Method], segments: &[&str]) {
+        let means = |method: &Method| {
+            let of = |r: &&SegmentResult| r.method == *method && segments.contains(&r.segment.as_str());
+            let found: Vec<&SegmentResult> = self.results.iter().filter(of).collect();
+            let oracle: Vec<&Outcome> = found.iter().filter_map(|r| r.oracle.as_ref()).collect();
+            MethodMeans {
+                method: *method,
+                fixed: Means::of(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
+                oracle: (self.oracle_tries == TRIES).then(|| Means::of(&oracle)),
+            }
+        };
+        self.means = methods.iter().map(means).collect();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(time: f64, iou: Option<f64>, psnr: f64) -> FrameScore {
+        let picture = PictureScore { psnr, ssim: 0.5, ssim_gray: 0.5, lpips: None };
+        FrameScore { time, iou, picture: Some(picture) }
+    }
+
+    #[test]
+    fn a_view_without_the_segment_counts_as_a_picture_and_not_as_an_overlap() {
+        let scores = [score(0.5, Some(0.8), 20.0), score(0.5, None, 60.0)];
+        let row = Row::mean(0.5, &scores.iter().collect::<Vec<_>>()).unwrap();
+        assert_eq!((row.views, row.iou_views, row.iou, row.psnr), (2, 1, Some(80.0), Some(40.0)));
+        let gone = Row::mean(0.5, &[&scores[1]]).unwrap();
+        assert_eq!((gone.views, gone.iou, gone.psnr, gone.lpips), (1, None, Some(60.0), None));
+        assert_eq!(Row::mean(0.5, &[]), None);
+        let union = FrameScore { time: 0.5, iou: Some(0.5), picture: None };
+        assert_eq!(Row::mean(0.5, &[&union]).unwrap().psnr, None);
+    }
+
+    #[test]
+    fn the_clicked_time_and_the_least_over_all_times() {
+        let mut out = Outcome::default();
+        let volumes = [(0.0, Some(40.0)), (0.4, Some(70.0)), (1.0, None)];
+        let volumes = volumes.map(|(time, iou_3d)| VolumeScore { time, iou_3d }).to_vec();
+        out.fill(0.5, &[score(0.0, Some(0.3), 20.0), score(0.5, Some(0.9), 30.0), score(1.0, None, 50.0)], volumes);
+        assert_eq!(
+            (out.iou_3d, out.least_iou_3d, out.iou(), out.least_iou),
+            (Some(70.0), Some(40.0), Some(90.0), Some(30.0))
+        );
+        let mut without = Outcome::default();
+        without.fill(0.5, &[], Vec::new());
+        assert_eq!((without.iou_3d, without.iou(), without.times.len()), (None, None, 0));
+    }
+}

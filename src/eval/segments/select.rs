@@ -1,0 +1,190 @@
+//! Clicks -> a selection, by a setting. Nothing here has the truth or can judge a selection: what a method is given is
+//! the scene, what was trained on it, clicks, and a setting.
+
+use super::click::Click;
+use super::method::Method;
+use super::setting::Setting;
+use super::train::{Lifted, Trained};
+use crate::model::GaussiansAt;
+use crate::segment::baselines::sagd;
+use crate::segment::coarse::Coarse;
+use crate::segment::pick::{Asked, meant, pick, pick_saga};
+use std::time::Instant;
+
+/// Gaussians that a method selects.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Selected {
+    /// Their indices, ascending.
+    pub members: Vec<u32>,
+    /// What to add to each one's mean, `[M, 3]`, and log-scales, `[M, 3]`; empty for nothing.
+    pub moved: (Vec<f32>, Vec<f32>),
+    /// Mask scale and cosine that a field was asked with.
+    pub asked: Option<(f32, f32)>,
+}
+
+impl Selected {
+    /// Whether any Gaussian is changed.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        !self.moved.0.is_empty() || !self.moved.1.is_empty()
+    }
+
+    /// The selected of the scene's Gaussians at any time.
+    #[must_use]
+    pub fn of(&self, at: &GaussiansAt) -> GaussiansAt {
+        let mut alone = at.subset(&self.members);
+        alone.means.iter_mut().zip(&self.moved.0).for_each(|(m, d)| *m += d);
+        alone.log_scales.iter_mut().zip(&self.moved.1).for_each(|(s, d)| *s += d);
+        alone
+    }
+
+    /// All of the scene's Gaussians, the selected ones as they are in the selection.
+    #[must_use]
+    pub fn within(&self, at: &GaussiansAt) -> GaussiansAt {
+        let mut all = at.clone();
+        for (to, by) in [(&mut all.means, &self.moved.0), (&mut all.log_scales, &self.moved.1)] {
+            for (&i, by) in self.members.iter().zip(by.chunks_exact(3)) {
+                to[3 * i as usize..][..3].iter_mut().zip(by).for_each(|(v, d)| *v += d);
+            }
+        }
+        all
+    }
+
+    /// All of both; where both have a Gaussian, as this one has it. A field was asked as for this one.
+    #[must_use]
+    pub fn with(&self, other: &Self) -> Self {
+        let mut rows: Vec<(u32, bool, usize)> = self.members.iter().enumerate().map(|(r, &m)| (m, false, r)).collect();
+        rows.extend(other.members.iter().enumerate().map(|(r, &m)| (m, true, r)));
+        rows.sort_unstable();
+        rows.dedup_by_key(|row| row.0);
+        let joined = |of: &dyn Fn(&Self) -> &[f32]| -> Vec<f32> {
+            if of(self).is_empty() && of(other).is_empty() {
+                return Vec::new();
+            }
+            let row = |(_, second, r): &(u32, bool, usize)| {
+                let from = of(if *second { other } else { self });
+                [0, 1, 2].map(|k| from.get(3 * r + k).copied().unwrap_or(0.0))
+            };
+            rows.iter().flat_map(row).collect()
+        };
+        Self {
+            moved: (joined(&|s| &s.moved.0), joined(&|s| &s.moved.1)),
+            asked: self.asked,
+            members: rows.iter().map(|row| row.0).collect(),
+        }
+    }
+}
+
+/// What clicks are put to.
+#[derive(Clone, Copy)]
+pub struct Scenery<'a> {
+    /// The Gaussians at the time of the clicks.
+    pub at: &'a GaussiansAt,
+    /// What the methods have learnt of them.
+    pub trained: &'a Trained,
+}
+
+impl Scenery<'_> {
+    /// What `method` selects by one click at a setting; nothing where nothing is under the click, or nothing is like it.
+    ///
+    /// # Errors
+    /// A message: the method failed.
+    pub fn select(&self, method: Method, setting: &Setting, click: &Click) -> Result<Selected, String> {
+        let whole = |members| Selected { members, ..Selected::default() };
+        let trained = self.trained;
+        let anything = || meant(&click.under, |_| true);
+        match setting {
+            Setting::Coarse(options) => {
+                let colours = trained.colours.iter().find(|(o, _)| o == options).map(|(_, c)| c);
+                let colours = colours.ok_or("colours were not found beforehand at this setting")?;
+                Ok(whole(self.colour(colours, click).map_or_else(Vec::new, |(_, members)| members)))
+            }
+            Setting::Field(options) => {
+                let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
+                let Lifted { field, frame, evidence } = field.as_ref().ok_or("the field was not trained beforehand")?;
+                let asked = Asked { field, frame, places: &self.at.means, evidence };
+                let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
+                let on = match method {
+                    // as `segment pick` does: in the clicked colour, or in all if no colour holds what is there
+                    Method::CoarseFine => self.colour(trained.coarse(), click),
+                    _ => None,
+                };
+                let Some((clicked, within)) = on.or_else(|| Some((anything()?, all()))) else {
+                    return Ok(Selected::default());
+                };
+                let picked = pick(&asked, self.at, &within, clicked, options).map_err(|e| e.to_string())?;
+                Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
+            }
+            Setting::Saga(options) => {
+                let model = trained.saga.as_ref().ok_or("SAGA was not trained beforehand")?;
+                Ok(whole(anything().map_or_else(Vec::new, |clicked| pick_saga(model, clicked, options))))
+            }
+            Setting::Sagd(options) => {
+                let views = trained.votes.as_ref().ok_or("SAGD has no masks")?;
+                let Some(clicked) = anything() else { return Ok(Selected::default()) };
+                let found = sagd::segment(self.at, views, clicked, options).map_err(|e| e.to_string())?;
+                let before = self.at.subset(&found.members);
+                let change = |new: &[f32], old: &[f32]| new.iter().zip(old).map(|(a, b)| a - b).collect();
+                let moved = (
+                    change(&found.gaussians.means, &before.means),
+                    change(&found.gaussians.log_scales, &before.log_scales),
+                );
+                Ok(Selected { members: found.members, moved, asked: None })
+            }
+        }
+    }
+
+    /// The clicked Gaussian that has a colour, and all of that colour.
+    fn colour(&self, colours: &Coarse, click: &Click) -> Option<(u32, Vec<u32>)> {
+        let clicked = meant(&click.under, |i| colours.labels[i as usize] > 0)?;
+        let label = colours.labels[clicked as usize];
+        let of = || (0..).zip(&colours.labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
+        (label > 0).then(|| (clicked, of()))
+    }
+}
+
+/// What a method makes of the clicks on a segment.
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    /// All that was selected.
+    pub selected: Selected,
+    /// The setting in words, one for each click.
+    pub setting: String,
+    /// Clicks that it took.
+    pub clicks: usize,
+    /// Seconds from a click to a selection, the least of all.
+    pub seconds: f64,
+    /// Intersection over union in the clicked view, of those that were chosen by it.
+    pub fit: Option<f64>,
+}
+
+/// The selection at one setting that was fixed beforehand: up to `clicks` clicks, each adding what it selects. `next`
+/// places the next click, by what is selected so far.
+///
+/// # Errors
+/// A message: the method failed.
+pub fn fixed(
+    scenery: Scenery<'_>,
+    (method, setting): (Method, &Setting),
+    first: Click,
+    clicks: usize,
+    mut next: impl FnMut(&[u32]) -> Option<Click>,
+) -> Result<Chosen, String> {
+    let (mut out, mut seconds) = (Selected::default(), f64::INFINITY);
+    let (mut click, mut count) = (Some(first), 0);
+    while let Some(place) = click.take() {
+        let started = Instant::now();
+        let more = scenery.select(method, setting, &place)?;
+        seconds = seconds.min(started.elapsed().as_secs_f64());
+        out = if count == 0 { more } else { out.with(&more) };
+        count += 1;
+        if count < clicks {
+            click = next(&out.members);
+        }
+    }
+    Ok(Chosen { selected: out, setting: setting.to_string(), clicks: count, seconds, fit: None })
+}
+
+#[cfg(test)]
+#[path = "select_tests.rs"]
+mod tests;

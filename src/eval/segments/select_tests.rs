@@ -1,0 +1,127 @@
+//! The fixed selection knows nothing of the truth but where it was clicked.
+
+use super::super::oracle;
+use super::super::prompt::Prompt;
+use super::super::train::{Lifted, Trained};
+use super::super::truth::Labelled;
+use super::*;
+use crate::data::Camera;
+use crate::data::truth::LabelledView;
+use crate::device::DeviceName;
+use crate::segment::balls::{APART, COUNT};
+use crate::segment::baselines::saga::{SagaOptions, train as train_saga};
+use crate::segment::baselines::sagd::SagdView;
+use crate::segment::coarse::{CoarseOptions, coarse};
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::evidence::Evidence;
+use crate::segment::fine::network::Frame;
+use glam::DVec3;
+use std::collections::HashMap;
+
+const SIZE: u32 = 40;
+
+/// Two balls of two colours, and what every method needs; fields that have learnt nothing select something too.
+fn scene() -> (GaussiansAt, Trained) {
+    let device = DeviceName::all()[0].open().unwrap();
+    let mut at = APART.gaussians();
+    for (i, sh) in at.sh.chunks_exact_mut(3).enumerate() {
+        sh.copy_from_slice(if i < COUNT { &[1.2, -1.2, -1.2] } else { &[-1.2, -1.2, 1.2] });
+    }
+    let all = Setting::tries(Method::Coarse, &CoarseOptions::default());
+    let colours = all.iter().filter_map(|setting| match setting {
+        Setting::Coarse(options) => Some((*options, coarse(&at, None, options).unwrap())),
+        _ => None,
+    });
+    let field = || {
+        let (field, frame) = (AffinityField::new(4, &device), Frame::around(&at.means));
+        Some(Lifted { field, frame, evidence: Evidence::of(&APART.prepared(&at), 0) })
+    };
+    let options = SagaOptions { steps: 30, pixels: 48, scales: 2, ..SagaOptions::default() };
+    let trained = Trained {
+        colours: colours.collect(),
+        parts: field(),
+        whole: field(),
+        saga: Some(train_saga(&APART.prepared(&at), &at.means, &options, |_, _| true).unwrap()),
+        votes: Some(APART.views().into_iter().map(|(camera, masks)| SagdView { camera, masks }).collect()),
+        seconds: HashMap::new(),
+    };
+    (at, trained)
+}
+
+/// A view from the front, whose pixel at column `x` and row `y` has the label that `label` says.
+fn view(label: impl Fn(u32, u32) -> u16) -> Labelled {
+    let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.5), DVec3::ZERO, DVec3::Z, 0.6, SIZE, SIZE);
+    let labels = (0..SIZE * SIZE).map(|p| label(p % SIZE, p / SIZE)).collect();
+    Labelled { view: LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 }, labels }
+}
+
+#[test]
+fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
+    let device = DeviceName::all()[0].open().unwrap();
+    let (at, trained) = scene();
+    let scenery = Scenery { at: &at, trained: &trained };
+    let prompt = |labels: &dyn Fn(u32, u32) -> u16| Prompt::new(&[view(labels)], &[3], &at, &device).unwrap().unwrap();
+    // a disc about where one of the balls is seen
+    let whole = prompt(&|x, y| if x.abs_diff(12).pow(2) + y.abs_diff(20).pow(2) < 36 { 3 } else { 5 });
+    let [x, y] = whole.pixel;
+    // all other pixels blank; all others something else
+    let alone = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 0 });
+    let others = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 4 + ((7 * i + 3 * j) % 5) as u16 });
+    let mut chosen = 0;
+    for method in Method::ALL {
+        let setting = Setting::fixed(method, &CoarseOptions::default());
+        let of = |p: &Prompt| fixed(scenery, (method, &setting), p.first(), 1, |_| None).unwrap();
+        let found = of(&whole);
+        for other in [&alone, &others] {
+            assert_eq!(other.pixel, whole.pixel);
+            let again = of(other);
+            assert_eq!((again.selected, again.setting), (found.selected.clone(), found.setting.clone()), "{method}");
+        }
+        assert_eq!((found.fit, found.clicks), (None, 1));
+        chosen += usize::from(!found.selected.members.is_empty());
+    }
+    assert_eq!(chosen, 5, "each method selects something, so that there is something to compare");
+    // the oracle does know them
+    let best = |p: &Prompt| oracle::best(scenery, Method::Coarse, &CoarseOptions::default(), p, 1).unwrap().fit;
+    assert_ne!(best(&whole), best(&alone));
+}
+
+#[test]
+fn further_clicks_add_to_what_is_selected() {
+    let device = DeviceName::all()[0].open().unwrap();
+    let (at, trained) = scene();
+    let scenery = Scenery { at: &at, trained: &trained };
+    // both balls are wanted
+    let prompt = Prompt::new(&[view(|_, _| 3)], &[3], &at, &device).unwrap().unwrap();
+    let [first, second] = [3, COUNT as u32 + 3].map(|i| Click { under: vec![(i, 1.0)] });
+    let setting = Setting::fixed(Method::Coarse, &CoarseOptions::default());
+    let one = fixed(scenery, (Method::Coarse, &setting), first.clone(), 1, |_| Some(second.clone())).unwrap();
+    let two = fixed(scenery, (Method::Coarse, &setting), first, 2, |_| Some(second.clone())).unwrap();
+    assert_eq!((one.clicks, two.clicks), (1, 2));
+    assert!(one.selected.members.iter().all(|i| (*i as usize) < COUNT));
+    assert!(two.selected.members.len() > one.selected.members.len() + COUNT / 2);
+    assert!(prompt.fit(&oracle::flags(&two.selected, at.len())) > prompt.fit(&oracle::flags(&one.selected, at.len())));
+    // a click on nothing selects nothing
+    let nowhere = Click { under: Vec::new() };
+    for method in Method::ALL {
+        let setting = Setting::fixed(method, &CoarseOptions::default());
+        let found = fixed(scenery, (method, &setting), nowhere.clone(), 1, |_| None).unwrap();
+        assert_eq!(found.selected, Selected::default(), "{method}");
+    }
+}
+
+#[test]
+fn a_moved_gaussian_stands_in_the_scene_where_the_selection_has_it() {
+    let at = APART.gaussians();
+    let moved = (vec![0.5, 0.0, 0.0, 0.0, 0.25, 0.0], vec![0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
+    let selected = Selected { members: vec![2, 7], moved, asked: None };
+    let all = selected.within(&at);
+    assert_eq!(all.subset(&selected.members), selected.of(&at));
+    assert_eq!((all.means[3 * 2], all.means[3 * 7 + 1]), (at.means[6] + 0.5, at.means[22] + 0.25));
+    assert_eq!(all.subset(&[0, 5]), at.subset(&[0, 5]));
+    let plain = Selected { members: vec![1, 7], ..Selected::default() };
+    let both = plain.with(&selected);
+    assert_eq!((both.members.clone(), both.moved.0[..3].to_vec()), (vec![1, 2, 7], vec![0.0; 3]));
+    assert_eq!(both.moved.0[6..], [0.0; 3], "where both have it, as the first has it");
+    assert!(both.moves() && !plain.moves());
+}

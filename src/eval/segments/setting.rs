@@ -1,0 +1,124 @@
+//! The settings of each method: the one that is fixed beforehand, and the tries of the oracle, as many for each.
+
+use super::method::Method;
+use crate::segment::baselines::sagd::{MaskChoice, SagdOptions};
+use crate::segment::coarse::{CoarseOptions, ColourSpace};
+use crate::segment::pick::{Meaning, PickOptions, SagaPick};
+use std::fmt;
+
+/// Tries of the oracle, of every method.
+pub const TRIES: usize = 12;
+
+/// Scales that fields and SAGA are tried at ...
+const SCALES: [f32; 3] = [0.1, 0.5, 0.9];
+/// ... each with these cosines.
+const COSINES: [f32; 4] = [0.5, 0.8, 0.9, 0.97];
+/// Shares of the votes that SAGD is tried with, for each choice of a mask.
+const AGREEMENTS: [f32; 4] = [0.5, 0.6, 0.7, 0.8];
+/// Numbers of colours that `coarse` is tried with beside the one asked for or suggested, in each space.
+const COLOURS: [usize; 5] = [2, 3, 4, 6, 8];
+
+/// How a method is asked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Setting {
+    /// Colours.
+    Coarse(CoarseOptions),
+    /// An affinity field, of the scene or within a colour.
+    Field(PickOptions),
+    /// SAGA.
+    Saga(SagaPick),
+    /// SAGD.
+    Sagd(SagdOptions),
+}
+
+impl Setting {
+    /// The setting that a method has where nobody has tried any: the default of `segment coarse` and `segment pick`; of
+    /// SAGA, what corresponds to it; of SAGD, the published one. `coarse` is how colours are found.
+    #[must_use]
+    pub fn fixed(method: Method, coarse: &CoarseOptions) -> Self {
+        match method {
+            Method::Coarse => Self::Coarse(*coarse),
+            Method::Fine | Method::CoarseFine => Self::Field(PickOptions::default()),
+            Method::Saga => Self::Saga(SagaPick::default()),
+            Method::Sagd => Self::Sagd(SagdOptions::default()),
+        }
+    }
+
+    /// What the oracle may choose from, the fixed setting among them. Fields: that, and eleven of three scales with four
+    /// cosines; SAGA: all twelve;
+    /// SAGD: three choices of a mask with four shares of the votes; `coarse`: six numbers of colours in two spaces.
+    #[must_use]
+    pub fn tries(method: Method, coarse: &CoarseOptions) -> [Self; TRIES] {
+        std::array::from_fn(|i| match method {
+            Method::Coarse => {
+                let clusters = if i / 2 == 0 { coarse.clusters } else { Some(COLOURS[i / 2 - 1]) };
+                let space = if i % 2 == 0 { ColourSpace::Rgb } else { ColourSpace::Lab };
+                Self::Coarse(CoarseOptions { clusters, space, ..*coarse })
+            }
+            // the levels that the masks show take the place of the smallest scale with the lowest cosine
+            Method::Fine | Method::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
+            Method::Fine | Method::CoarseFine => {
+                let (scale, threshold) = by_hand(i);
+                Self::Field(PickOptions { meaning: Meaning::By { scale, threshold }, ..PickOptions::default() })
+            }
+            Method::Saga => {
+                let (scale, cosine) = by_hand(i);
+                Self::Saga(SagaPick::like(scale, cosine))
+            }
+            Method::Sagd => {
+                let choice = [MaskChoice::Largest, MaskChoice::Middle, MaskChoice::Smallest][i / 4];
+                Self::Sagd(SagdOptions { choice, agreement: AGREEMENTS[i % 4], ..SagdOptions::default() })
+            }
+        })
+    }
+}
+
+/// Scale and cosine of try `i` of a field.
+fn by_hand(i: usize) -> (f32, f32) {
+    (SCALES[i / 4], COSINES[i % 4])
+}
+
+impl fmt::Display for Setting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Coarse(c) => {
+                let space = if c.space == ColourSpace::Rgb { "RGB" } else { "Lab" };
+                match c.clusters {
+                    Some(k) => write!(f, "{k} colours in {space}"),
+                    None => write!(f, "suggested number of colours in {space}"),
+                }
+            }
+            Self::Field(p) => match p.meaning {
+                Meaning::Likeliest => f.write_str("the likeliest level"),
+                Meaning::Level(level) => write!(f, "level {}", level + 1),
+                Meaning::By { scale, threshold } => write!(f, "scale {scale}, cosine {threshold}"),
+            },
+            Self::Saga(p) => write!(f, "scale {}, similarity {:.3}", p.scale, p.threshold),
+            Self::Sagd(s) => {
+                let mask = match s.choice {
+                    MaskChoice::Largest => "largest",
+                    MaskChoice::Middle => "middle",
+                    MaskChoice::Smallest => "smallest",
+                };
+                write!(f, "{mask} mask, more than {} of the votes", s.agreement)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_method_has_as_many_different_tries_and_the_fixed_one_is_among_them() {
+        let coarse = CoarseOptions::default();
+        for method in Method::ALL {
+            let tries = Setting::tries(method, &coarse);
+            for (i, one) in tries.iter().enumerate() {
+                assert!(!tries[..i].contains(one), "{method}: {one}");
+            }
+            assert!(tries.contains(&Setting::fixed(method, &coarse)), "{method}");
+        }
+    }
+}

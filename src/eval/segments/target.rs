@@ -1,0 +1,146 @@
+//! What is clicked and measured: a known segment, or several as one.
+
+use super::truth::{TruthFrame, frames};
+use crate::data::{DataError, Truth, truth};
+use crate::name::Name;
+use std::str::FromStr;
+
+/// Several known segments that count as one, as in `pair=tube-a+tube-b`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Union {
+    /// Its name in tables.
+    pub name: Name,
+    /// Names of the segments.
+    pub parts: Vec<String>,
+}
+
+impl FromStr for Union {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let how = "write NAME=SEGMENT+SEGMENT, such as tubes=tube-a+tube-b";
+        let (name, parts) = text.split_once('=').ok_or_else(|| format!("\"{text}\": no \"=\"; {how}"))?;
+        let name = Name::new(name.trim()).map_err(|e| format!("\"{text}\": {e}; {how}"))?;
+        let parts: Vec<String> = parts.split('+').map(|p| p.trim().to_owned()).collect();
+        if parts.iter().any(String::is_empty) {
+            return Err(format!("\"{text}\": a segment without a name; {how}"));
+        }
+        if let Some(twice) = parts.iter().enumerate().find(|(i, p)| parts[..*i].contains(p)) {
+            return Err(format!("\"{text}\": {} stands there twice; {how}", twice.1));
+        }
+        Ok(Self { name, parts })
+    }
+}
+
+/// One row of the tables.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// Its name.
+    pub name: String,
+    /// Ids of its segments in label images and volumes.
+    pub ids: Vec<u16>,
+    /// The views in which it is known alone.
+    pub frames: Vec<TruthFrame>,
+}
+
+/// The targets: the segments in `only`, all if it is empty, and the unions.
+///
+/// # Errors
+/// If a segment is not known, a union has a segment's or another union's name, or segments of one are known in
+/// different views.
+pub fn targets(truth: &Truth, only: &[String], unions: &[Union]) -> Result<Vec<Target>, DataError> {
+    let path = truth.root.join(truth::FILE);
+    let bad = |problem: String| {
+        let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
+        let hint = format!("the dataset knows {}", names.join(", "));
+        DataError::field_error(&path, None, "segments", problem, &hint)
+    };
+    let id = |name: &str| {
+        let found = truth.file.segments.iter().find(|s| s.name == name).map(|s| s.id);
+        found.ok_or_else(|| bad(format!("no segment is called \"{name}\"")))
+    };
+    for name in only {
+        id(name)?;
+    }
+    let wanted = truth.file.segments.iter().filter(|s| only.is_empty() || only.contains(&s.name));
+    let mut out: Vec<Target> =
+        wanted.map(|s| Target { name: s.name.clone(), ids: vec![s.id], frames: frames(truth, s.id) }).collect();
+    for (i, union) in unions.iter().enumerate() {
+        let name = union.name.to_string();
+        if id(&name).is_ok() || unions[..i].iter().any(|u| u.name == union.name) {
+            return Err(bad(format!("\"{name}\" is to name several segments, but is a name already; choose another")));
+        }
+        let ids = union.parts.iter().map(|part| id(part)).collect::<Result<Vec<_>, _>>()?;
+        let mut frames_of = ids.iter().map(|id| frames(truth, *id));
+        let mut frames = frames_of.next().unwrap_or_default();
+        for others in frames_of {
+            let joined =
+                frames.len() == others.len() && frames.iter_mut().zip(others).all(|(frame, other)| frame.join(other));
+            if !joined {
+                return Err(bad(format!("the segments of \"{name}\" are known in different views")));
+            }
+        }
+        out.push(Target { name, ids, frames });
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::truth::{SegmentEntry, SegmentFile, SegmentFrame};
+
+    fn truth() -> Truth {
+        let frame = |name: &str, k: usize| SegmentFrame {
+            file_path: format!("{name}/{k}.png"),
+            mask_path: format!("{name}/{k}_mask.png"),
+            transform_matrix: glam::DMat4::IDENTITY.to_cols_array_2d(),
+            time: 0.5 * k as f64,
+            pixels: 1,
+        };
+        let entry = |id: u16, name: &str, frames: usize| SegmentEntry {
+            id,
+            name: name.into(),
+            frames: (0..frames).map(|k| frame(name, k)).collect(),
+        };
+        let file = SegmentFile {
+            source: "labels".into(),
+            mask_alpha: 0.05,
+            camera_angle_x: 0.5,
+            size: [4, 3],
+            label_images: Vec::new(),
+            segments: vec![entry(1, "a", 2), entry(2, "b", 2), entry(5, "c", 1)],
+            volumes: Vec::new(),
+        };
+        Truth { root: "/data".into(), file }
+    }
+
+    #[test]
+    fn a_union_is_read_and_refused_with_its_text() {
+        let union: Union = "pair = a + b".parse().unwrap();
+        assert_eq!((union.name.to_string(), union.parts), ("pair".into(), vec!["a".to_owned(), "b".into()]));
+        for text in ["pair", "=a+b", "pair=", "pair=a+", "pair=a+a", "../x=a"] {
+            let error = text.parse::<Union>().unwrap_err();
+            assert!(error.contains(text) && error.contains("NAME=SEGMENT+SEGMENT"), "{error}");
+        }
+    }
+
+    #[test]
+    fn segments_and_unions_are_targets_and_what_is_unknown_is_named() {
+        let union = |text: &str| text.parse::<Union>().unwrap();
+        let found = targets(&truth(), &["b".to_owned()], &[union("pair=a+b")]).unwrap();
+        let rows: Vec<_> = found.iter().map(|t| (t.name.as_str(), t.ids.clone(), t.frames.len())).collect();
+        assert_eq!(rows, [("b", vec![2], 2), ("pair", vec![1, 2], 2)]);
+        assert_eq!(targets(&truth(), &[], &[]).unwrap().len(), 3);
+        for (only, unions, words) in [
+            (vec!["x".to_owned()], vec![], "\"x\""),
+            (vec![], vec![union("pair=a+x")], "\"x\""),
+            (vec![], vec![union("c=a+b")], "\"c\""),
+            (vec![], vec![union("p=a+b"), union("p=a")], "\"p\""),
+            (vec![], vec![union("p=a+c")], "different views"),
+        ] {
+            let error = targets(&truth(), &only, &unions).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("segments.json") && error.contains("a, b, c"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! Two balls of known overlap, hollow bodies, poison, threads.
+
+use super::*;
+
+/// Cells of 0.1 in [-1.55, 1.55]^3, whose ids and opacity are of what `cell` says.
+fn volume(cell: impl Fn(DVec3) -> (u16, f32)) -> TruthVolume {
+    let dims = [32; 3];
+    let (spacing, origin) = ([0.1; 3], [-1.55; 3]);
+    let mut out = TruthVolume { time: 0.0, dims, spacing, origin, ids: Vec::new(), opacity: Vec::new() };
+    for c in 0..32 * 32 * 32 {
+        let (id, opacity) = cell(DVec3::from_array(out.centre([c % 32, c / 32 % 32, c / 1024])));
+        out.ids.push(id);
+        out.opacity.push(opacity);
+    }
+    out
+}
+
+const CENTRES: [DVec3; 2] = [DVec3::new(-0.7, 0.0, 0.0), DVec3::new(0.7, 0.0, 0.0)];
+const RADIUS: f64 = 0.6;
+
+/// Ball 1 at the left, ball 2 at the right.
+fn balls(place: DVec3) -> (u16, f32) {
+    let ball = CENTRES.iter().position(|c| c.distance(place) <= RADIUS);
+    ball.map_or((0, 0.0), |b| (b as u16 + 1, 0.5))
+}
+
+fn add(at: &mut GaussiansAt, mean: DVec3, sigma: f64) {
+    at.means.extend(mean.as_vec3().to_array());
+    at.rotations.extend([1.0, 0.0, 0.0, 0.0]);
+    at.log_scales.extend([sigma.ln() as f32; 3]);
+    at.opacity_logits.push(1.0);
+    at.sh.extend([0.0; 3]);
+}
+
+fn nobody() -> GaussiansAt {
+    GaussiansAt { sh_stride: 1, ..GaussiansAt::default() }
+}
+
+/// A Gaussian in each cell of the balls for which `keep` holds, in the order of the cells, and which ball has it.
+fn filled(keep: impl Fn(DVec3) -> bool) -> (GaussiansAt, Vec<u16>) {
+    let truth = volume(balls);
+    let (mut at, mut of) = (nobody(), Vec::new());
+    for c in 0..truth.ids.len() {
+        let place = DVec3::from_array(truth.centre([c % 32, c / 32 % 32, c / 1024]));
+        if truth.ids[c] > 0 && keep(place) {
+            add(&mut at, place, 0.05);
+            of.push(truth.ids[c]);
+        }
+    }
+    (at, of)
+}
+
+fn select(of: &[u16], wanted: impl Fn(usize, u16) -> bool) -> Selected {
+    let members = of.iter().enumerate().filter(|(i, b)| wanted(*i, **b)).map(|(i, _)| i as u32).collect();
+    Selected { members, ..Selected::default() }
+}
+
+#[test]
+fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
+    let truth = volume(balls);
+    let (at, of) = filled(|_| true);
+    let cells = Cells::new(&truth, &at).unwrap();
+    let [left, both] = [select(&of, |_, b| b == 1), select(&of, |_, _| true)];
+    assert_eq!(cells.iou(&left, &[1]).unwrap(), Some(1.0));
+    assert_eq!(cells.iou(&left, &[2]).unwrap(), Some(0.0));
+    assert_eq!(cells.iou(&left, &[1, 2]).unwrap(), Some(0.5), "as large as each other");
+    assert_eq!(cells.iou(&both, &[1]).unwrap(), Some(0.5));
+    assert_eq!(cells.iou(&both, &[1, 2]).unwrap(), Some(1.0));
+    assert_eq!(cells.iou(&both, &[7]).unwrap(), Some(0.0), "a segment that is not there");
+    assert_eq!(cells.iou(&select(&of, |_, _| false), &[7]).unwrap(), None);
+    // a half of the left ball, cut at its centre
+    let half = select(&of, |i, b| b == 1 && f64::from(at.means[3 * i]) < CENTRES[0].x);
+    let found = cells.iou(&half, &[1]).unwrap().unwrap();
+    assert!((found - 0.5).abs() < 0.01, "{found}");
+    // the right ball three times as opaque: it counts three times
+    let heavy = volume(|p| if p.x > 0.0 && balls(p).0 > 0 { (2, 0.9) } else { (balls(p).0, balls(p).1 * 0.6) });
+    let found = Cells::new(&heavy, &at).unwrap().iou(&both, &[2]).unwrap().unwrap();
+    assert!((found - 0.75).abs() < 1e-6, "{found}");
+}
+
+#[test]
+fn the_inside_of_a_body_belongs_to_its_surface_and_empty_space_to_nobody() {
+    let truth = volume(balls);
+    // a skin of a tenth, and nothing inside
+    let skin = |p: DVec3| CENTRES.iter().any(|c| c.distance(p) > RADIUS - 0.1 && c.distance(p) <= RADIUS);
+    let (at, of) = filled(skin);
+    let cells = Cells::new(&truth, &at).unwrap();
+    assert!(cells.owners.len() > 200, "{} cells are reached by no Gaussian", cells.owners.len());
+    assert_eq!(cells.iou(&select(&of, |_, b| b == 1), &[1]).unwrap(), Some(1.0));
+    // what lies in empty space takes nothing
+    let mut more = at.clone();
+    for _ in 0..50 {
+        add(&mut more, DVec3::new(0.0, 1.4, 1.4), 0.02);
+    }
+    let mut with = select(&of, |_, b| b == 1);
+    with.members.extend(at.len() as u32..more.len() as u32);
+    assert_eq!(Cells::new(&truth, &more).unwrap().iou(&with, &[1]).unwrap(), Some(1.0));
+    // the larger of two as near reaches farther, whatever its place in the list
+    let mut two = nobody();
+    let cell = volume(|p| if p.distance(DVec3::new(0.05, 0.05, 0.05)) < 0.01 { (1, 0.5) } else { (0, 0.0) });
+    add(&mut two, DVec3::new(-0.95, 0.05, 0.05), 0.06);
+    add(&mut two, DVec3::new(1.05, 0.05, 0.05), 0.12);
+    let cells = Cells::new(&cell, &two).unwrap();
+    assert_eq!(cells.owners.iter().map(|o| o.1).collect::<Vec<_>>(), [1]);
+}
+
+#[test]
+fn half_of_the_density_is_not_more_than_half() {
+    let truth = volume(|p| if p.distance(DVec3::splat(0.05)) < 0.01 { (1, 0.5) } else { (0, 0.0) });
+    let mut at = nobody();
+    add(&mut at, DVec3::splat(0.05), 0.05);
+    add(&mut at, DVec3::splat(0.05), 0.05);
+    let cells = Cells::new(&truth, &at).unwrap();
+    let of = |members: &[u32]| Selected { members: members.to_vec(), ..Selected::default() };
+    assert_eq!(cells.iou(&of(&[0]), &[1]).unwrap(), Some(0.0));
+    assert_eq!(cells.iou(&of(&[0, 1]), &[1]).unwrap(), Some(1.0));
+    // cut back to a place beside the cell, the selected one loses it
+    let moved = (vec![0.5, 0.0, 0.0, 0.5, 0.0, 0.0], vec![0.0; 6]);
+    let cut = Selected { members: vec![0, 1], moved, asked: None };
+    add(&mut at, DVec3::new(0.17, 0.05, 0.05), 0.06);
+    assert_eq!(Cells::new(&truth, &at).unwrap().iou(&cut, &[1]).unwrap(), Some(0.0));
+}
+
+#[test]
+fn poison_and_nothing_are_taken() {
+    let truth = volume(balls);
+    let (at, of) = filled(|_| true);
+    let left = select(&of, |_, b| b == 1);
+    let expected = Cells::new(&truth, &at).unwrap().iou(&left, &[1]).unwrap();
+    for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let mut bad = at.clone();
+        for array in 0..4 {
+            add(&mut bad, DVec3::new(0.7, 0.0, 0.0), 0.3);
+            let i = bad.len() - 1;
+            match array {
+                0 => bad.means[3 * i + 1] = poison,
+                1 => bad.log_scales[3 * i] = poison,
+                2 => bad.rotations[4 * i..].fill(0.0),
+                _ => bad.opacity_logits[i] = if poison > 0.0 { f32::NAN } else { poison },
+            }
+        }
+        assert_eq!(Cells::new(&truth, &bad).unwrap().iou(&left, &[1]).unwrap(), expected, "{poison}");
+    }
+    let mut holes = truth.clone();
+    holes.opacity.iter_mut().step_by(7).for_each(|o| *o = f32::NAN);
+    assert_eq!(Cells::new(&holes, &at).unwrap().iou(&left, &[1]).unwrap(), Some(1.0));
+    // no Gaussian, nothing selected, no opacity, arrays that disagree
+    let none = nobody();
+    assert_eq!(Cells::new(&truth, &none).unwrap().iou(&Selected::default(), &[1]).unwrap(), Some(0.0));
+    let clear = volume(|_| (1, 0.0));
+    assert_eq!(Cells::new(&clear, &at).unwrap().iou(&left, &[1]).unwrap(), None);
+    let short = TruthVolume { ids: vec![1; 5], ..truth };
+    assert!(matches!(Cells::new(&short, &at), Err(VoxelError::Shape { field: "ids", found: 5, .. })));
+}
+
+#[test]
+fn the_number_of_threads_does_not_matter() {
+    let truth = volume(balls);
+    let (at, of) = filled(|p| p.y > 0.2);
+    let some = select(&of, |i, _| i % 3 == 0);
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let cells = Cells::new(&truth, &at).unwrap();
+            (cells.owners.clone(), cells.iou(&some, &[1]).unwrap().unwrap().to_bits())
+        })
+    };
+    assert_eq!(on(1), on(3));
+}

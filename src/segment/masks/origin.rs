@@ -1,0 +1,67 @@
+//! From a choice of source to the source: the one place where commands, evaluations and sweeps open them.
+
+use super::make::MaskJob;
+use super::regions::RegionOptions;
+use super::sam::SamError;
+use super::source::MaskSource;
+use super::source::foreign::Foreign;
+use super::source::labels::Labels;
+use super::source::regions::Regions;
+use super::source::sam::SamSource;
+use super::store::StoreError;
+use crate::data::Truth;
+use crate::data::truth::LabelledView;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Points along a side of the grid that the network is asked at, if not told otherwise; as published.
+pub const SAM_POINTS: usize = 32;
+
+/// Where the masks of a job come from.
+#[derive(Clone, Debug)]
+pub enum MaskOrigin {
+    /// Regions of the pictures themselves.
+    Regions(RegionOptions),
+    /// The dataset's label images of these views, which are those of the job's shots, in that order.
+    Labels(Truth, Vec<LabelledView>),
+    /// A folder `GROUP/VIEW_NUMBER.png`, or a COCO file, of another program.
+    Dir(PathBuf),
+    /// MobileSAM.
+    Sam {
+        /// The file of weights.
+        weights: PathBuf,
+        /// Points along a side of the grid that is asked.
+        points: usize,
+    },
+}
+
+/// Why a source cannot be opened.
+#[derive(Debug, Error)]
+pub enum OriginError {
+    /// Masks of another program.
+    #[error(transparent)]
+    Dir(#[from] StoreError),
+    /// The network.
+    #[error(transparent)]
+    Sam(#[from] SamError),
+}
+
+impl MaskOrigin {
+    /// Opens the source for the groups and views of `job`.
+    ///
+    /// # Errors
+    /// If masks of another program do not fit the job, or the network cannot be loaded; with the file.
+    pub fn open(&self, job: &MaskJob<'_>) -> Result<Box<dyn MaskSource>, OriginError> {
+        Ok(match self {
+            Self::Regions(options) => Box::new(Regions::new(job.background, options.clone())),
+            Self::Labels(truth, views) => Box::new(Labels::new(truth.clone(), views.clone())),
+            Self::Dir(path) => {
+                let groups: Vec<String> = job.groups.iter().map(|g| g.name.clone()).collect();
+                let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();
+                let size = job.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
+                Box::new(Foreign::open(path, &groups, &views, size.0, size.1)?)
+            }
+            Self::Sam { weights, points } => Box::new(SamSource::load(weights, *points, job.device)?),
+        })
+    }
+}

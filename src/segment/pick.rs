@@ -1,0 +1,221 @@
+//! What one click selects, with the settings of a user who has not tried any: the likeliest of the levels that the masks
+//! show there, see [`super::levels`].
+//!
+//! `volseggs segment pick` and the evaluation against known segments call the same functions with the same defaults, so
+//! that what is measured is what a user gets.
+
+use super::baselines::saga::SagaModel;
+use super::click::heaviest;
+use super::fine::AffinityField;
+use super::fine::evidence::Evidence;
+use super::fine::extract::{similar, without_strays};
+use super::fine::network::Frame;
+use super::levels::{Level, levels};
+use crate::model::GaussiansAt;
+use crate::points::PointsError;
+
+/// How much of what is around a click is meant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Meaning {
+    /// The likeliest of the levels that the masks show there; [`Meaning::FALLBACK`] where they show none.
+    #[default]
+    Likeliest,
+    /// One of these levels, from 0, the smallest; the largest if there are fewer.
+    Level(usize),
+    /// By hand.
+    By {
+        /// Mask scale in [0, 1], from small parts to large ones.
+        scale: f32,
+        /// Cosine of the affinity features from which a Gaussian is selected, in [-1, 1].
+        threshold: f32,
+    },
+}
+
+impl Meaning {
+    /// The middle of the scales, a cosine of 0.8.
+    pub const FALLBACK: (f32, f32) = (0.5, 0.8);
+}
+
+/// What a click shall select.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PickOptions {
+    /// How much.
+    pub meaning: Meaning,
+    /// Whether small pieces that do not touch the rest stay.
+    pub keep_strays: bool,
+}
+
+/// What a click selected.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Picked {
+    /// The Gaussians, ascending; none where nothing but strays is like the clicked one.
+    pub members: Vec<u32>,
+    /// The mask scale that was used.
+    pub scale: f32,
+    /// The threshold that was used.
+    pub threshold: f32,
+    /// The levels that the masks show there, from small to large, if they were asked.
+    pub levels: Vec<Level>,
+    /// Which of them was taken.
+    pub level: Option<usize>,
+}
+
+/// An affinity field with what it is asked about.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked<'a> {
+    /// The field.
+    pub field: &'a AffinityField,
+    /// The box of its positions.
+    pub frame: &'a Frame,
+    /// Positions `[N, 3]`, world units, of all Gaussians at the time that the field was trained at.
+    pub places: &'a [f32],
+    /// What the masks say that it was trained on; may be empty.
+    pub evidence: &'a Evidence,
+}
+
+/// Why nothing can be selected.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PickError {
+    /// The click is on something else.
+    #[error("Gaussian {clicked} was clicked, which is not among the {count} that are looked at; click on one of them")]
+    Outside {
+        /// The clicked Gaussian.
+        clicked: u32,
+        /// How many are looked at.
+        count: usize,
+    },
+    /// Strays cannot be told.
+    #[error(transparent)]
+    Points(#[from] PointsError),
+}
+
+/// The Gaussian that a click on a pixel means: of what the pixel is made of (indices and weights, nearest first), the
+/// heaviest that is `held` by a segment, so that a click on haze goes to what lies behind it; the heaviest of all where
+/// no segment holds any. `None` where there is nothing.
+#[must_use]
+pub fn meant(under: &[(u32, f32)], held: impl Fn(u32) -> bool) -> Option<u32> {
+    heaviest(under, held).or_else(|| heaviest(under, |_| true))
+}
+
+/// Those of the Gaussians `within` (indices, ascending) that are meant by a click on the `clicked` one. `at` has all
+/// Gaussians `[N]` at the time that is looked at.
+///
+/// # Errors
+/// If `clicked` is not among them, or the arrays of `at` disagree.
+///
+/// # Panics
+/// If a member of `within`, or a Gaussian of the evidence, is not below N.
+pub fn pick(
+    asked: &Asked<'_>,
+    at: &GaussiansAt,
+    within: &[u32],
+    clicked: u32,
+    options: &PickOptions,
+) -> Result<Picked, PickError> {
+    let position = within.binary_search(&clicked).map_err(|_| PickError::Outside { clicked, count: within.len() })?;
+    let by_hand = |(scale, threshold): (f32, f32)| {
+        let means: Vec<f32> = within.iter().flat_map(|&i| &asked.places[3 * i as usize..][..3]).copied().collect();
+        let like = similar(asked.field, asked.frame, &means, position, scale, threshold);
+        let members = within.iter().zip(like).filter(|(_, like)| *like).map(|(m, _)| *m).collect();
+        Picked { members, scale, threshold, ..Picked::default() }
+    };
+    let mut picked = match options.meaning {
+        Meaning::By { scale, threshold } => by_hand((scale, threshold)),
+        Meaning::Likeliest | Meaning::Level(_) => {
+            let (found, likeliest) = levels(asked, within, clicked)?;
+            let level = if let Meaning::Level(n) = options.meaning { n } else { likeliest };
+            let level = level.min(found.len().saturating_sub(1));
+            match found.get(level) {
+                None => by_hand(Meaning::FALLBACK),
+                Some(Level { members, scale, threshold, .. }) => Picked {
+                    members: members.clone(),
+                    scale: *scale,
+                    threshold: *threshold,
+                    level: Some(level),
+                    levels: found,
+                },
+            }
+        }
+    };
+    if !options.keep_strays {
+        picked.members = without_strays(at, &picked.members)?;
+    }
+    Ok(picked)
+}
+
+/// How alike what SAGA selects is to the clicked Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SagaPick {
+    /// Mask scale in [0, 1], from small parts to large ones.
+    pub scale: f32,
+    /// Similarity above which a Gaussian is selected, in [0, 1]: `(cosine + 1) / 2`.
+    pub threshold: f32,
+}
+
+impl SagaPick {
+    /// The setting at which SAGA's features are compared as the affinity field's are at a scale and a cosine.
+    #[must_use]
+    pub fn like(scale: f32, cosine: f32) -> Self {
+        Self { scale, threshold: 0.5 * (cosine + 1.0) }
+    }
+}
+
+impl Default for SagaPick {
+    /// [`Meaning::FALLBACK`]: scale 0.5, a cosine of 0.8, which is a similarity of 0.9. The published program leaves
+    /// both to its user.
+    fn default() -> Self {
+        let (scale, cosine) = Meaning::FALLBACK;
+        Self::like(scale, cosine)
+    }
+}
+
+/// The Gaussians that SAGA selects by a click on number `clicked`, ascending.
+///
+/// # Panics
+/// If `clicked` is not one of the model's Gaussians.
+#[must_use]
+pub fn pick_saga(model: &SagaModel, clicked: u32, options: &SagaPick) -> Vec<u32> {
+    let selected = model.select(clicked, options.scale, options.threshold);
+    (0..).zip(selected).filter(|(_, selected)| *selected).map(|(i, _)| i).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::DeviceName;
+    use crate::segment::balls::{APART, COUNT};
+
+    #[test]
+    fn a_click_on_haze_means_what_lies_behind_it() {
+        let under = [(4, 0.6), (7, 0.3), (9, 0.1)];
+        assert_eq!(meant(&under, |i| i >= 7), Some(7));
+        assert_eq!(meant(&under, |_| false), Some(4));
+        assert_eq!(meant(&[], |_| true), None);
+    }
+
+    #[test]
+    fn only_what_is_looked_at_is_selected_and_the_clicked_one_always_is() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
+        let frame = Frame::around(&at.means);
+        let evidence = Evidence::default();
+        let asked = Asked { field: &field, frame: &frame, places: &at.means, evidence: &evidence };
+        let within: Vec<u32> = (0..COUNT as u32).collect();
+        let by = |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, keep_strays: true };
+        let all = by(-1.0);
+        assert_eq!(pick(&asked, &at, &within, 5, &all).unwrap().members, within);
+        assert!(pick(&asked, &at, &within, 5, &by(1.0)).unwrap().members.contains(&5));
+        let (scale, threshold) = Meaning::FALLBACK;
+        let without = PickOptions { keep_strays: true, ..PickOptions::default() };
+        let picked = pick(&asked, &at, &within, 5, &without).unwrap();
+        assert_eq!((picked.scale, picked.threshold, picked.level), (scale, threshold, None), "no masks are known");
+        let error = pick(&asked, &at, &within, COUNT as u32, &all).unwrap_err();
+        assert_eq!(error, PickError::Outside { clicked: COUNT as u32, count: COUNT });
+        assert!(pick(&asked, &at, &[], 0, &all).is_err());
+    }
+
+    #[test]
+    fn saga_is_asked_for_the_same_cosine() {
+        assert_eq!(SagaPick::default(), SagaPick { scale: 0.5, threshold: 0.9 });
+    }
+}
