@@ -65,7 +65,7 @@ impl Prompt {
         let (outer, _) = choose(false);
         let mut chosen = vec![clicked as u32];
         // the two samples must stand for the same number of pixels each
-        let share = |part: usize, of: usize| part as f64 / of.max(1) as f64;
+        let share = |part: usize, of: usize| if of == 0 { 1.0 } else { part as f64 / of as f64 };
         let inner_total = within.iter().filter(|w| **w).count();
         let outer_total = within.len() - inner_total;
         let rate = share(inner.len(), inner_total).min(share(outer.len(), outer_total));
