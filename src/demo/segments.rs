@@ -94,7 +94,7 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
         let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
         let members = result.fixed.members.clone();
-        let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::FALLBACK);
+        let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::BY_HAND);
         let origin = Origin::Pick { scale, threshold };
         let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
         found.add(segment).map_err(|e| e.to_string())?;

@@ -1,5 +1,5 @@
-//! What one click selects, with the settings of a user who has not tried any: the likeliest of the levels that the masks
-//! show there, see [`super::levels`].
+//! What one click selects, with the settings of a user who has not tried any: the likeliest of the levels that there are,
+//! see [`super::levels`].
 //!
 //! `volseggs segment pick` and the evaluation against known segments call the same functions with the same defaults, so
 //! that what is measured is what a user gets.
@@ -7,7 +7,6 @@
 use super::baselines::saga::SagaModel;
 use super::click::heaviest;
 use super::fine::AffinityField;
-use super::fine::evidence::Evidence;
 use super::fine::extract::{similar, without_strays};
 use super::fine::network::Frame;
 use super::levels::{Level, levels};
@@ -17,7 +16,7 @@ use crate::points::PointsError;
 /// How much of what is around a click is meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Meaning {
-    /// The likeliest of the levels that the masks show there; [`Meaning::FALLBACK`] where they show none.
+    /// The likeliest of the levels that there are, see [`levels`].
     #[default]
     Likeliest,
     /// One of these levels, from 0, the smallest; the largest if there are fewer.
@@ -32,8 +31,8 @@ pub enum Meaning {
 }
 
 impl Meaning {
-    /// The middle of the scales, a cosine of 0.8.
-    pub const FALLBACK: (f32, f32) = (0.5, 0.8);
+    /// Scale and cosine of those who give only one of them, and of SAGA: the middle of the scales, and 0.8.
+    pub const BY_HAND: (f32, f32) = (0.5, 0.8);
 }
 
 /// What a click shall select.
@@ -54,7 +53,7 @@ pub struct Picked {
     pub scale: f32,
     /// The threshold that was used.
     pub threshold: f32,
-    /// The levels that the masks show there, from small to large, if they were asked.
+    /// The levels that there are, from small to large, if they were looked for.
     pub levels: Vec<Level>,
     /// Which of them was taken.
     pub level: Option<usize>,
@@ -69,8 +68,6 @@ pub struct Asked<'a> {
     pub frame: &'a Frame,
     /// Positions `[N, 3]`, world units, of all Gaussians at the time that the field was trained at.
     pub places: &'a [f32],
-    /// What the masks say that it was trained on; may be empty.
-    pub evidence: &'a Evidence,
 }
 
 /// Why nothing can be selected.
@@ -104,7 +101,7 @@ pub fn meant(under: &[(u32, f32)], held: impl Fn(u32) -> bool) -> Option<u32> {
 /// If `clicked` is not among them, or the arrays of `at` disagree.
 ///
 /// # Panics
-/// If a member of `within`, or a Gaussian of the evidence, is not below N.
+/// If a member of `within` is not below N.
 pub fn pick(
     asked: &Asked<'_>,
     at: &GaussiansAt,
@@ -122,19 +119,10 @@ pub fn pick(
     let mut picked = match options.meaning {
         Meaning::By { scale, threshold } => by_hand((scale, threshold)),
         Meaning::Likeliest | Meaning::Level(_) => {
-            let (found, likeliest) = levels(asked, within, clicked)?;
-            let level = if let Meaning::Level(n) = options.meaning { n } else { likeliest };
-            let level = level.min(found.len().saturating_sub(1));
-            match found.get(level) {
-                None => by_hand(Meaning::FALLBACK),
-                Some(Level { members, scale, threshold, .. }) => Picked {
-                    members: members.clone(),
-                    scale: *scale,
-                    threshold: *threshold,
-                    level: Some(level),
-                    levels: found,
-                },
-            }
+            let (found, likeliest) = levels(asked, at, within, clicked)?;
+            let level = if let Meaning::Level(n) = options.meaning { n.min(found.len() - 1) } else { likeliest };
+            let Level { members, scale, threshold, .. } = found[level].clone();
+            Picked { members, scale, threshold, level: Some(level), levels: found }
         }
     };
     if !options.keep_strays {
@@ -161,10 +149,10 @@ impl SagaPick {
 }
 
 impl Default for SagaPick {
-    /// [`Meaning::FALLBACK`]: scale 0.5, a cosine of 0.8, which is a similarity of 0.9. The published program leaves
+    /// [`Meaning::BY_HAND`]: scale 0.5, a cosine of 0.8, which is a similarity of 0.9. The published program leaves
     /// both to its user.
     fn default() -> Self {
-        let (scale, cosine) = Meaning::FALLBACK;
+        let (scale, cosine) = Meaning::BY_HAND;
         Self::like(scale, cosine)
     }
 }
@@ -198,17 +186,12 @@ mod tests {
         let device = DeviceName::all()[0].open().unwrap();
         let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
         let frame = Frame::around(&at.means);
-        let evidence = Evidence::default();
-        let asked = Asked { field: &field, frame: &frame, places: &at.means, evidence: &evidence };
+        let asked = Asked { field: &field, frame: &frame, places: &at.means };
         let within: Vec<u32> = (0..COUNT as u32).collect();
         let by = |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, keep_strays: true };
         let all = by(-1.0);
         assert_eq!(pick(&asked, &at, &within, 5, &all).unwrap().members, within);
         assert!(pick(&asked, &at, &within, 5, &by(1.0)).unwrap().members.contains(&5));
-        let (scale, threshold) = Meaning::FALLBACK;
-        let without = PickOptions { keep_strays: true, ..PickOptions::default() };
-        let picked = pick(&asked, &at, &within, 5, &without).unwrap();
-        assert_eq!((picked.scale, picked.threshold, picked.level), (scale, threshold, None), "no masks are known");
         let error = pick(&asked, &at, &within, COUNT as u32, &all).unwrap_err();
         assert_eq!(error, PickError::Outside { clicked: COUNT as u32, count: COUNT });
         assert!(pick(&asked, &at, &[], 0, &all).is_err());

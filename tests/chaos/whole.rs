@@ -44,7 +44,7 @@ pub fn whole(path: &Path) -> Outcome {
         (name, _) if name.starts_with("events.out.tfevents") => Ok(()),
         ("scene.safetensors", _) => Scene::load(path, &device()?).map(drop).map_err(text),
         ("segments.safetensors", _) => Segmentation::load(path).map(drop).map_err(text),
-        ("affinity.safetensors", _) => affinity::load(path, usize::MAX, &device()?).map(drop).map_err(text),
+        ("affinity.safetensors", _) => affinity::load(path, &device()?).map(drop).map_err(text),
         ("optimizer.safetensors", _) => read_tensors(path).map(drop).map_err(text),
         (_, "safetensors") => volseggs::tensors::read(path).map(drop).map_err(text),
         ("edits.json", _) => EditStack::load(path).map(drop).map_err(text),

@@ -6,7 +6,6 @@ use super::super::{CliError, Common, print_json, stop_flag};
 use crate::files::Work;
 use crate::log::progress;
 use crate::memory::{Budget, product};
-use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{FineError, FineOptions, MaskScale, repulsion, train};
@@ -123,7 +122,7 @@ impl FineArgs {
         let seconds = started.elapsed().as_secs_f64();
         let spec = AffinitySpec { frame, time: header.time, scene: run.scene.fingerprint(), spreads };
         let path = run.path.join(file::FILE);
-        file::save(&path, &field, &Evidence::of(&views, self.seed), &spec).map_err(CliError::failure)?;
+        file::save(&path, &field, &spec).map_err(CliError::failure)?;
         let loss = smooth.unwrap_or_default();
         if self.common.json {
             return print_json(

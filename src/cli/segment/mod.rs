@@ -16,7 +16,6 @@ use crate::files::write_atomic;
 use crate::memory::Budget;
 use crate::points::kmeans;
 use crate::segment::fine::AffinityField;
-use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::file::{self, AffinitySpec};
 use burn::tensor::Device;
 use clap::{Args, Subcommand};
@@ -26,7 +25,7 @@ use std::path::Path;
 /// Find segments: by colour, and within a colour by masks of rendered views.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # what a click means\n  volseggs segment group RUN pair red.1 red.2         # several as one\n  volseggs segment undo RUN                           # take the last change back\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
+    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # what is like a click\n  volseggs segment group RUN pair red.1 red.2         # several as one\n  volseggs segment undo RUN                           # take the last change back\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
 )]
 pub struct SegmentArgs {
     #[command(subcommand)]
@@ -73,20 +72,20 @@ fn check_clusters(clusters: usize, points: usize, of: &str, dimensions: usize) -
     Budget::now().check(format!("--clusters {clusters}"), needed).map_err(CliError::input)
 }
 
-/// The run's affinity field, and what the masks say.
-fn affinity(run: &RunFolder, device: &Device) -> Result<(AffinityField, Evidence, AffinitySpec), CliError> {
+/// The run's affinity field.
+fn affinity(run: &RunFolder, device: &Device) -> Result<(AffinityField, AffinitySpec), CliError> {
     let path = run.path.join(file::FILE);
     if !path.exists() {
         return Err(CliError::input(format!("{}: no affinity field; run `volseggs segment fine`", path.display())));
     }
-    let (field, evidence, spec) = file::load(&path, run.scene.gaussians.count(), device).map_err(CliError::input)?;
+    let (field, spec) = file::load(&path, device).map_err(CliError::input)?;
     if spec.scene != run.scene.fingerprint() {
         return Err(CliError::input(format!(
             "{}: trained on another state of this scene; run `volseggs segment fine` again",
             path.display()
         )));
     }
-    Ok((field, evidence, spec))
+    Ok((field, spec))
 }
 
 /// Writes a picture into the run folder.

@@ -53,7 +53,7 @@ pub struct PickArgs {
     /// Look in this segment only, as if the others were hidden; in the clicked colour if not given.
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
-    /// Show the levels that the masks show at the click, from small parts to large wholes; with --name, too.
+    /// Show the levels at the click, from small parts to large wholes: what stays the same while the cosine changes.
     #[arg(long)]
     levels: bool,
     /// Take this level, from 1, the smallest; the likeliest if not given.
@@ -99,25 +99,25 @@ struct Shown {
     scale: f32,
     /// Cosine that a member has at least.
     threshold: f32,
-    /// Mean intersection over union with the masks, in [0, 1].
-    agreement: f64,
-    /// Views that have a mask of it.
-    views: usize,
+    /// What stays of it if the cosine rises by 0.05, in (0, 1].
+    stability: f64,
+    /// Its part of what is looked at, by what it shows, in (0, 1].
+    share: f64,
     /// Gaussians, strays among them.
     gaussians: usize,
 }
 
 impl Shown {
     fn of(level: &Level) -> Self {
-        let Level { scale, threshold, agreement, views, .. } = *level;
-        Self { scale, threshold, agreement, views, gaussians: level.members.len() }
+        let Level { scale, threshold, stability, share, .. } = *level;
+        Self { scale, threshold, stability, share, gaussians: level.members.len() }
     }
 }
 
 impl PickArgs {
     /// What the click means, as far as it is said.
     fn meaning(&self) -> Meaning {
-        let (scale, threshold) = Meaning::FALLBACK;
+        let (scale, threshold) = Meaning::BY_HAND;
         match (self.level, self.scale, self.threshold) {
             (Some(n), _, _) => Meaning::Level(n - 1),
             (None, None, None) => Meaning::Likeliest,
@@ -146,7 +146,7 @@ impl PickArgs {
         let at = run.scene.host_at(time as f32);
         // the field knows the places of the time that it was trained at
         let places = match &field {
-            Some((.., spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
+            Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
         };
         let started = Instant::now();
@@ -168,27 +168,18 @@ impl PickArgs {
         let holds = |s: &&Segment| s.members.binary_search(&gaussian).is_ok();
         let segments: Vec<String> = all.segments.iter().filter(holds).map(|s| s.name.to_string()).collect();
         let (mut made, mut picked) = (None, None);
-        if let Some((field, evidence, spec)) = field {
+        if let Some((field, spec)) = field {
             let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
             let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
-            let asked = Asked { field: &field, frame: &spec.frame, places: &places, evidence: &evidence };
-            if let Some(n) = self.level.filter(|_| evidence.is_empty()) {
-                return Err(CliError::input(format!(
-                    "--level {n}: the affinity field was trained by an older program and knows no levels; run `volseggs \
-                     segment fine {}` again, or choose by --scale and --threshold",
-                    run.path.display()
-                )));
-            }
+            let asked = Asked { field: &field, frame: &spec.frame, places: &places };
             let options = PickOptions { meaning: self.meaning(), keep_strays: self.keep_strays };
             let mut found = pick(&asked, &at, &candidates, gaussian, &options).map_err(CliError::failure)?;
             if self.level.is_some_and(|n| n > found.levels.len()) {
                 let (n, count) = (self.level.unwrap_or_default(), found.levels.len());
-                return Err(CliError::input(format!(
-                    "--level {n}: the masks show {count} at this click; see --levels"
-                )));
+                return Err(CliError::input(format!("--level {n}: there are {count} at this click; see --levels")));
             }
             if self.levels && found.levels.is_empty() {
-                found.levels = levels(&asked, &candidates, gaussian).map_err(CliError::failure)?.0;
+                found.levels = levels(&asked, &at, &candidates, gaussian).map_err(CliError::failure)?.0;
             }
             if let Some(name) = &self.name {
                 let members = std::mem::take(&mut found.members);
@@ -261,20 +252,10 @@ impl PickArgs {
 
 /// The levels, a line each.
 fn show(report: &Report) {
-    if report.levels.is_empty() {
-        outln!("no levels: no view of the masks shows this place");
-        return;
-    }
-    outln!("level  Gaussians  agreement  views  scale  cosine");
+    outln!("level  Gaussians   share  stability  scale  cosine");
     for (n, l) in (1..).zip(&report.levels) {
         let mark = if report.level == Some(n) { "  <- taken" } else { "" };
-        let agreement = format!("{:.0} %", 100.0 * l.agreement);
-        outln!(
-            "{n:>5}  {:>9}  {agreement:>9}  {:>5}  {:>5.2}  {:>6.2}{mark}",
-            l.gaussians,
-            l.views,
-            l.scale,
-            l.threshold
-        );
+        let [share, stability] = [l.share, l.stability].map(|v| format!("{:.0} %", 100.0 * v));
+        outln!("{n:>5}  {:>9}  {share:>6}  {stability:>9}  {:>5.2}  {:>6.2}{mark}", l.gaussians, l.scale, l.threshold);
     }
 }

@@ -62,7 +62,7 @@ impl SplitArgs {
         if let Some(clusters) = self.clusters {
             check_clusters(clusters, whole.members.len(), &format!("{} has", whole.name), FEATURES)?;
         }
-        let (field, _, spec) = affinity(&run, &device)?;
+        let (field, spec) = affinity(&run, &device)?;
         let at = run.scene.host_at(spec.time as f32);
         let alone = at.subset(&whole.members);
         let clustering = self.clusters.map_or(Clustering::Density, Clustering::KMeans);

@@ -101,8 +101,8 @@ impl Scenery<'_> {
             }
             Setting::Field(options) => {
                 let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
-                let Lifted { field, frame, evidence } = field.as_ref().ok_or("the field was not trained beforehand")?;
-                let asked = Asked { field, frame, places: &self.at.means, evidence };
+                let Lifted { field, frame } = field.as_ref().ok_or("the field was not trained beforehand")?;
+                let asked = Asked { field, frame, places: &self.at.means };
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in all if no colour holds what is there

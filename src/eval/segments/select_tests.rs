@@ -13,7 +13,6 @@ use crate::segment::baselines::saga::{SagaOptions, train as train_saga};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{CoarseOptions, coarse};
 use crate::segment::fine::AffinityField;
-use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::network::Frame;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -32,10 +31,7 @@ fn scene() -> (GaussiansAt, Trained) {
         Setting::Coarse(options) => Some((*options, coarse(&at, None, options).unwrap())),
         _ => None,
     });
-    let field = || {
-        let (field, frame) = (AffinityField::new(4, &device), Frame::around(&at.means));
-        Some(Lifted { field, frame, evidence: Evidence::of(&APART.prepared(&at), 0) })
-    };
+    let field = || Some(Lifted { field: AffinityField::new(4, &device), frame: Frame::around(&at.means) });
     let options = SagaOptions { steps: 30, pixels: 48, scales: 2, ..SagaOptions::default() };
     let trained = Trained {
         colours: colours.collect(),

@@ -11,7 +11,6 @@ use crate::model::{GaussiansAt, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
-use crate::segment::fine::evidence::Evidence;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, read_views};
 use crate::segment::fine::{AffinityField, train as fine};
@@ -33,8 +32,6 @@ pub struct Lifted {
     pub field: AffinityField,
     /// The box of its positions.
     pub frame: Frame,
-    /// What the masks say.
-    pub evidence: Evidence,
 }
 
 /// What clicks are put to.
@@ -211,7 +208,7 @@ impl Trainers<'_> {
     fn lift(&self, views: &[FineView], frame: Frame, name: &str, say: &mut impl FnMut(&str)) -> Result<Lifted, String> {
         say(&format!("{name}: {} steps", self.options.fine.steps));
         let field = fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| e.to_string())?;
-        Ok(Lifted { field, frame, evidence: Evidence::of(views, self.options.fine.seed) })
+        Ok(Lifted { field, frame })
     }
 }
 

@@ -1,6 +1,5 @@
 //! A trained affinity field in a run folder, with what is needed to ask it.
 
-use super::evidence::Evidence;
 use super::network::{AffinityField, Frame};
 use crate::model::params;
 use crate::model::scene::{SceneError, read_tensors, refuse_not_finite, write_tensors};
@@ -26,35 +25,28 @@ pub struct AffinitySpec {
     pub spreads: Vec<f32>,
 }
 
-/// Writes a field and what the masks say, atomically.
+/// Writes a field, atomically.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save(path: &Path, field: &AffinityField, evidence: &Evidence, spec: &AffinitySpec) -> Result<(), SceneError> {
+pub fn save(path: &Path, field: &AffinityField, spec: &AffinitySpec) -> Result<(), SceneError> {
     let text =
         serde_json::to_string(spec).map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
-    let mut tensors = params::collect(field);
-    tensors.extend(evidence.to_tensors());
-    write_tensors(path, &tensors, Some((ENTRY, text)))
+    write_tensors(path, &params::collect(field), Some((ENTRY, text)))
 }
 
-/// Reads what [`save`] wrote, for a scene of so many `gaussians`. Files of older programs have no evidence.
+/// Reads what [`save`] wrote.
 ///
 /// # Errors
 /// If the file is missing, damaged or holds another network.
-pub fn load(
-    path: &Path,
-    gaussians: usize,
-    device: &Device,
-) -> Result<(AffinityField, Evidence, AffinitySpec), SceneError> {
-    let (mut tensors, header) = read_tensors(path)?;
+pub fn load(path: &Path, device: &Device) -> Result<(AffinityField, AffinitySpec), SceneError> {
+    let (tensors, header) = read_tensors(path)?;
     refuse_not_finite(path, &tensors)?;
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let text =
         header.get(ENTRY).ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: no affinity field")))?;
     let spec = serde_json::from_str(text).map_err(|e| format(format!("header: {e}")))?;
-    let evidence = Evidence::take(&mut tensors, gaussians).map_err(|e| format(e.to_string()))?;
     let field = params::load(AffinityField::new(0, device), &tensors)
         .map_err(|source| SceneError::Fit { path: path.into(), source })?;
-    Ok((field, evidence, spec))
+    Ok((field, spec))
 }

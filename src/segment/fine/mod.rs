@@ -2,9 +2,8 @@
 //! which what belongs together points the same way.
 //!
 //! `network` is the field, `views` what it is trained on, `file` its place in a run, `train` the steps, and
-//! `extract` makes segments of the trained field. `evidence` keeps a little of what the masks say, for clicks.
+//! `extract` makes segments of the trained field.
 
-pub mod evidence;
 pub mod extract;
 pub mod file;
 pub mod network;
