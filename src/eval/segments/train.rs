@@ -63,8 +63,8 @@ impl Trainers<'_> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
-        let coarse =
-            coarse(self.at, Some(&self.scene.largest_opacity()), &self.options.coarse).map_err(|e| e.to_string())?;
+        let largest = self.scene.largest_opacity(&self.options.coarse.hidden(self.at));
+        let coarse = coarse(self.at, Some(&largest), &self.options.coarse).map_err(|e| e.to_string())?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
         let frame = Frame::around(&self.at.visible_means());
