@@ -15,6 +15,8 @@ mod number;
 const NEIGHBOURS: usize = 12;
 /// Times that colours are averaged with like neighbours.
 const ROUNDS: usize = 3;
+/// Of the neighbours, from dark to bright, the one whose brightness is taken: shading only darkens, and strays are few.
+const LIT: usize = NEIGHBOURS * 5 / 8;
 /// How near colours of neighbours are in the plane to be averaged (standard deviation): materials that touch stay apart.
 const LIKE: f32 = 0.17;
 /// Share of like neighbours, by opacity, below which a Gaussian shows no material of its own, and how much more make it
@@ -115,7 +117,7 @@ pub fn group(
 struct Smooth {
     /// `[M]`, in the plane of [`to_plane`].
     plane: Vec<[f32; 2]>,
-    /// `[M]`: logarithm of the median brightness of the neighbours under full light.
+    /// `[M]`: logarithm of the brightness of the neighbours under full light.
     light: Vec<f32>,
     /// `[M]`: share of like neighbours by opacity and certainty.
     support: Vec<f32>,
@@ -134,11 +136,11 @@ impl Smooth {
             let next = per_row(plane.len(), |i| like_mean(i, &plane, &strength, &neighbours[i]));
             (plane, support) = next.into_iter().unzip();
         }
-        let median = |i: usize| {
+        let around = |i: usize| {
             let mut of_all = neighbours[i].map(|j| of.full[j as usize]);
-            light(*of_all.select_nth_unstable_by(NEIGHBOURS / 2, f32::total_cmp).1)
+            light(*of_all.select_nth_unstable_by(LIT, f32::total_cmp).1)
         };
-        let light = per_row(plane.len(), median);
+        let light = per_row(plane.len(), around);
         Self { plane, light, support, certainty: of.certainty.clone(), strength }
     }
 

@@ -218,16 +218,16 @@ fn the_number_of_materials_is_found_on_most_random_clouds() {
             }
         }
         let shares: Vec<f32> = bases.iter().map(|_| 0.03 + rng.uniform().powi(2)).collect();
-        let all: f32 = shares.iter().sum();
-        let bodies: Vec<Body> = bases
-            .iter()
-            .zip(&shares)
-            .map(|(&k, share)| Body {
-                base: BASES[k],
+        let opacities: Vec<f32> = bases.iter().map(|_| [0.1, 0.5, 0.9][(3.0 * rng.uniform()) as usize % 3]).collect();
+        let counts: Vec<f32> = shares.iter().zip(&opacities).map(|(share, opacity)| share / opacity).collect();
+        let all: f32 = counts.iter().sum();
+        let bodies: Vec<Body> = (0..count)
+            .map(|k| Body {
+                base: BASES[bases[k]],
                 centre: [0; 3].map(|_| 2.4 * rng.uniform() - 1.2),
                 radius: 0.2 + 0.4 * rng.uniform(),
-                opacity: [0.1, 0.5, 0.9][(3.0 * rng.uniform()) as usize % 3],
-                count: ((2500.0 * share / all) as usize).max(60),
+                opacity: opacities[k],
+                count: ((3000.0 * counts[k] / all) as usize).max(60),
             })
             .collect();
         let ambient = 0.1 + 0.7 * rng.uniform();
