@@ -61,11 +61,10 @@ impl MaterialGroups {
     /// The label of the material nearest to each of M other Gaussians `[M]`; 0 without any material.
     #[must_use]
     pub fn nearest(&self, of: &Materials) -> Vec<u32> {
-        let colour = |i: usize| (to_plane([of.chroma[2 * i], of.chroma[2 * i + 1]]), light(of.full[i]));
         (0..of.full.len())
             .map(|i| {
-                let (plane, light) = colour(i);
-                candidates(&self.centres, plane, light).next().map_or(0, |(k, _)| k as u32 + 1)
+                let chroma = [of.chroma[2 * i], of.chroma[2 * i + 1]];
+                nearest_label(&self.centres, to_plane(chroma), light(of.full[i]))
             })
             .collect()
     }
@@ -104,6 +103,10 @@ pub fn group(
     }
     let centres: Vec<Centre> = parts.iter().map(|p| Centre::of(p, &smooth, &weights)).collect();
     let mut labels = vote(&smooth, &centres, &neighbours);
+    if clusters.is_some() && (1..=centres.len() as u32).any(|k| !labels.contains(&k)) {
+        // halves that lie among each other are voted away, but were asked for
+        labels = per_row(labels.len(), |i| nearest_label(&centres, smooth.plane[i], smooth.light[i]));
+    }
     let order = by_opacity(&labels, opacity, centres.len());
     let mut place = vec![0; centres.len() + 1];
     (1..).zip(&order).for_each(|(new, &old)| place[old + 1] = new);
@@ -227,6 +230,11 @@ fn candidates(centres: &[Centre], plane: [f32; 2], light: f32) -> impl Iterator<
         }
     }
     nearest.into_iter()
+}
+
+/// The nearest material from 1; 0 if there is none.
+fn nearest_label(centres: &[Centre], plane: [f32; 2], light: f32) -> u32 {
+    candidates(centres, plane, light).next().map_or(0, |(k, _)| k as u32 + 1)
 }
 
 /// The material of each from 1, `[M]`, by its own colour and those of its neighbours.

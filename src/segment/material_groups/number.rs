@@ -8,6 +8,9 @@ use crate::points::kmeans::{KMeansConfig, kmeans};
 /// What lightness counts where a group is halved: shading changes it more than chroma.
 const HALVING: f32 = 0.2;
 
+/// Share of all weight that a half has at least: a few strays are no half.
+const FEWEST: f64 = 0.02;
+
 /// Joins the two groups whose joining costs least (Ward's criterion), or halves the one of most scatter by k-means, until
 /// there are `wanted`; fewer where none can be halved.
 pub(super) fn exactly(
@@ -36,6 +39,7 @@ pub(super) fn exactly(
         kept.rows.sort_unstable();
         kept.light = kept.light.min(gone.light);
     }
+    let total: f64 = weights.iter().map(|w| f64::from(*w)).sum();
     let mut scatters: Vec<Option<f64>> = vec![None; parts.len()];
     while parts.len() < wanted {
         for (part, scatter) in parts.iter().zip(&mut scatters).filter(|(_, s)| s.is_none()) {
@@ -54,7 +58,7 @@ pub(super) fn exactly(
             light: parts[k].light.max(HALVING),
         };
         let (first, second) = (of(1), of(2));
-        if second.rows.is_empty() {
+        if mass(&second, weights) <= FEWEST * total {
             scatters[k] = Some(0.0);
             continue;
         }

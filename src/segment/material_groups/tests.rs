@@ -129,7 +129,7 @@ fn as_many_groups_as_asked_for_the_same_twice() {
     for clusters in [1, 2, 3, 5, 12] {
         let options = CoarseOptions { clusters: Some(clusters), ..CoarseOptions::default() };
         let found = coarse(&g, None, &options).unwrap();
-        assert_eq!(found.palette.len(), clusters, "{:?}", names(&found));
+        assert_eq!(found.palette.len(), clusters, "{:?} {}", names(&found), found.outliers);
         assert_eq!(found.labels, coarse(&g, None, &options).unwrap().labels);
         if clusters == 3 {
             assert!(overlaps(&found, &truth, 3).iter().all(|v| *v > 0.9));
