@@ -23,8 +23,9 @@ const OFF_PLANE: f32 = 0.15;
 const DIM: f32 = 0.1;
 /// Brightness below which chroma is no longer taken as a share of it.
 const DARK: f32 = 0.05;
-/// Of the directions, from dark to bright, the one whose brightness stands for full light; above it are highlights.
-const FULL: usize = DIRECTIONS * 9 / 10;
+/// Of the directions that count at least half, from dark to bright, how far the one lies whose brightness stands for full
+/// light, in tenths; beyond it are highlights.
+const FULL: usize = 9;
 /// How much of a chroma is needed for a step of chroma to count less than one of hue, see [`to_plane`].
 const KNEE: f32 = 0.12;
 
@@ -106,9 +107,23 @@ fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
     let total: f32 = weights.iter().sum();
     let mean = |values: &[f32]| weights.iter().zip(values).map(|(w, v)| w * v).sum::<f32>() / total;
     let brightest = colours.iter().map(|c| mean(c)).fold(0.0, f32::max);
-    let full = *bright.select_nth_unstable_by(FULL, f32::total_cmp).1;
+    let full = bright_end(&mut bright, &weights);
     let certainty = brightest * brightest / (brightest * brightest + DIM * DIM);
     (along.map(|v| v / brightest.max(DARK)), full, certainty)
+}
+
+/// The brightness that stands for full light: `bright` is sorted in part.
+fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS]) -> f32 {
+    let mut count = 0;
+    for d in 0..DIRECTIONS {
+        if weights[d] >= 0.5 {
+            bright[count] = bright[d];
+            count += 1;
+        }
+    }
+    // where none can be believed, what is there
+    let believed = if count > 0 { &mut bright[..count] } else { &mut bright[..] };
+    *believed.select_nth_unstable_by(believed.len() * FULL / 10, f32::total_cmp).1
 }
 
 /// The two opponent colours, the projection onto the plane that white is at right angles to.

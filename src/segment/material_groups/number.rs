@@ -8,8 +8,8 @@ use crate::points::kmeans::{KMeansConfig, kmeans};
 /// What lightness counts where a group is halved: shading changes it more than chroma.
 const HALVING: f32 = 0.2;
 
-/// Share of all weight that a half has at least: a few strays are no half.
-const FEWEST: f64 = 0.02;
+/// Share of an even part of the weight that a half has at least: a few strays are no half.
+const FEWEST: f64 = 0.1;
 
 /// Joins the two groups whose joining costs least (Ward's criterion), or halves the one of most scatter by k-means, until
 /// there are `wanted`; fewer where none can be halved.
@@ -39,7 +39,7 @@ pub(super) fn exactly(
         kept.rows.sort_unstable();
         kept.light = kept.light.min(gone.light);
     }
-    let total: f64 = weights.iter().map(|w| f64::from(*w)).sum();
+    let least = FEWEST * weights.iter().map(|w| f64::from(*w)).sum::<f64>() / wanted as f64;
     let mut scatters: Vec<Option<f64>> = vec![None; parts.len()];
     while parts.len() < wanted {
         for (part, scatter) in parts.iter().zip(&mut scatters).filter(|(_, s)| s.is_none()) {
@@ -58,7 +58,7 @@ pub(super) fn exactly(
             light: parts[k].light.max(HALVING),
         };
         let (first, second) = (of(1), of(2));
-        if mass(&second, weights) <= FEWEST * total {
+        if mass(&second, weights) <= least {
             scatters[k] = Some(0.0);
             continue;
         }
