@@ -39,7 +39,23 @@ pub(super) fn exactly(
         kept.rows.sort_unstable();
         kept.light = kept.light.min(gone.light);
     }
-    let least = FEWEST * weights.iter().map(|w| f64::from(*w)).sum::<f64>() / wanted as f64;
+    let even = weights.iter().map(|w| f64::from(*w)).sum::<f64>() / wanted as f64;
+    // if that does not do, strays too
+    for least in [FEWEST * even, 0.0] {
+        halve(&mut parts, wanted, least, smooth, weights, uniform)?;
+    }
+    Ok(parts)
+}
+
+/// Halves the group of most scatter until there are `wanted`, or no halves weigh as much as `least` each.
+fn halve(
+    parts: &mut Vec<Members>,
+    wanted: usize,
+    least: f64,
+    smooth: &Smooth,
+    weights: &[f32],
+    uniform: &mut impl FnMut() -> f32,
+) -> Result<(), PointsError> {
     let mut scatters: Vec<Option<f64>> = vec![None; parts.len()];
     while parts.len() < wanted {
         for (part, scatter) in parts.iter().zip(&mut scatters).filter(|(_, s)| s.is_none()) {
@@ -58,7 +74,7 @@ pub(super) fn exactly(
             light: parts[k].light.max(HALVING),
         };
         let (first, second) = (of(1), of(2));
-        if mass(&second, weights) <= least {
+        if second.rows.is_empty() || mass(&second, weights) < least {
             scatters[k] = Some(0.0);
             continue;
         }
@@ -66,7 +82,7 @@ pub(super) fn exactly(
         parts.push(second);
         scatters.push(None);
     }
-    Ok(parts)
+    Ok(())
 }
 
 fn mass(part: &Members, weights: &[f32]) -> f64 {
