@@ -6,6 +6,7 @@ pub mod components;
 pub mod error;
 pub mod hdbscan;
 pub mod kmeans;
+pub mod modes;
 pub mod neighbours;
 pub mod outliers;
 pub mod sampling;

@@ -1,8 +1,10 @@
-//! Coarse segmentation (the paper's section on colours): Gaussians by their view-independent colour, without those
-//! that have no neighbours.
+//! Coarse segmentation: Gaussians by the colour of their material, or by their mean colour as in the paper's section on
+//! colours, without those that have no neighbours.
 
 use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
-use super::palette::{PaletteEntry, name_colours};
+use super::material::{Materials, materials};
+use super::material_groups::group;
+use super::palette::{PaletteEntry, name_colours, name_materials};
 use crate::model::GaussiansAt;
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
@@ -13,12 +15,14 @@ use crate::rng::{Purpose, Rng};
 /// Directions over which a colour is averaged.
 const DIRECTIONS: usize = 128;
 
-/// The space in which colours are near or far.
+/// What makes colours near or far.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColourSpace {
-    /// As displayed, the paper's.
+    /// The material's colour: hue first, then chroma, whatever the shading; see [`material`](super::material).
+    Material,
+    /// The mean colour as displayed, the paper's: light and dark sides of one material may be two groups.
     Rgb,
-    /// CIE Lab: distances as people see them.
+    /// The mean colour in CIE Lab: distances as people see them.
     Lab,
 }
 
@@ -41,7 +45,7 @@ impl Default for CoarseOptions {
     fn default() -> Self {
         Self {
             clusters: None,
-            space: ColourSpace::Rgb,
+            space: ColourSpace::Material,
             min_opacity: 0.02,
             outliers: Some(OutlierConfig::default()),
             seed: 0,
@@ -49,10 +53,19 @@ impl Default for CoarseOptions {
     }
 }
 
+impl CoarseOptions {
+    /// Which of `gaussians` are too transparent at their time to make colours, `[N]`: [`coarse`] reads the largest
+    /// opacity of these alone.
+    #[must_use]
+    pub fn hidden(&self, gaussians: &GaussiansAt) -> Vec<bool> {
+        gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
+    }
+}
+
 /// Gaussians by colour.
 #[derive(Clone, Debug)]
 pub struct Coarse {
-    /// The colours that any Gaussian has, the one with most opacity first.
+    /// The colours that any Gaussian has, the one with most opacity first; those of materials under full light.
     pub palette: Vec<PaletteEntry>,
     /// `[N]`: position in the palette + 1; 0 for Gaussians that are always transparent, and outliers.
     pub labels: Vec<u32>,
@@ -68,8 +81,8 @@ pub struct Coarse {
 }
 
 /// Groups Gaussians at a time by colour, each weighted by its opacity. With `largest_opacity` `[N]`, the largest of each
-/// over all times, those that are transparent now but not always join the colour next to theirs: at another time they may
-/// be what a segment consists of.
+/// over all times (read where [`CoarseOptions::hidden`]), those that are transparent now but not always join the colour
+/// next to theirs: at another time they may be what a segment consists of.
 ///
 /// # Errors
 /// If an option is out of range.
@@ -81,38 +94,36 @@ pub fn coarse(
     largest_opacity: Option<&[f32]>,
     options: &CoarseOptions,
 ) -> Result<Coarse, PointsError> {
+    if let Some(largest) = largest_opacity {
+        assert_eq!(largest.len(), gaussians.len(), "largest_opacity: [N]");
+    }
     let colours = mean_colour(&gaussians.sh, gaussians.sh_stride, &fibonacci_sphere(DIRECTIONS))?;
     let opacity = gaussians.opacity();
+    let too_transparent = options.hidden(gaussians);
     let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
-    let (shown, hidden): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
+    let (hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
         .filter(|&i| finite(&gaussians.means[3 * i as usize..][..3]) && finite(&colours[3 * i as usize..][..3]))
-        .partition(|&i| opacity[i as usize] >= options.min_opacity);
-    let points_of = |which: &[u32]| {
-        let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
-        if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
-    };
+        .partition(|&i| too_transparent[i as usize]);
     let not_finite = gaussians.len() - shown.len() - hidden.len();
+    let later: Vec<u32> = match largest_opacity {
+        Some(largest) => hidden.into_iter().filter(|&i| largest[i as usize] >= options.min_opacity).collect(),
+        None => Vec::new(),
+    };
     let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
-    let points = points_of(&shown);
     let mut rng = Rng::new(options.seed, 0, Purpose::Clusters as u64);
     let mut uniform = || rng.uniform();
-    let clusters = match options.clusters {
-        Some(k) => k,
-        None => suggest_clusters(&points, 3, &weights, 2..=10, &mut uniform)?.clusters,
-    };
-    let found = kmeans(&points, 3, &weights, &KMeansConfig::new(clusters), &mut uniform)?;
-    let centroids: Vec<f32> = match options.space {
-        ColourSpace::Rgb => found.centroids.clone(),
-        ColourSpace::Lab => found.centroids.chunks_exact(3).flat_map(|c| lab_to_rgb([c[0], c[1], c[2]])).collect(),
+    let found = match options.space {
+        ColourSpace::Material => by_material(gaussians, &shown, &later, &weights, options, &mut uniform)?,
+        ColourSpace::Rgb | ColourSpace::Lab => by_mean(&colours, &shown, &later, &weights, options, &mut uniform)?,
     };
     let mut labels = vec![0; gaussians.len()];
-    for (&i, &label) in shown.iter().zip(&found.labels) {
+    for (&i, &label) in shown.iter().zip(&found.shown) {
         labels[i as usize] = label;
     }
     let mut removed = 0;
     if let Some(outliers) = &options.outliers {
         // each colour for itself: a red Gaussian in a blue cloud is an outlier of red
-        for label in 1..=found.clusters() as u32 {
+        for label in 1..=found.colours.len() as u32 / 3 {
             let members: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == label).collect();
             let means: Vec<f32> = members.iter().flat_map(|&i| &gaussians.means[3 * i..][..3]).copied().collect();
             let mask = keep_mask(&means, outliers)?;
@@ -122,17 +133,74 @@ pub fn coarse(
             }
         }
     }
-    if let Some(largest) = largest_opacity.filter(|_| found.clusters() > 0) {
-        assert_eq!(largest.len(), gaussians.len(), "largest_opacity: [N]");
-        let later: Vec<u32> = hidden.into_iter().filter(|&i| largest[i as usize] >= options.min_opacity).collect();
-        for (&i, colour) in later.iter().zip(points_of(&later).chunks_exact(3)) {
-            labels[i as usize] = nearest(colour, &found.centroids, 3).0 as u32 + 1;
-        }
+    for (&i, &label) in later.iter().zip(&found.later) {
+        labels[i as usize] = label;
     }
-    let centroids = without_empty(&centroids, &mut labels);
+    let kept = without_empty(&found.colours, &mut labels);
     let none = labels.iter().filter(|l| **l == 0).count();
     let transparent = none - removed - not_finite;
-    Ok(Coarse { palette: name_colours(&centroids), labels, outliers: removed, transparent, not_finite, colours })
+    let palette = if options.space == ColourSpace::Material { name_materials(&kept) } else { name_colours(&kept) };
+    Ok(Coarse { palette, labels, outliers: removed, transparent, not_finite, colours })
+}
+
+/// Labels from 1 of the Gaussians that are shown and of those that are at another time, and the groups' colours `[K, 3]`.
+struct Found {
+    shown: Vec<u32>,
+    later: Vec<u32>,
+    colours: Vec<f32>,
+}
+
+fn by_material(
+    gaussians: &GaussiansAt,
+    shown: &[u32],
+    later: &[u32],
+    weights: &[f32],
+    options: &CoarseOptions,
+    uniform: &mut impl FnMut() -> f32,
+) -> Result<Found, PointsError> {
+    let all = materials(&gaussians.sh, gaussians.sh_stride)?;
+    let rows = |values: &[f32], width: usize, which: &[u32]| -> Vec<f32> {
+        which.iter().flat_map(|&i| &values[i as usize * width..][..width]).copied().collect()
+    };
+    let of = |which: &[u32]| Materials {
+        chroma: rows(&all.chroma, 2, which),
+        full: rows(&all.full, 1, which),
+        certainty: rows(&all.certainty, 1, which),
+    };
+    let found = group(&rows(&gaussians.means, 3, shown), &of(shown), weights, options.clusters, uniform)?;
+    Ok(Found { later: found.nearest(&of(later)), shown: found.labels, colours: found.colours })
+}
+
+/// The paper's grouping: k-means of the colours that [`mean_colour`] gives.
+fn by_mean(
+    colours: &[f32],
+    shown: &[u32],
+    later: &[u32],
+    weights: &[f32],
+    options: &CoarseOptions,
+    uniform: &mut impl FnMut() -> f32,
+) -> Result<Found, PointsError> {
+    let points_of = |which: &[u32]| {
+        let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
+        if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
+    };
+    let points = points_of(shown);
+    let clusters = match options.clusters {
+        Some(k) => k,
+        None => suggest_clusters(&points, 3, weights, 2..=10, uniform)?.clusters,
+    };
+    let found = kmeans(&points, 3, weights, &KMeansConfig::new(clusters), uniform)?;
+    let mut of_later = vec![0; later.len()];
+    if found.clusters() > 0 {
+        for (label, colour) in of_later.iter_mut().zip(points_of(later).chunks_exact(3)) {
+            *label = nearest(colour, &found.centroids, 3).0 as u32 + 1;
+        }
+    }
+    let colours = match options.space {
+        ColourSpace::Lab => found.centroids.chunks_exact(3).flat_map(|c| lab_to_rgb([c[0], c[1], c[2]])).collect(),
+        _ => found.centroids,
+    };
+    Ok(Found { shown: found.labels, later: of_later, colours })
 }
 
 /// The rows of `centroids` `[K, 3]` whose label, from 1, any of `labels` is; those then count in the rows that are left.
@@ -188,22 +256,28 @@ mod tests {
     #[test]
     fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
         let (g, truth) = two_balls();
-        for space in [ColourSpace::Rgb, ColourSpace::Lab] {
+        for space in [ColourSpace::Rgb, ColourSpace::Lab, ColourSpace::Material] {
             let out = coarse(&g, None, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
             let names: Vec<&str> = out.palette.iter().map(|p| p.name.as_str()).collect();
             assert_eq!(names, ["blue", "red"], "{space:?}");
             let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
             assert!(wrong <= 9, "{wrong} wrong in {space:?}: at most the rim of the balls may go with the stray");
-            assert_eq!(out.labels.last(), Some(&0), "the stray");
+            // a mean colour leaves it alone, a material takes what its neighbours are
+            let stray = if space == ColourSpace::Material { 1 } else { 0 };
+            assert_eq!(out.labels.last(), Some(&stray), "the stray");
         }
         // a part of the haze that is opaque at another time joins the colour next to it
         let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.9 } else { 0.0 }).collect();
-        let with = coarse(&g, Some(&later), &CoarseOptions::default()).unwrap();
-        let without = coarse(&g, None, &CoarseOptions::default()).unwrap();
-        for i in 0..900 {
-            assert_eq!(with.labels[i] > 0, without.labels[i] > 0 || i % 6 == 2, "{i}");
+        for space in [ColourSpace::Rgb, ColourSpace::Material] {
+            let options = CoarseOptions { space, ..CoarseOptions::default() };
+            let with = coarse(&g, Some(&later), &options).unwrap();
+            let without = coarse(&g, None, &options).unwrap();
+            for i in 0..900 {
+                assert_eq!(with.labels[i] > 0, without.labels[i] > 0 || i % 6 == 2, "{i}");
+            }
         }
-        let kept = CoarseOptions { outliers: None, clusters: Some(2), ..CoarseOptions::default() };
+        let kept =
+            CoarseOptions { outliers: None, clusters: Some(2), space: ColourSpace::Rgb, seed: 0, min_opacity: 0.02 };
         let out = coarse(&g, None, &kept).unwrap();
         assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
         assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same twice");
@@ -213,16 +287,18 @@ mod tests {
     fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
         let (mut g, _) = two_balls();
         g.means[0] = f32::NAN;
-        let options = CoarseOptions::default();
-        for clusters in [None, Some(2), Some(40)] {
-            let out = coarse(&g, None, &CoarseOptions { clusters, ..options }).unwrap();
+        let options = CoarseOptions { space: ColourSpace::Rgb, ..CoarseOptions::default() };
+        let numbers = [None, Some(2), Some(40)];
+        for (clusters, space) in numbers.into_iter().flat_map(|k| [(k, ColourSpace::Rgb), (k, ColourSpace::Material)]) {
+            let out = coarse(&g, None, &CoarseOptions { clusters, space, ..options }).unwrap();
             let mut counts = vec![0; out.palette.len()];
             out.labels.iter().filter(|l| **l > 0).for_each(|l| counts[*l as usize - 1] += 1);
             assert!(counts.iter().all(|n| *n > 0), "{counts:?}");
             let inside: usize = counts.iter().sum();
             assert_eq!(inside + out.outliers + out.transparent + out.not_finite, g.len());
             assert_eq!(out.not_finite, 1);
-            assert!(out.outliers > 0 && out.transparent >= 300, "{out:?}");
+            assert!(space == ColourSpace::Material || out.outliers > 0, "{space:?}: the stray");
+            assert!(out.transparent >= 300, "{}", out.transparent);
         }
         // so lonely is each that none is left
         let outliers = Some(OutlierConfig { radius: Some(1e-6), ..OutlierConfig::default() });

@@ -1,6 +1,6 @@
 //! Scene -> segments: which Gaussians belong together.
 //!
-//! Coarse by view-independent colour ([`coarse`]), fine by a field trained on 2D masks ([`masks`], [`mod@fine`]); a
+//! Coarse by the colour of the [`material`] or the mean colour ([`coarse`]), fine by a field trained on 2D masks ([`masks`], [`mod@fine`]); a
 //! [`segmentation`] is what the commands after it read, [`history`] takes changes of it back; [`voxels`] carries labels back to a volume, [`dice`]
 //! compares label volumes; [`pick`] is what a click selects; [`paint`] shows them in colour. Published methods to compare with are in [`baselines`].
 //! Nothing here knows what segments do over time (see `track`).
@@ -14,6 +14,8 @@ pub mod fine;
 pub mod history;
 pub mod levels;
 pub mod masks;
+pub mod material;
+pub mod material_groups;
 pub mod paint;
 pub mod palette;
 pub mod pick;

@@ -60,12 +60,26 @@ const COMPARED: f32 = 40.0;
 /// How much a difference of chroma counts beside one of lightness, where a dull colour is named by its hue.
 const DULL: f32 = 0.3;
 
+/// How far, in CIE Lab, another name may lie from a colour whose own name is taken.
+const ANOTHER: f32 = 30.0;
+
 /// Names the rows of `colours` `[K, 3]` (sRGB in `[0, 1]`) by the nearest named colour in CIE Lab. Where that is a grey
 /// although a hue shows, as in the dull blue of thin smoke, the nearest in hue and lightness is taken.
 ///
 /// A name met again gets `-2`, `-3`, ... in row order. Values are clamped to `[0, 1]`; a row with a non-finite value is
 /// shown black and named `unknown`. Trailing values short of a row are left out.
 pub fn name_colours(colours: &[f32]) -> Vec<PaletteEntry> {
+    named(colours, 0.0)
+}
+
+/// As [`name_colours`], but a name that is taken gives way to the next one of much the same colour: a pale and a deep
+/// blue are `light blue` and `blue`, and only those that are all but alike get numbers.
+pub fn name_materials(colours: &[f32]) -> Vec<PaletteEntry> {
+    named(colours, ANOTHER)
+}
+
+/// Names rows of `colours`; one whose name is taken gets the nearest that is not, no farther than `another` from it.
+fn named(colours: &[f32], another: f32) -> Vec<PaletteEntry> {
     let table: Vec<[f32; 3]> = NAMED.iter().map(|&(_, code)| rgb_to_lab(unpack(code))).collect();
     let mut used: Vec<(&str, usize)> = Vec::new();
     colours
@@ -73,7 +87,11 @@ pub fn name_colours(colours: &[f32]) -> Vec<PaletteEntry> {
         .map(|row| {
             let known = row.iter().all(|v| v.is_finite());
             let rgb = [0, 1, 2].map(|i| if known { row[i].clamp(0.0, 1.0) } else { 0.0 });
-            let base = if known { nearest(&table, rgb) } else { "unknown" };
+            let mut base = if known { nearest(&table, rgb) } else { "unknown" };
+            if used.iter().any(|(name, _)| *name == base) {
+                let free = |name: &str| used.iter().all(|(other, _)| *other != name);
+                base = next_name(&table, base, rgb, another, free).unwrap_or(base);
+            }
             let count = match used.iter_mut().find(|(name, _)| *name == base) {
                 Some((_, count)) => {
                     *count += 1;
@@ -88,6 +106,26 @@ pub fn name_colours(colours: &[f32]) -> Vec<PaletteEntry> {
             PaletteEntry { name, hex: hex(rgb), rgb }
         })
         .collect()
+}
+
+/// The nearest free name to a colour called `base`, a grey for a grey, nearer than `another`.
+fn next_name(
+    table: &[[f32; 3]],
+    base: &str,
+    rgb: [f32; 3],
+    another: f32,
+    free: impl Fn(&str) -> bool,
+) -> Option<&'static str> {
+    let lab = rgb_to_lab(rgb);
+    let grey = NAMED[..GREYS].iter().any(|(name, _)| *name == base);
+    let mut best = (another * another, None);
+    for (k, ((name, _), entry)) in NAMED.iter().zip(table).enumerate().filter(|(k, _)| (*k < GREYS) == grey) {
+        let distance = if k < GREYS { (entry[0] - lab[0]).powi(2) } else { by_hue(*entry, lab) };
+        if distance < best.0 && free(name) {
+            best = (distance, Some(*name));
+        }
+    }
+    best.1
 }
 
 /// `#rrggbb` of an sRGB colour, clamped to `[0, 1]` (NaN counts as 0).
@@ -180,6 +218,26 @@ mod tests {
     fn repeated_names_are_numbered() {
         let names: Vec<String> = name_colours(&[0.5; 9]).into_iter().map(|e| e.name).collect();
         assert_eq!(names, ["grey", "grey-2", "grey-3"]);
+    }
+
+    #[test]
+    fn materials_of_other_hues_never_share_a_name() {
+        let of = |codes: &[u32]| -> Vec<String> {
+            let rows: Vec<f32> = codes.iter().flat_map(|&c| unpack(c)).collect();
+            name_materials(&rows).into_iter().map(|e| e.name).collect()
+        };
+        assert_eq!(of(&[0xe6191e, 0x1eaa28, 0x8cb4f0]), ["red", "green", "light blue"]);
+        // two that are both nearest to blue, and two greys
+        let blues = of(&[0x1946dc, 0x1e64dc]);
+        assert!(blues[0] == "blue" && blues[1] != "blue" && blues[1].contains("blue"), "{blues:?}");
+        assert_eq!(of(&[0x808080, 0x848484, 0x7c7c7c]).iter().collect::<HashSet<_>>().len(), 3);
+        let many = of(&[0x808080; 12]);
+        assert!(
+            many.iter().all(|n| n.contains("grey") || n.starts_with("white") || n.starts_with("black")),
+            "{many:?}"
+        );
+        assert_eq!(many.iter().collect::<HashSet<_>>().len(), 12);
+        assert_eq!(name_materials(&[f32::NAN, 0.0, 0.0, f32::NAN, 0.0, 0.0])[1].name, "unknown-2");
     }
 
     #[test]

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 /// Segments that the picture shows at most, those of most opacity.
 const SHOWN: usize = 40;
 
-/// Segments by view-independent colour.
+/// Segments by colour.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone. `volseggs segment undo RUN` brings back what --replace removed."
@@ -35,8 +35,8 @@ pub struct CoarseArgs {
     /// Number of colours; suggested from the data if not given.
     #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
-    /// Space in which colours are near or far.
-    #[arg(long, value_enum, default_value_t = Space::Rgb)]
+    /// What makes colours near or far.
+    #[arg(long, value_enum, default_value_t = Space::Material)]
     space: Space,
     /// Gaussians less opaque than this make no colours; those that never are more opaque belong to no segment.
     #[arg(long, default_value_t = 0.02, value_name = "ALPHA", value_parser = fraction_f32)]
@@ -77,9 +77,11 @@ struct Report<'a> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Space {
-    /// Red, green and blue as displayed.
+    /// The colour of the material, whatever its shading: hue first.
+    Material,
+    /// The mean colour as displayed, as in the paper; shading makes groups too.
     Rgb,
-    /// CIE Lab, distances as people see them.
+    /// The mean colour in CIE Lab, distances as people see them.
     Lab,
 }
 
@@ -103,13 +105,18 @@ impl CoarseArgs {
         outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);
         let options = CoarseOptions {
             clusters: self.clusters,
-            space: if self.space == Space::Rgb { ColourSpace::Rgb } else { ColourSpace::Lab },
+            space: match self.space {
+                Space::Material => ColourSpace::Material,
+                Space::Rgb => ColourSpace::Rgb,
+                Space::Lab => ColourSpace::Lab,
+            },
             min_opacity: self.min_opacity,
             outliers: (!self.keep_outliers).then_some(outliers),
             seed: self.seed,
         };
         let at = run.scene.host_at(self.time as f32);
-        let found = coarse(&at, Some(&run.scene.largest_opacity()), &options).map_err(CliError::input)?;
+        let largest = run.scene.largest_opacity(&options.hidden(&at));
+        let found = coarse(&at, Some(&largest), &options).map_err(CliError::input)?;
         if found.palette.is_empty() {
             return Err(CliError::input(format!("no segments: of {n} Gaussians {}", self.left_out(&found))));
         }

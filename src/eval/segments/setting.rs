@@ -52,7 +52,8 @@ impl Setting {
         std::array::from_fn(|i| match method {
             Method::Coarse => {
                 let clusters = if i / 2 == 0 { coarse.clusters } else { Some(COLOURS[i / 2 - 1]) };
-                let space = if i % 2 == 0 { ColourSpace::Rgb } else { ColourSpace::Lab };
+                let other = if coarse.space == ColourSpace::Rgb { ColourSpace::Material } else { ColourSpace::Rgb };
+                let space = if i % 2 == 0 { coarse.space } else { other };
                 Self::Coarse(CoarseOptions { clusters, space, ..*coarse })
             }
             // the levels that the masks show take the place of the smallest scale with the lowest cosine
@@ -82,10 +83,14 @@ impl fmt::Display for Setting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Coarse(c) => {
-                let space = if c.space == ColourSpace::Rgb { "RGB" } else { "Lab" };
+                let space = match c.space {
+                    ColourSpace::Material => "by material",
+                    ColourSpace::Rgb => "in RGB",
+                    ColourSpace::Lab => "in Lab",
+                };
                 match c.clusters {
-                    Some(k) => write!(f, "{k} colours in {space}"),
-                    None => write!(f, "suggested number of colours in {space}"),
+                    Some(k) => write!(f, "{k} colours {space}"),
+                    None => write!(f, "suggested number of colours {space}"),
                 }
             }
             Self::Field(p) => match p.meaning {

@@ -82,7 +82,7 @@ impl Trainers<'_> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
-        let largest = self.scene.largest_opacity();
+        let largest = self.scene.largest_opacity(&self.options.coarse.hidden(self.at));
         let found = coarse(self.at, Some(&largest), &self.options.coarse).map_err(|e| e.to_string())?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
@@ -292,7 +292,8 @@ pub fn write_mask_pictures(
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
-    let coarse = coarse(&at, Some(&scene.largest_opacity()), &options.coarse).map_err(|e| e.to_string())?;
+    let largest = scene.largest_opacity(&options.coarse.hidden(&at));
+    let coarse = coarse(&at, Some(&largest), &options.coarse).map_err(|e| e.to_string())?;
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {

@@ -1,0 +1,238 @@
+//! The colour of the material that a Gaussian shows, whatever the light makes of it. What is done with these colours
+//! lives in `material_groups`.
+//!
+//! The images are shaded by Blinn-Phong with a white headlight (see `volume::raycast`): in a direction a Gaussian has
+//! the colour `s * base + w * white`, where the light sets `s` and the highlight `w`. All colours of one material lie in
+//! the plane through black, `base` and white, the dichromatic model (Shafer, *Using color to separate reflection
+//! components*, 1985), so their hue is that of `base`, and but for highlights also their chroma over their brightness.
+
+use super::colour::{fibonacci_sphere, sh_basis};
+use crate::points::chunks::map_chunks;
+use crate::points::error::{PointsError, rows};
+
+/// Directions in which a Gaussian is looked at.
+const DIRECTIONS: usize = 48;
+/// Passes in which directions that do not fit the material lose their weight.
+const PASSES: usize = 2;
+/// How far a value may leave `[0, 1]` before its direction counts half: the harmonics reach beyond where no view has
+/// held them.
+const BEYOND: f32 = 0.1;
+/// How far a colour may lie off the dichromatic plane before its direction counts half.
+const OFF_PLANE: f32 = 0.15;
+/// A brightness at which the colour is half certain: what trained harmonics have as noise is of this size.
+const DIM: f32 = 0.1;
+/// Brightness below which chroma is no longer taken as a share of it.
+const DARK: f32 = 0.05;
+/// Of the directions that count at least half, from dark to bright, how far the one lies whose brightness stands for full
+/// light, in tenths; beyond it are highlights.
+const FULL: usize = 9;
+/// How much of a chroma is needed for a step of chroma to count less than one of hue, see [`to_plane`].
+const KNEE: f32 = 0.12;
+
+/// The materials' colours of N Gaussians.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Materials {
+    /// `[N, 2]`: opponent colours (red against green and blue, green against blue) over the brightest channel. The angle
+    /// is the hue, the length at most 0.817, and 0 for greys and for what has no finite colour.
+    pub chroma: Vec<f32>,
+    /// `[N]`: brightest channel under full light, in `[0, 1]`.
+    pub full: Vec<f32>,
+    /// `[N]`: how far the chroma can be believed, in `[0, 1)`; little for dark ones, 0 for those without finite colour.
+    pub certainty: Vec<f32>,
+}
+
+/// Fits the dichromatic plane of each of `sh` `[N, coefficients, 3]` over directions of the whole sphere, colours clamped
+/// to `[0, 1]`. Directions in which the harmonics leave that range, or the plane, count less.
+///
+/// # Errors
+/// `coefficients` not 1, 4, 9 or 16, or `sh` not a whole number of `[coefficients, 3]` blocks.
+pub fn materials(sh: &[f32], coefficients: usize) -> Result<Materials, PointsError> {
+    if !matches!(coefficients, 1 | 4 | 9 | 16) {
+        let value = coefficients.to_string();
+        return Err(PointsError::Setting { field: "coefficients", value, want: "1, 4, 9 or 16" });
+    }
+    let count = rows("sh", sh.len(), coefficients * 3, "[N, K, 3]")?;
+    let each: Vec<[f32; 16]> = fibonacci_sphere(DIRECTIONS).into_iter().map(sh_basis).collect();
+    let bases: Vec<[f32; DIRECTIONS]> = (0..16).map(|k| std::array::from_fn(|d| each[d][k])).collect();
+    let chunks = map_chunks(count, |range| {
+        range.map(|i| fit(&sh[3 * coefficients * i..3 * coefficients * (i + 1)], &bases)).collect::<Vec<_>>()
+    });
+    let mut out = Materials { chroma: Vec::new(), full: Vec::new(), certainty: Vec::new() };
+    for (chroma, full, certainty) in chunks.into_iter().flatten() {
+        out.chroma.extend(chroma);
+        out.full.push(full);
+        out.certainty.push(certainty);
+    }
+    Ok(out)
+}
+
+/// Chroma, brightness under full light and certainty of one block `[coefficients, 3]`.
+fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
+    let mut colours = [[0.5f32; DIRECTIONS]; 3];
+    for (c, basis) in block.chunks_exact(3).zip(bases) {
+        for (values, c) in colours.iter_mut().zip(c) {
+            values.iter_mut().zip(basis).for_each(|(v, y)| *v += c * y);
+        }
+    }
+    let mut believed = [0f32; DIRECTIONS];
+    let mut opponent = [[0f32; 2]; DIRECTIONS];
+    let mut bright = [0f32; DIRECTIONS];
+    for d in 0..DIRECTIONS {
+        let rgb = [colours[0][d], colours[1][d], colours[2][d]];
+        if rgb.iter().any(|v| !v.is_finite()) {
+            return ([0.0; 2], 0.0, 0.0);
+        }
+        // bounded, so that some weight is left where no direction can be believed
+        let beyond = rgb.iter().map(|v| (-v).max(v - 1.0)).fold(0.0, f32::max).min(100.0);
+        believed[d] = 1.0 / (1.0 + (beyond / BEYOND).powi(2));
+        let rgb = rgb.map(|v| v.clamp(0.0, 1.0));
+        (0..3).for_each(|c| colours[c][d] = rgb[c]);
+        opponent[d] = to_opponent(rgb);
+        bright[d] = rgb[0].max(rgb[1]).max(rgb[2]);
+    }
+    let mut weights = believed;
+    let mut along = [0.0; 2];
+    for pass in 0..=PASSES {
+        let total: f32 = weights.iter().sum();
+        along = [0, 1].map(|a| weights.iter().zip(&opponent).map(|(w, p)| w * p[a]).sum::<f32>() / total);
+        let length = along[0].hypot(along[1]);
+        if pass == PASSES || length < 1e-6 {
+            break;
+        }
+        for d in 0..DIRECTIONS {
+            let off = (opponent[d][0] * along[1] - opponent[d][1] * along[0]) / length;
+            weights[d] = believed[d] / (1.0 + (off / OFF_PLANE).powi(2));
+        }
+    }
+    let total: f32 = weights.iter().sum();
+    let mean = |values: &[f32]| weights.iter().zip(values).map(|(w, v)| w * v).sum::<f32>() / total;
+    let brightest = colours.iter().map(|c| mean(c)).fold(0.0, f32::max);
+    let full = bright_end(&mut bright, &weights);
+    let certainty = brightest * brightest / (brightest * brightest + DIM * DIM);
+    (along.map(|v| v / brightest.max(DARK)), full, certainty)
+}
+
+/// The brightness that stands for full light: `bright` is sorted in part.
+fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS]) -> f32 {
+    let mut count = 0;
+    for d in 0..DIRECTIONS {
+        if weights[d] >= 0.5 {
+            bright[count] = bright[d];
+            count += 1;
+        }
+    }
+    // where none can be believed, what is there
+    let believed = if count > 0 { &mut bright[..count] } else { &mut bright[..] };
+    *believed.select_nth_unstable_by(believed.len() * FULL / 10, f32::total_cmp).1
+}
+
+/// The two opponent colours, the projection onto the plane that white is at right angles to.
+fn to_opponent([r, g, b]: [f32; 3]) -> [f32; 2] {
+    [(2.0 * r - g - b) / 6f32.sqrt(), (g - b) / 2f32.sqrt()]
+}
+
+/// The colour in `[0, 1]`, `[3]`, of chroma `[2]` as in [`Materials::chroma`] whose brightest channel is `brightest`.
+#[must_use]
+pub fn to_rgb(chroma: [f32; 2], brightest: f32) -> [f32; 3] {
+    let (x, y) = (chroma[0] / 6f32.sqrt(), chroma[1] / 2f32.sqrt());
+    let off = [2.0 * x, y - x, -x - y];
+    let most = off[0].max(off[1]).max(off[2]);
+    off.map(|v| ((v + 1.0 - most) * brightest).clamp(0.0, 1.0))
+}
+
+/// Chroma `[2]` in the plane in which materials are near or far: a step of hue counts more than one of chroma, as
+/// highlights, haze and what is seen through a shell change chroma first. The angle stays.
+#[must_use]
+pub fn to_plane(chroma: [f32; 2]) -> [f32; 2] {
+    let root = (chroma[0].hypot(chroma[1]) + KNEE).sqrt();
+    chroma.map(|v| v / root)
+}
+
+/// What [`to_plane`] made, back as chroma `[2]`.
+#[must_use]
+pub fn from_plane(plane: [f32; 2]) -> [f32; 2] {
+    let square = plane[0] * plane[0] + plane[1] * plane[1];
+    let length = 0.5 * (square + (square * (square + 4.0 * KNEE)).sqrt());
+    plane.map(|v| v * (length + KNEE).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::colour::SH_C0;
+    use proptest::prelude::*;
+
+    /// Degree-2 harmonics of `base (ambient + diffuse n.d^2) + shine n.d^2`, even in the direction as the light is.
+    fn shaded(base: [f32; 3], ambient: f32, diffuse: f32, shine: f32) -> Vec<f32> {
+        let mut sh = vec![0.0; 27];
+        for c in 0..3 {
+            let (flat, square) = (base[c] * ambient, base[c] * diffuse + shine);
+            // z^2 = 1/3 + (3 z^2 - 1) / 3
+            sh[c] = (flat + square / 3.0 - 0.5) / SH_C0;
+            sh[6 * 3 + c] = square / 3.0 / 0.315_391_57;
+        }
+        sh
+    }
+
+    fn hue(m: &Materials) -> f32 {
+        m.chroma[1].atan2(m.chroma[0])
+    }
+
+    #[test]
+    fn shading_changes_neither_hue_nor_chroma_and_highlights_no_hue() {
+        let base = [0.2, 0.5, 0.7];
+        let plain = materials(&shaded(base, 1.0, 0.0, 0.0), 9).unwrap();
+        for (ambient, diffuse) in [(0.1, 0.9), (0.3, 0.2), (0.6, 0.3), (0.15, 0.0)] {
+            let lit = materials(&shaded(base, ambient, diffuse, 0.0), 9).unwrap();
+            assert!((0..2).all(|a| (lit.chroma[a] - plain.chroma[a]).abs() < 1e-3), "{lit:?} {plain:?}");
+            let shiny = materials(&shaded(base, ambient, diffuse, 0.2), 9).unwrap();
+            assert!((hue(&shiny) - hue(&plain)).abs() < 1e-3);
+        }
+        let dark = materials(&shaded(base, 0.02, 0.02, 0.0), 9).unwrap();
+        assert!(dark.certainty[0] < 0.1 && plain.certainty[0] > 0.9, "{dark:?}");
+        assert!((plain.full[0] - 0.7).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_side_that_no_view_held_moves_the_hue_less_than_it_moves_the_mean() {
+        let plain = shaded([0.1, 0.3, 0.8], 0.5, 0.4, 0.0);
+        // red rises far beyond 1 towards +x alone: 1.2 (x + x^2), x^2 = 1/3 + (x^2 - y^2) / 2 - (3 z^2 - 1) / 6
+        let mut wild = plain.clone();
+        wild[0] += 0.4 / SH_C0;
+        wild[9] -= 1.2 / 0.488_602_5;
+        wild[24] += 0.6 / 0.546_274_2;
+        wild[18] -= 0.2 / 0.315_391_57;
+        let of_mean = |sh: &[f32]| {
+            let p = to_opponent([0, 1, 2].map(|c| 0.5 + SH_C0 * sh[c]));
+            p[1].atan2(p[0])
+        };
+        let turn = |a: f32, b: f32| (a - b).sin().abs();
+        let fitted = turn(hue(&materials(&plain, 9).unwrap()), hue(&materials(&wild, 9).unwrap()));
+        let mean = turn(of_mean(&plain), of_mean(&wild));
+        assert!(fitted < 0.5 * mean, "{fitted} {mean}");
+    }
+
+    #[test]
+    fn poison_has_no_certainty_and_wrong_shapes_are_errors() {
+        let m = materials(&[f32::NAN, 0.0, 0.0, 0.0, f32::INFINITY, 0.0, 1e38, -1e38, 1e38], 1).unwrap();
+        assert_eq!(&m.certainty[..2], [0.0; 2]);
+        assert!(m.chroma.iter().chain(&m.full).chain(&m.certainty).all(|v| v.is_finite()), "{m:?}");
+        let huge = materials(&[f32::MAX; 48], 16).unwrap();
+        assert!(huge.chroma.iter().chain(&huge.full).all(|v| v.is_finite()));
+        assert!(materials(&[0.0; 5], 1).is_err() && materials(&[0.0; 6], 2).is_err());
+        assert!(materials(&[], 16).unwrap().full.is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn a_plain_colour_comes_back(r in 0.1f32..1.0, g in 0.1f32..1.0, b in 0.1f32..1.0) {
+            let m = materials(&[r, g, b].map(|v| (v - 0.5) / SH_C0), 1).unwrap();
+            let back = to_rgb([m.chroma[0], m.chroma[1]], m.full[0]);
+            prop_assert!((0..3).all(|c| (back[c] - [r, g, b][c]).abs() < 1e-4), "{back:?}");
+            let plane = to_plane([m.chroma[0], m.chroma[1]]);
+            prop_assert!((plane[0] * m.chroma[1] - plane[1] * m.chroma[0]).abs() < 1e-5);
+            let back = from_plane(plane);
+            prop_assert!((0..2).all(|a| (back[a] - m.chroma[a]).abs() < 1e-5));
+        }
+    }
+}

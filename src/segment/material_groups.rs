@@ -1,0 +1,279 @@
+//! Gaussians by material: colours of materials (see `material`) averaged with those of like neighbours, the hills of
+//! their density as groups, and a vote among neighbours. Outliers and names live elsewhere.
+
+use super::material::{Materials, from_plane, to_plane, to_rgb};
+use crate::points::PointsError;
+use crate::points::chunks::{map_chunks, point};
+use crate::points::modes::{ModeConfig, hills, valleys};
+use crate::points::neighbours::Grid;
+use centre::{Centre, Members};
+
+mod centre;
+mod number;
+
+/// Neighbours with which a Gaussian is averaged, and that vote.
+const NEIGHBOURS: usize = 12;
+/// Times that colours are averaged with like neighbours.
+const ROUNDS: usize = 3;
+/// Of the neighbours, from dark to bright, the one whose brightness is taken: shading only darkens, and strays are few.
+const LIT: usize = NEIGHBOURS * 5 / 8;
+/// How near colours of neighbours are in the plane to be averaged (standard deviation): materials that touch stay apart.
+const LIKE: f32 = 0.17;
+/// Share of like neighbours, by opacity, below which a Gaussian shows no material of its own, and how much more make it
+/// count in full. A tenth of trained Gaussians has a colour that is none of the material's.
+const SUPPORT: [f32; 2] = [0.1, 0.3];
+/// The plane of colours, see [`to_plane`]: its extent is +-0.85.
+const PLANE: ModeConfig = ModeConfig { range: [-0.9, 0.9], bandwidth: 0.035, smallest: 0.006 };
+/// Two hues are two materials unless the pass between them is at least this high, see [`hills`].
+const PASS: f64 = 0.5;
+/// The same for two chromas of one hue, which highlights and haze spread.
+const PASS_OF_A_HUE: f64 = 0.35;
+/// Hues less apart than this are one, radians.
+const ONE_HUE: f32 = 0.35;
+/// Less chroma than this, in the plane, has no clear hue.
+const NO_HUE: f32 = 0.12;
+/// Below this, in the plane, colours count as grey: lightness parts them, where its density has a clear valley.
+const GREY: f32 = 0.2;
+/// Natural logarithms of brightness under full light.
+const LIGHT: ModeConfig = ModeConfig { range: [-3.0, 0.1], bandwidth: 0.04, smallest: 0.05 };
+/// How low a valley of lightness is beside its lower side.
+const LIGHT_PASS: f64 = 0.25;
+/// Brightness below which all is alike dark.
+const DARKEST: f32 = 0.05;
+/// How sure a vote is by distance to a material in the plane (standard deviation).
+const SURE: f32 = 0.12;
+/// Weight of a Gaussian's own vote beside that of all its neighbours.
+const OWN: f32 = 3.0;
+/// Materials that one Gaussian votes for, the nearest.
+const CANDIDATES: usize = 4;
+
+/// Gaussians by material, as [`group`] found them.
+#[derive(Debug, Clone)]
+pub struct MaterialGroups {
+    /// `[M]`: 1 + row of the material, the one of most opacity first; 0 for none, where there is no material at all.
+    pub labels: Vec<u32>,
+    /// `[K, 3]`: each material's colour under full light, in `[0, 1]`.
+    pub colours: Vec<f32>,
+    centres: Vec<Centre>,
+}
+
+impl MaterialGroups {
+    /// The label of the material nearest to each of M other Gaussians `[M]`; 0 without any material.
+    #[must_use]
+    pub fn nearest(&self, of: &Materials) -> Vec<u32> {
+        (0..of.full.len())
+            .map(|i| {
+                let chroma = [of.chroma[2 * i], of.chroma[2 * i + 1]];
+                nearest_label(&self.centres, to_plane(chroma), light(of.full[i]))
+            })
+            .collect()
+    }
+}
+
+/// Groups M Gaussians at `means` `[M, 3]` with the colours `of` and `opacity` `[M]`, all finite, by material.
+///
+/// Each colour is averaged with like ones among the nearest neighbours, which takes noise off and tells Gaussians that are
+/// alone with theirs. Materials are the hills of the density of colours, weighted by opacity, certainty and likeness to
+/// the neighbours; greys are parted by lightness where that leaves a clear gap. With `clusters` groups are joined or
+/// halved until there are as many. Each Gaussian then gets the material that it and its neighbours vote for.
+/// `uniform` gives numbers in `[0, 1)`, for halving alone. The same bits for any number of threads.
+///
+/// # Errors
+/// Slices of the wrong length; `clusters` of 0.
+pub fn group(
+    means: &[f32],
+    of: &Materials,
+    opacity: &[f32],
+    clusters: Option<usize>,
+    uniform: &mut impl FnMut() -> f32,
+) -> Result<MaterialGroups, PointsError> {
+    if clusters == Some(0) {
+        return Err(PointsError::Setting { field: "clusters", value: "0".into(), want: "at least 1" });
+    }
+    let neighbours = neighbours(means)?;
+    let smooth = Smooth::new(of, opacity, &neighbours);
+    let weights = smooth.weights();
+    let mut parts = parts(&smooth, &weights)?;
+    if parts.is_empty() && !opacity.is_empty() {
+        // nothing can be believed: all of it is one
+        parts.push(Members { rows: (0..opacity.len() as u32).collect(), light: 0.0 });
+    }
+    if let Some(wanted) = clusters {
+        parts = number::exactly(parts, wanted, &smooth, &weights, uniform)?;
+    }
+    let centres: Vec<Centre> = parts.iter().map(|p| Centre::of(p, &smooth, &weights)).collect();
+    let mut labels = vote(&smooth, &centres, &neighbours);
+    if clusters.is_some() && (1..=centres.len() as u32).any(|k| !labels.contains(&k)) {
+        // halves that lie among each other are voted away, but were asked for
+        labels = per_row(labels.len(), |i| nearest_label(&centres, smooth.plane[i], smooth.light[i]));
+    }
+    let order = by_opacity(&labels, opacity, centres.len());
+    let mut place = vec![0; centres.len() + 1];
+    (1..).zip(&order).for_each(|(new, &old)| place[old + 1] = new);
+    labels.iter_mut().for_each(|l| *l = place[*l as usize]);
+    let centres: Vec<Centre> = order.into_iter().map(|k| centres[k].clone()).collect();
+    let colours = centres.iter().flat_map(|c| to_rgb(from_plane(c.shown), c.brightest)).collect();
+    Ok(MaterialGroups { labels, colours, centres })
+}
+
+/// Colours averaged with those of like neighbours.
+struct Smooth {
+    /// `[M]`, in the plane of [`to_plane`].
+    plane: Vec<[f32; 2]>,
+    /// `[M]`: logarithm of the brightness of the neighbours under full light.
+    light: Vec<f32>,
+    /// `[M]`: share of like neighbours by opacity and certainty.
+    support: Vec<f32>,
+    /// `[M]`
+    certainty: Vec<f32>,
+    /// `[M]`: opacity times certainty.
+    strength: Vec<f32>,
+}
+
+impl Smooth {
+    fn new(of: &Materials, opacity: &[f32], neighbours: &[[u32; NEIGHBOURS]]) -> Self {
+        let strength: Vec<f32> = opacity.iter().zip(&of.certainty).map(|(o, c)| o * c).collect();
+        let mut plane: Vec<[f32; 2]> = of.chroma.chunks_exact(2).map(|c| to_plane([c[0], c[1]])).collect();
+        let mut support = Vec::new();
+        for _ in 0..ROUNDS {
+            let next = per_row(plane.len(), |i| like_mean(i, &plane, &strength, &neighbours[i]));
+            (plane, support) = next.into_iter().unzip();
+        }
+        let around = |i: usize| {
+            let mut of_all = neighbours[i].map(|j| of.full[j as usize]);
+            light(*of_all.select_nth_unstable_by(LIT, f32::total_cmp).1)
+        };
+        let light = per_row(plane.len(), around);
+        Self { plane, light, support, certainty: of.certainty.clone(), strength }
+    }
+
+    /// How much each counts where materials are looked for, `[M]`.
+    fn weights(&self) -> Vec<f32> {
+        let share = |s: f32| ((s - SUPPORT[0]) / SUPPORT[1]).clamp(0.0, 1.0);
+        self.strength.iter().zip(&self.support).map(|(w, s)| w * share(*s)).collect()
+    }
+}
+
+/// The mean of a colour and those of like neighbours, and the share of these.
+fn like_mean(i: usize, plane: &[[f32; 2]], strength: &[f32], neighbours: &[u32]) -> ([f32; 2], f32) {
+    let own = f64::from(strength[i]);
+    let (mut sum, mut like, mut all) = (plane[i].map(|v| own * f64::from(v)), 0.0, 0.0);
+    for &j in neighbours {
+        let j = j as usize;
+        let square = (plane[j][0] - plane[i][0]).powi(2) + (plane[j][1] - plane[i][1]).powi(2);
+        let weight = f64::from(strength[j] * (-0.5 * square / (LIKE * LIKE)).exp());
+        (0..2).for_each(|a| sum[a] += weight * f64::from(plane[j][a]));
+        like += weight;
+        all += f64::from(strength[j]);
+    }
+    let mean = if own + like > 0.0 { sum.map(|v| (v / (own + like)) as f32) } else { plane[i] };
+    (mean, if all > 0.0 { (like / all) as f32 } else { 0.0 })
+}
+
+/// The nearest others of each, `[M]`; itself where there are too few.
+fn neighbours(means: &[f32]) -> Result<Vec<[u32; NEIGHBOURS]>, PointsError> {
+    let grid = Grid::adaptive(means)?;
+    Ok(per_row(means.len() / 3, |i| {
+        let mut out = [i as u32; NEIGHBOURS];
+        let found = grid.nearest(point(means, i), NEIGHBOURS, Some(i as u32));
+        out.iter_mut().zip(found).for_each(|(out, (j, _))| *out = j);
+        out
+    }))
+}
+
+fn per_row<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    map_chunks(count, |range| range.map(&work).collect::<Vec<T>>()).into_iter().flatten().collect()
+}
+
+fn light(full: f32) -> f32 {
+    full.max(DARKEST).ln()
+}
+
+/// The hills of the density of colours, greys parted by lightness.
+fn parts(smooth: &Smooth, weights: &[f32]) -> Result<Vec<Members>, PointsError> {
+    let flat: Vec<f32> = smooth.plane.iter().flatten().copied().collect();
+    let found = hills(&flat, weights, &PLANE, pass)?;
+    let mut parts = Vec::new();
+    for (label, peak) in (1..).zip(&found.peaks) {
+        let rows: Vec<u32> = (0..weights.len() as u32).filter(|&i| found.labels[i as usize] == label).collect();
+        let cuts = if peak[0].hypot(peak[1]) < GREY {
+            let of_rows = |v: &[f32]| rows.iter().map(|&i| v[i as usize]).collect::<Vec<f32>>();
+            valleys(&of_rows(&smooth.light), &of_rows(weights), &LIGHT, LIGHT_PASS)?
+        } else {
+            Vec::new()
+        };
+        let light = if cuts.is_empty() { 0.0 } else { centre::LIGHTNESS };
+        for k in 0..=cuts.len() {
+            let within = |i: &u32| cuts.partition_point(|c| *c <= smooth.light[*i as usize]) == k;
+            parts.push(Members { rows: rows.iter().copied().filter(within).collect(), light });
+        }
+    }
+    Ok(parts)
+}
+
+/// How high the pass between two summits may be for them to stay two materials.
+fn pass(a: [f32; 2], b: [f32; 2]) -> f64 {
+    let turn = (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]).abs();
+    let clear = a[0].hypot(a[1]).min(b[0].hypot(b[1])) > NO_HUE;
+    if clear && turn < ONE_HUE { PASS_OF_A_HUE } else { PASS }
+}
+
+/// The nearest materials with their squared distances in the unit of [`SURE`], near to far.
+fn candidates(centres: &[Centre], plane: [f32; 2], light: f32) -> impl Iterator<Item = (usize, f32)> {
+    let mut nearest: Vec<(usize, f32)> = Vec::with_capacity(CANDIDATES + 1);
+    for (k, centre) in centres.iter().enumerate() {
+        let distance = centre.squared(plane, light) / (SURE * SURE);
+        let at = nearest.partition_point(|&(_, d)| d <= distance);
+        if at < CANDIDATES {
+            nearest.insert(at, (k, distance));
+            nearest.truncate(CANDIDATES);
+        }
+    }
+    nearest.into_iter()
+}
+
+/// The nearest material from 1; 0 if there is none.
+fn nearest_label(centres: &[Centre], plane: [f32; 2], light: f32) -> u32 {
+    candidates(centres, plane, light).next().map_or(0, |(k, _)| k as u32 + 1)
+}
+
+/// The material of each from 1, `[M]`, by its own colour and those of its neighbours.
+fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[[u32; NEIGHBOURS]]) -> Vec<u32> {
+    let votes: Vec<Vec<(usize, f32)>> = per_row(neighbours.len(), |i| {
+        candidates(centres, smooth.plane[i], smooth.light[i]).map(|(k, d)| (k, (-0.5 * d).exp())).collect()
+    });
+    per_row(neighbours.len(), |i| {
+        let own = OWN * smooth.certainty[i] * (smooth.support[i] / SUPPORT[1]).min(1.0);
+        let all: f32 = neighbours[i].iter().map(|&j| smooth.strength[j as usize]).sum();
+        // its own nearest first: that is what remains where no vote counts
+        let mut counts: Vec<(usize, f32)> = votes[i].iter().map(|&(k, sure)| (k, own * sure)).collect();
+        for &j in neighbours[i].iter().filter(|_| all > 0.0) {
+            let share = smooth.strength[j as usize] / all;
+            for &(k, sure) in &votes[j as usize] {
+                match counts.iter_mut().find(|(other, _)| *other == k) {
+                    Some((_, count)) => *count += share * sure,
+                    None => counts.push((k, share * sure)),
+                }
+            }
+        }
+        let mut best: Option<(usize, f32)> = None;
+        for (k, count) in counts {
+            if best.is_none_or(|(_, most)| count > most) {
+                best = Some((k, count));
+            }
+        }
+        best.map_or(0, |(k, _)| k as u32 + 1)
+    })
+}
+
+/// Materials by the opacity of their Gaussians, most first.
+fn by_opacity(labels: &[u32], opacity: &[f32], count: usize) -> Vec<usize> {
+    let mut total = vec![0f64; count + 1];
+    labels.iter().zip(opacity).for_each(|(l, o)| total[*l as usize] += f64::from(*o));
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| total[b + 1].total_cmp(&total[a + 1]).then(a.cmp(&b)));
+    order
+}
+
+#[cfg(test)]
+mod tests;
