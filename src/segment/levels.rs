@@ -1,11 +1,14 @@
-//! The levels of parts and wholes at a click, and the one that is likeliest meant, from the affinity field alone: no label is
-//! seen.
+//! The levels of parts and wholes at a click, and the one that is likeliest meant; no label is seen.
+//!
+//! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one colour and
+//! is in one piece mostly is one thing. In a whole scene, whose things touch each other, it is a plateau of the affinity.
 //!
 //! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a thing it
 //! stops growing for a while, as what belongs to one mask has like features and what belongs to another does not: such a
 //! plateau is a level. It is looked for at several mask scales, so neither scale nor cosine is a number that fits one scene and
 //! not the next. (Levels of a component tree are chosen so in images: maximally stable extremal regions.)
 
+use super::fine::extract::pieces;
 use super::fine::network::FEATURES;
 use super::pick::{Asked, PickError};
 use crate::model::GaussiansAt;
@@ -34,8 +37,10 @@ const NOT_ALL: f64 = 0.3;
 pub struct Level {
     /// Mask scale in [0, 1].
     pub scale: f32,
-    /// Cosine from which a Gaussian is like the clicked one.
+    /// Cosine from which a Gaussian is like the clicked one; -1 where none is asked for.
     pub threshold: f32,
+    /// Whether it is all that hangs together with the click, whatever the affinity.
+    pub piece: bool,
     /// What stays of it if the cosine rises by 0.05, part of its weight in (0, 1].
     pub stability: f64,
     /// Its part of the weight of what is looked at, in (0, 1].
@@ -45,10 +50,10 @@ pub struct Level {
 }
 
 /// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is one at
-/// least. Gaussians weigh what they show: opacity times the product of the two larger standard deviations, at the time of `at`.
+/// least; the piece is among them where `within` is not the whole scene. Gaussians weigh what they show: opacity times the product of the two larger standard deviations, at the time of `at`.
 ///
 /// # Errors
-/// If `clicked` is not among `within` (indices, ascending).
+/// If `clicked` is not among `within` (indices, ascending), or the arrays of `at` disagree.
 ///
 /// # Panics
 /// If a member of `within` is not below N.
@@ -75,7 +80,8 @@ pub fn levels(
             let threshold = cosine(k);
             let like = |(n, _): &(usize, &u32)| cosines[*n] >= threshold || *n == position;
             let members: Vec<u32> = within.iter().enumerate().filter(like).map(|(_, &i)| i).collect();
-            let level = Level { scale, threshold, stability, share: (sizes[k] / total).min(1.0), members };
+            let level =
+                Level { scale, threshold, piece: false, stability, share: (sizes[k] / total).min(1.0), members };
             match found.iter_mut().find(|l| overlap(&l.members, &level.members) >= ALIKE) {
                 Some(same) if same.stability < level.stability => *same = level,
                 Some(_) => {}
@@ -84,8 +90,27 @@ pub fn levels(
         }
     }
     found.sort_by(|a, b| a.members.len().cmp(&b.members.len()).then(a.scale.total_cmp(&b.scale)));
-    let likeliest = likeliest(&found);
+    let likeliest = match piece(at, within, position)? {
+        Some(members) if within.len() < at.len() => {
+            let weight = |i: &u32| shown(at, *i as usize);
+            let share = (members.iter().map(weight).sum::<f64>() / total).min(1.0);
+            let piece = Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members };
+            found.retain(|l| overlap(&l.members, &piece.members) < ALIKE);
+            let place = found.partition_point(|l| l.members.len() <= piece.members.len());
+            found.insert(place, piece);
+            place
+        }
+        _ => likeliest(&found),
+    };
     Ok((found, likeliest))
+}
+
+/// Those `within` that hang together with the one at `position`; `None` if that is nowhere.
+fn piece(at: &GaussiansAt, within: &[u32], position: usize) -> Result<Option<Vec<u32>>, PickError> {
+    let pieces = pieces(at, within)?;
+    let mine = pieces.labels[position];
+    let of = || within.iter().zip(&pieces.labels).filter(|(_, label)| **label == mine).map(|(&i, _)| i).collect();
+    Ok((mine > 0).then(of))
 }
 
 /// What a Gaussian weighs; 0 for what is not finite.
@@ -184,6 +209,16 @@ mod tests {
         }
         assert!(levels(&asked, &at, &all[1..], 0).is_err());
         assert_eq!(levels(&asked, &at, &[5], 5).unwrap().0[0].members, [5], "alone");
+        // in a segment that holds the first ball and half of the second, the piece is the first ball
+        let most = &all[..COUNT + COUNT / 2];
+        let (found, likeliest) = levels(&asked, &at, most, 31).unwrap();
+        assert!(
+            found[likeliest].piece && overlap(&found[likeliest].members, balls[0]) > 0.95,
+            "{:?}",
+            found[likeliest]
+        );
+        let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true };
+        assert_eq!(pick(&asked, &at, most, 31, &options).unwrap().members, found[likeliest].members);
     }
 
     #[test]

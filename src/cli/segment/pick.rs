@@ -99,6 +99,8 @@ struct Shown {
     scale: f32,
     /// Cosine that a member has at least.
     threshold: f32,
+    /// Whether it is all that hangs together with the click, whatever the cosine.
+    piece: bool,
     /// What stays of it if the cosine rises by 0.05, in (0, 1].
     stability: f64,
     /// Its part of what is looked at, by what it shows, in (0, 1].
@@ -109,8 +111,8 @@ struct Shown {
 
 impl Shown {
     fn of(level: &Level) -> Self {
-        let Level { scale, threshold, stability, share, .. } = *level;
-        Self { scale, threshold, stability, share, gaussians: level.members.len() }
+        let Level { scale, threshold, piece, stability, share, .. } = *level;
+        Self { scale, threshold, piece, stability, share, gaussians: level.members.len() }
     }
 }
 
@@ -218,7 +220,9 @@ impl PickArgs {
         if let (Some((name, count)), Some(picked)) = (&report.made, &picked) {
             let level = report.level.map_or(String::new(), |n| format!("level {n} of {}, ", report.levels.len()));
             let (scale, threshold) = (picked.scale, picked.threshold);
-            outln!("{name}: {count} Gaussians, {level}scale {scale:.2}, cosine {threshold}; {:.0} ms", 1e3 * seconds);
+            let piece = picked.level.is_some_and(|n| picked.levels[n].piece);
+            let by = if piece { "in one piece".into() } else { format!("scale {scale:.2}, cosine {threshold:.3}") };
+            outln!("{name}: {count} Gaussians, {level}{by}; {:.0} ms", 1e3 * seconds);
         }
         Ok(())
     }
@@ -256,6 +260,7 @@ fn show(report: &Report) {
     for (n, l) in (1..).zip(&report.levels) {
         let mark = if report.level == Some(n) { "  <- taken" } else { "" };
         let [share, stability] = [l.share, l.stability].map(|v| format!("{:.0} %", 100.0 * v));
-        outln!("{n:>5}  {:>9}  {share:>6}  {stability:>9}  {:>5.2}  {:>6.2}{mark}", l.gaussians, l.scale, l.threshold);
+        let by = if l.piece { "in one piece".into() } else { format!("{:>5.2}  {:>6.2}", l.scale, l.threshold) };
+        outln!("{n:>5}  {:>9}  {share:>6}  {stability:>9}  {by:<13}{mark}", l.gaussians);
     }
 }

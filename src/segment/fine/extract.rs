@@ -3,7 +3,7 @@
 use super::network::{AffinityField, FEATURES, Frame};
 use crate::model::GaussiansAt;
 use crate::points::PointsError;
-use crate::points::components::{ComponentFilter, components_touching, largest_scales};
+use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 use crate::points::hdbscan::{Assignment, DensityConfig, cluster_features};
 use crate::points::kmeans::{KMeansConfig, kmeans};
 use crate::rng::{Purpose, Rng};
@@ -73,6 +73,19 @@ pub fn similar(
     like
 }
 
+/// The pieces of `members`: Gaussians hang together where they touch. Labels `[M]` from 1; 0 for what is nowhere.
+///
+/// # Errors
+/// If the arrays of `at` disagree, or points are too far apart.
+///
+/// # Panics
+/// If a member is not below N.
+pub fn pieces(at: &GaussiansAt, members: &[u32]) -> Result<Components, PointsError> {
+    let alone = at.subset(members);
+    let radii = largest_scales(&alone.log_scales)?;
+    components_touching(&alone.means, &radii, REACH, &alone.opacity(), &ComponentFilter::default())
+}
+
 /// The `members` without strays: pieces that do not touch the rest and are small beside the largest. They come of
 /// Gaussians that no mask shows, whose features are what the field makes up between those that it knows.
 ///
@@ -82,9 +95,7 @@ pub fn similar(
 /// # Panics
 /// If a member is not below N.
 pub fn without_strays(at: &GaussiansAt, members: &[u32]) -> Result<Vec<u32>, PointsError> {
-    let alone = at.subset(members);
-    let radii = largest_scales(&alone.log_scales)?;
-    let found = components_touching(&alone.means, &radii, REACH, &alone.opacity(), &ComponentFilter::default())?;
+    let found = pieces(at, members)?;
     let most = found.weights.iter().copied().fold(0.0, f64::max);
     let stays = |label: u32| label > 0 && found.weights[label as usize - 1] >= STRAY * most;
     Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
