@@ -187,7 +187,8 @@ mod tests {
     fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
         let device = DeviceName::all()[0].open().unwrap();
         let at = APART.gaussians();
-        let options = FineOptions { steps: 300, pixels: 256, ..FineOptions::default() };
+        // the first few hundred steps go by before the features of the balls part
+        let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
         let field = train(&APART.prepared(&at), &options, &device, |_, _| true).unwrap();
         let frame = Frame::around(&at.means);
         let asked = Asked { field: &field, frame: &frame, places: &at.means };
