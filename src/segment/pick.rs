@@ -12,6 +12,7 @@ use super::fine::network::Frame;
 use super::levels::{Level, levels};
 use crate::model::GaussiansAt;
 use crate::points::PointsError;
+use std::collections::BTreeMap;
 
 /// How much of what is around a click is meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -87,11 +88,22 @@ pub enum PickError {
 }
 
 /// The Gaussian that a click on a pixel means: of what the pixel is made of (indices and weights, nearest first), the
-/// heaviest that is `held` by a segment, so that a click on haze goes to what lies behind it; the heaviest of all where
-/// no segment holds any. `None` where there is nothing.
+/// heaviest of the segment that makes up most of the pixel, whatever the heaviest Gaussian alone belongs to; haze that no
+/// segment holds is passed over. `segment` gives the segment of a Gaussian. The heaviest of all where no segment holds any;
+/// `None` where there is nothing.
 #[must_use]
-pub fn meant(under: &[(u32, f32)], held: impl Fn(u32) -> bool) -> Option<u32> {
-    heaviest(under, held).or_else(|| heaviest(under, |_| true))
+pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Option<u32> {
+    let mut sums: BTreeMap<u32, f32> = BTreeMap::new();
+    for &(i, weight) in under {
+        if let Some(segment) = segment(i) {
+            *sums.entry(segment).or_default() += weight;
+        }
+    }
+    let most = sums.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best });
+    match most {
+        Some((most, _)) => heaviest(under, |i| segment(i) == Some(most)),
+        None => heaviest(under, |_| true),
+    }
 }
 
 /// Those of the Gaussians `within` (indices, ascending) that are meant by a click on the `clicked` one. `at` has all
@@ -174,11 +186,14 @@ mod tests {
     use crate::segment::balls::{APART, COUNT};
 
     #[test]
-    fn a_click_on_haze_means_what_lies_behind_it() {
+    fn a_click_means_the_segment_that_makes_up_most_of_the_pixel_and_no_haze() {
         let under = [(4, 0.6), (7, 0.3), (9, 0.1)];
-        assert_eq!(meant(&under, |i| i >= 7), Some(7));
-        assert_eq!(meant(&under, |_| false), Some(4));
-        assert_eq!(meant(&[], |_| true), None);
+        assert_eq!(meant(&under, |i| (i >= 7).then_some(0)), Some(7));
+        assert_eq!(meant(&under, |_| None), Some(4));
+        assert_eq!(meant(&[], |_| Some(0)), None);
+        // the heaviest one is of a segment that has less of the pixel than another
+        let under = [(4, 0.3), (7, 0.2), (9, 0.25)];
+        assert_eq!(meant(&under, |i| Some(u32::from(i >= 7))), Some(9));
     }
 
     #[test]

@@ -156,10 +156,12 @@ impl PickArgs {
         let beneath = under(shown.as_ref().unwrap_or(&at), camera.to_kernel(), [x, y], &device).map_err(|_| {
             CliError::input(format!("--pixel {x},{y}: the picture has {}x{}", camera.width, camera.height))
         })?;
-        let held = |i: u32| all.segments.iter().any(|s| s.members.binary_search(&i).is_ok());
+        // wholes come before their parts
+        let whole_of =
+            |i: u32| (0..).zip(&all.segments).find(|(_, s)| s.members.binary_search(&i).is_ok()).map(|(n, _)| n);
         let hit = match within {
             // what is to become a segment is looked for in one, see `meant`
-            None if wants => meant(&beneath, held),
+            None if wants => meant(&beneath, whole_of),
             _ => heaviest(&beneath, |_| true),
         };
         let Some(hit) = hit else {

@@ -92,7 +92,7 @@ impl Scenery<'_> {
     pub fn select(&self, method: Method, setting: &Setting, click: &Click) -> Result<Selected, String> {
         let whole = |members| Selected { members, ..Selected::default() };
         let trained = self.trained;
-        let anything = || meant(&click.under, |_| true);
+        let anything = || meant(&click.under, |_| None);
         match setting {
             Setting::Coarse(options) => {
                 let colours = trained.colours.iter().find(|(o, _)| o == options).map(|(_, c)| c);
@@ -136,7 +136,7 @@ impl Scenery<'_> {
 
     /// The clicked Gaussian that has a colour, and all of that colour.
     fn colour(&self, colours: &Coarse, click: &Click) -> Option<(u32, Vec<u32>)> {
-        let clicked = meant(&click.under, |i| colours.labels[i as usize] > 0)?;
+        let clicked = meant(&click.under, |i| Some(colours.labels[i as usize]).filter(|l| *l > 0))?;
         let label = colours.labels[clicked as usize];
         let of = || (0..).zip(&colours.labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
         (label > 0).then(|| (clicked, of()))
