@@ -198,6 +198,11 @@ impl PrepareArgs {
         let labels = if let Some(parts) = self.components.labels(&series)? {
             parts
         } else if self.labels.is_empty() {
+            if let Some((id, name)) = self.label_names.last() {
+                return Err(CliError::input(format!(
+                    "--label-names: label {id}={name}: there are no labels that could have names; give --labels"
+                )));
+            }
             FileLabels::None
         } else {
             let labels = Series::open(&self.labels, &options)?;
