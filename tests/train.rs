@@ -178,7 +178,8 @@ fn a_killed_run_keeps_whole_checkpoints_and_ends_the_same() {
     let (mut killed, mut seen) = (0, 0);
     for share in [0.08, 0.4, 0.15, 0.31, 0.22, 0.37, 0.5] {
         let mut child = spawn(root.path(), "killed", &more);
-        std::thread::sleep(whole.mul_f64(share).clamp(Duration::from_millis(50), Duration::from_millis(1500)));
+        // by the machine's own speed, so that it gets somewhere also where much else runs
+        std::thread::sleep(whole.mul_f64(share).max(Duration::from_millis(50)));
         let running = child.try_wait().unwrap().is_none();
         child.kill().unwrap();
         child.wait().unwrap();
