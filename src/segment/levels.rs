@@ -8,8 +8,7 @@
 //! plateau is a level. It is looked for at several mask scales, so neither scale nor cosine is a number that fits one scene and
 //! not the next. (Levels of a component tree are chosen so in images: maximally stable extremal regions.)
 
-use super::fine::extract::pieces;
-use super::fine::network::FEATURES;
+use super::fine::extract::{cosines, pieces};
 use super::pick::{Asked, PickError};
 use crate::model::GaussiansAt;
 
@@ -71,10 +70,7 @@ pub fn levels(
     let total: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
     let mut found: Vec<Level> = Vec::new();
     for scale in SCALES {
-        let features = asked.field.features(&encoded, scale);
-        let of = &features[position * FEATURES..][..FEATURES];
-        let cosines: Vec<f32> =
-            features.chunks_exact(FEATURES).map(|row| row.iter().zip(of).map(|(a, b)| a * b).sum()).collect();
+        let cosines = cosines(asked.field, &encoded, position, scale);
         let sizes = sizes(&cosines, &weights, weights[position]);
         for (k, stability) in plateaus(&sizes) {
             let threshold = cosine(k);

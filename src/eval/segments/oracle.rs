@@ -5,7 +5,7 @@
 use super::click::Click;
 use super::method::Method;
 use super::prompt::Prompt;
-use super::select::{Chosen, Scenery, Selected};
+use super::select::{Chosen, Scenery};
 use super::setting::{Setting, TRIES};
 use crate::segment::coarse::CoarseOptions;
 use std::time::Instant;
@@ -37,7 +37,7 @@ pub fn best(
             break;
         }
         if count < clicks {
-            click = prompt.next(&flags(&found.selected, scenery.at.len()));
+            click = prompt.next(&flags(&found.selected.members, scenery.at.len()));
         }
         best = Some(found);
     }
@@ -61,7 +61,7 @@ fn round(
         let selected = scenery.select(method, setting, click)?;
         *seconds = seconds.min(started.elapsed().as_secs_f64());
         let selected = before.map_or_else(|| selected.clone(), |b| b.selected.with(&selected));
-        let fit = prompt.fit(&flags(&selected, scenery.at.len()));
+        let fit = prompt.fit(&flags(&selected.members, scenery.at.len()));
         if best.as_ref().is_none_or(|b| fit > b.fit.unwrap_or(0.0)) {
             let (said, clicks) = before.map_or((String::new(), 0), |b| (format!("{}; ", b.setting), b.clicks));
             let setting = format!("{said}{setting}");
@@ -71,9 +71,9 @@ fn round(
     best.ok_or_else(|| "no setting was tried".to_owned())
 }
 
-/// `[N]`: whether each Gaussian is selected.
-pub fn flags(selected: &Selected, gaussians: usize) -> Vec<bool> {
+/// `[N]`: whether each Gaussian is one of `members`.
+pub fn flags(members: &[u32], gaussians: usize) -> Vec<bool> {
     let mut flags = vec![false; gaussians];
-    selected.members.iter().for_each(|&i| flags[i as usize] = true);
+    members.iter().for_each(|&i| flags[i as usize] = true);
     flags
 }

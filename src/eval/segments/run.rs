@@ -145,11 +145,7 @@ fn choose(
     options: &SegmentOptions,
 ) -> Result<Choice, SegmentEvalError> {
     let setting = Setting::fixed(method, &options.coarse);
-    let next = |members: &[u32]| {
-        let mut flags = vec![false; scenery.at.len()];
-        members.iter().for_each(|&i| flags[i as usize] = true);
-        prompt.next(&flags)
-    };
+    let next = |members: &[u32]| prompt.next(&oracle::flags(members, scenery.at.len()));
     let fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
     let best = || oracle::best(scenery, method, &options.coarse, prompt, options.clicks.max(1));
     Ok(Pair { fixed, oracle: options.oracle.then(best).transpose()? })

@@ -96,7 +96,10 @@ fn further_clicks_add_to_what_is_selected() {
     assert_eq!((one.clicks, two.clicks), (1, 2));
     assert!(one.selected.members.iter().all(|i| (*i as usize) < COUNT));
     assert!(two.selected.members.len() > one.selected.members.len() + COUNT / 2);
-    assert!(prompt.fit(&oracle::flags(&two.selected, at.len())) > prompt.fit(&oracle::flags(&one.selected, at.len())));
+    assert!(
+        prompt.fit(&oracle::flags(&two.selected.members, at.len()))
+            > prompt.fit(&oracle::flags(&one.selected.members, at.len()))
+    );
     // a click on nothing selects nothing
     let nowhere = Click { under: Vec::new() };
     for method in Method::ALL {

@@ -50,6 +50,17 @@ pub fn cluster(
     }
 }
 
+/// Cosines `[M]` of the features of encoded positions `[M, 24]` with that of number `clicked`, at `scale` in [0, 1].
+///
+/// # Panics
+/// If `clicked` is not below M.
+#[must_use]
+pub fn cosines(field: &AffinityField, encoded: &[f32], clicked: usize, scale: f32) -> Vec<f32> {
+    let features = field.features(encoded, scale);
+    let of = &features[clicked * FEATURES..][..FEATURES];
+    features.chunks_exact(FEATURES).map(|row| row.iter().zip(of).map(|(a, b)| a * b).sum()).collect()
+}
+
 /// Which of the Gaussians with `means` `[M, 3]` have a feature whose cosine with that of number `clicked` is at least
 /// `threshold`, at `scale` in [0, 1].
 ///
@@ -64,10 +75,8 @@ pub fn similar(
     scale: f32,
     threshold: f32,
 ) -> Vec<bool> {
-    let features = field.features(&frame.encode(means), scale);
-    let of = &features[clicked * FEATURES..][..FEATURES];
-    let cosine = |row: &[f32]| row.iter().zip(of).map(|(a, b)| a * b).sum::<f32>();
-    let mut like: Vec<bool> = features.chunks_exact(FEATURES).map(|row| cosine(row) >= threshold).collect();
+    let cosines = cosines(field, &frame.encode(means), clicked, scale);
+    let mut like: Vec<bool> = cosines.into_iter().map(|cosine| cosine >= threshold).collect();
     // rounding must not part the clicked one from itself
     like[clicked] = true;
     like

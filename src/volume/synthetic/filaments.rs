@@ -3,7 +3,7 @@
 //! but their place.
 
 use super::field::{P3, smooth_max, step};
-use super::strand::{Bead, Chunk, chunks};
+use super::strand::{Bead, Chunk, chunks, outside};
 use std::f64::consts::TAU;
 
 /// Segment names by label.
@@ -80,12 +80,7 @@ impl Slice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let p = [x, y, self.z];
-        let mut outside = [f64::INFINITY; PEAKS.len()];
-        for chunk in &self.chunks {
-            if let Some(nearest) = chunk.outside(p) {
-                outside[chunk.tube] = outside[chunk.tube].min(nearest);
-            }
-        }
+        let outside: [f64; PEAKS.len()] = outside(&self.chunks, p);
         let mut value = 0.0;
         let (mut nearest, mut label) = (FLANK, 0);
         for (k, (&peak, &d)) in PEAKS.iter().zip(&outside).enumerate() {

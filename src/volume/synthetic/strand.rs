@@ -11,7 +11,7 @@ pub(super) struct Chunk {
     centre: P3,
     reach: f64,
     /// Which tube it is a part of.
-    pub tube: usize,
+    tube: usize,
 }
 
 /// Cuts a strand into chunks of `length` pieces that share their end beads; `flank` is how far beyond its radius a
@@ -32,11 +32,22 @@ impl Chunk {
     }
 
     /// Signed distance to the chunk, negative inside; none where it raises nothing.
-    pub fn outside(&self, p: P3) -> Option<f64> {
+    fn outside(&self, p: P3) -> Option<f64> {
         let from = sub(p, self.centre);
         (dot(from, from) < self.reach * self.reach)
             .then(|| self.beads.windows(2).map(|w| piece(p, &w[0], &w[1])).fold(f64::INFINITY, f64::min))
     }
+}
+
+/// Signed distance to each of `N` tubes, negative inside; infinite to those of which no chunk raises anything at `p`.
+pub(super) fn outside<const N: usize>(chunks: &[&Chunk], p: P3) -> [f64; N] {
+    let mut outside = [f64::INFINITY; N];
+    for chunk in chunks {
+        if let Some(nearest) = chunk.outside(p) {
+            outside[chunk.tube] = outside[chunk.tube].min(nearest);
+        }
+    }
+    outside
 }
 
 /// Signed distance to the cone between two beads, negative inside.

@@ -3,7 +3,7 @@
 //! high ones, and a tube starts from the value inside both shells, so no tube wears a skin of shell.
 
 use super::field::{P3, ellipsoid, smooth_max, step};
-use super::strand::{Bead, Chunk, chunks};
+use super::strand::{Bead, Chunk, chunks, outside};
 use std::f64::consts::{PI, TAU};
 
 /// Segment names by label.
@@ -134,12 +134,7 @@ impl Slice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let p = [x, y, self.z];
-        let mut outside = [f64::INFINITY; PEAKS.len()];
-        for chunk in &self.chunks {
-            if let Some(nearest) = chunk.outside(p) {
-                outside[chunk.tube] = outside[chunk.tube].min(nearest);
-            }
-        }
+        let outside: [f64; PEAKS.len()] = outside(&self.chunks, p);
         let outer = step(0.5 - ellipsoid(p, self.frame.outer) / SHELL_WIDTH);
         let inner = step(0.5 - ellipsoid(p, self.frame.inner) / SHELL_WIDTH);
         let mut tubes = 0.0;
