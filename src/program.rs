@@ -10,7 +10,7 @@ use std::io::{self, Read};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 use std::time::Instant;
-use xxhash_rust::xxh3::Xxh3Default;
+use twox_hash::XxHash3_128;
 
 /// Digits of a digest by which builds are called in names of folders and in messages: 48 bits.
 const SHORT: usize = 12;
@@ -78,12 +78,12 @@ pub fn executable() -> PathBuf {
 
 /// The digest of all bytes of `source`, and their number.
 fn digest(mut source: impl Read) -> io::Result<(String, u64)> {
-    let (mut hash, mut piece, mut bytes) = (Xxh3Default::new(), vec![0; PIECE], 0);
+    let (mut hash, mut piece, mut bytes) = (XxHash3_128::new(), vec![0; PIECE], 0);
     loop {
         match source.read(&mut piece) {
-            Ok(0) => return Ok((format!("{:032x}", hash.digest128()), bytes)),
+            Ok(0) => return Ok((format!("{:032x}", hash.finish_128()), bytes)),
             Ok(n) => {
-                hash.update(&piece[..n]);
+                hash.write(&piece[..n]);
                 bytes += n as u64;
             }
             Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
@@ -102,7 +102,7 @@ mod tests {
         assert_eq!(digest(&b""[..]).unwrap(), ("99aa06d3014798d86001c324468d497f".to_owned(), 0));
         let long: Vec<u8> = (0..3 * PIECE + 7).map(|i| (i % 251) as u8).collect();
         let whole = digest(&long[..]).unwrap();
-        assert_eq!(whole.0, format!("{:032x}", xxhash_rust::xxh3::xxh3_128(&long)));
+        assert_eq!(whole.0, format!("{:032x}", XxHash3_128::oneshot(&long)));
         for at in [0, PIECE, long.len() - 1] {
             let mut other = long.clone();
             other[at] ^= 1;

@@ -3,16 +3,14 @@
 //! The digest is a tensor of its own, [`DIGEST`], so that any reader of safetensors still opens the file. It covers all
 //! bytes of the file, header included, with its own 16 bytes taken as zero: the file is cut into pieces of 1 MiB, and
 //! the digest is the 128-bit XXH3 hash of the pieces' hashes in their order. It stands against accidents of disks and
-//! copies, not against malice. Threads read and hash pieces side by side, each while it is in the core's cache.
+//! copies, not against malice. Threads hash pieces side by side.
 
-use crate::files::{open_whole, write_atomic};
+use crate::files::{read_regular, write_atomic};
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
-use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::{Xxh3Default, xxh3_128};
+use twox_hash::XxHash3_128;
 
 /// Name of the tensor that holds the digest, `[16]` bytes.
 pub const DIGEST: &str = "volseggs.digest";
@@ -70,8 +68,7 @@ pub fn write(
 pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
     let file = SafeTensors::deserialize(bytes)?;
     if let Some(at) = digest_place(bytes, &file) {
-        let hashes: Vec<u128> = bytes.par_chunks(PIECE).map(xxh3_128).collect();
-        let digest = digest(bytes, hashes, at);
+        let digest = digest(bytes, at);
         bytes[at..at + LENGTH].copy_from_slice(&digest);
     }
     Ok(())
@@ -83,17 +80,42 @@ pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
 /// # Errors
 /// If the file cannot be read, is no safetensors file, or its bytes differ from those that were written.
 pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
-    let (bytes, hashes) = open_whole(path)
-        .and_then(|(file, len)| read_hashed(&file, len as usize))
-        .map_err(|source| TensorFileError::Io { path: path.into(), source })?;
-    let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
-    let file = SafeTensors::deserialize(&bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
-    if let Some(at) = digest_place(&bytes, &file)
-        && digest(&bytes, hashes, at) != bytes[at..at + LENGTH]
-    {
-        return Err(damaged("its digest is not that of its content".into()));
-    }
+    let bytes = read_bytes(path)?;
+    check(path, &bytes, || ())?;
     Ok(bytes)
+}
+
+/// What `make` makes of the bytes of a tensor file, while other threads check them as [`read`] does: where making takes
+/// longer than hashing, the check takes no time of its own. `make` may meet damaged bytes; what it makes of them is
+/// dropped.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_while<T>(path: &Path, make: impl FnOnce(&[u8]) -> T) -> Result<T, TensorFileError> {
+    let bytes = read_bytes(path)?;
+    check(path, &bytes, || make(&bytes))
+}
+
+fn read_bytes(path: &Path) -> Result<Vec<u8>, TensorFileError> {
+    read_regular(path).map_err(|source| TensorFileError::Io { path: path.into(), source })
+}
+
+/// Checks the form and the digest of a file's bytes, with `beside` at the same time.
+fn check<T>(path: &Path, bytes: &[u8], beside: impl FnOnce() -> T) -> Result<T, TensorFileError> {
+    let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
+    let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
+    let Some(at) = digest_place(bytes, &file) else { return Ok(beside()) };
+    let mut found = [0; LENGTH];
+    // `beside` stays on this thread: what it allocates is then freed and used again here
+    let made = rayon::in_place_scope(|pool| {
+        pool.spawn(|_| found = digest(bytes, at));
+        beside()
+    });
+    if found == bytes[at..at + LENGTH] {
+        Ok(made)
+    } else {
+        Err(damaged("its digest is not that of its content".into()))
+    }
 }
 
 /// Where the digest's bytes begin in the file.
@@ -105,43 +127,22 @@ fn digest_place(bytes: &[u8], file: &SafeTensors<'_>) -> Option<usize> {
     (data.len() == LENGTH && at >= PREFIX).then_some(at)
 }
 
-/// Reads `len` bytes and hashes each piece as it comes, several at a time.
-#[cfg(unix)]
-fn read_hashed(file: &File, len: usize) -> io::Result<(Vec<u8>, Vec<u128>)> {
-    use std::os::unix::fs::FileExt;
-    let mut bytes = vec![0; len];
-    let pieces = bytes.par_chunks_mut(PIECE).enumerate();
-    let hashes = pieces.map(|(number, piece)| {
-        file.read_exact_at(piece, (number * PIECE) as u64)?;
-        Ok(xxh3_128(piece))
-    });
-    let hashes = hashes.collect::<io::Result<_>>()?;
-    Ok((bytes, hashes))
-}
-
-/// Reads `len` bytes, then hashes them: here a file has one position, which threads would share.
-#[cfg(not(unix))]
-fn read_hashed(mut file: &File, len: usize) -> io::Result<(Vec<u8>, Vec<u128>)> {
-    use std::io::Read;
-    let mut bytes = vec![0; len];
-    file.read_exact(&mut bytes)?;
-    let hashes = bytes.par_chunks(PIECE).map(xxh3_128).collect();
-    Ok((bytes, hashes))
-}
-
-/// The digest of a file from the hashes of its pieces; those that hold the digest itself, which begins at `at`, are
-/// hashed anew with zeros in its place.
-fn digest(bytes: &[u8], mut hashes: Vec<u128>, at: usize) -> [u8; LENGTH] {
-    for number in at / PIECE..=(at + LENGTH - 1) / PIECE {
+/// The digest of a file whose own digest begins at `at`.
+fn digest(bytes: &[u8], at: usize) -> [u8; LENGTH] {
+    let own = at..at + LENGTH;
+    let hashes = bytes.par_chunks(PIECE).enumerate().map(|(number, piece)| {
         let start = number * PIECE;
-        let mut piece = bytes[start..bytes.len().min(start + PIECE)].to_vec();
-        let own = at.max(start) - start..(at + LENGTH).min(start + piece.len()) - start;
-        piece[own].fill(0);
-        hashes[number] = xxh3_128(&piece);
-    }
-    let mut whole = Xxh3Default::new();
-    hashes.iter().for_each(|hash| whole.update(&hash.to_be_bytes()));
-    whole.digest128().to_be_bytes()
+        let (first, last) = (own.start.max(start), own.end.min(start + piece.len()));
+        if first >= last {
+            return XxHash3_128::oneshot(piece);
+        }
+        let mut piece = piece.to_vec();
+        piece[first - start..last - start].fill(0);
+        XxHash3_128::oneshot(&piece)
+    });
+    let mut whole = XxHash3_128::new();
+    hashes.collect::<Vec<u128>>().iter().for_each(|hash| whole.write(&hash.to_be_bytes()));
+    whole.finish_128().to_be_bytes()
 }
 
 #[cfg(test)]

@@ -269,11 +269,14 @@ pub type TensorFile = (BTreeMap<String, HostTensor>, BTreeMap<String, String>);
 /// # Errors
 /// If the file is missing, damaged or holds anything but f32.
 pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
-    let bytes = tensors::read(path)?;
+    tensors::read_while(path, |bytes| parse(path, bytes))?
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<TensorFile, SceneError> {
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let damaged = |e: safetensors::SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
-    let (_, header) = safetensors::SafeTensors::read_metadata(&bytes).map_err(damaged)?;
-    let file = safetensors::SafeTensors::deserialize(&bytes).map_err(damaged)?;
+    let (_, header) = safetensors::SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let file = safetensors::SafeTensors::deserialize(bytes).map_err(damaged)?;
     let mut tensors = BTreeMap::new();
     for (name, view) in file.tensors() {
         if name == DIGEST {

@@ -7,7 +7,7 @@ use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use xxhash_rust::xxh3::xxh3_128;
+use twox_hash::XxHash3_128;
 
 /// The header's entry.
 const ENTRY: &str = "volseggs.segments";
@@ -75,7 +75,7 @@ fn bytes(members: &[u32]) -> Vec<u8> {
 /// What tells the members of one segment from those of others: 32 hexadecimal digits, a 128-bit hash.
 #[must_use]
 pub fn key(members: &[u32]) -> String {
-    format!("{:032x}", xxh3_128(&bytes(members)))
+    format!("{:032x}", XxHash3_128::oneshot(&bytes(members)))
 }
 
 impl Segmentation {
