@@ -5,9 +5,11 @@ mod common;
 
 use assert_cmd::Command;
 use common::{json, names, refused, text, train, volseggs, write_dataset};
+use glam::DVec4;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use volseggs::data::{SplitName, Transforms};
 use volseggs::export::ply::PlyGaussians;
 
 /// A folder with the dataset in `data` and a run in `run`, made once.
@@ -182,6 +184,37 @@ fn render_along_paths() {
     is_png(&folder.path().join("still/0000.png"), 24, 24);
     let image = image::open(folder.path().join("still/0000.png")).unwrap().to_rgb8();
     assert!(image.pixels().any(|p| p.0 != [255; 3]), "nothing but background");
+}
+
+#[test]
+fn an_orbit_turns_around_the_scene_wherever_it_lies_and_a_missing_dataset_is_said() {
+    let folder = common::dataset();
+    let root = folder.path();
+    for name in [SplitName::Train, SplitName::Test] {
+        let path = name.json_path(&root.join("data"));
+        let mut poses = Transforms::read(&path).unwrap();
+        poses.frames.iter_mut().for_each(|f| f.camera_to_world.w_axis += DVec4::new(40.0, -25.0, 10.0, 0.0));
+        poses.write(&path).unwrap();
+    }
+    train(root, "far", &[]).assert().success();
+    let shown = |out: &str| {
+        let mut program = volseggs();
+        program.args(["render", &text(root, "far"), "--path", "orbit", "--frames", "3", "--size", "32", "--out"]);
+        let said = program.arg(root.join(out)).assert().success().get_output().stderr.clone();
+        for n in 0..3 {
+            let image = image::open(root.join(out).join(format!("{n:04}.png"))).unwrap().to_rgb8();
+            let drawn: Vec<_> = image.enumerate_pixels().filter(|(_, _, p)| p.0 != [255; 3]).collect();
+            let mean = |of: fn(u32, u32) -> u32| {
+                drawn.iter().map(|(x, y, _)| f64::from(of(*x, *y))).sum::<f64>() / drawn.len() as f64
+            };
+            let (x, y) = (mean(|x, _| x), mean(|_, y| y));
+            assert!((x - 15.5).abs() < 6.0 && (y - 15.5).abs() < 6.0, "picture {n}: around {x:.1}, {y:.1}");
+        }
+        String::from_utf8(said).unwrap()
+    };
+    assert!(!shown("there").contains("field of view"));
+    std::fs::rename(root.join("data"), root.join("gone")).unwrap();
+    assert!(shown("without").contains("no training views can be read"));
 }
 
 #[test]

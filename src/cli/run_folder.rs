@@ -9,7 +9,7 @@ use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
-use crate::data::paths::Lens;
+use crate::data::paths::{Lens, RADIUS, Sphere};
 use crate::data::{Camera, Split, SplitName};
 use crate::edit::EditStack;
 use crate::files::{RunLock, Work};
@@ -101,9 +101,9 @@ impl RunFolder {
         Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
     }
 
-    /// The lens of the run's dataset, at `size` pixels a side if that is given, and the distance of its cameras; of the
-    /// published data, where the dataset is not there any more.
-    pub(super) fn lens(&self, size: Option<u32>) -> (Lens, f64) {
+    /// The lens of the run's dataset, at `size` pixels a side if that is given, and where its cameras stand around the
+    /// scene; of the published data, which is said, where the dataset is not there any more.
+    pub(super) fn lens(&self, size: Option<u32>) -> (Lens, Sphere) {
         let first = self.split(SplitName::Train, None, Some(1)).ok();
         let first = first.as_ref().and_then(|split| split.frames.first()).map(|f| &f.camera);
         let (width, height) = match (size, first) {
@@ -112,7 +112,18 @@ impl RunFolder {
             (None, None) => (800, 800),
         };
         let fov_x = first.map_or(30f64.to_radians(), Camera::fov_x);
-        (Lens { fov_x, width, height }, first.map_or(4.0, |c| c.position().distance(self.centre())))
+        if first.is_none() {
+            errln!(
+                "note: {}: no training views can be read, so that their camera is not known; a field of view of 30 degrees is \
+                 taken, that of the published data",
+                self.record.dataset.display()
+            );
+        }
+        let centre = self.centre();
+        (
+            Lens { fov_x, width, height },
+            Sphere { centre, radius: first.map_or(RADIUS, |c| c.position().distance(centre)) },
+        )
     }
 
     /// The file of the run's segments.

@@ -4,8 +4,8 @@ use super::run_folder::{RunFolder, check_lens};
 use super::shown::Shown;
 use super::values::{fraction, pixels, point, positive_f32};
 use super::{CliError, Common, print_json};
+use crate::data::Camera;
 use crate::data::paths::{Lens, orbit};
-use crate::data::{Camera, SplitName, Transforms};
 use crate::files::Work;
 use crate::log::progress;
 use crate::memory::{Budget, product};
@@ -165,7 +165,7 @@ impl TrackArgs {
 
     /// The camera of the pictures.
     fn picture_camera(&self, run: &RunFolder) -> Result<Camera, CliError> {
-        let (full, radius) = run.lens(None);
+        let (full, sphere) = run.lens(None);
         let width = self.size.unwrap_or(if self.renders { full.width } else { full.width.min(SHEET_CELL) });
         let height = (f64::from(full.height) * f64::from(width) / f64::from(full.width)).round().max(1.0) as u32;
         let lens = Lens { width, height, ..full };
@@ -174,15 +174,9 @@ impl TrackArgs {
             return run.camera_at(eye, lens);
         }
         if let Some(n) = self.view {
-            let path = SplitName::Test.json_path(&run.record.dataset);
-            let json = Transforms::read(&path)?;
-            let Some(frame) = json.frames.get(n) else {
-                let last = json.frames.len().saturating_sub(1);
-                return Err(CliError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
-            };
-            return Ok(json.intrinsics.camera(width, height, frame.camera_to_world));
+            return Ok(run.test_view(n, lens)?.0);
         }
-        Ok(orbit(SHEET, radius, 20f64.to_radians(), lens).swap_remove(0))
+        Ok(orbit(SHEET, sphere, 20f64.to_radians(), lens).swap_remove(0))
     }
 
     fn print(&self, run: &RunFolder, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {

@@ -1,5 +1,5 @@
 //! Camera paths: spherical Fibonacci training cameras, the spiral of test views, orbits; and which time each
-//! view shows. All look at the origin with z up.
+//! view shows. All look at the centre of the sphere they stand on, with z up.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -17,6 +17,22 @@ pub const POLE_GAP: f64 = 1.75e-4;
 
 const PURPOSE_DEAL: u64 = 0x6465_616c;
 
+/// Where the cameras of a path stand, and what they look at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sphere {
+    /// What they look at, world units.
+    pub centre: DVec3,
+    /// How far from it they stand, world units.
+    pub radius: f64,
+}
+
+/// Around the origin, as in the published datasets.
+impl From<f64> for Sphere {
+    fn from(radius: f64) -> Self {
+        Self { centre: DVec3::ZERO, radius }
+    }
+}
+
 /// What every camera of a path shares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
@@ -29,8 +45,10 @@ pub struct Lens {
 }
 
 impl Lens {
-    fn at(&self, eye: DVec3) -> Camera {
-        Camera::look_at(eye, DVec3::ZERO, DVec3::Z, self.fov_x, self.width, self.height)
+    /// The camera at `offset` from the centre of `sphere`.
+    fn at(&self, sphere: Sphere, offset: DVec3) -> Camera {
+        let eye = sphere.centre + offset;
+        Camera::look_at(eye, sphere.centre, DVec3::Z, self.fov_x, self.width, self.height)
     }
 }
 
@@ -55,8 +73,9 @@ pub fn fibonacci(n: usize, radius: f64) -> Vec<DVec3> {
 
 /// The `n` training cameras of a Fibonacci sphere.
 #[must_use]
-pub fn training_cameras(n: usize, radius: f64, lens: Lens) -> Vec<Camera> {
-    fibonacci(n, radius).into_iter().map(|eye| lens.at(eye)).collect()
+pub fn training_cameras(n: usize, sphere: impl Into<Sphere>, lens: Lens) -> Vec<Camera> {
+    let sphere = sphere.into();
+    fibonacci(n, sphere.radius).into_iter().map(|offset| lens.at(sphere, offset)).collect()
 }
 
 /// A world axis.
@@ -86,7 +105,8 @@ impl std::str::FromStr for Axis {
 /// `n` cameras that look along `axis` or against it, within `angle` (radians) of it: two caps of the sphere, each
 /// covered evenly. These are the view sets biased along one axis of the paper's last table, which gives no angle.
 #[must_use]
-pub fn biased(n: usize, radius: f64, axis: Axis, angle: f64, lens: Lens) -> Vec<Camera> {
+pub fn biased(n: usize, sphere: impl Into<Sphere>, axis: Axis, angle: f64, lens: Lens) -> Vec<Camera> {
+    let sphere = sphere.into();
     let golden = (3.0 - 5f64.sqrt()) * PI;
     let cap = 1.0 - angle.clamp(0.0, FRAC_PI_2).cos();
     (0..n)
@@ -101,7 +121,7 @@ pub fn biased(n: usize, radius: f64, axis: Axis, angle: f64, lens: Lens) -> Vec<
                 Axis::Y => DVec3::new(b, c, a),
                 Axis::Z => DVec3::new(a, b, c),
             };
-            lens.at(radius * point)
+            lens.at(sphere, sphere.radius * point)
         })
         .collect()
 }
@@ -125,15 +145,16 @@ pub fn deal_times(times: usize, views_per_time: usize, seed: u64) -> Vec<usize> 
 /// The test path, `views` cameras each with its time in [0, 1]: elevation rises from -90 to 90 degrees while the
 /// azimuth turns once from -90 degrees, and the time steps through `timesteps` (181 and 100 as published).
 #[must_use]
-pub fn test_spiral(views: usize, timesteps: usize, radius: f64, lens: Lens) -> Vec<(Camera, f64)> {
+pub fn test_spiral(views: usize, timesteps: usize, sphere: impl Into<Sphere>, lens: Lens) -> Vec<(Camera, f64)> {
+    let sphere = sphere.into();
     let (last, last_time) = (views.saturating_sub(1).max(1), timesteps.saturating_sub(1));
     (0..views)
         .map(|i| {
             let along = i as f64 / last as f64;
             let elevation = (PI * along - FRAC_PI_2).clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
-            let eye = on_sphere(radius, elevation, 2.0 * PI * along - FRAC_PI_2);
+            let offset = on_sphere(sphere.radius, elevation, 2.0 * PI * along - FRAC_PI_2);
             let time = (i * last_time / last) as f64 / last_time.max(1) as f64;
-            (lens.at(eye), time)
+            (lens.at(sphere, offset), time)
         })
         .collect()
 }
@@ -141,9 +162,11 @@ pub fn test_spiral(views: usize, timesteps: usize, radius: f64, lens: Lens) -> V
 /// `n` cameras on a level circle at `elevation` (radians above the xy plane), starting at azimuth -90 degrees;
 /// the circle closes, so the last camera stands one step before the first.
 #[must_use]
-pub fn orbit(n: usize, radius: f64, elevation: f64, lens: Lens) -> Vec<Camera> {
+pub fn orbit(n: usize, sphere: impl Into<Sphere>, elevation: f64, lens: Lens) -> Vec<Camera> {
+    let sphere = sphere.into();
     let elevation = elevation.clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);
-    (0..n).map(|i| lens.at(on_sphere(radius, elevation, 2.0 * PI * i as f64 / n as f64 - FRAC_PI_2))).collect()
+    let azimuth = |i: usize| 2.0 * PI * i as f64 / n as f64 - FRAC_PI_2;
+    (0..n).map(|i| lens.at(sphere, on_sphere(sphere.radius, elevation, azimuth(i)))).collect()
 }
 
 fn on_sphere(radius: f64, elevation: f64, azimuth: f64) -> DVec3 {
@@ -213,6 +236,19 @@ mod tests {
             assert!((c.position().length() - 3.0).abs() < 1e-12);
             assert!((c.position().z - 3.0 * 0.5f64.sin()).abs() < 1e-12);
             assert!((c.project(DVec3::ZERO).unwrap().0.x - 200.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn every_path_looks_at_the_centre_of_its_sphere() {
+        let sphere = Sphere { centre: DVec3::new(5.0, -2.0, 7.0), radius: 3.0 };
+        let spiral = test_spiral(9, 5, sphere, LENS).into_iter().map(|(camera, _)| camera);
+        let paths =
+            [training_cameras(9, sphere, LENS), biased(9, sphere, Axis::Y, 0.3, LENS), orbit(9, sphere, 0.4, LENS)];
+        for c in paths.into_iter().flatten().chain(spiral) {
+            assert!((c.position().distance(sphere.centre) - 3.0).abs() < 1e-9);
+            let pixel = c.project(sphere.centre).unwrap().0;
+            assert!((pixel.x - 200.0).abs() < 1e-6 && (pixel.y - 200.0).abs() < 1e-6, "{pixel}");
         }
     }
 

@@ -1,10 +1,11 @@
 //! Coarse segmentation: Gaussians by the colour of their material, or by their mean colour as in the paper's section on
-//! colours, without those that have no neighbours.
+//! colours, without outliers.
 
 use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
+use super::pieces::pieces;
 use crate::model::GaussiansAt;
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
@@ -35,7 +36,8 @@ pub struct CoarseOptions {
     pub space: ColourSpace,
     /// Gaussians less opaque than this at the chosen time make no colours, and those that always are belong to none.
     pub min_opacity: f32,
-    /// How Gaussians without neighbours are found; `None` keeps them.
+    /// How outliers are found; `None` keeps them. Those with too few neighbours go unless they hang together, by touching, with
+    /// more than that number of their colour, as threads do.
     pub outliers: Option<OutlierConfig>,
     /// Seed of the clustering.
     pub seed: u64,
@@ -127,7 +129,13 @@ pub fn coarse(
             let members: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == label).collect();
             let means: Vec<f32> = members.iter().flat_map(|&i| &gaussians.means[3 * i..][..3]).copied().collect();
             let mask = keep_mask(&means, outliers)?;
-            for (&i, _) in members.iter().zip(&mask.keep).filter(|(_, keep)| !**keep) {
+            // thin things have few neighbours, but they hang together
+            let indices: Vec<u32> = members.iter().map(|&i| i as u32).collect();
+            let found = pieces(gaussians, &indices)?;
+            let with_others = |n: usize| {
+                found.labels[n].checked_sub(1).is_some_and(|p| found.counts[p as usize] > outliers.min_neighbours)
+            };
+            for (_, &i) in members.iter().enumerate().filter(|(n, _)| !mask.keep[*n] && !with_others(*n)) {
                 labels[i] = 0;
                 removed += 1;
             }
@@ -301,12 +309,34 @@ mod tests {
             assert!(out.transparent >= 300, "{}", out.transparent);
         }
         // so lonely is each that none is left
+        g.log_scales.fill(-20.0);
         let outliers = Some(OutlierConfig { radius: Some(1e-6), ..OutlierConfig::default() });
         let out = coarse(&g, None, &CoarseOptions { outliers, ..options }).unwrap();
         assert!(out.palette.is_empty() && out.labels.iter().all(|l| *l == 0));
         let mut labels = [0, 3, 1, 3];
         assert_eq!(without_empty(&[1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0], &mut labels)[3..], [3.0; 3]);
         assert_eq!(labels, [0, 2, 1, 2]);
+    }
+
+    #[test]
+    fn a_thin_thread_stays_where_its_gaussians_touch_and_goes_where_they_do_not() {
+        let (mut g, truth) = two_balls();
+        let ball = g.len();
+        for k in 0..60 {
+            g.means.extend([1.0 + 0.1 * k as f32, 3.0, 0.0]);
+            g.log_scales.extend([0.03f32.ln(), -5.0, -5.0]);
+            g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
+            g.opacity_logits.push(2.0);
+            g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / 0.282_094_8).iter().chain(&[0.0; 9]));
+        }
+        for space in [ColourSpace::Rgb, ColourSpace::Material] {
+            let options = CoarseOptions { space, ..CoarseOptions::default() };
+            let red = coarse(&g, None, &options).unwrap().labels[truth.iter().position(|t| *t == 2).unwrap()];
+            assert_eq!(coarse(&g, None, &options).unwrap().labels[ball..], [red; 60], "{space:?}");
+            let mut apart = g.clone();
+            apart.log_scales[3 * ball..].fill(-5.0);
+            assert_eq!(coarse(&apart, None, &options).unwrap().labels[ball..], [0; 60], "{space:?}");
+        }
     }
 
     #[test]

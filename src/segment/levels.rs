@@ -8,8 +8,9 @@
 //! plateau is a level. It is looked for at several mask scales, so neither scale nor cosine is a number that fits one scene and
 //! not the next. (Levels of a component tree are chosen so in images: maximally stable extremal regions.)
 
-use super::fine::extract::{cosines, pieces};
+use super::fine::extract::cosines;
 use super::pick::{Asked, PickError};
+use super::pieces::pieces;
 use crate::model::GaussiansAt;
 
 /// Mask scales that are looked at.
@@ -49,7 +50,8 @@ pub struct Level {
 }
 
 /// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is one at
-/// least; the piece is among them where `within` is not the whole scene. Gaussians weigh what they show: opacity times the product of the two larger standard deviations, at the time of `at`.
+/// least; the piece is among them where `within` is not the whole scene. Gaussians weigh what they show: opacity times the
+/// product of the two larger standard deviations, at the time of `at`.
 ///
 /// # Errors
 /// If `clicked` is not among `within` (indices, ascending), or the arrays of `at` disagree.
@@ -62,8 +64,35 @@ pub fn levels(
     within: &[u32],
     clicked: u32,
 ) -> Result<(Vec<Level>, usize), PickError> {
-    let outside = |_| PickError::Outside { clicked, count: within.len() };
-    let position = within.binary_search(&clicked).map_err(outside)?;
+    let mut found = of_affinity(asked, at, within, clicked)?;
+    let Some(piece) = whole_piece(at, within, clicked)? else {
+        let likeliest = most_likely(&found);
+        return Ok((found, likeliest));
+    };
+    found.retain(|l| overlap(&l.members, &piece.members) < ALIKE);
+    let place = found.partition_point(|l| l.members.len() <= piece.members.len());
+    found.insert(place, piece);
+    Ok((found, place))
+}
+
+/// The likeliest of the [`levels`], without looking for the others where it is the piece.
+///
+/// # Errors
+/// As [`levels`].
+///
+/// # Panics
+/// As [`levels`].
+pub fn likeliest(asked: &Asked<'_>, at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Level, PickError> {
+    if let Some(piece) = whole_piece(at, within, clicked)? {
+        return Ok(piece);
+    }
+    let mut found = of_affinity(asked, at, within, clicked)?;
+    Ok(found.swap_remove(most_likely(&found)))
+}
+
+/// The plateaus of the affinity, from small to large; one at least.
+fn of_affinity(asked: &Asked<'_>, at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Vec<Level>, PickError> {
+    let position = position(within, clicked)?;
     let means: Vec<f32> = within.iter().flat_map(|&i| &asked.places[3 * i as usize..][..3]).copied().collect();
     let encoded = asked.frame.encode(&means);
     let weights: Vec<f64> = within.iter().map(|&i| shown(at, i as usize)).collect();
@@ -86,27 +115,29 @@ pub fn levels(
         }
     }
     found.sort_by(|a, b| a.members.len().cmp(&b.members.len()).then(a.scale.total_cmp(&b.scale)));
-    let likeliest = match piece(at, within, position)? {
-        Some(members) if within.len() < at.len() => {
-            let weight = |i: &u32| shown(at, *i as usize);
-            let share = (members.iter().map(weight).sum::<f64>() / total).min(1.0);
-            let piece = Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members };
-            found.retain(|l| overlap(&l.members, &piece.members) < ALIKE);
-            let place = found.partition_point(|l| l.members.len() <= piece.members.len());
-            found.insert(place, piece);
-            place
-        }
-        _ => likeliest(&found),
-    };
-    Ok((found, likeliest))
+    Ok(found)
 }
 
-/// Those `within` that hang together with the one at `position`; `None` if that is nowhere.
-fn piece(at: &GaussiansAt, within: &[u32], position: usize) -> Result<Option<Vec<u32>>, PickError> {
+fn position(within: &[u32], clicked: u32) -> Result<usize, PickError> {
+    within.binary_search(&clicked).map_err(|_| PickError::Outside { clicked, count: within.len() })
+}
+
+/// Those `within` that hang together with the clicked one; `None` in a whole scene, or if it is nowhere.
+fn whole_piece(at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Option<Level>, PickError> {
+    let position = position(within, clicked)?;
+    if within.len() == at.len() {
+        return Ok(None);
+    }
     let pieces = pieces(at, within)?;
     let mine = pieces.labels[position];
-    let of = || within.iter().zip(&pieces.labels).filter(|(_, label)| **label == mine).map(|(&i, _)| i).collect();
-    Ok((mine > 0).then(of))
+    if mine == 0 {
+        return Ok(None);
+    }
+    let of = within.iter().zip(&pieces.labels).filter(|(_, label)| **label == mine);
+    let members: Vec<u32> = of.map(|(&i, _)| i).collect();
+    let sum = |of: &[u32]| of.iter().map(|&i| shown(at, i as usize)).sum::<f64>();
+    let share = (sum(&members) / sum(within).max(f64::MIN_POSITIVE)).min(1.0);
+    Ok(Some(Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members }))
 }
 
 /// What a Gaussian weighs; 0 for what is not finite.
@@ -159,7 +190,7 @@ fn overlap(a: &[u32], b: &[u32]) -> f64 {
 }
 
 /// The most stable level, larger ones a little before smaller ones, but not all that is looked at if it can be helped.
-fn likeliest(levels: &[Level]) -> usize {
+fn most_likely(levels: &[Level]) -> usize {
     let score = |l: &Level| l.stability * l.share.powf(LARGE) * (1.0 - l.share).max(1e-6).powf(NOT_ALL);
     let mut best = 0;
     for (n, level) in levels.iter().enumerate() {
@@ -199,8 +230,8 @@ mod tests {
             let Level { scale, threshold, .. } = found[likeliest];
             let take = |meaning| pick(&asked, &at, &all, clicked, &PickOptions { meaning, keep_strays: true }).unwrap();
             assert_eq!(take(Meaning::By { scale, threshold }).members, found[likeliest].members);
-            let picked = take(Meaning::Likeliest);
-            assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
+            assert_eq!(take(Meaning::Likeliest).members, found[likeliest].members);
+            assert_eq!(take(Meaning::Level(likeliest)).members, found[likeliest].members);
             assert_eq!(take(Meaning::Level(99)).level, Some(found.len() - 1), "there are no more");
             assert_eq!(levels(&asked, &at, &all, clicked).unwrap(), (found, likeliest), "the same twice");
         }

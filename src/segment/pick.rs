@@ -7,9 +7,10 @@
 use super::baselines::saga::SagaModel;
 use super::click::heaviest;
 use super::fine::AffinityField;
-use super::fine::extract::{similar, without_strays};
+use super::fine::extract::similar;
 use super::fine::network::Frame;
-use super::levels::{Level, levels};
+use super::levels::{Level, levels, likeliest};
+use super::pieces::without_strays;
 use crate::model::GaussiansAt;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
@@ -54,6 +55,8 @@ pub struct Picked {
     pub scale: f32,
     /// The threshold that was used.
     pub threshold: f32,
+    /// Whether it is all that hangs together with the click, whatever the affinity.
+    pub piece: bool,
     /// The levels that there are, from small to large, if they were looked for.
     pub levels: Vec<Level>,
     /// Which of them was taken.
@@ -130,14 +133,19 @@ pub fn pick(
     };
     let mut picked = match options.meaning {
         Meaning::By { scale, threshold } => by_hand((scale, threshold)),
-        Meaning::Likeliest | Meaning::Level(_) => {
-            let (found, likeliest) = levels(asked, at, within, clicked)?;
-            let level = if let Meaning::Level(n) = options.meaning { n.min(found.len() - 1) } else { likeliest };
-            let Level { members, scale, threshold, .. } = found[level].clone();
-            Picked { members, scale, threshold, level: Some(level), levels: found }
+        Meaning::Likeliest => {
+            let Level { members, scale, threshold, piece, .. } = likeliest(asked, at, within, clicked)?;
+            Picked { members, scale, threshold, piece, ..Picked::default() }
+        }
+        Meaning::Level(n) => {
+            let (found, _) = levels(asked, at, within, clicked)?;
+            let level = n.min(found.len() - 1);
+            let Level { members, scale, threshold, piece, .. } = found[level].clone();
+            Picked { members, scale, threshold, piece, level: Some(level), levels: found }
         }
     };
-    if !options.keep_strays {
+    // a piece has none
+    if !options.keep_strays && !picked.piece {
         picked.members = without_strays(at, &picked.members)?;
     }
     Ok(picked)

@@ -14,7 +14,7 @@ const ORBIT: usize = 60;
 impl RenderArgs {
     /// The cameras with the times they show; at least one, all of one size.
     pub(super) fn views(&self, run: &RunFolder) -> Result<Vec<(Camera, f64)>, CliError> {
-        let (lens, distance) = run.lens(self.size);
+        let (lens, mut sphere) = run.lens(self.size);
         let Lens { width, height, .. } = lens;
         check_lens(&self.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}")), lens)?;
         if let Some(eye) = self.camera {
@@ -22,8 +22,8 @@ impl RenderArgs {
         }
         if let Some(radius) = self.radius {
             run.check_radius(radius)?;
+            sphere.radius = radius;
         }
-        let radius = self.radius.unwrap_or(distance);
         let hold = |views: Vec<(Camera, f64)>| match self.time {
             Some(t) => views.into_iter().map(|(c, _)| (c, t)).collect(),
             None => views,
@@ -32,13 +32,13 @@ impl RenderArgs {
             return Err(CliError::input("--frames: is the length of an orbit; add --path orbit"));
         }
         match self.path.to_str() {
-            Some("test") => Ok(hold(test_spiral(181, 100, radius, lens))),
+            Some("test") => Ok(hold(test_spiral(181, 100, sphere, lens))),
             Some("orbit") => {
                 let n = self.frames.unwrap_or(ORBIT);
                 // the cameras twice, as they are listed and as they get their times
                 let bytes = product(&[n, 2 * size_of::<(Camera, f64)>()]);
                 Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
-                let cameras = orbit(n, radius, 20f64.to_radians(), lens);
+                let cameras = orbit(n, sphere, 20f64.to_radians(), lens);
                 let last = (n - 1).max(1) as f64;
                 Ok(hold(cameras.into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
             }

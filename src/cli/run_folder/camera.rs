@@ -2,8 +2,8 @@
 
 use super::super::CliError;
 use super::RunFolder;
-use crate::data::Camera;
 use crate::data::paths::Lens;
+use crate::data::{Camera, SplitName, Transforms};
 use crate::memory::{Budget, product};
 use glam::DVec3;
 
@@ -45,6 +45,20 @@ impl RunFolder {
         let (centre, DVec3 { x, y, z }) = (self.centre(), eye);
         check_distance(&format!("--camera {x},{y},{z}"), eye.distance(centre), self.half_size())?;
         Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height))
+    }
+
+    /// The camera of test view `n` of the dataset (the value of `--view`) and its time; no picture is read.
+    ///
+    /// # Errors
+    /// If the dataset's file of test views cannot be read, or has fewer.
+    pub(in crate::cli) fn test_view(&self, n: usize, lens: Lens) -> Result<(Camera, f64), CliError> {
+        let path = SplitName::Test.json_path(&self.record.dataset);
+        let json = Transforms::read(&path)?;
+        let Some(frame) = json.frames.get(n) else {
+            let last = json.frames.len().saturating_sub(1);
+            return Err(CliError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
+        };
+        Ok((json.intrinsics.camera(lens.width, lens.height, frame.camera_to_world), frame.time))
     }
 
     /// Checks the distance of cameras on a path (the value of `--radius`).

@@ -136,8 +136,8 @@ impl CoarseArgs {
         history.change("coarse".into(), all.segments.clone());
         history.save()?;
 
-        let (lens, radius) = run.lens(None);
-        let cameras = orbit(4, radius, 20f64.to_radians(), lens);
+        let (lens, sphere) = run.lens(None);
+        let cameras = orbit(4, sphere, 20f64.to_radians(), lens);
         let mut pictures = Vec::new();
         for segment in all.segments.iter().take(SHOWN) {
             let alone = at.subset(&segment.members);
@@ -170,7 +170,7 @@ impl CoarseArgs {
                 "{} are too transparent at all times (below --min-opacity {})",
                 found.transparent, self.min_opacity
             ),
-            format!("{} are outliers (too few neighbours; --keep-outliers keeps them)", found.outliers),
+            format!("{} are outliers (few neighbours, and touching few; --keep-outliers keeps them)", found.outliers),
         ];
         if found.not_finite > 0 {
             parts.push(format!("{} have a position or colour that is not finite", found.not_finite));

@@ -5,7 +5,7 @@ use super::super::values::{cosine_f32, count, fraction, fraction_f32, pixels, po
 use super::super::{CliError, Common, print_json};
 use super::affinity;
 use super::history::History;
-use crate::data::{Camera, SplitName};
+use crate::data::Camera;
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::model::params::to_vec;
@@ -20,9 +20,6 @@ use glam::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
-
-/// A camera nearer to the centre than this, world units, looks in no direction.
-const NEAREST: f64 = 1e-6;
 
 /// What is under a click; with --name, a segment of what it means.
 #[derive(Debug, Args)]
@@ -84,9 +81,9 @@ struct Report {
     segments: Vec<String>,
     /// The segment made, with the number of its Gaussians.
     made: Option<(Name, usize)>,
-    /// The levels at the click, from small to large, if they were asked for or one of them was taken.
+    /// The levels at the click, from small to large, if they were asked for.
     levels: Vec<Shown>,
-    /// The one that was taken, or is the likeliest, from 1.
+    /// The one that was taken, from 1, if they were asked for.
     level: Option<usize>,
     /// Seconds from the click to the segment.
     seconds: f64,
@@ -183,7 +180,9 @@ impl PickArgs {
                 return Err(CliError::input(format!("--level {n}: there are {count} at this click; see --levels")));
             }
             if self.levels && found.levels.is_empty() {
-                found.levels = levels(&asked, &at, &candidates, gaussian).map_err(CliError::failure)?.0;
+                let (all, likeliest) = levels(&asked, &at, &candidates, gaussian).map_err(CliError::failure)?;
+                found.level = (options.meaning == Meaning::Likeliest).then_some(likeliest);
+                found.levels = all;
             }
             if let Some(name) = &self.name {
                 let members = std::mem::take(&mut found.members);
@@ -222,8 +221,8 @@ impl PickArgs {
         if let (Some((name, count)), Some(picked)) = (&report.made, &picked) {
             let level = report.level.map_or(String::new(), |n| format!("level {n} of {}, ", report.levels.len()));
             let (scale, threshold) = (picked.scale, picked.threshold);
-            let piece = picked.level.is_some_and(|n| picked.levels[n].piece);
-            let by = if piece { "in one piece".into() } else { format!("scale {scale:.2}, cosine {threshold:.3}") };
+            let by =
+                if picked.piece { "in one piece".into() } else { format!("scale {scale:.2}, cosine {threshold:.3}") };
             outln!("{name}: {count} Gaussians, {level}{by}; {:.0} ms", 1e3 * seconds);
         }
         Ok(())
@@ -235,24 +234,13 @@ impl PickArgs {
         let what = format!("--size {}", lens.width.max(lens.height));
         Budget::now().check(what, product(&[side(lens.width), side(lens.height), 16])).map_err(CliError::input)?;
         if let Some(n) = self.view {
-            let split = run.split(SplitName::Test, None, None)?;
-            let count = split.frames.len();
-            let frame = split.frames.get(n);
-            let frame = frame.ok_or_else(|| CliError::input(format!("--view {n}: there are {count}, from 0")))?;
-            let pose = frame.camera.camera_to_world;
-            return Ok((Camera::from_fov_x(frame.camera.fov_x(), lens.width, lens.height, pose), Some(frame.time)));
+            let (camera, time) = run.test_view(n, lens)?;
+            return Ok((camera, Some(time)));
         }
         let Some(eye) = self.camera else {
             return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N"));
         };
-        let centre = DVec3::from_array(run.scene.spec.centre.map(f64::from));
-        if eye.distance(centre) < NEAREST {
-            return Err(CliError::input(format!(
-                "--camera {},{},{}: is the centre, at which the camera looks; choose a point away from it",
-                eye.x, eye.y, eye.z
-            )));
-        }
-        Ok((Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height), None))
+        Ok((run.camera_at(eye, lens)?, None))
     }
 }
 

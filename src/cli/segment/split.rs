@@ -10,11 +10,12 @@ use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::files::Work;
 use crate::model::GaussiansAt;
-use crate::segment::fine::extract::{Clustering, cluster, without_strays};
+use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::FEATURES;
 use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::paint::flat;
 use crate::segment::pictures::draw;
+use crate::segment::pieces::without_strays;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use clap::Args;
 use std::path::PathBuf;
@@ -103,8 +104,8 @@ impl SplitArgs {
 
         let sheet = run.path.join(format!("segments/{}.png", whole.name));
         let painted = flat(alone.clone(), shades.into_iter().map(|shade| shade.unwrap_or(NO_PART)));
-        let (lens, radius) = run.lens(None);
-        let pictures: Vec<_> = orbit(5, radius, 20f64.to_radians(), lens)[..4]
+        let (lens, sphere) = run.lens(None);
+        let pictures: Vec<_> = orbit(5, sphere, 20f64.to_radians(), lens)[..4]
             .iter()
             .flat_map(|camera| {
                 [("as it is", &alone), ("parts", &painted)].map(|(label, gaussians): (&str, &GaussiansAt)| {

@@ -6,7 +6,7 @@ use super::options::{MaskKind, SegmentEvalError, SegmentOptions};
 use super::setting::Setting;
 use super::truth::{Labelled, labelled};
 use crate::data::Truth;
-use crate::data::paths::{Lens, biased, training_cameras};
+use crate::data::paths::{Lens, Sphere, biased, training_cameras};
 use crate::model::{GaussiansAt, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
@@ -167,10 +167,10 @@ impl Trainers<'_> {
         let camera = &self.views.first().ok_or("no labelled views at this time")?.view.camera;
         let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
         let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
-        let (views, radius) = (self.options.views, camera.position().distance(centre));
+        let (views, sphere) = (self.options.views, Sphere { centre, radius: camera.position().distance(centre) });
         let cameras = match self.options.bias {
-            Some((axis, angle)) => biased(views, radius, axis, angle, lens),
-            None => training_cameras(views, radius, lens),
+            Some((axis, angle)) => biased(views, sphere, axis, angle, lens),
+            None => training_cameras(views, sphere, lens),
         };
         Ok(Shot::numbered(cameras))
     }

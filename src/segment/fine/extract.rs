@@ -1,17 +1,10 @@
 //! Segments of a trained affinity field: clusters of features at a scale, or all that is like a clicked Gaussian.
 
 use super::network::{AffinityField, FEATURES, Frame};
-use crate::model::GaussiansAt;
 use crate::points::PointsError;
-use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 use crate::points::hdbscan::{Assignment, DensityConfig, cluster_features};
 use crate::points::kmeans::{KMeansConfig, kmeans};
 use crate::rng::{Purpose, Rng};
-
-/// Standard deviations at which Gaussians touch.
-const REACH: f32 = 2.0;
-/// Part of the largest connected piece's opacity below which another piece is a stray.
-const STRAY: f64 = 0.05;
 
 /// How features become clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,58 +73,4 @@ pub fn similar(
     // rounding must not part the clicked one from itself
     like[clicked] = true;
     like
-}
-
-/// The pieces of `members`: Gaussians hang together where they touch. Labels `[M]` from 1; 0 for what is nowhere.
-///
-/// # Errors
-/// If the arrays of `at` disagree, or points are too far apart.
-///
-/// # Panics
-/// If a member is not below N.
-pub fn pieces(at: &GaussiansAt, members: &[u32]) -> Result<Components, PointsError> {
-    let alone = at.subset(members);
-    let radii = largest_scales(&alone.log_scales)?;
-    components_touching(&alone.means, &radii, REACH, &alone.opacity(), &ComponentFilter::default())
-}
-
-/// The `members` without strays: pieces that do not touch the rest and are small beside the largest. They come of
-/// Gaussians that no mask shows, whose features are what the field makes up between those that it knows.
-///
-/// # Errors
-/// If the arrays of `at` disagree, or points are too far apart.
-///
-/// # Panics
-/// If a member is not below N.
-pub fn without_strays(at: &GaussiansAt, members: &[u32]) -> Result<Vec<u32>, PointsError> {
-    let found = pieces(at, members)?;
-    let most = found.weights.iter().copied().fold(0.0, f64::max);
-    let stays = |label: u32| label > 0 && found.weights[label as usize - 1] >= STRAY * most;
-    Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn small_pieces_apart_are_strays_and_large_ones_are_not() {
-        // rows along x: 30 that touch, 10 that touch far away, 1 alone
-        let x: Vec<f32> = (0..30).chain(100..110).chain([200]).map(|i| 0.1 * i as f32).collect();
-        let n = x.len();
-        let mut at = GaussiansAt {
-            means: x.iter().flat_map(|&x| [x, 0.0, 0.0]).collect(),
-            rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
-            log_scales: vec![-2.5; 3 * n],
-            opacity_logits: vec![1.0; n],
-            sh: vec![0.0; 3 * n],
-            sh_stride: 1,
-        };
-        let all: Vec<u32> = (0..n as u32).collect();
-        assert_eq!(without_strays(&at, &all).unwrap(), all[..40]);
-        assert_eq!(without_strays(&at, &all[40..]).unwrap(), [40], "alone it is no stray");
-        assert_eq!(without_strays(&at, &[]).unwrap(), [0u32; 0]);
-        at.means[3] = f32::NAN;
-        assert!(!without_strays(&at, &all).unwrap().contains(&1));
-    }
 }

@@ -90,8 +90,8 @@ impl MasksArgs {
         }
         let views = self.views.unwrap_or(VIEWS);
         Budget::now().check(format!("--views {views}"), product(&[views, VIEW])).map_err(CliError::input)?;
-        let (lens, radius) = run.lens(self.size);
-        let shots = Shot::numbered(training_cameras(views, radius, lens));
+        let (lens, sphere) = run.lens(self.size);
+        let shots = Shot::numbered(training_cameras(views, sphere, lens));
         Ok(Plan { groups, shots, time, labels: None })
     }
 
