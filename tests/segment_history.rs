@@ -231,5 +231,5 @@ fn numbers_that_no_command_can_use_are_refused() {
     let scene = volseggs::model::Scene::load(&newest.join("scene.safetensors"), &device).unwrap();
     let [x, y, z] = scene.spec.centre;
     let centre = format!("{x},{y},{z}");
-    refused_and_unchanged(root, &[&pick[..], &[&centre]].concat(), &["--camera", "is the centre"]);
+    refused_and_unchanged(root, &[&pick[..], &[&centre]].concat(), &["--camera", "is at the centre"]);
 }
