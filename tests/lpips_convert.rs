@@ -3,10 +3,10 @@
 
 mod common;
 
-use burn::tensor::Device;
 use common::{json, names, refused, volseggs};
 use safetensors::tensor::{Dtype, TensorView};
 use std::path::Path;
+use volseggs::device::DeviceName;
 use volseggs::metrics::lpips::{Lpips, LpipsNet};
 use volseggs::tensors;
 
@@ -117,7 +117,7 @@ fn published_files_become_weights() {
     }
 
     // eval's reader takes it, and both formats give the same file, which may be written anew
-    let weights = Lpips::load(root.join("a.safetensors"), &Device::flex()).unwrap();
+    let weights = Lpips::load(root.join("a.safetensors"), &DeviceName::all()[0].open().unwrap()).unwrap();
     assert_eq!(weights.net(), LpipsNet::Alex);
     let image: Vec<f32> = (0..40 * 40 * 3).map(|i| (i % 7) as f32 / 7.0).collect();
     assert_eq!(weights.distance(&image, &image, 40, 40).unwrap(), 0.0);

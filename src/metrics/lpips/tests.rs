@@ -1,10 +1,16 @@
 use super::*;
+use crate::device::DeviceName;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, serialize_to_file};
 use std::collections::BTreeMap;
 
 /// Name, type, shape and bytes of the tensors of a file.
 type Tensors = BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>;
+
+/// The first device of this build.
+fn device() -> Device {
+    DeviceName::all()[0].open().unwrap()
+}
 
 fn f32_tensor(shape: &[usize], values: impl Iterator<Item = f32>) -> (Dtype, Vec<usize>, Vec<u8>) {
     let count = shape.iter().product();
@@ -60,7 +66,7 @@ fn write(tensors: &Tensors) -> (tempfile::TempDir, PathBuf) {
 
 fn load(tensors: &Tensors) -> Result<Lpips, LpipsError> {
     let (_dir, path) = write(tensors);
-    Lpips::load(path, &Device::flex())
+    Lpips::load(path, &device())
 }
 
 fn alex() -> Lpips {
@@ -108,7 +114,7 @@ fn same_bits_on_any_thread_count() {
 #[test]
 fn an_autodiff_device_is_taken() {
     let (_dir, path) = write(&synthetic(LpipsNet::Alex));
-    let lpips = Lpips::load(path, &Device::flex().autodiff()).unwrap();
+    let lpips = Lpips::load(path, &device().autodiff()).unwrap();
     let (a, b) = (image(1, 31, 31), image(2, 31, 31));
     let expected = alex().distance(&a, &b, 31, 31).unwrap();
     assert_eq!(lpips.distance(&a, &b, 31, 31).unwrap(), expected);
@@ -202,12 +208,12 @@ fn a_file_cut_short() {
     let bytes = std::fs::read(&path).unwrap();
     for length in [0, 7, 8, 40, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
-        let error = Lpips::load(&path, &Device::flex()).unwrap_err();
+        let error = Lpips::load(&path, &device()).unwrap_err();
         assert!(matches!(error, LpipsError::Damaged { .. }), "{length}: {error}");
         assert!(error.to_string().contains("weights.safetensors"), "{error}");
     }
     std::fs::remove_file(&path).unwrap();
-    assert!(matches!(Lpips::load(&path, &Device::flex()), Err(LpipsError::Read { .. })));
+    assert!(matches!(Lpips::load(&path, &device()), Err(LpipsError::Read { .. })));
 }
 
 /// The published example images and their published distances; needs the real weights.
@@ -220,7 +226,7 @@ fn published_distances() {
         (image.into_raw().iter().map(|v| f32::from(*v) / 255.0).collect::<Vec<_>>(), size)
     };
     let check = |file: &str, net: LpipsNet, pairs: &[(&str, &str, f64, f64)]| {
-        let lpips = Lpips::load(weights.join(file), &Device::flex()).unwrap();
+        let lpips = Lpips::load(weights.join(file), &device()).unwrap();
         assert_eq!(lpips.net(), net);
         for &(a, b, expected, tolerance) in pairs {
             let ((a, (height, width)), (b, _)) = (png(a), png(b));
