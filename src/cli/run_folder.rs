@@ -9,7 +9,7 @@ use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
-use crate::data::paths::{Lens, RADIUS, Sphere};
+use crate::data::paths::{FOV_X, Lens, RADIUS, Sphere};
 use crate::data::{Camera, Split, SplitName};
 use crate::edit::EditStack;
 use crate::files::{RunLock, Work};
@@ -111,7 +111,7 @@ impl RunFolder {
             (None, Some(c)) => (c.width, c.height),
             (None, None) => (800, 800),
         };
-        let fov_x = first.map_or(30f64.to_radians(), Camera::fov_x);
+        let fov_x = first.map_or(FOV_X, Camera::fov_x);
         if first.is_none() {
             errln!(
                 "note: {}: no training views can be read, so that their camera is not known; a field of view of 30 degrees is \
@@ -119,11 +119,9 @@ impl RunFolder {
                 self.record.dataset.display()
             );
         }
-        let centre = self.centre();
-        (
-            Lens { fov_x, width, height },
-            Sphere { centre, radius: first.map_or(RADIUS, |c| c.position().distance(centre)) },
-        )
+        let centre = self.scene.spec.centre();
+        let sphere = first.map_or(Sphere { centre, radius: RADIUS }, |c| Sphere::through(c, centre));
+        (Lens { fov_x, width, height }, sphere)
     }
 
     /// The file of the run's segments.

@@ -26,6 +26,14 @@ pub struct Sphere {
     pub radius: f64,
 }
 
+impl Sphere {
+    /// The one around `centre` on which `camera` stands.
+    #[must_use]
+    pub fn through(camera: &Camera, centre: DVec3) -> Self {
+        Self { centre, radius: camera.position().distance(centre) }
+    }
+}
+
 /// Around the origin, as in the published datasets.
 impl From<f64> for Sphere {
     fn from(radius: f64) -> Self {

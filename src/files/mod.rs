@@ -10,5 +10,5 @@ mod replace;
 
 pub use atomic::{AtomicDir, AtomicFile, remove_whole, write_atomic, write_named};
 pub use lock::{Holder, LockError, RunLock, Work};
-pub use open::{is_mendable, open_regular, open_whole, read_regular, read_text};
+pub use open::{is_mendable, open_regular, read_regular, read_text};
 pub use replace::{FolderKind, MARK, ReplaceError, check_file};

@@ -31,7 +31,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 ///
 /// # Errors
 /// As [`open_regular`]; `InvalidInput` if the file does not fit into memory.
-pub fn open_whole(path: &Path) -> io::Result<(File, u64)> {
+fn open_whole(path: &Path) -> io::Result<(File, u64)> {
     let file = open_regular(path)?;
     let len = file.metadata()?.len();
     if len > UNASKED {

@@ -39,7 +39,16 @@ impl GaussiansAt {
     /// Linear opacity `[N]`.
     #[must_use]
     pub fn opacity(&self) -> Vec<f32> {
-        self.opacity_logits.iter().map(|o| 1.0 / (1.0 + (-o).exp())).collect()
+        (0..self.len()).map(|i| self.opacity_of(i)).collect()
+    }
+
+    /// Linear opacity of one Gaussian.
+    ///
+    /// # Panics
+    /// If `i` is not below N.
+    #[must_use]
+    pub fn opacity_of(&self, i: usize) -> f32 {
+        1.0 / (1.0 + (-self.opacity_logits[i]).exp())
     }
 
     /// Means `[M, 3]` of what can be seen: opacity above 1 / 255.

@@ -9,6 +9,7 @@ use crate::config::types::{EncoderKind, ModelConfig};
 use crate::tensors::{self, DIGEST, TensorFileError};
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
+use glam::DVec3;
 use safetensors::tensor::{Dtype, TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -31,6 +32,14 @@ pub struct SceneSpec {
     pub deformed: bool,
     /// Spherical-harmonics degree in use.
     pub sh_degree: usize,
+}
+
+impl SceneSpec {
+    /// Centre of the field's box, world units: what cameras look at.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        DVec3::from_array(self.centre.map(f64::from))
+    }
 }
 
 /// Gaussians and their deformation.

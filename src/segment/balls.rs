@@ -47,7 +47,8 @@ impl Balls {
         out
     }
 
-    /// Views from around, where neither ball hides the other, with the masks of the first ball, of the second, and of both.
+    /// Views from around, where neither ball hides the other, with the masks of the first ball, of the second, and of
+    /// both.
     pub(crate) fn views(self) -> Vec<(volseggs_kernels::Camera, Vec<Mask>)> {
         let eyes =
             [[0.0, -4.0, 0.5], [1.0, -3.8, 1.5], [0.5, 3.9, -0.5], [-1.0, 3.5, 1.5], [0.3, 0.5, 4.0], [0.0, 0.8, -4.0]];

@@ -36,8 +36,8 @@ pub struct CoarseOptions {
     pub space: ColourSpace,
     /// Gaussians less opaque than this at the chosen time make no colours, and those that always are belong to none.
     pub min_opacity: f32,
-    /// How outliers are found; `None` keeps them. Those with too few neighbours go unless they hang together, by touching, with
-    /// more than that number of their colour, as threads do.
+    /// How outliers are found; `None` keeps them. Those with too few neighbours go unless they hang together, by
+    /// touching, with more than that number of their colour, as threads do.
     pub outliers: Option<OutlierConfig>,
     /// Seed of the clustering.
     pub seed: u64,
@@ -82,9 +82,9 @@ pub struct Coarse {
     pub colours: Vec<f32>,
 }
 
-/// Groups Gaussians at a time by colour, each weighted by its opacity. With `largest_opacity` `[N]`, the largest of each
-/// over all times (read where [`CoarseOptions::hidden`]), those that are transparent now but not always join the colour
-/// next to theirs: at another time they may be what a segment consists of.
+/// Groups Gaussians at a time by colour, each weighted by its opacity. With `largest_opacity` `[N]`, the largest of
+/// each over all times (read where [`CoarseOptions::hidden`]), those that are transparent now but not always join the
+/// colour next to theirs: at another time they may be what a segment consists of.
 ///
 /// # Errors
 /// If an option is out of range.
@@ -126,17 +126,20 @@ pub fn coarse(
     if let Some(outliers) = &options.outliers {
         // each colour for itself: a red Gaussian in a blue cloud is an outlier of red
         for label in 1..=found.colours.len() as u32 / 3 {
-            let members: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == label).collect();
-            let means: Vec<f32> = members.iter().flat_map(|&i| &gaussians.means[3 * i..][..3]).copied().collect();
+            let members: Vec<u32> = (0..).zip(&labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
+            let means: Vec<f32> =
+                members.iter().flat_map(|&i| &gaussians.means[3 * i as usize..][..3]).copied().collect();
             let mask = keep_mask(&means, outliers)?;
+            if mask.keep.iter().all(|keep| *keep) {
+                continue;
+            }
             // thin things have few neighbours, but they hang together
-            let indices: Vec<u32> = members.iter().map(|&i| i as u32).collect();
-            let found = pieces(gaussians, &indices)?;
+            let found = pieces(gaussians, &members)?;
             let with_others = |n: usize| {
                 found.labels[n].checked_sub(1).is_some_and(|p| found.counts[p as usize] > outliers.min_neighbours)
             };
             for (_, &i) in members.iter().enumerate().filter(|(n, _)| !mask.keep[*n] && !with_others(*n)) {
-                labels[i] = 0;
+                labels[i as usize] = 0;
                 removed += 1;
             }
         }
@@ -151,7 +154,8 @@ pub fn coarse(
     Ok(Coarse { palette, labels, outliers: removed, transparent, not_finite, colours })
 }
 
-/// Labels from 1 of the Gaussians that are shown and of those that are at another time, and the groups' colours `[K, 3]`.
+/// Labels from 1 of the Gaussians that are shown and of those that are at another time, and the groups' colours `[K,
+/// 3]`.
 struct Found {
     shown: Vec<u32>,
     later: Vec<u32>,
@@ -211,7 +215,8 @@ fn by_mean(
     Ok(Found { shown: found.labels, later: of_later, colours })
 }
 
-/// The rows of `centroids` `[K, 3]` whose label, from 1, any of `labels` is; those then count in the rows that are left.
+/// The rows of `centroids` `[K, 3]` whose label, from 1, any of `labels` is; those then count in the rows that are
+/// left.
 fn without_empty(centroids: &[f32], labels: &mut [u32]) -> Vec<f32> {
     let mut held = vec![false; centroids.len() / 3];
     for &label in labels.iter().filter(|l| **l > 0) {

@@ -1,12 +1,14 @@
 //! The levels of parts and wholes at a click, and the one that is likeliest meant; no label is seen.
 //!
-//! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one colour and
-//! is in one piece mostly is one thing. In a whole scene, whose things touch each other, it is a plateau of the affinity.
+//! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one
+//! colour and is in one piece mostly is one thing. In a whole scene, whose things touch each other, it is a plateau of
+//! the affinity.
 //!
-//! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a thing it
-//! stops growing for a while, as what belongs to one mask has like features and what belongs to another does not: such a
-//! plateau is a level. It is looked for at several mask scales, so neither scale nor cosine is a number that fits one scene and
-//! not the next. (Levels of a component tree are chosen so in images: maximally stable extremal regions.)
+//! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a
+//! thing it stops growing for a while, as what belongs to one mask has like features and what belongs to another does
+//! not: such a plateau is a level. It is looked for at several mask scales, so neither scale nor cosine is a number
+//! that fits one scene and not the next. (Levels of a component tree are chosen so in images: maximally stable extremal
+//! regions.)
 
 use super::fine::extract::cosines;
 use super::pick::{Asked, PickError};
@@ -49,9 +51,9 @@ pub struct Level {
     pub members: Vec<u32>,
 }
 
-/// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is one at
-/// least; the piece is among them where `within` is not the whole scene. Gaussians weigh what they show: opacity times the
-/// product of the two larger standard deviations, at the time of `at`.
+/// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is
+/// one at least; the piece is among them where `within` is not the whole scene. Gaussians weigh what they show: opacity
+/// times the product of the two larger standard deviations, at the time of `at`.
 ///
 /// # Errors
 /// If `clicked` is not among `within` (indices, ascending), or the arrays of `at` disagree.
@@ -228,11 +230,18 @@ mod tests {
             assert!(found.iter().all(|l| l.members.binary_search(&clicked).is_ok()));
             assert!(found.is_sorted_by_key(|l| l.members.len()));
             let Level { scale, threshold, .. } = found[likeliest];
-            let take = |meaning| pick(&asked, &at, &all, clicked, &PickOptions { meaning, keep_strays: true }).unwrap();
-            assert_eq!(take(Meaning::By { scale, threshold }).members, found[likeliest].members);
-            assert_eq!(take(Meaning::Likeliest).members, found[likeliest].members);
-            assert_eq!(take(Meaning::Level(likeliest)).members, found[likeliest].members);
-            assert_eq!(take(Meaning::Level(99)).level, Some(found.len() - 1), "there are no more");
+            let take = |meaning, list| {
+                pick(&asked, &at, &all, clicked, &PickOptions { meaning, keep_strays: true, list }).unwrap()
+            };
+            let by_hand = Meaning::By { scale, threshold };
+            assert_eq!(take(by_hand, false).members, found[likeliest].members);
+            assert_eq!(take(by_hand, true).levels, found);
+            assert_eq!(take(Meaning::Likeliest, false).members, found[likeliest].members);
+            let picked = take(Meaning::Likeliest, true);
+            assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
+            assert_eq!(picked.levels, found);
+            assert_eq!(take(Meaning::Level(likeliest), false).members, found[likeliest].members);
+            assert_eq!(take(Meaning::Level(99), false).level, Some(found.len() - 1), "there are no more");
             assert_eq!(levels(&asked, &at, &all, clicked).unwrap(), (found, likeliest), "the same twice");
         }
         assert!(levels(&asked, &at, &all[1..], 0).is_err());
@@ -245,8 +254,11 @@ mod tests {
             "{:?}",
             found[likeliest]
         );
-        let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true };
-        assert_eq!(pick(&asked, &at, most, 31, &options).unwrap().members, found[likeliest].members);
+        let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true, list: true };
+        let picked = pick(&asked, &at, most, 31, &options).unwrap();
+        assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
+        let alone = pick(&asked, &at, most, 31, &PickOptions { list: false, ..options }).unwrap();
+        assert_eq!(alone.members, picked.members, "the piece is found without the others");
     }
 
     #[test]

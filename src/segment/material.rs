@@ -2,8 +2,8 @@
 //! lives in `material_groups`.
 //!
 //! The images are shaded by Blinn-Phong with a white headlight (see `volume::raycast`): in a direction a Gaussian has
-//! the colour `s * base + w * white`, where the light sets `s` and the highlight `w`. All colours of one material lie in
-//! the plane through black, `base` and white, the dichromatic model (Shafer, *Using color to separate reflection
+//! the colour `s * base + w * white`, where the light sets `s` and the highlight `w`. All colours of one material lie
+//! in the plane through black, `base` and white, the dichromatic model (Shafer, *Using color to separate reflection
 //! components*, 1985), so their hue is that of `base`, and but for highlights also their chroma over their brightness.
 
 use super::colour::{fibonacci_sphere, sh_basis};
@@ -23,8 +23,8 @@ const OFF_PLANE: f32 = 0.15;
 const DIM: f32 = 0.1;
 /// Brightness below which chroma is no longer taken as a share of it.
 const DARK: f32 = 0.05;
-/// Of the directions that count at least half, from dark to bright, how far the one lies whose brightness stands for full
-/// light, in tenths; beyond it are highlights.
+/// Of the directions that count at least half, from dark to bright, how far the one lies whose brightness stands for
+/// full light, in tenths; beyond it are highlights.
 const FULL: usize = 9;
 /// How much of a chroma is needed for a step of chroma to count less than one of hue, see [`to_plane`].
 const KNEE: f32 = 0.12;
@@ -32,8 +32,8 @@ const KNEE: f32 = 0.12;
 /// The materials' colours of N Gaussians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Materials {
-    /// `[N, 2]`: opponent colours (red against green and blue, green against blue) over the brightest channel. The angle
-    /// is the hue, the length at most 0.817, and 0 for greys and for what has no finite colour.
+    /// `[N, 2]`: opponent colours (red against green and blue, green against blue) over the brightest channel. The
+    /// angle is the hue, the length at most 0.817, and 0 for greys and for what has no finite colour.
     pub chroma: Vec<f32>,
     /// `[N]`: brightest channel under full light, in `[0, 1]`.
     pub full: Vec<f32>,
@@ -41,8 +41,8 @@ pub struct Materials {
     pub certainty: Vec<f32>,
 }
 
-/// Fits the dichromatic plane of each of `sh` `[N, coefficients, 3]` over directions of the whole sphere, colours clamped
-/// to `[0, 1]`. Directions in which the harmonics leave that range, or the plane, count less.
+/// Fits the dichromatic plane of each of `sh` `[N, coefficients, 3]` over directions of the whole sphere, colours
+/// clamped to `[0, 1]`. Directions in which the harmonics leave that range, or the plane, count less.
 ///
 /// # Errors
 /// `coefficients` not 1, 4, 9 or 16, or `sh` not a whole number of `[coefficients, 3]` blocks.

@@ -17,7 +17,8 @@ const NEIGHBOURS: usize = 12;
 const ROUNDS: usize = 3;
 /// Of the neighbours, from dark to bright, the one whose brightness is taken: shading only darkens, and strays are few.
 const LIT: usize = NEIGHBOURS * 5 / 8;
-/// How near colours of neighbours are in the plane to be averaged (standard deviation): materials that touch stay apart.
+/// How near colours of neighbours are in the plane to be averaged (standard deviation): materials that touch stay
+/// apart.
 const LIKE: f32 = 0.17;
 /// Share of like neighbours, by opacity, below which a Gaussian shows no material of its own, and how much more make it
 /// count in full. A tenth of trained Gaussians has a colour that is none of the material's.
@@ -72,10 +73,10 @@ impl MaterialGroups {
 
 /// Groups M Gaussians at `means` `[M, 3]` with the colours `of` and `opacity` `[M]`, all finite, by material.
 ///
-/// Each colour is averaged with like ones among the nearest neighbours, which takes noise off and tells Gaussians that are
-/// alone with theirs. Materials are the hills of the density of colours, weighted by opacity, certainty and likeness to
-/// the neighbours; greys are parted by lightness where that leaves a clear gap. With `clusters` groups are joined or
-/// halved until there are as many. Each Gaussian then gets the material that it and its neighbours vote for.
+/// Each colour is averaged with like ones among the nearest neighbours, which takes noise off and tells Gaussians that
+/// are alone with theirs. Materials are the hills of the density of colours, weighted by opacity, certainty and
+/// likeness to the neighbours; greys are parted by lightness where that leaves a clear gap. With `clusters` groups are
+/// joined or halved until there are as many. Each Gaussian then gets the material that it and its neighbours vote for.
 /// `uniform` gives numbers in `[0, 1)`, for halving alone. The same bits for any number of threads.
 ///
 /// # Errors

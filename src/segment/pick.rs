@@ -1,5 +1,5 @@
-//! What one click selects, with the settings of a user who has not tried any: the likeliest of the levels that there are,
-//! see [`super::levels`].
+//! What one click selects, with the settings of a user who has not tried any: the likeliest of the levels that there
+//! are, see [`super::levels`].
 //!
 //! `volseggs segment pick` and the evaluation against known segments call the same functions with the same defaults, so
 //! that what is measured is what a user gets.
@@ -44,6 +44,8 @@ pub struct PickOptions {
     pub meaning: Meaning,
     /// Whether small pieces that do not touch the rest stay.
     pub keep_strays: bool,
+    /// Whether all levels are looked for, also where what is meant is known without the others.
+    pub list: bool,
 }
 
 /// What a click selected.
@@ -61,6 +63,14 @@ pub struct Picked {
     pub levels: Vec<Level>,
     /// Which of them was taken.
     pub level: Option<usize>,
+}
+
+impl From<Level> for Picked {
+    /// The level alone, strays among it.
+    fn from(level: Level) -> Self {
+        let Level { members, scale, threshold, piece, .. } = level;
+        Self { members, scale, threshold, piece, levels: Vec::new(), level: None }
+    }
 }
 
 /// An affinity field with what it is asked about.
@@ -91,9 +101,9 @@ pub enum PickError {
 }
 
 /// The Gaussian that a click on a pixel means: of what the pixel is made of (indices and weights, nearest first), the
-/// heaviest of the segment that makes up most of the pixel, whatever the heaviest Gaussian alone belongs to; haze that no
-/// segment holds is passed over. `segment` gives the segment of a Gaussian. The heaviest of all where no segment holds any;
-/// `None` where there is nothing.
+/// heaviest of the segment that makes up most of the pixel, whatever the heaviest Gaussian alone belongs to; haze that
+/// no segment holds is passed over. `segment` gives the segment of a Gaussian. The heaviest of all where no segment
+/// holds any; `None` where there is nothing.
 #[must_use]
 pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Option<u32> {
     let mut sums: BTreeMap<u32, f32> = BTreeMap::new();
@@ -132,16 +142,16 @@ pub fn pick(
         Picked { members, scale, threshold, ..Picked::default() }
     };
     let mut picked = match options.meaning {
-        Meaning::By { scale, threshold } => by_hand((scale, threshold)),
-        Meaning::Likeliest => {
-            let Level { members, scale, threshold, piece, .. } = likeliest(asked, at, within, clicked)?;
-            Picked { members, scale, threshold, piece, ..Picked::default() }
+        Meaning::By { scale, threshold } => {
+            let found = if options.list { levels(asked, at, within, clicked)?.0 } else { Vec::new() };
+            Picked { levels: found, ..by_hand((scale, threshold)) }
         }
-        Meaning::Level(n) => {
-            let (found, _) = levels(asked, at, within, clicked)?;
-            let level = n.min(found.len() - 1);
-            let Level { members, scale, threshold, piece, .. } = found[level].clone();
-            Picked { members, scale, threshold, piece, level: Some(level), levels: found }
+        Meaning::Likeliest if !options.list => likeliest(asked, at, within, clicked)?.into(),
+        Meaning::Likeliest | Meaning::Level(_) => {
+            let (found, likeliest) = levels(asked, at, within, clicked)?;
+            let level = if let Meaning::Level(n) = options.meaning { n.min(found.len() - 1) } else { likeliest };
+            let taken = Picked::from(found[level].clone());
+            Picked { levels: found, level: Some(level), ..taken }
         }
     };
     // a piece has none
@@ -211,7 +221,8 @@ mod tests {
         let frame = Frame::around(&at.means);
         let asked = Asked { field: &field, frame: &frame, places: &at.means };
         let within: Vec<u32> = (0..COUNT as u32).collect();
-        let by = |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, keep_strays: true };
+        let by =
+            |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, keep_strays: true, list: false };
         let all = by(-1.0);
         assert_eq!(pick(&asked, &at, &within, 5, &all).unwrap().members, within);
         assert!(pick(&asked, &at, &within, 5, &by(1.0)).unwrap().members.contains(&5));

@@ -4,8 +4,8 @@ use crate::model::GaussiansAt;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 
-/// Standard deviations at which Gaussians touch. At 2 a thread of Gaussians falls into dashes, from 3 on a thing joins what lies
-/// next to it: see the results of 2026-11-22 in `benches/results`.
+/// Standard deviations at which Gaussians touch. At 2 a thread of Gaussians falls into dashes, from 3 on a thing joins
+/// what lies next to it: see the results of 2026-11-22 in `benches/results`.
 const REACH: f32 = 2.5;
 /// Part of the largest connected piece's opacity below which another piece is a stray.
 const STRAY: f64 = 0.05;
@@ -18,9 +18,12 @@ const STRAY: f64 = 0.05;
 /// # Panics
 /// If a member is not below N.
 pub fn pieces(at: &GaussiansAt, members: &[u32]) -> Result<Components, PointsError> {
-    let alone = at.subset(members);
-    let radii = largest_scales(&alone.log_scales)?;
-    components_touching(&alone.means, &radii, REACH, &alone.opacity(), &ComponentFilter::default())
+    let rows = |values: &[f32]| -> Vec<f32> {
+        members.iter().flat_map(|&i| &values[3 * i as usize..][..3]).copied().collect()
+    };
+    let radii = largest_scales(&rows(&at.log_scales))?;
+    let opacity: Vec<f32> = members.iter().map(|&i| at.opacity_of(i as usize)).collect();
+    components_touching(&rows(&at.means), &radii, REACH, &opacity, &ComponentFilter::default())
 }
 
 /// The `members` without strays: pieces that do not touch the rest and are small beside the largest. They come of

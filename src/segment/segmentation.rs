@@ -147,7 +147,8 @@ impl Segmentation {
         depths
     }
 
-    /// All segments with their depths, each whole followed by its parts and theirs, in the order in which they were made.
+    /// All segments with their depths, each whole followed by its parts and theirs, in the order in which they were
+    /// made.
     #[must_use]
     pub fn tree(&self) -> Vec<(usize, &Segment)> {
         let place = |name: &Name| self.segments.iter().position(|s| s.name == **name);
@@ -168,7 +169,8 @@ impl Segmentation {
         tree
     }
 
-    /// Segments that people made below the parts of an earlier split of `whole`: picked in one of those, or in a part of it.
+    /// Segments that people made below the parts of an earlier split of `whole`: picked in one of those, or in a part
+    /// of it.
     #[must_use]
     pub fn made_below_parts(&self, whole: &str) -> Vec<&Segment> {
         let (mut below, mut made) = (Vec::new(), Vec::new());

@@ -32,17 +32,12 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), CliEr
 }
 
 impl RunFolder {
-    /// The point that cameras look at.
-    pub(in crate::cli) fn centre(&self) -> DVec3 {
-        DVec3::from_array(self.scene.spec.centre.map(f64::from))
-    }
-
     /// The camera at `eye` (the value of `--camera`), looking at the centre.
     ///
     /// # Errors
     /// If it stands at the centre, or too far away to see anything.
     pub(in crate::cli) fn camera_at(&self, eye: DVec3, lens: Lens) -> Result<Camera, CliError> {
-        let (centre, DVec3 { x, y, z }) = (self.centre(), eye);
+        let (centre, DVec3 { x, y, z }) = (self.scene.spec.centre(), eye);
         check_distance(&format!("--camera {x},{y},{z}"), eye.distance(centre), self.half_size())?;
         Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height))
     }

@@ -11,7 +11,7 @@ use crate::memory::{Budget, product};
 use crate::model::params::to_vec;
 use crate::name::Name;
 use crate::segment::click::{heaviest, under};
-use crate::segment::levels::{Level, levels};
+use crate::segment::levels::Level;
 use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::{Asked, Meaning, PickOptions, meant, pick};
 use crate::segment::segmentation::{Origin, Segment};
@@ -173,16 +173,12 @@ impl PickArgs {
             let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
             let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
             let asked = Asked { field: &field, frame: &spec.frame, places: &places };
-            let options = PickOptions { meaning: self.meaning(), keep_strays: self.keep_strays };
+            let (meaning, keep_strays, list) = (self.meaning(), self.keep_strays, self.levels);
+            let options = PickOptions { meaning, keep_strays, list };
             let mut found = pick(&asked, &at, &candidates, gaussian, &options).map_err(CliError::failure)?;
             if self.level.is_some_and(|n| n > found.levels.len()) {
                 let (n, count) = (self.level.unwrap_or_default(), found.levels.len());
                 return Err(CliError::input(format!("--level {n}: there are {count} at this click; see --levels")));
-            }
-            if self.levels && found.levels.is_empty() {
-                let (all, likeliest) = levels(&asked, &at, &candidates, gaussian).map_err(CliError::failure)?;
-                found.level = (options.meaning == Meaning::Likeliest).then_some(likeliest);
-                found.levels = all;
             }
             if let Some(name) = &self.name {
                 let members = std::mem::take(&mut found.members);

@@ -21,7 +21,6 @@ use crate::segment::masks::source::sam::SamSource;
 use crate::segment::masks::source::{Found, Group, MaskSource, Seen, SourceError};
 use crate::segment::masks::{MaskReader, RegionOptions};
 use burn::tensor::Device;
-use glam::DVec3;
 use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
@@ -166,8 +165,7 @@ impl Trainers<'_> {
         }
         let camera = &self.views.first().ok_or("no labelled views at this time")?.view.camera;
         let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
-        let centre = DVec3::from_array(self.scene.spec.centre.map(f64::from));
-        let (views, sphere) = (self.options.views, Sphere { centre, radius: camera.position().distance(centre) });
+        let (views, sphere) = (self.options.views, Sphere::through(camera, self.scene.spec.centre()));
         let cameras = match self.options.bias {
             Some((axis, angle)) => biased(views, sphere, axis, angle, lens),
             None => training_cameras(views, sphere, lens),

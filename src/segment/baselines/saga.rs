@@ -3,8 +3,8 @@
 //!
 //! A step takes one view and some of its masked pixels. Features are normalised, averaged over neighbours (half of them
 //! left out at random), normalised again, summed over each pixel with the weights of rendering, and gated channel by
-//! channel with `sigmoid(weight * scale + bias)`. At each of some scales, pixels that share a mask there attract, others
-//! repel (`loss`). Gradients are written out by hand, and a step costs what its pixels touch.
+//! channel with `sigmoid(weight * scale + bias)`. At each of some scales, pixels that share a mask there attract,
+//! others repel (`loss`). Gradients are written out by hand, and a step costs what its pixels touch.
 //!
 //! A re-implementation from descriptions, not the authors' program. What differs:
 //! * Masks, their 3D scales and their ranks are those of the affinity field ([`FineView`]): the scale is the weighted
@@ -89,8 +89,8 @@ pub enum SagaError {
 }
 
 /// Trains features for the Gaussians with `means` `[N, 3]` (world units) on views of them, whose scales are ranked
-/// ([`rank_scales`](crate::segment::fine::views::rank_scales)); `progress` is told each step's loss and may end training
-/// by `false`.
+/// ([`rank_scales`](crate::segment::fine::views::rank_scales)); `progress` is told each step's loss and may end
+/// training by `false`.
 ///
 /// # Errors
 /// If there are no views, the loss is not finite, or `means` is not a whole number of rows.

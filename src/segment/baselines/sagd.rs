@@ -1,6 +1,6 @@
-//! SAGD (Hu et al., "Boundary-Enhanced Segment Anything in 3D Gaussian via Gaussian Decomposition", 2024): a click becomes
-//! a mask in each view, each mask labels Gaussians by where their centres fall, the labels vote, and Gaussians that
-//! reach over a mask's edge are cut back (`cut`). Nothing is trained.
+//! SAGD (Hu et al., "Boundary-Enhanced Segment Anything in 3D Gaussian via Gaussian Decomposition", 2024): a click
+//! becomes a mask in each view, each mask labels Gaussians by where their centres fall, the labels vote, and Gaussians
+//! that reach over a mask's edge are cut back (`cut`). Nothing is trained.
 //!
 //! A re-implementation from descriptions, not the authors' program. What differs:
 //! * Masks are stored ones; the published method asks Segment Anything in each view with the projected prompt. Of the
@@ -50,8 +50,8 @@ pub enum MaskChoice {
 pub struct SagdOptions {
     /// Which mask to take.
     pub choice: MaskChoice,
-    /// Gaussians nearest to the clicked one that are prompts beside it. With any, the masks over most prompts are chosen
-    /// from.
+    /// Gaussians nearest to the clicked one that are prompts beside it. With any, the masks over most prompts are
+    /// chosen from.
     pub neighbours: usize,
     /// Part of the votes above which a Gaussian is kept; the published 0.7.
     pub agreement: f32,
@@ -99,8 +99,8 @@ pub enum SagdError {
     },
 }
 
-/// Segments the Gaussians that belong to number `clicked` by the masks of `views`. Where no mask is over the prompt, the
-/// segment is empty.
+/// Segments the Gaussians that belong to number `clicked` by the masks of `views`. Where no mask is over the prompt,
+/// the segment is empty.
 ///
 /// # Errors
 /// If there is no such Gaussian, or a mask is not of its camera's size.

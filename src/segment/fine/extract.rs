@@ -15,8 +15,8 @@ pub enum Clustering {
     KMeans(usize),
 }
 
-/// Clusters the Gaussians with `means` `[M, 3]` by their features at `scale` in [0, 1]. Labels `[M]` from 1, the largest
-/// cluster first.
+/// Clusters the Gaussians with `means` `[M, 3]` by their features at `scale` in [0, 1]. Labels `[M]` from 1, the
+/// largest cluster first.
 ///
 /// # Errors
 /// If an option is out of range.

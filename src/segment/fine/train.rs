@@ -14,14 +14,14 @@ use volseggs_kernels::contributors::Contributors;
 /// At which scale a step asks the field, and which of the masks over a pixel counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MaskScale {
-    /// One scale a step, drawn evenly from [0, 1]; of the masks over a pixel the smallest that is not below it. The field
-    /// then learns at each scale which parts there are.
+    /// One scale a step, drawn evenly from [0, 1]; of the masks over a pixel the smallest that is not below it. The
+    /// field then learns at each scale which parts there are.
     #[default]
     Drawn,
-    /// The paper's: of the masks over a pixel any, and each Gaussian is asked at the scale of its own mask. Masks of a view
-    /// are put in a random order at each step, and a pixel takes the first that covers it; a Gaussian's mask is the one
-    /// whose pixels it gives most to. A scale is the rank of a mask's spread here too, so that a trained field is asked in
-    /// the same way.
+    /// The paper's: of the masks over a pixel any, and each Gaussian is asked at the scale of its own mask. Masks of a
+    /// view are put in a random order at each step, and a pixel takes the first that covers it; a Gaussian's mask is
+    /// the one whose pixels it gives most to. A scale is the rank of a mask's spread here too, so that a trained field
+    /// is asked in the same way.
     Own,
 }
 
@@ -169,8 +169,8 @@ impl Batch {
     }
 }
 
-/// The scale of each Gaussian's own mask: the one whose pixels it gives most to, the first of equals; 0 for those that no
-/// pixel has, whose features count nowhere.
+/// The scale of each Gaussian's own mask: the one whose pixels it gives most to, the first of equals; 0 for those that
+/// no pixel has, whose features count nowhere.
 fn own_scales(view: &FineView, pixels: &Contributors, masks: &[u32]) -> Vec<f32> {
     let mut given: Vec<(u32, u32, f32)> = Vec::with_capacity(pixels.indices.len());
     for (p, &mask) in masks.iter().enumerate() {

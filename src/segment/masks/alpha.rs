@@ -10,13 +10,13 @@ const PART: f64 = 0.25;
 
 /// The alpha below which a pixel of a picture of a group alone, or a mask by its mean, is background.
 ///
-/// A fixed limit cannot be right: a translucent segment, such as a haze with an alpha of 0.1, would have no mask at all,
-/// while around an opaque body the faint halo of its Gaussians would pass for a part of it. So the limit is a quarter of
-/// the alpha that is typical of this group in this picture: the mean of its alphas, each weighted by itself, which is the
-/// alpha of the haze for a haze, and that of the body for a body however far its halo reaches. A mask passes if a quarter
-/// of it lies on what is typical, or all of it on what is a quarter as opaque; a mask of the background, whose mean is
-/// near 0, and one of the whole picture around a small body do not. What is fainter than 2/255 is never seen, and so is
-/// background everywhere.
+/// A fixed limit cannot be right: a translucent segment, such as a haze with an alpha of 0.1, would have no mask at
+/// all, while around an opaque body the faint halo of its Gaussians would pass for a part of it. So the limit is a
+/// quarter of the alpha that is typical of this group in this picture: the mean of its alphas, each weighted by itself,
+/// which is the alpha of the haze for a haze, and that of the body for a body however far its halo reaches. A mask
+/// passes if a quarter of it lies on what is typical, or all of it on what is a quarter as opaque; a mask of the
+/// background, whose mean is near 0, and one of the whole picture around a small body do not. What is fainter than
+/// 2/255 is never seen, and so is background everywhere.
 #[must_use]
 pub fn background_below(picture: &Picture) -> f64 {
     let (mut sum, mut squares) = (0.0f64, 0.0f64);

@@ -1,11 +1,11 @@
 //! How strongly each pixel looks like a boundary between two things: jumps in colour, alpha and depth.
 //!
-//! A smooth ramp has the same gradient at every smoothing; a jump's gradient falls as one over the smoothing's width. The
-//! gradient at a fine smoothing less that at a coarse one is therefore about the jump's height, and near 0 on smooth
-//! shading. Only the pixels of the foreground take part, so the silhouette makes no edge of its own.
+//! A smooth ramp has the same gradient at every smoothing; a jump's gradient falls as one over the smoothing's width.
+//! The gradient at a fine smoothing less that at a coarse one is therefore about the jump's height, and near 0 on
+//! smooth shading. Only the pixels of the foreground take part, so the silhouette makes no edge of its own.
 
-/// How much of the coarse gradient is taken off the fine one: more than all of it, since curved shading is a little steeper
-/// at its steepest than over a distance.
+/// How much of the coarse gradient is taken off the fine one: more than all of it, since curved shading is a little
+/// steeper at its steepest than over a distance.
 const RAMP: f32 = 1.3;
 
 /// Rows and columns of values with the foreground's shape, cut to the foreground's box.
@@ -60,9 +60,9 @@ pub(super) fn jumps(window: &Window, channels: &[Channel], fine: f32, coarse: f3
     sharp.iter().zip(&smooth).map(height).collect()
 }
 
-/// The relief with a slope added that falls from jumps and the silhouette inwards, so that two wide areas joined through
-/// a gap in the jumps between them drain apart. `edge` is the jump that counts as an edge, `reach` how far the slope goes
-/// in pixels and `height` how high it starts.
+/// The relief with a slope added that falls from jumps and the silhouette inwards, so that two wide areas joined
+/// through a gap in the jumps between them drain apart. `edge` is the jump that counts as an edge, `reach` how far the
+/// slope goes in pixels and `height` how high it starts.
 pub(super) fn close_gaps(window: &Window, relief: &[f32], edge: f32, reach: f32, height: f32) -> Vec<f32> {
     let (width, rows) = (window.width, window.height);
     // Distances in thirds of a pixel by the 3-4 chamfer, with a border of background around.
@@ -91,7 +91,8 @@ pub(super) fn close_gaps(window: &Window, relief: &[f32], edge: f32, reach: f32,
     (0..relief.len()).map(|pixel| relief[pixel] + slope(pixel)).collect()
 }
 
-/// Adds `weight`² times the squared gradient of a plane at the foreground's pixels; differences over unknown values are 0.
+/// Adds `weight`² times the squared gradient of a plane at the foreground's pixels; differences over unknown values are
+/// 0.
 fn add_squared_gradient(plane: &[f32], window: &Window, weight: f32, sum: &mut [f32]) {
     let (width, height) = (window.width, window.height);
     let square = weight * weight / 4.0;

@@ -9,8 +9,8 @@ use thiserror::Error;
 /// A binary image as run lengths, column by column from the top left, first run zeros (COCO's order).
 ///
 /// The runs alternate between clear and set pixels and sum to `width * height`; a run may be empty. The fields are
-/// public, so a mask built by hand may break this: [`Mask::validate`] tells. On such a mask no method panics, and pixels
-/// past the image do not count.
+/// public, so a mask built by hand may break this: [`Mask::validate`] tells. On such a mask no method panics, and
+/// pixels past the image do not count.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Mask {
     /// Pixels across.

@@ -32,8 +32,8 @@ impl Node {
     }
 }
 
-/// Sizes from which on a region counts in full; smaller ones have weaker boundaries than they seem to, so specks and the
-/// slivers along thick edges go first.
+/// Sizes from which on a region counts in full; smaller ones have weaker boundaries than they seem to, so specks and
+/// the slivers along thick edges go first.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Full {
     /// Pixels.

@@ -1,9 +1,10 @@
 //! 2D masks of rendered images: what the fine segmentation lifts to 3D.
 //!
 //! The masks themselves ([`mask`], [`rle`]), their files ([`store`], [`coco`], [`png_folder`]), what finds them in a
-//! picture ([`regions`], [`sam`]), clean-up ([`filter`], [`mod@alpha`]) and pictures of them ([`sheet`]) know nothing of Gaussians.
-//! [`source`] makes these and the truth of a dataset one kind of thing; [`make`] draws groups of Gaussians, asks a source
-//! and writes the masks; [`origin`] opens the source that a command or an evaluation asks for; [`handout`] writes the pictures that another program shall segment.
+//! picture ([`regions`], [`sam`]), clean-up ([`filter`], [`mod@alpha`]) and pictures of them ([`sheet`]) know nothing
+//! of Gaussians. [`source`] makes these and the truth of a dataset one kind of thing; [`make`] draws groups of
+//! Gaussians, asks a source and writes the masks; [`origin`] opens the source that a command or an evaluation asks for;
+//! [`handout`] writes the pictures that another program shall segment.
 
 pub mod alpha;
 pub mod coco;

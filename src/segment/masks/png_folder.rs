@@ -1,7 +1,8 @@
 //! Masks of other programs as a folder of grey PNG images, 8 or 16 bits, one folder for all views.
 //!
-//! A view `NAME.png` has its masks either in `NAME.png`, a label image of which every value but 0 is a mask, or in files
-//! `NAME_K.png` with K a whole number, one binary mask each (every value but 0 is set). Files are read when asked for.
+//! A view `NAME.png` has its masks either in `NAME.png`, a label image of which every value but 0 is a mask, or in
+//! files `NAME_K.png` with K a whole number, one binary mask each (every value but 0 is set). Files are read when asked
+//! for.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -93,7 +94,8 @@ impl PngFolder {
         self.views.iter().all(|files| matches!(files, Files::Absent))
     }
 
-    /// The masks of one view (an index into the list given on opening), by number or label value; empty ones are left out.
+    /// The masks of one view (an index into the list given on opening), by number or label value; empty ones are left
+    /// out.
     ///
     /// # Errors
     /// [`StoreError::Io`]; [`StoreError::Field`] for files that are no grey PNG or not of the views' size.

@@ -2,7 +2,8 @@
 //!
 //! Each count, from the fourth on less the count two before it, is written in groups of five bits, low group first. A
 //! group is one character: 48 plus the bits plus 32 if more groups follow; the last group's top bit is the sign.
-//! Nothing here knows image sizes: whether the counts fit an image is for [`Mask::from_counts`](super::Mask::from_counts).
+//! Nothing here knows image sizes: whether the counts fit an image is for
+//! [`Mask::from_counts`](super::Mask::from_counts).
 
 use thiserror::Error;
 

@@ -17,7 +17,8 @@ pub struct Picture {
 
 /// The image over white with each mask tinted and outlined in a colour of its own, later masks over earlier ones.
 ///
-/// `rgba` is `[height, width, 4]` with straight alpha; missing bytes count as clear. Masks of another size are left out.
+/// `rgba` is `[height, width, 4]` with straight alpha; missing bytes count as clear. Masks of another size are left
+/// out.
 #[must_use]
 pub fn overlay(width: u32, height: u32, rgba: &[u8], masks: &[Mask]) -> Picture {
     let pixels = width as usize * height as usize;

@@ -1,7 +1,7 @@
 //! Where masks come from: what a source is given of a view, and what it gives back.
 //!
-//! One file a source: [`regions`] needs nothing but the picture, [`labels`] reads the truth of a dataset, [`foreign`] the
-//! masks of other programs, [`sam`] asks a network. Drawing the views and writing what is found is in `make`.
+//! One file a source: [`regions`] needs nothing but the picture, [`labels`] reads the truth of a dataset, [`foreign`]
+//! the masks of other programs, [`sam`] asks a network. Drawing the views and writing what is found is in `make`.
 
 pub mod foreign;
 pub mod labels;

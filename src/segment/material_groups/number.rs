@@ -11,8 +11,8 @@ const HALVING: f32 = 0.2;
 /// Share of an even part of the weight that a half has at least: a few strays are no half.
 const FEWEST: f64 = 0.1;
 
-/// Joins the two groups whose joining costs least (Ward's criterion), or halves the one of most scatter by k-means, until
-/// there are `wanted`; fewer where none can be halved.
+/// Joins the two groups whose joining costs least (Ward's criterion), or halves the one of most scatter by k-means,
+/// until there are `wanted`; fewer where none can be halved.
 pub(super) fn exactly(
     mut parts: Vec<Members>,
     wanted: usize,

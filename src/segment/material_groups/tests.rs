@@ -30,8 +30,8 @@ struct Light {
 
 const PLAIN: Light = Light { ambient: 0.3, diffuse: 0.6, specular: 0.1, rims: 0.3, noise: 0.08 };
 
-/// Gaussians on spheres, and which body each belongs to; a tenth has a random colour. Light falls off with the square of
-/// the cosine, which harmonics of degree 2 hold exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
+/// Gaussians on spheres, and which body each belongs to; a tenth has a random colour. Light falls off with the square
+/// of the cosine, which harmonics of degree 2 hold exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
 fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
     let mut rng = Rng::new(seed, 0, 0);
     let (mut g, mut truth) = (GaussiansAt { sh_stride: 16, ..GaussiansAt::default() }, Vec::new());

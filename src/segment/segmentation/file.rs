@@ -23,7 +23,8 @@ pub(in crate::segment) struct Past {
     pub members: String,
 }
 
-/// A change, and the segments on its other side: before it of one that can be undone, after it of one that can be redone.
+/// A change, and the segments on its other side: before it of one that can be undone, after it of one that can be
+/// redone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(in crate::segment) struct Step {
     /// What was done, such as `remove pair`.

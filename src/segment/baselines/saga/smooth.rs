@@ -1,4 +1,5 @@
-//! Features of Gaussians as means over their neighbours: the lists, and the mean as a sparse matrix. Nothing is learnt here.
+//! Features of Gaussians as means over their neighbours: the lists, and the mean as a sparse matrix. Nothing is learnt
+//! here.
 
 use super::loss::{FEATURES, Feature, unit};
 use crate::points::PointsError;
