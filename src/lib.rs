@@ -33,6 +33,7 @@ pub mod process;
 pub mod program;
 pub mod report;
 pub mod rng;
+pub mod run;
 pub mod segment;
 pub mod sweep;
 pub mod tensors;

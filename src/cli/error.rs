@@ -3,6 +3,7 @@
 use crate::data::DataError;
 use crate::files::{LockError, ReplaceError};
 use crate::log::jsonl::JsonlError;
+use crate::run::RunError;
 use crate::train::TrainError;
 use crate::volume::error::VolumeError;
 use std::fmt;
@@ -56,6 +57,12 @@ impl From<LockError> for CliError {
             LockError::Held { .. } => Self::input(error),
             LockError::Io { .. } => Self::failure(error),
         }
+    }
+}
+
+impl From<RunError> for CliError {
+    fn from(error: RunError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
     }
 }
 

@@ -1,19 +1,18 @@
 //! `volseggs eval`
 
 use super::eval_segments::SegmentFlags;
-use super::run_folder::RunFolder;
 use super::values::count;
-use super::{CliError, Common, print_json};
-use crate::data::{Dataset, OpenOptions, SplitName};
-use crate::eval::results::{DataId, KIND, WriteError, results_folder, write_results};
-use crate::eval::run::{Costs, evaluate};
+use super::{CliError, Common, command_line, print_json};
+use crate::data::SplitName;
+use crate::eval::results::{KIND, WriteError};
 use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::memory::MIB;
 use crate::metrics::lpips::Lpips;
-use crate::train::trained_times;
+use crate::run::measure::{MeasuredOn, measure};
+use crate::run::{OpenRun, RunError};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
@@ -45,7 +44,7 @@ pub struct EvalArgs {
 impl EvalArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_locked(&self.run, &device, Work::Long)?;
+        let run = OpenRun::open_locked(&self.run, &device, &command_line(), Work::Long)?;
         let networks = self
             .lpips_weights
             .iter()
@@ -62,22 +61,14 @@ impl EvalArgs {
                 times.join(", ")
             );
         }
-        let (data, trained_times) = data_of(&run, self.data.as_deref())?;
-        let folder = folder(&run, self.split.as_str(), &KIND, &data)?;
-        let model = std::fs::metadata(&run.scene_path)
-            .map_err(|e| CliError::failure(format!("{}: {e}", run.scene_path.display())))?;
-        let costs =
-            Costs { training_seconds: run.record.training_seconds, model_bytes: model.len(), data, trained_times };
+        let on = MeasuredOn::open(&run, self.data.as_deref())?;
+        let folder = results(&run, &on, self.split.as_str(), &KIND)?;
         let bar = progress::bar(split.frames.len(), "views");
-        let evaluation = evaluate(&run.scene, &split, &networks, &costs, |done, psnr| {
+        let evaluation = measure(&run, &split, &networks, &on, &folder, |done, psnr| {
             bar.set_position(done as u64);
             bar.set_message(format!("{psnr:.2} dB"));
-        })
-        // images too small for a metric, or weights that do not fit them
-        .map_err(CliError::input)?;
+        })?;
         bar.finish_and_clear();
-
-        write_results(&folder, &evaluation)?;
         let s = &evaluation.summary;
         if self.common.json {
             return print_json(s);
@@ -124,46 +115,16 @@ impl EvalArgs {
     }
 }
 
-/// The data that are measured on, `given` or the run's own, and the times that were trained on; none for other data than
-/// the run's.
-///
-/// # Errors
-/// If the training views of another dataset, by which it is known, are there and cannot be read.
-pub(super) fn data_of(run: &RunFolder, given: Option<&Path>) -> Result<(DataId, Vec<f64>), CliError> {
-    let folder = given.unwrap_or(&run.record.dataset);
-    let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
-    let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
-    let mut trained = Vec::new();
-    let fingerprint = match Dataset::open(folder, &options) {
-        Ok(data) => {
-            if data.fingerprint() == run.record.fingerprint {
-                trained = trained_times(&data, &run.config);
-            }
-            data.fingerprint()
-        }
-        Err(error) if dataset == run.record.dataset => {
-            errln!("note: the training views cannot be read, so it is not checked that they are as they were: {error}");
-            run.record.fingerprint.clone()
-        }
-        // one without training views has no fingerprint, and is not what the run was trained on
-        Err(_) if !SplitName::Train.json_path(folder).exists() => String::new(),
-        Err(error) => return Err(error.into()),
-    };
-    Ok((DataId { dataset, fingerprint }, trained))
-}
-
-/// The folder of results called `what`, which only holds such results if it is there; says so if they are not of the
-/// dataset that the run was trained on. Asked for before anything is measured.
-pub(super) fn folder(run: &RunFolder, what: &str, kind: &FolderKind, data: &DataId) -> Result<PathBuf, CliError> {
-    let file = kind.markers.first().copied().unwrap_or_default();
-    // results of an older checkpoint are not those of the run
-    let what = run.older_step().map_or_else(|| what.to_owned(), |step| format!("{what}-{step}"));
-    let folder = results_folder(&run.path.join("eval"), &what, file, data, &run.record.fingerprint);
-    kind.check(&folder, &[])?;
-    if data.fingerprint != run.record.fingerprint {
+/// The folder of results called `what`; says what there is to say about the data that are measured on.
+pub(super) fn results(run: &OpenRun, on: &MeasuredOn, what: &str, kind: &FolderKind) -> Result<PathBuf, CliError> {
+    if let Some(note) = &on.note {
+        errln!("note: {note}");
+    }
+    let folder = on.folder(run, what, kind)?;
+    if !on.is_own(run) {
         errln!(
             "note: {} is not the dataset that {} was trained on; results go to {}",
-            data.dataset.display(),
+            on.data.dataset.display(),
             run.path.display(),
             folder.display()
         );
@@ -173,6 +134,6 @@ pub(super) fn folder(run: &RunFolder, what: &str, kind: &FolderKind, data: &Data
 
 impl From<WriteError> for CliError {
     fn from(error: WriteError) -> Self {
-        if error.is_input() { Self::input(error) } else { Self::failure(error) }
+        RunError::from(error).into()
     }
 }

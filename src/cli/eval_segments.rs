@@ -1,23 +1,24 @@
 //! `volseggs eval --segments`
 
-use super::eval::{data_of, folder};
-use super::run_folder::RunFolder;
+use super::eval::results;
 use super::values::{cosine_f32, count, fraction, fraction_f32};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::Axis;
 use crate::data::{Camera, Truth};
 use crate::eval::segments::{
-    KIND, MaskKind, Method, SegmentEvalError, SegmentOptions, Union, evaluate_segments, markdown, write_mask_pictures,
+    KIND, Method, SegmentEvalError, SegmentOptions, Union, evaluate_segments, markdown, write_mask_pictures,
     write_results,
 };
 use crate::files::AtomicDir;
 use crate::log::progress;
 use crate::memory::{Budget, product};
 use crate::metrics::lpips::Lpips;
+use crate::run::OpenRun;
+use crate::run::measure::MeasuredOn;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::{FineOptions, MaskScale, repulsion};
-use crate::segment::masks::origin::SAM_POINTS;
+use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
 use crate::segment::masks::sam::checkpoint;
 use clap::{Args, ValueEnum};
 use std::f64::consts::FRAC_PI_4;
@@ -117,7 +118,7 @@ enum Masks {
 impl SegmentFlags {
     pub(super) fn run(
         &self,
-        run: &RunFolder,
+        run: &OpenRun,
         data: Option<&Path>,
         networks: &[Lpips],
         json: bool,
@@ -147,19 +148,19 @@ impl SegmentFlags {
         if let Some(folder) = &self.mask_pictures {
             return hand_out(run, &truth, &options, folder);
         }
-        let (id, _) = data_of(run, data)?;
+        let on = MeasuredOn::open(run, data)?;
         let what = match &options.masks {
             MaskKind::Regions => "segments".to_owned(),
             other => format!("segments-{}", other.name()),
         };
-        let folder = folder(run, &what, &KIND, &id)?;
+        let folder = results(run, &on, &what, &KIND)?;
         // never published: it goes when this ends
-        let eval = run.path.join("eval");
+        let eval = run.paths().eval();
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
         let found = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"));
         let mut evaluation = found.map_err(eval_error)?;
-        evaluation.data = id;
+        evaluation.data = on.data;
         write_results(&folder, &evaluation)?;
         if json {
             return print_json(&evaluation);
@@ -228,7 +229,7 @@ fn eval_error(error: SegmentEvalError) -> CliError {
 }
 
 /// Writes the pictures for another program.
-fn hand_out(run: &RunFolder, truth: &Truth, options: &SegmentOptions, folder: &Path) -> Result<(), CliError> {
+fn hand_out(run: &OpenRun, truth: &Truth, options: &SegmentOptions, folder: &Path) -> Result<(), CliError> {
     if folder.exists() {
         return Err(CliError::input(format!(
             "--mask-pictures {}: it is there already; give a folder that is not",

@@ -7,7 +7,7 @@ use crate::data::layout::layout_picture;
 use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
 use crate::export::images::encode_png;
 use crate::export::ply::PlyGaussians;
-use crate::files::{check_file, write_named};
+use crate::files::{RunPaths, check_file, write_named};
 use crate::model::scene::{read_tensors, refuse_not_finite};
 use crate::train::{checkpoint, live};
 use crate::volume::formats::READ;
@@ -46,7 +46,7 @@ impl InspectArgs {
         }
         if SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file()) {
             self.dataset()
-        } else if self.path.join("run.json").is_file() || !checkpoint::list(&self.path).is_empty() {
+        } else if RunPaths(&self.path).record().is_file() || !checkpoint::list(&self.path).is_empty() {
             // a run that was stopped at step 0 has a record, and no checkpoint yet
             self.run_folder()
         } else if extension == Some("ply") {
@@ -106,11 +106,11 @@ impl InspectArgs {
     }
 
     fn run_folder(&self) -> Result<(), CliError> {
-        let record = std::fs::read_to_string(self.path.join("run.json"))
+        let record = std::fs::read_to_string(RunPaths(&self.path).record())
             .ok()
             .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
         let check = |checkpoint: &Path| {
-            ["scene.safetensors", "optimizer.safetensors"].iter().try_for_each(|name| {
+            [RunPaths::SCENE, "optimizer.safetensors"].iter().try_for_each(|name| {
                 let path = checkpoint.join(name);
                 refuse_not_finite(&path, &read_tensors(&path)?.0)
             })

@@ -1,5 +1,6 @@
 //! The command line: one file a command, each turning arguments into a library call.
 
+mod camera;
 mod compare;
 mod completions;
 mod config;
@@ -16,7 +17,6 @@ mod lpips;
 mod prepare;
 mod prepare_inputs;
 mod render;
-mod run_folder;
 mod segment;
 mod shown;
 mod sweep;

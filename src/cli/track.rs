@@ -1,32 +1,20 @@
 //! `volseggs track`
 
-use super::run_folder::{RunFolder, check_lens};
-use super::shown::Shown;
-use super::values::{fraction, pixels, point, positive_f32};
-use super::{CliError, Common, print_json};
+use super::camera::{ViewArgs, surroundings};
+use super::values::{fraction, positive_f32};
+use super::{CliError, Common, command_line, print_json};
 use crate::data::Camera;
-use crate::data::paths::{Lens, orbit};
 use crate::files::Work;
 use crate::log::progress;
-use crate::memory::{Budget, product};
-use crate::model::GaussiansAt;
 use crate::name::Name;
-use crate::segment::pictures::draw;
+use crate::run::OpenRun;
+use crate::run::cameras::check_lens;
+use crate::run::follow::{FollowRequest, SHEET, Stage, Times, follow};
 use crate::track::events::EventKind;
-use crate::track::follow::{FollowOptions, Followed, Followup, follow};
-use crate::track::report::{PictureOptions, ReportError, ReportFolder, SHEET_CELL};
-use burn::tensor::Device;
+use crate::track::follow::Followup;
+use crate::track::report::{PictureOptions, SHEET_CELL};
 use clap::Args;
-use glam::DVec3;
-use rayon::prelude::*;
 use std::path::PathBuf;
-
-/// Pictures in the sheet.
-const SHEET: usize = 8;
-/// Bytes that a time takes for each segment: its statistics, its events, and their rows in the tables.
-const ROW_BYTES: usize = 4096;
-/// Bytes that a time takes for each Gaussian of a segment.
-const MEMBER_BYTES: usize = 8;
 
 /// Follow segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
@@ -60,15 +48,8 @@ pub struct TrackArgs {
     /// Least alpha of a pixel of a mask.
     #[arg(long, default_value_t = 0.5, value_name = "ALPHA", value_parser = mask_alpha, allow_negative_numbers = true)]
     mask_alpha: f32,
-    /// Camera of the pictures at x,y,z, looking at the centre; one beside the scene if not given.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
-    camera: Option<DVec3>,
-    /// Take the camera of this test view of the dataset, counted from 0.
-    #[arg(long, value_name = "N", conflicts_with = "camera")]
-    view: Option<usize>,
-    /// Width of the pictures in pixels; the training images' with --renders, else at most 320.
-    #[arg(long, value_name = "PIXELS", value_parser = pixels)]
-    size: Option<u32>,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Leave out the edits of the run.
     #[arg(long)]
     no_edits: bool,
@@ -79,107 +60,55 @@ pub struct TrackArgs {
 impl TrackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
-        let wanted = self.wanted(&run)?;
-        let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
-        self.check_memory(&wanted)?;
-        let times = self.times();
-        let camera = self.picture_camera(&run)?;
-        let edited = Shown { segments: Vec::new(), no_edits: self.no_edits }.select(&run)?;
-
-        // begun before the work, so that what cannot be replaced is told of at once
-        let options = PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha };
-        let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.path.join("track"), name, options);
-        let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
-        let bar = progress::bar(times.len(), "times followed");
-        let scene = |time: f64| {
-            bar.inc(1);
-            run.scene.host_at(time as f32)
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?;
+        let (times, camera) = (self.times(), self.picture_camera(&run)?);
+        let asked = match self.at.len() {
+            0 => format!("--frames {}", self.frames),
+            n => format!("--at, {n} times"),
         };
-        let mut found = follow(scene, &segments, &times, &FollowOptions::default()).map_err(CliError::input)?;
-        bar.finish_and_clear();
-
-        let bar = progress::bar(times.len(), "times drawn");
-        for (i, &time) in times.iter().enumerate() {
-            let at = edited.edited(&run.scene, time as f32)?;
-            // one after the other: drawing one picture takes all threads
-            let pictures: Vec<Vec<f32>> =
-                segments.iter().map(|s| alone(&run, &at.subset(s.members), &camera, &device)).collect();
-            let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
-            let size = [camera.width as usize, camera.height as usize];
-            let add = |(report, rgba): (&mut ReportFolder, &Vec<f32>)| report.add(rgba, size, label.clone());
-            reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(report_error)?;
-            bar.inc(1);
-        }
-        bar.finish_and_clear();
-        for (report, followup) in reports.into_iter().zip(&mut found) {
-            report.finish(followup).map_err(report_error)?;
-        }
+        let request = FollowRequest {
+            segments: &self.segments,
+            group: self.group.as_ref(),
+            times: &times,
+            asked: &asked,
+            camera: &camera,
+            edited: !self.no_edits,
+            pictures: PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha },
+        };
+        let followed = progress::bar(times.count(), "times followed");
+        let drawn = progress::bar(times.count(), "times drawn");
+        let found = follow(&run, &request, &device, |stage| match stage {
+            Stage::Followed => followed.inc(1),
+            Stage::Drawn => {
+                followed.finish_and_clear();
+                drawn.inc(1);
+            }
+        })?;
+        drawn.finish_and_clear();
         self.print(&run, &camera, &found)
     }
 
-    /// The times in the order in which they are followed.
-    fn times(&self) -> Vec<f64> {
-        if !self.at.is_empty() {
-            let mut times = self.at.clone();
-            times.sort_by(f64::total_cmp);
-            times.dedup();
-            return times;
+    fn times(&self) -> Times {
+        if self.at.is_empty() {
+            Times::Even { from: self.from, to: self.to, frames: self.frames }
+        } else {
+            Times::At(self.at.clone())
         }
-        let step = (self.to - self.from) / (self.frames - 1) as f64;
-        (0..self.frames).map(|i| self.from + step * i as f64).collect()
-    }
-
-    /// Refuses more times than can be held: at each, every Gaussian of a segment has a part and an opacity.
-    fn check_memory(&self, wanted: &[(Name, Vec<u32>)]) -> Result<(), CliError> {
-        let (times, flag) = match self.at.len() {
-            0 => (self.frames, format!("--frames {}", self.frames)),
-            n => (n, format!("--at, {n} times")),
-        };
-        let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
-        Budget::now().check(flag, product(&[times, bytes])).map_err(CliError::input)
-    }
-
-    /// Names and members of what is followed.
-    fn wanted(&self, run: &RunFolder) -> Result<Vec<(Name, Vec<u32>)>, CliError> {
-        let all = run.segments()?;
-        let mut wanted: Vec<(Name, Vec<u32>)> = Vec::new();
-        for name in &self.segments {
-            if wanted.iter().any(|(n, _)| n == name) {
-                continue;
-            }
-            let segment = all.get(name).map_err(CliError::input)?;
-            wanted.push((segment.name.clone(), segment.members.clone()));
-        }
-        if let Some(group) = &self.group {
-            let mut members: Vec<u32> = wanted.iter().flat_map(|(_, m)| m).copied().collect();
-            members.sort_unstable();
-            members.dedup();
-            wanted = vec![(group.clone(), members)];
-        }
-        if let Some((name, _)) = wanted.iter().find(|(_, m)| m.is_empty()) {
-            return Err(CliError::input(format!("segment \"{name}\" is empty: there is nothing to follow")));
-        }
-        Ok(wanted)
     }
 
     /// The camera of the pictures.
-    fn picture_camera(&self, run: &RunFolder) -> Result<Camera, CliError> {
-        let (full, sphere) = run.lens(None);
-        let width = self.size.unwrap_or(if self.renders { full.width } else { full.width.min(SHEET_CELL) });
-        let height = (f64::from(full.height) * f64::from(width) / f64::from(full.width)).round().max(1.0) as u32;
-        let lens = Lens { width, height, ..full };
-        check_lens(&format!("--size {width}"), lens)?;
-        if let Some(eye) = self.camera {
-            return run.camera_at(eye, lens);
+    fn picture_camera(&self, run: &OpenRun) -> Result<Camera, CliError> {
+        let full = surroundings(run, None);
+        let width = if self.renders { full.lens.width } else { full.lens.width.min(SHEET_CELL) };
+        let around = full.sized(self.view.size.unwrap_or(width));
+        check_lens(&format!("--size {}", around.lens.width), around.lens)?;
+        match self.view.choice() {
+            Some(choice) => Ok(run.view(choice, around.lens)?.0),
+            None => Ok(around.orbit(SHEET).swap_remove(0)),
         }
-        if let Some(n) = self.view {
-            return Ok(run.test_view(n, lens)?.0);
-        }
-        Ok(orbit(SHEET, sphere, 20f64.to_radians(), lens).swap_remove(0))
     }
 
-    fn print(&self, run: &RunFolder, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
+    fn print(&self, run: &OpenRun, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
         if self.common.json {
             let report = |f: &Followup| {
                 serde_json::json!({
@@ -198,15 +127,8 @@ impl TrackArgs {
                 outln!("  t = {:.3} to {:.3}  {kind:14} {before} -> {after}", event.time_from, event.time_to);
             }
         }
-        errln!("tables and pictures: {}", run.path.join("track").display());
+        errln!("tables and pictures: {}", run.paths().tracks().display());
         Ok(())
-    }
-}
-
-fn report_error(error: ReportError) -> CliError {
-    match error {
-        ReportError::Replace(error) => error.into(),
-        error => CliError::failure(error),
     }
 }
 
@@ -219,16 +141,4 @@ fn frames(text: &str) -> Result<usize, String> {
 /// An alpha that a pixel can have at least.
 fn mask_alpha(text: &str) -> Result<f32, String> {
     positive_f32(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "a number above 0, at most 1".to_owned())
-}
-
-/// Colour over the background and alpha, `[H, W, 4]`.
-fn alone(run: &RunFolder, segment: &GaussiansAt, camera: &Camera, device: &Device) -> Vec<f32> {
-    let spec = &run.scene.spec;
-    draw(segment, camera.to_kernel(), spec.background, spec.sh_degree, device)
-}
-
-/// Whether the picture of time `i` of `n` is one of those in the sheet, which are spread evenly.
-fn in_sheet(i: usize, n: usize) -> bool {
-    let count = n.min(SHEET);
-    (0..count).any(|k| i == k * (n - 1) / (count - 1).max(1))
 }

@@ -1,6 +1,7 @@
 //! `volseggs train`
 
 use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
+use crate::files::RunPaths;
 use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock, run};
 use crate::train::{checkpoint, open_dataset};
 use clap::Args;
@@ -37,7 +38,7 @@ impl TrainArgs {
         let held = lock(&out, &command_line())?;
         let resolved = match start {
             Start::New => self.config.resolve()?,
-            _ => self.config.resolve_over(&out.join("config.toml"))?,
+            _ => self.config.resolve_over(&RunPaths(&out).config())?,
         };
         let data = match &self.data {
             Some(data) => data.clone(),
@@ -115,7 +116,7 @@ impl TrainArgs {
 
 /// The dataset that a run was trained on.
 fn dataset_of(run: &Path) -> Result<PathBuf, CliError> {
-    let path = run.join("run.json");
+    let path = RunPaths(run).record();
     let wrong = |e: &dyn std::fmt::Display| {
         CliError::input(format!("{}: {e}; give the folder that `volseggs train --out` made", path.display()))
     };

@@ -3,6 +3,7 @@
 //! A curve is a picture of a run, so nothing here fails: a file that is not there or a line that a killed run left half
 //! written only means fewer points.
 
+use crate::files::RunPaths;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -35,7 +36,7 @@ struct Line {
 
 /// The lines of a run by step; of lines with the same step the last counts.
 fn lines(run: &Path) -> BTreeMap<u64, Line> {
-    let bytes = crate::files::read_regular(&run.join("metrics.jsonl")).unwrap_or_default();
+    let bytes = crate::files::read_regular(&RunPaths(run).metrics()).unwrap_or_default();
     let parsed = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Line>(line).ok());
     parsed.map(|line| (line.step, line)).collect()
 }

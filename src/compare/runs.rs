@@ -3,7 +3,7 @@
 use super::metric::METRICS;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use crate::eval::run::Summary;
-use crate::files::read_text;
+use crate::files::{RunPaths, read_text};
 use crate::memory::MIB;
 use crate::program;
 use crate::train::run::RunRecord;
@@ -90,10 +90,10 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             });
         }
         met.push(whole);
-        let record: RunRecord = read(&folder.join("run.json"), "give folders that `volseggs train --out` made")?;
+        let record: RunRecord = read(&RunPaths(folder).record(), "give folders that `volseggs train --out` made")?;
         let first = format!("run `volseggs eval {}` first", folder.display());
-        let summary: Summary = read(&folder.join("eval/test/mean.json"), &first)?;
-        let path = folder.join("config.toml");
+        let summary: Summary = read(&RunPaths(folder).eval().join("test/mean.json"), &first)?;
+        let path = RunPaths(folder).config();
         let bad = |problem: String| RunError::Folder { path: path.clone(), problem };
         let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
         let mut config: Table = text.parse().map_err(|e: toml::de::Error| bad(plain(&e.to_string())))?;

@@ -8,6 +8,7 @@ use crate::data::png::check_claim;
 use crate::draw::font::{GLYPH_HEIGHT, draw_text, text_width};
 use crate::draw::views::{Pair, pair_sheet};
 use crate::eval::sheet::error_color;
+use crate::files::RunPaths;
 use image::{Rgb, RgbImage};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -60,7 +61,7 @@ pub fn sheets(set: &ResultSet) -> Vec<VariantSheet> {
 }
 
 fn folder(outcome: &Outcome) -> PathBuf {
-    outcome.run.join("eval").join("test").join("pictures")
+    RunPaths(&outcome.run).eval().join("test/pictures")
 }
 
 /// Of each variant the finished outcome with the least seed.

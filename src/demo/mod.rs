@@ -8,16 +8,15 @@ use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::{Dataset, OpenOptions, SplitName};
-use crate::eval::results::{DataId, write_results};
-use crate::eval::run::{Costs, Evaluation, evaluate};
+use crate::eval::run::Evaluation;
 use crate::files::{LockError, RunLock, Work};
 use crate::log::progress;
-use crate::model::Scene;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
     PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, image_count, prepare,
 };
-use crate::train::checkpoint::newest_scene;
+use crate::run::OpenRun;
+use crate::run::measure::{MeasuredOn, measure};
 use crate::train::run::{RunOptions, RunOutcome, Start, run};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
@@ -85,9 +84,8 @@ pub(crate) struct Results<'a> {
     options: &'a DemoOptions,
     prepared: PrepareRecord,
     data: PathBuf,
-    run: PathBuf,
+    run: OpenRun,
     outcome: RunOutcome,
-    scene: Scene,
     dataset: Dataset,
     evaluation: Evaluation,
     segments: segments::SegmentStory,
@@ -146,34 +144,27 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     errln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
-    let scene_path = newest_scene(&run_folder).ok_or("no checkpoint").map_err(failed("evaluate"))?;
-    let scene = Scene::load(&scene_path, &options.device.1).map_err(failed("evaluate"))?;
-    let costs = Costs {
-        training_seconds: outcome.record.training_seconds,
-        model_bytes: std::fs::metadata(&scene_path).map_err(failed("evaluate"))?.len(),
-        data: DataId { dataset: outcome.record.dataset.clone(), fingerprint: outcome.record.fingerprint.clone() },
-        trained_times: dataset.times(),
-    };
+    let trained = OpenRun::open(&run_folder, &options.device.1).map_err(failed("evaluate"))?;
+    let on = MeasuredOn::own(&trained, dataset.times());
     let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");
-    let evaluation = evaluate(&scene, test, &[], &costs, |done, psnr| {
+    let folder = trained.paths().eval().join("test");
+    let evaluation = measure(&trained, test, &[], &on, &folder, |done, psnr| {
         bar.set_position(done as u64);
         bar.set_message(format!("{psnr:.2} dB"));
     })
     .map_err(failed("evaluate"))?;
     bar.finish_and_clear();
-    write_results(&run_folder.join("eval/test"), &evaluation).map_err(failed("evaluate"))?;
     stages.push(("evaluate".to_owned(), started.elapsed().as_secs_f64()));
 
     errln!("4/5 segment and track");
     let started = Instant::now();
-    let segments = segments::segments(options, &scene, &data, &run_folder).map_err(failed("segment"))?;
+    let segments = segments::segments(options, &trained, &data).map_err(failed("segment"))?;
     stages.push(("segment and track".to_owned(), started.elapsed().as_secs_f64()));
 
     errln!("5/5 report");
     let started = Instant::now();
-    let mut results =
-        Results { options, prepared, data, run: run_folder, outcome, scene, dataset, evaluation, segments, stages };
+    let mut results = Results { options, prepared, data, run: trained, outcome, dataset, evaluation, segments, stages };
     let page = options.out.join("report.html");
     let pictures = story::pictures(&results).map_err(failed("report"))?;
     results.stages.push(("report".to_owned(), started.elapsed().as_secs_f64()));

@@ -5,18 +5,20 @@ use crate::data::Truth;
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
-use crate::eval::segments::{MaskKind, Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
+use crate::eval::segments::{Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
-use crate::model::{GaussiansAt, Scene};
+use crate::model::GaussiansAt;
 use crate::name::Name;
+use crate::run::OpenRun;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
+use crate::segment::masks::origin::MaskKind;
 use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::Meaning;
 use crate::segment::pictures::draw;
-use crate::segment::segmentation::{FILE, Origin, Segment, Segmentation};
+use crate::segment::segmentation::{Origin, Segment};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
 use image::RgbImage;
 use std::path::Path;
@@ -66,7 +68,8 @@ impl SegmentStory {
 }
 
 /// Segments, measures and follows; writes `segments/` and `eval/segments/` of the run.
-pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &Path) -> Result<SegmentStory, String> {
+pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
+    let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
     let plan = SegmentOptions {
         time: 0.5,
@@ -83,12 +86,12 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         saga: SagaOptions::default(),
         mask_alpha: None,
     };
-    let work = AtomicDir::create(&run.join("eval/masks")).map_err(|e| e.to_string())?;
+    let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
     let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
         .map_err(|e| e.to_string())?;
-    write_results(&run.join("eval/segments"), &evaluation).map_err(|e| e.to_string())?;
+    write_results(&run.paths().eval().join("segments"), &evaluation).map_err(|e| e.to_string())?;
 
-    let mut found = Segmentation::new(scene.gaussians.count(), scene.fingerprint());
+    let mut found = run.no_segments();
     let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.fixed.members.is_empty());
     for (i, result) in chosen.enumerate() {
         let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
@@ -99,7 +102,7 @@ pub(super) fn segments(options: &DemoOptions, scene: &Scene, data: &Path, run: &
         let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
         found.add(segment).map_err(|e| e.to_string())?;
     }
-    found.save(&run.join(FILE)).map_err(|e| e.to_string())?;
+    found.save(&run.paths().segments()).map_err(|e| e.to_string())?;
 
     let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
     let wanted: Vec<Followed<'_>> =

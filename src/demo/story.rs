@@ -6,6 +6,7 @@ use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
+use crate::files::RunPaths;
 use crate::memory::MIB;
 use crate::report::{Block, Number, Report, Section};
 use image::RgbImage;
@@ -33,7 +34,7 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
         .iter()
         .enumerate()
         .map(|(i, camera)| {
-            let image = results.scene.render(camera.to_kernel(), i as f32 / last);
+            let image = results.run.scene.render(camera.to_kernel(), i as f32 / last);
             png(&to_rgb8(&image, size as usize, size as usize))
         })
         .collect::<Result<_, _>>()?;
@@ -44,8 +45,8 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
     let median = order[order.len() / 2];
     let frame = &test.frames[median];
     let (w, h) = (test.images.width as usize, test.images.height as usize);
-    let truth = test.images.composite_with_alpha(median, results.scene.spec.background);
-    let render = results.scene.render(frame.camera.to_kernel(), frame.time as f32);
+    let truth = test.images.composite_with_alpha(median, results.run.scene.spec.background);
+    let render = results.run.scene.render(frame.camera.to_kernel(), frame.time as f32);
     let sheet = results.evaluation.sheet.as_ref().map(&png).transpose()?;
     Ok(Pictures {
         turntable,
@@ -80,7 +81,7 @@ fn segments(data: &Path) -> Result<Vec<(Vec<u8>, String)>, String> {
 
 /// Learning curve: PSNR over steps, from the run's `metrics.jsonl`.
 fn learning_curve(run: &Path) -> String {
-    let text = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default();
+    let text = std::fs::read_to_string(RunPaths(run).metrics()).unwrap_or_default();
     let lines: Vec<serde_json::Value> = text.lines().filter_map(|l| serde_json::from_str(l).ok()).collect();
     let points = |key: &str| -> Vec<(f64, f64)> {
         lines.iter().filter_map(|l| Some((l["step"].as_f64()?, l[key].as_f64()?))).collect()
@@ -180,7 +181,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
                         highlight: Some(1),
                     },
                     Block::Svg { svg: psnr_over_time(&results.evaluation), caption: "PSNR of each test view.".into() },
-                    Block::Svg { svg: learning_curve(&results.run), caption: "PSNR while training.".into() },
+                    Block::Svg { svg: learning_curve(&results.run.path), caption: "PSNR while training.".into() },
                 ];
                 if let Some(png) = pictures.sheet {
                     blocks.push(Block::Figure {

@@ -10,9 +10,6 @@ use crate::tensors::{DIGEST, TensorFileError};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Name of the file within a run folder.
-pub const FILE: &str = "segments/segments.safetensors";
-
 /// How a segment came to be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]

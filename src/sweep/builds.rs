@@ -6,6 +6,7 @@
 use super::key::{is_key, key, parts};
 use super::plan::Plan;
 use super::result::{Progress, progress, progress_in, read};
+use crate::files::RunPaths;
 use crate::program::{called, short};
 use crate::train::checkpoint;
 use crate::train::run::RunRecord;
@@ -59,7 +60,7 @@ impl OtherBuilds {
 
 /// When the run in `folder` was trained to its end; none if it was not.
 fn trained(folder: &Path) -> Option<SystemTime> {
-    let path = folder.join("run.json");
+    let path = RunPaths(folder).record();
     let record: RunRecord = read(&path)?;
     let whole = record.status == "complete" && checkpoint::newest_scene(folder).is_some();
     whole.then(|| path.metadata().and_then(|m| m.modified()).unwrap_or(SystemTime::UNIX_EPOCH))

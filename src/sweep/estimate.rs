@@ -8,6 +8,7 @@ use super::file::EvalSpec;
 use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
+use crate::files::RunPaths;
 use crate::model::size;
 use crate::train::run::RunRecord;
 use std::path::Path;
@@ -119,7 +120,7 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let mut ratios = Vec::new();
     // another build's times say more than none
     let others = OtherBuilds::find(plan);
-    let record = |folder: &Path| read::<RunRecord>(&folder.join("run.json")).filter(|r| r.status == "complete");
+    let record = |folder: &Path| read::<RunRecord>(&RunPaths(folder).record()).filter(|r| r.status == "complete");
     let (mut seconds, mut around, mut memory, mut open) = (0.0, 0.0, 0.0f64, 0);
     for (i, run) in plan.runs.iter().enumerate() {
         let Some(cost) = of(run) else { continue };

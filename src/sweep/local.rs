@@ -8,6 +8,7 @@ use super::SweepError;
 use super::halving;
 use super::plan::Plan;
 use super::result::{Failure, Progress, failure_path, live_psnr, metrics_path, progress, read, read_metrics, write};
+use crate::files::RunPaths;
 use crate::log::progress::{bar, duration};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::collections::{BTreeMap, VecDeque};
@@ -234,7 +235,7 @@ impl<'a> Pool<'a> {
         }
         job.looked = Instant::now();
         let folder = self.plan.run_folder(job.index);
-        let Some((step, train)) = last_line(&folder.join("metrics.jsonl")) else { return };
+        let Some((step, train)) = last_line(&RunPaths(&folder).metrics()) else { return };
         job.line.set_position(step);
         let test = live_psnr(&folder, usize::MAX).map(|(_, p)| format!(", test {p:.2} dB")).unwrap_or_default();
         job.line.set_message(format!("{}  train {train:.2} dB{test}", self.plan.runs[job.index].label));

@@ -5,7 +5,7 @@ use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
 use crate::compare::metric::upgrade;
-use crate::files::{read_text, write_atomic};
+use crate::files::{RunPaths, read_text, write_atomic};
 use crate::program;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -143,7 +143,7 @@ pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
 /// The test PSNR that a run's log has nearest before `step`, and its step.
 #[must_use]
 pub fn live_psnr(folder: &Path, step: usize) -> Option<(usize, f64)> {
-    let text = read_text(&folder.join("metrics.jsonl")).ok()?;
+    let text = read_text(&RunPaths(folder).metrics()).ok()?;
     let lines = text.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
     let scored = lines.filter_map(|l| Some((l["step"].as_u64()? as usize, l["test_psnr"].as_f64()?)));
     scored.take_while(|(s, _)| *s <= step).last()

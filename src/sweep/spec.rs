@@ -1,10 +1,11 @@
 //! How segmentation is measured in a sweep: the keys `segments.*` of variants, which are no keys of training.
 
 use crate::data::paths::Axis;
-use crate::eval::segments::{MaskKind, Method, SegmentOptions};
+use crate::eval::segments::{Method, SegmentOptions};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::{FineOptions, repulsion};
+use crate::segment::masks::origin::MaskKind;
 use crate::segment::masks::origin::SAM_POINTS;
 use crate::segment::masks::sam::checkpoint;
 use serde::{Deserialize, Serialize};

@@ -9,12 +9,11 @@ use super::result::{
 use crate::config::types::Config;
 use crate::data::{SplitName, Truth};
 use crate::device::DeviceName;
-use crate::eval::results::{DataId, write_results};
-use crate::eval::run::{Costs, evaluate};
 use crate::eval::segments;
-use crate::files::{AtomicDir, LockError, RunLock, Work};
+use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
-use crate::model::Scene;
+use crate::run::OpenRun;
+use crate::run::measure::{MeasuredOn, measure};
 use crate::train::run::{RunOptions, RunRecord, Start};
 use crate::train::{checkpoint, open_dataset, open_measured};
 use burn::tensor::Device;
@@ -113,26 +112,23 @@ impl Worker<'_> {
         if self.stop.load(Ordering::Relaxed) {
             return Ok(Ended::Interrupted);
         }
-        let record: RunRecord = self.record()?;
-        let path = checkpoint::newest_scene(self.folder).ok_or("no checkpoint").map_err(failed("eval"))?;
-        let scene = Scene::load(&path, &device).map_err(failed("eval"))?;
+        let trained = OpenRun::open(self.folder, &device).map_err(failed("eval"))?;
         let load = |path: &std::path::PathBuf| Lpips::load(path, &device).map_err(failed("eval"));
         let networks = self.plan.eval.lpips_weights.iter().map(load).collect::<Result<Vec<_>, _>>()?;
-        let model_bytes = std::fs::metadata(&path).map_err(failed("eval"))?.len();
         if !metrics_path(self.folder, &self.plan.eval).is_file() {
-            self.measure(&config, &data.folder, &scene, &networks, &record, model_bytes)?;
+            self.measure(&config, &data.folder, &trained, &networks)?;
         }
         for spec in &self.run.segments {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(Ended::Interrupted);
             }
-            self.segments(spec, config.seed, &data.folder, &scene, &networks)?;
+            self.segments(spec, config.seed, &data.folder, &trained, &networks)?;
         }
         Ok(Ended::Done)
     }
 
     fn record(&self) -> Result<RunRecord, Failure> {
-        let path = self.folder.join("run.json");
+        let path = RunPaths(self.folder).record();
         read(&path).ok_or_else(|| failed("eval")(format!("{}: not there, or not whole", path.display())))
     }
 
@@ -165,26 +161,12 @@ impl Worker<'_> {
         })
     }
 
-    fn measure(
-        &self,
-        config: &Config,
-        data: &Path,
-        scene: &Scene,
-        networks: &[Lpips],
-        record: &RunRecord,
-        model_bytes: u64,
-    ) -> Result<(), Failure> {
+    fn measure(&self, config: &Config, data: &Path, trained: &OpenRun, networks: &[Lpips]) -> Result<(), Failure> {
         let split = open_measured(data, SplitName::Test, config, self.plan.eval.views);
         let split = split.map_err(failed("eval"))?;
-        let costs = Costs {
-            training_seconds: record.training_seconds,
-            model_bytes,
-            data: DataId { dataset: record.dataset.clone(), fingerprint: record.fingerprint.clone() },
-            trained_times: Vec::new(),
-        };
-        let evaluation = evaluate(scene, &split, networks, &costs, |_, _| ()).map_err(failed("eval"))?;
-        write_results(&self.folder.join("eval/test"), &evaluation).map_err(failed("eval"))?;
-        let mut metrics = crate::compare::runs::metrics(&evaluation.summary, record);
+        let (on, folder) = (MeasuredOn::own(trained, Vec::new()), trained.paths().eval().join("test"));
+        let evaluation = measure(trained, &split, networks, &on, &folder, |_, _| ()).map_err(failed("eval"))?;
+        let mut metrics = crate::compare::runs::metrics(&evaluation.summary, &trained.record);
         // a number that is none has no place in JSON, and none in a table
         metrics.retain(|_, value| value.is_finite());
         write_measured(&metrics_path(self.folder, &self.plan.eval), &metrics).map_err(failed("eval"))
@@ -195,7 +177,7 @@ impl Worker<'_> {
         spec: &super::spec::SegmentSpec,
         seed: u64,
         data: &Path,
-        scene: &Scene,
+        trained: &OpenRun,
         networks: &[Lpips],
     ) -> Result<(), Failure> {
         let path = segments_path(self.folder, &self.plan.eval, spec);
@@ -207,12 +189,13 @@ impl Worker<'_> {
         // never published: it goes when this ends, or now if an earlier one was killed
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let mut evaluation =
-            segments::evaluate_segments(scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"))
-                .map_err(failed("segments"))?;
-        let record = self.record()?;
-        evaluation.data = DataId { dataset: record.dataset, fingerprint: record.fingerprint };
+            segments::evaluate_segments(&trained.scene, &truth, &options, networks, work.dir(), |what| {
+                errln!("{what}")
+            })
+            .map_err(failed("segments"))?;
+        evaluation.data = MeasuredOn::own(trained, Vec::new()).data;
         let name = path.file_stem().unwrap_or_default();
-        segments::write_results(&self.folder.join("eval").join(name), &evaluation).map_err(failed("segments"))?;
+        segments::write_results(&trained.paths().eval().join(name), &evaluation).map_err(failed("segments"))?;
         let mut by_segment: BTreeMap<String, Metrics> = BTreeMap::new();
         for result in &evaluation.results {
             let mut metrics = Metrics::new();

@@ -6,7 +6,7 @@
 use super::Trainer;
 use super::densify::Statistics;
 use super::resume::{self, Change};
-use crate::files::{AtomicDir, FolderKind, ReplaceError, remove_whole, write_atomic};
+use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
 use crate::model::Scene;
 use crate::model::params::{self, HostTensor};
 use crate::model::scene::{SceneError, read_tensors, write_tensors};
@@ -74,11 +74,8 @@ fn listed(changes: &[Change]) -> String {
 }
 
 /// The folder of a checkpoint.
-const KIND: FolderKind = FolderKind {
-    what: "a checkpoint",
-    markers: &["state.json"],
-    entries: &["scene.safetensors", "optimizer.safetensors"],
-};
+const KIND: FolderKind =
+    FolderKind { what: "a checkpoint", markers: &["state.json"], entries: &[RunPaths::SCENE, "optimizer.safetensors"] };
 
 /// What is not a tensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,7 +106,7 @@ pub fn list(run: &Path) -> Vec<(usize, PathBuf)> {
 
 /// Folders of checkpoints in a run, whole or not, oldest first.
 fn folders(run: &Path) -> Result<Vec<(usize, PathBuf)>, CheckpointError> {
-    let path = run.join("checkpoints");
+    let path = RunPaths(run).checkpoints();
     let wrong = |e: std::io::Error| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     let entries = match std::fs::read_dir(&path) {
         Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(Vec::new()),
@@ -147,13 +144,14 @@ pub fn newest(run: &Path) -> Result<Option<PathBuf>, CheckpointError> {
 
 /// The scene file of the newest checkpoint of a run.
 pub fn newest_scene(run: &Path) -> Option<PathBuf> {
-    list(run).pop().map(|(_, path)| path.join("scene.safetensors"))
+    list(run).pop().map(|(_, path)| path.join(RunPaths::SCENE))
 }
 
 /// The run and the checkpoint that `path` stands for: a run folder with its newest checkpoint, if it has one, or one of
 /// its checkpoints.
 pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
-    let run = path.parent().filter(|p| p.file_name().is_some_and(|n| n == "checkpoints")).and_then(Path::parent);
+    let run =
+        path.parent().filter(|p| p.file_name().is_some_and(|n| n == RunPaths::CHECKPOINTS)).and_then(Path::parent);
     match run {
         Some(run) if path.join("state.json").is_file() => {
             let run = if run.as_os_str().is_empty() { Path::new(".") } else { run };
@@ -169,7 +167,7 @@ pub fn advice(path: &Path) -> String {
     let whole = |checkpoint: &Path| {
         let read = std::fs::read(checkpoint.join("state.json")).ok();
         read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
-            && ["scene.safetensors", "optimizer.safetensors"].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
+            && [RunPaths::SCENE, "optimizer.safetensors"].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
     };
     let step = |p: &Path| p.file_name()?.to_str()?.strip_prefix("step-")?.parse::<usize>().ok();
     let before = step(path).unwrap_or(usize::MAX);
@@ -213,11 +211,11 @@ fn set_aside(path: &Path) -> Result<(), CheckpointError> {
 /// # Errors
 /// If a file cannot be written; nothing half-written is left under a final name.
 pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result<PathBuf, CheckpointError> {
-    let path = run.join("checkpoints").join(folder_name(state.step));
+    let path = RunPaths(run).checkpoints().join(folder_name(state.step));
     let file_error = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
-    std::fs::create_dir_all(run.join("checkpoints")).map_err(|e| file_error(&e))?;
+    std::fs::create_dir_all(RunPaths(run).checkpoints()).map_err(|e| file_error(&e))?;
     let dir = AtomicDir::create(&path).map_err(|e| file_error(&e))?;
-    trainer.scene().save(&dir.dir().join("scene.safetensors"))?;
+    trainer.scene().save(&dir.dir().join(RunPaths::SCENE))?;
     let mut tensors = trainer.optimizer.to_tensors();
     tensors.extend(trainer.sleep.to_tensors());
     let s = trainer.statistics.to_host();
@@ -279,7 +277,7 @@ fn restore_whole(
         return Err(CheckpointError::Changed { path: path.into(), changes: refused });
     }
     let device = trainer.device().clone();
-    let scene = Scene::load(&path.join("scene.safetensors"), &device)?;
+    let scene = Scene::load(&path.join(RunPaths::SCENE), &device)?;
     let n = scene.gaussians.count();
     let tensors_path = path.join("optimizer.safetensors");
     let (tensors, _) = read_tensors(&tensors_path)?;

@@ -5,7 +5,7 @@ use super::resume::Change;
 use super::{StepReport, TrainError, Trainer};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
-use crate::files::{LockError, RunLock, Work, read_text, write_atomic};
+use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
@@ -131,7 +131,7 @@ struct Milliseconds {
 /// If another process writes into the run.
 pub fn lock(out: &Path, command: &str) -> Result<Option<RunLock>, LockError> {
     // only where a run is: no lock file is left in a folder that is then refused
-    out.join("run.json").is_file().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
+    RunPaths(out).record().is_file().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
 }
 
 /// The checkpoint to begin from, if any.
@@ -158,16 +158,18 @@ fn check_out(out: &Path) -> Result<(), CheckpointError> {
     if let Some(file) = out.ancestors().find(|p| p.symlink_metadata().is_ok() && !p.is_dir()) {
         return refuse(file.to_owned(), "is not a folder, so no run can be made there; choose another --out");
     }
-    if out.join("run.json").exists() {
+    if RunPaths(out).record().exists() {
         return Ok(());
     }
     if out.join("transforms_train.json").exists() {
         return refuse(out.to_owned(), "is a dataset; choose another --out for the run");
     }
-    match ["config.toml", "metrics.jsonl", "checkpoints", "tensorboard"].iter().find(|n| out.join(n).exists()) {
-        Some(name) => {
+    let paths = RunPaths(out);
+    let parts = [paths.config(), paths.metrics(), paths.checkpoints(), paths.tensorboard()];
+    match parts.into_iter().find(|part| part.exists()) {
+        Some(part) => {
             let reason = "is there, but no run.json beside it, so it belongs to no run and is not replaced; choose another --out";
-            refuse(out.join(name), reason)
+            refuse(part, reason)
         }
         None => Ok(()),
     }
@@ -204,7 +206,7 @@ pub fn run(
         None => Some(RunLock::acquire(out, &options.command, Work::Long)?),
     };
     let fingerprint = dataset.fingerprint();
-    let metrics_path = out.join("metrics.jsonl");
+    let metrics_path = RunPaths(out).metrics();
     let newest = beginning(out, &options.start).map_err(TrainError::Resume)?;
     let (mut seconds_before, mut changed) = (0.0, Vec::new());
     if let Some(path) = &newest {
@@ -221,7 +223,7 @@ pub fn run(
         errln!("note: {change}{}", if change.key.starts_with("stages.") { LENGTHENED } else { "" });
     }
 
-    let record_path = out.join("run.json");
+    let record_path = RunPaths(out).record();
     let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
     let earlier_builds = if newest.is_some() { builds_before(&record_path, &build) } else { Vec::new() };
     let first = trainer.steps_done();
@@ -248,14 +250,14 @@ pub fn run(
     };
     // first of all files, as it tells a run from any other folder
     write_record(&record)?;
-    let config_path = out.join("config.toml");
+    let config_path = RunPaths(out).config();
     write_atomic(&config_path, options.config_toml.as_bytes()).map_err(|e| log_error(&config_path, &e))?;
     if newest.is_none() && metrics_path.exists() {
         // what a run left that died before its first checkpoint
         std::fs::remove_file(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
     }
     let mut metrics = JsonlWriter::open(&metrics_path)?;
-    let events_path = out.join("tensorboard");
+    let events_path = RunPaths(out).tensorboard();
     let events = if first == 0 {
         EventWriter::create(&events_path)
     } else {

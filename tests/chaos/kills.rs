@@ -11,8 +11,9 @@ use crate::whole::whole;
 use crate::world::{World, world};
 use std::path::Path;
 use std::time::{Duration, Instant};
+use volseggs::files::RunPaths;
 use volseggs::rng::Rng;
-use volseggs::segment::segmentation::{FILE, Segmentation};
+use volseggs::segment::segmentation::Segmentation;
 
 /// Tells these random numbers from the library's own.
 const PURPOSE: u64 = 0xC4A0;
@@ -194,7 +195,7 @@ impl Strike {
 /// and all faults of what is there then.
 fn to_the_end(world: &World, job: &Job, folder: &Path, base: &Snapshot) -> (Ended, Vec<String>) {
     let has_segment = |name: &str| {
-        let all = Segmentation::load(&folder.join("run").join(FILE));
+        let all = Segmentation::load(&RunPaths(&folder.join("run")).segments());
         all.is_ok_and(|all| all.get(name).is_ok())
     };
     let done = match job.again {

@@ -10,9 +10,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use volseggs::edit::{EditStack, Operation};
+use volseggs::files::RunPaths;
 use volseggs::files::{RunLock, Work};
 use volseggs::rng::Rng;
-use volseggs::segment::segmentation::{FILE, Segmentation};
+use volseggs::segment::segmentation::Segmentation;
 
 /// Tells these random numbers from the library's own.
 const PURPOSE: u64 = 0xC4A1;
@@ -49,7 +50,7 @@ fn kept(run: &Path) -> BTreeSet<usize> {
     let all: Vec<usize> = edits.operations.iter().filter_map(|e| number(&e.operation)).collect();
     let mut found: BTreeSet<usize> = all.iter().copied().collect();
     assert_eq!(found.len(), all.len(), "an edit is there twice");
-    let segments = Segmentation::load(&run.join(FILE)).unwrap();
+    let segments = Segmentation::load(&RunPaths(run).segments()).unwrap();
     found.extend(segments.segments.iter().filter_map(|s| s.name.strip_prefix('g')?.parse::<usize>().ok()));
     found
 }

@@ -9,7 +9,8 @@ use crate::whole::whole_dataset;
 use crate::world::{PREPARE, World, world};
 use std::path::Path;
 use volseggs::edit::{EditStack, Operation};
-use volseggs::segment::segmentation::{FILE, Segmentation};
+use volseggs::files::RunPaths;
+use volseggs::segment::segmentation::Segmentation;
 
 /// Standard output and standard error.
 const FORMS: [[Stream; 2]; 6] = [
@@ -91,7 +92,7 @@ fn recoloured(folder: &Path, n: usize) -> bool {
 
 /// The group of form `n` is among the segments.
 fn grouped(folder: &Path, n: usize) -> bool {
-    Segmentation::load(&folder.join("run").join(FILE)).unwrap().get(&format!("group{n}")).is_ok()
+    Segmentation::load(&RunPaths(&folder.join("run")).segments()).unwrap().get(&format!("group{n}")).is_ok()
 }
 
 /// The training of form `n` went to its end.

@@ -6,7 +6,8 @@ use crate::files;
 use crate::program::{must, run, words};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use volseggs::segment::segmentation::{FILE, Segmentation};
+use volseggs::files::RunPaths;
+use volseggs::segment::segmentation::Segmentation;
 
 /// The folder of all that these tests write.
 pub struct World {
@@ -102,7 +103,7 @@ impl World {
 
 /// Names of a run's segments that hold anything, the largest first.
 fn largest_first(run: &Path) -> Vec<String> {
-    let mut all = Segmentation::load(&run.join(FILE)).unwrap().segments;
+    let mut all = Segmentation::load(&RunPaths(run).segments()).unwrap().segments;
     all.retain(|s| !s.members.is_empty());
     all.sort_by_key(|s| std::cmp::Reverse(s.members.len()));
     all.into_iter().map(|s| s.name.to_string()).collect()

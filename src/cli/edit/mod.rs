@@ -1,13 +1,14 @@
 //! `volseggs edit`: an undoable stack of edits beside a run's scene, which stays as it was trained.
 
-mod stack;
 mod values;
 
 use super::values::{count, finite_f32, not_negative_f32, positive_f32};
-use super::{CliError, Common};
-use crate::edit::Operation;
+use super::{CliError, Common, command_line, print_json};
+use crate::edit::{Edit, EditStack, Operation};
+use crate::files::Work;
+use crate::run::segments::Towards;
+use crate::run::{OpenRun, RunError, edits};
 use clap::{Args, Subcommand};
-use stack::{Edits, Towards};
 use std::path::PathBuf;
 use values::{colour, point};
 
@@ -149,11 +150,41 @@ impl EditArgs {
                 (targets, Operation::Rotate { axis, degrees, about })
             }
             EditCommand::Scale { targets, factor, about } => (targets, Operation::Scale { factor, about }),
-            EditCommand::Undo { target, count } => return Edits::open(target)?.step(Towards::Undo, count),
-            EditCommand::Redo { target, count } => return Edits::open(target)?.step(Towards::Redo, count),
-            EditCommand::List(target) => return Edits::look(target)?.print(),
-            EditCommand::Clear(target) => return Edits::cleared(target)?.save(),
+            EditCommand::Undo { target, count } => {
+                return target.change(|run| edits::step(run, Towards::Undo, count));
+            }
+            EditCommand::Redo { target, count } => {
+                return target.change(|run| edits::step(run, Towards::Redo, count));
+            }
+            EditCommand::List(target) => {
+                let (_, device) = target.common.device()?;
+                return target.print(&OpenRun::open(&target.run, &device)?.edits()?);
+            }
+            EditCommand::Clear(target) => return target.change(edits::clear),
         };
-        Edits::open(targets.target)?.push(targets.segments, operation)
+        targets.target.change(|run| edits::push(run, Edit { segments: targets.segments, operation }))
+    }
+}
+
+impl Target {
+    /// Changes the edits and prints them.
+    fn change(&self, change: impl FnOnce(&OpenRun) -> Result<EditStack, RunError>) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        self.print(&change(&run)?)
+    }
+
+    fn print(&self, stack: &EditStack) -> Result<(), CliError> {
+        if self.common.json {
+            return print_json(stack);
+        }
+        let lines = stack.list();
+        if lines.is_empty() {
+            outln!("no edits");
+        }
+        for line in lines {
+            outln!("{line}");
+        }
+        Ok(())
     }
 }

@@ -2,8 +2,8 @@
 //! in `labels`.
 
 use super::super::CliError;
-use super::super::run_folder::RunFolder;
 use crate::prepare::PrepareRecord;
+use crate::run::OpenRun;
 use crate::volume::formats;
 use crate::volume::grid::Grid;
 use crate::volume::placement::{Placement, published_side};
@@ -27,7 +27,7 @@ pub(super) struct LabelGrid {
 ///
 /// # Errors
 /// A record that cannot be read, or no folder at `data`.
-pub(super) fn record(run: &RunFolder, data: Option<&Path>) -> Result<Option<PrepareRecord>, CliError> {
+pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, CliError> {
     let folder = data.unwrap_or(&run.record.dataset);
     let path = folder.join("prepare.json");
     let fault = |e: &dyn std::fmt::Display| CliError::input(format!("{}: {e}", path.display()));
@@ -48,7 +48,7 @@ pub(super) fn record(run: &RunFolder, data: Option<&Path>) -> Result<Option<Prep
 /// # Errors
 /// A file that cannot be read or is of other proportions than the prepared volume; nothing that says how many voxels.
 pub(super) fn choose(
-    run: &RunFolder,
+    run: &OpenRun,
     data: &Path,
     record: Option<&PrepareRecord>,
     dims: Option<[usize; 3]>,

@@ -1,8 +1,7 @@
 //! `volseggs export` to NRRD and VTI: labels of segments on the voxels of the volume, and how well they agree with
 //! the truth.
 
-use super::super::run_folder::RunFolder;
-use super::super::shown::Shown;
+use super::super::shown::ShownArgs;
 use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
 use super::label_choice::{self, Choice};
@@ -13,6 +12,7 @@ use super::{ExportArgs, Format};
 use crate::export::labels::{LabelVolume, LabelsError, NamedLabel, Space, write_nrrd, write_vti};
 use crate::log::progress;
 use crate::memory::{Budget, product};
+use crate::run::OpenRun;
 use crate::segment::dice::Confusion;
 use crate::segment::segmentation::Segmentation;
 use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
@@ -120,7 +120,7 @@ struct Written {
 ///
 /// # Errors
 /// Segments, voxels or a truth that cannot be used; a file that cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &RunFolder, format: Format) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<(), CliError> {
     let options = &args.labels;
     let all = run.segments()?;
     let Choice { names, labels } = label_choice::choose(&all, &args.shown.segments).map_err(CliError::input)?;
@@ -129,7 +129,7 @@ pub(super) fn run(args: &ExportArgs, run: &RunFolder, format: Format) -> Result<
         return Err(CliError::input(format!("{run}: no segments yet; run `volseggs segment coarse {run}`")));
     }
     let listed = named(&names, &all)?;
-    let selection = Shown { segments: args.shown.segments.clone(), no_edits: !options.edited }.select(run)?;
+    let selection = ShownArgs { segments: args.shown.segments.clone(), no_edits: !options.edited }.select(run)?;
     let data = options.data.as_deref();
     let record = record(run, data)?;
     let data = data.unwrap_or(&run.record.dataset);
@@ -194,7 +194,7 @@ pub(super) fn run(args: &ExportArgs, run: &RunFolder, format: Format) -> Result<
 }
 
 /// The place that was named, or one in `RUN/labels`, which is made.
-fn output(args: &ExportArgs, run: &RunFolder, format: Format, needed: &[&Path]) -> Result<Output, CliError> {
+fn output(args: &ExportArgs, run: &OpenRun, format: Format, needed: &[&Path]) -> Result<Output, CliError> {
     let extension = format.extension();
     let named = |out: &Path| match args.frames {
         Some(_) => Output::folder(out, extension, needed),
@@ -203,13 +203,13 @@ fn output(args: &ExportArgs, run: &RunFolder, format: Format, needed: &[&Path]) 
     if let Some(out) = &args.out {
         return named(out);
     }
-    let folder = run.path.join("labels");
+    let folder = run.paths().labels();
     std::fs::create_dir_all(&folder).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
     named(&if args.frames.is_some() { folder.join("frames") } else { folder.join(format!("labels.{extension}")) })
 }
 
 /// Says that edits are left out, where there are any. A file of edits that cannot be read is of no matter here.
-fn tell_of_edits(run: &RunFolder) {
+fn tell_of_edits(run: &OpenRun) {
     let edits = run.edits().map_or(0, |edits| edits.operations.len());
     if edits > 0 {
         errln!(

@@ -7,12 +7,12 @@ mod output;
 mod ply;
 mod truth;
 
-use super::run_folder::RunFolder;
-use super::shown::Shown;
+use super::shown::ShownArgs;
 use super::values::{count, fraction};
-use super::{CliError, Common};
+use super::{CliError, Common, command_line};
 use crate::files::Work;
 use crate::memory::{Budget, product};
+use crate::run::OpenRun;
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use output::Record;
@@ -42,7 +42,7 @@ pub struct ExportArgs {
     #[arg(long, value_name = "OUT")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    shown: Shown,
+    shown: ShownArgs,
     #[command(flatten)]
     common: Common,
     #[command(flatten)]
@@ -80,11 +80,13 @@ impl ExportArgs {
         let (_, device) = self.common.device()?;
         let run = match (&self.out, self.format, self.frames) {
             // labels without a name go into the run
-            (None, Some(Format::Nrrd | Format::Vti), None) => RunFolder::open_to_write(&self.run, &device, Work::Short),
-            (None, Some(Format::Nrrd | Format::Vti), Some(_)) => {
-                RunFolder::open_to_write(&self.run, &device, Work::Long)
+            (None, Some(Format::Nrrd | Format::Vti), None) => {
+                OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)
             }
-            _ => RunFolder::open(&self.run, &device),
+            (None, Some(Format::Nrrd | Format::Vti), Some(_)) => {
+                OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)
+            }
+            _ => OpenRun::open(&self.run, &device),
         }?;
         match self.format()? {
             Format::Ply => ply::run(&self, &run),
@@ -115,7 +117,7 @@ impl ExportArgs {
 
     fn record<'a>(
         &self,
-        run: &RunFolder,
+        run: &OpenRun,
         format: &'static str,
         times: &'a [f64],
         edited: bool,

@@ -1,17 +1,17 @@
 //! `volseggs export` to PLY.
 
-use super::super::run_folder::RunFolder;
 use super::super::{CliError, print_json};
 use super::ExportArgs;
 use super::output::Output;
 use crate::export::ply::PlyError;
 use crate::export::scene::to_ply;
+use crate::run::OpenRun;
 
 /// Writes the Gaussians of each time: edited, those of the segments alone, without those that edits hide.
 ///
 /// # Errors
 /// No place to write to, nothing to write, or a file that cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &RunFolder) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &OpenRun) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError::input("--out: say where to write to, such as --out scene.ply"));
     };

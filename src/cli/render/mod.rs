@@ -1,24 +1,24 @@
 //! `volseggs render`
 
-mod frames;
 mod look;
 mod views;
 
-use super::run_folder::RunFolder;
-use super::shown::Shown;
-use super::values::{count, fraction, pixels, point, positive};
+use super::camera::ViewArgs;
+use super::shown::ShownArgs;
+use super::values::{count, fraction, positive};
 use super::{CliError, Common, print_json, stop_flag};
+use crate::run::OpenRun;
+use crate::run::frames::{Frames, Record};
+use crate::run::look::{Legend, Look};
 use clap::Args;
-use frames::{Frames, Record};
-use glam::DVec3;
-use look::{Legend, LookArgs};
+use look::LookArgs;
 use serde::Serialize;
 use std::path::PathBuf;
 
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
@@ -26,18 +26,14 @@ pub struct RenderArgs {
     /// `test` (the 181-view spiral through 100 times), `orbit`, or a transforms_*.json file.
     #[arg(long, default_value = "test")]
     path: PathBuf,
-    /// A single camera at x,y,z that looks at the centre; in place of --path.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, conflicts_with_all = ["path", "frames", "radius"])]
-    camera: Option<DVec3>,
-    /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera).
+    #[command(flatten)]
+    view: ViewArgs,
+    /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera, the view's own for --view).
     #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true)]
     time: Option<f64>,
     /// Frames of an orbit; 60 if not given.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
-    /// Width and height in pixels; the training images' if not given.
-    #[arg(long, value_name = "PIXELS", value_parser = pixels)]
-    size: Option<u32>,
     /// Distance of the camera from the centre; that of the training cameras if not given.
     #[arg(long, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
     radius: Option<f64>,
@@ -50,7 +46,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     look: LookArgs,
     #[command(flatten)]
-    shown: Shown,
+    shown: ShownArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -69,10 +65,11 @@ struct Report {
 impl RenderArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
+        let run = OpenRun::open(&self.run, &device)?;
         let views = self.views(&run)?;
-        let mut look = self.look.open(&run, &device, self.shown.select(&run)?)?;
-        let edits = if self.shown.no_edits { 0 } else { run.edits()?.operations.len() };
+        let shown = self.shown.select(&run)?;
+        let edits = shown.edits();
+        let mut look = Look::open(&run, &device, shown, self.look.show()?)?;
         let mut needed = vec![run.path.as_path()];
         // `orbit` and `test` are names of paths, not of files
         needed.extend(self.path.is_file().then_some(self.path.as_path()));
@@ -84,7 +81,7 @@ impl RenderArgs {
         let record = Record {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
-            path: self.camera.map_or(self.path.display().to_string(), |c| format!("{},{},{}", c.x, c.y, c.z)),
+            path: self.view.choice().map_or(self.path.display().to_string(), |c| c.to_string()),
             frames: views.len(),
             size: [width, height],
             times: views.iter().map(|(_, time)| *time).collect(),

@@ -1,11 +1,13 @@
 //! Which cameras and times a render shows.
 
 use super::super::CliError;
-use super::super::run_folder::{RunFolder, check_lens};
+use super::super::camera::surroundings;
 use super::RenderArgs;
-use crate::data::paths::{Lens, orbit, test_spiral};
+use crate::data::paths::{Lens, test_spiral};
 use crate::data::{Camera, Transforms};
 use crate::memory::{Budget, product};
+use crate::run::OpenRun;
+use crate::run::cameras::check_lens;
 use std::path::Path;
 
 /// Frames of an orbit if not told otherwise.
@@ -13,16 +15,23 @@ const ORBIT: usize = 60;
 
 impl RenderArgs {
     /// The cameras with the times they show; at least one, all of one size.
-    pub(super) fn views(&self, run: &RunFolder) -> Result<Vec<(Camera, f64)>, CliError> {
-        let (lens, mut sphere) = run.lens(self.size);
-        let Lens { width, height, .. } = lens;
-        check_lens(&self.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}")), lens)?;
-        if let Some(eye) = self.camera {
-            return Ok(vec![(run.camera_at(eye, lens)?, self.time.unwrap_or(0.5))]);
+    pub(super) fn views(&self, run: &OpenRun) -> Result<Vec<(Camera, f64)>, CliError> {
+        let mut around = surroundings(run, self.view.size);
+        let lens @ Lens { width, height, .. } = around.lens;
+        let size = self.view.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}"));
+        check_lens(&size, lens)?;
+        if let Some(choice) = self.view.choice() {
+            for (given, flag) in [(self.frames.is_some(), "--frames"), (self.radius.is_some(), "--radius")] {
+                if given {
+                    return Err(CliError::input(format!("{flag}: does not go with {choice}, which is one view")));
+                }
+            }
+            let (camera, time) = run.view(choice, lens)?;
+            return Ok(vec![(camera, self.time.or(time).unwrap_or(0.5))]);
         }
         if let Some(radius) = self.radius {
             run.check_radius(radius)?;
-            sphere.radius = radius;
+            around.sphere.radius = radius;
         }
         let hold = |views: Vec<(Camera, f64)>| match self.time {
             Some(t) => views.into_iter().map(|(c, _)| (c, t)).collect(),
@@ -32,15 +41,14 @@ impl RenderArgs {
             return Err(CliError::input("--frames: is the length of an orbit; add --path orbit"));
         }
         match self.path.to_str() {
-            Some("test") => Ok(hold(test_spiral(181, 100, sphere, lens))),
+            Some("test") => Ok(hold(test_spiral(181, 100, around.sphere, lens))),
             Some("orbit") => {
                 let n = self.frames.unwrap_or(ORBIT);
                 // the cameras twice, as they are listed and as they get their times
                 let bytes = product(&[n, 2 * size_of::<(Camera, f64)>()]);
                 Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
-                let cameras = orbit(n, sphere, 20f64.to_radians(), lens);
                 let last = (n - 1).max(1) as f64;
-                Ok(hold(cameras.into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
+                Ok(hold(around.orbit(n).into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
             }
             _ => Ok(hold(from_file(&self.path, lens)?)),
         }

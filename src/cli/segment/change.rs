@@ -1,11 +1,10 @@
 //! `volseggs segment group` and `segment remove`
 
-use super::super::run_folder::RunFolder;
-use super::super::{CliError, Common, print_json};
-use super::history::History;
+use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
 use crate::name::Name;
-use crate::segment::segmentation::{Origin, Segment};
+use crate::run::OpenRun;
+use crate::run::segments::RunSegments;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -27,20 +26,11 @@ pub struct GroupArgs {
 impl GroupArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
-        let mut history = History::open(&run)?;
-        let mut all = history.now().clone();
-        let found = self.segments.iter().map(|s| all.get(s)).collect::<Result<Vec<_>, _>>().map_err(CliError::input)?;
-        let members: Vec<u32> = found.iter().flat_map(|s| &s.members).copied().collect();
-        let (colour, time) = found.first().map_or(([0.5; 3], 0.5), |s| (s.colour, s.time));
-        let group = Segment { name: self.name.clone(), parent: None, colour, time, origin: Origin::Group, members };
-        if group.members.is_empty() {
-            return Err(CliError::input(format!("{}: these segments hold no Gaussians", self.name)));
-        }
-        all.add(group).map_err(CliError::input)?;
-        history.change(format!("group {}", self.name), all.segments.clone());
-        history.save()?;
-        let group = all.get(&self.name).map_err(CliError::failure)?;
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let mut segments = RunSegments::open(&run)?;
+        segments.group(&self.name, &self.segments)?;
+        segments.save()?;
+        let group = segments.now().get(&self.name).map_err(CliError::failure)?;
         if self.common.json {
             return print_json(&serde_json::json!({ "name": group.name, "gaussians": group.members.len() }));
         }
@@ -67,25 +57,15 @@ pub struct RemoveArgs {
 impl RemoveArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
-        let mut history = History::open(&run)?;
-        let mut all = history.now().clone();
-        for name in &self.segments {
-            all.get(name).map_err(CliError::input)?;
-        }
-        let before = all.segments.len();
-        all.remove(|s| self.segments.iter().any(|n| s.name == *n));
-        history.change(format!("remove {}", self.segments.join(" ")), all.segments.clone());
-        history.save()?;
-        let left: Vec<&str> = all.segments.iter().map(|s| s.name.as_str()).collect();
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let mut segments = RunSegments::open(&run)?;
+        let removed = segments.remove(&self.segments)?;
+        segments.save()?;
+        let left: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
         if self.common.json {
-            return print_json(&serde_json::json!({ "removed": before - left.len(), "segments": left }));
+            return print_json(&serde_json::json!({ "removed": removed, "segments": left }));
         }
-        errln!(
-            "{} removed; left: {}",
-            before - left.len(),
-            if left.is_empty() { "none".into() } else { left.join(", ") }
-        );
+        errln!("{removed} removed; left: {}", if left.is_empty() { "none".into() } else { left.join(", ") });
         Ok(())
     }
 }

@@ -1,25 +1,17 @@
 //! `volseggs segment coarse`
 
-use super::super::run_folder::RunFolder;
+use super::super::camera::surroundings;
 use super::super::values::{count, fraction, fraction_f32, positive_f32};
-use super::super::{CliError, Common, print_json};
-use super::history::History;
-use super::{check_clusters, write_picture};
-use crate::data::paths::orbit;
-use crate::draw::views::view_sheet;
-use crate::export::images::to_rgb8;
+use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
-use crate::name::Name;
 use crate::points::outliers::OutlierConfig;
-use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace, coarse};
-use crate::segment::pictures::draw;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::run::OpenRun;
+use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
+use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace};
+use crate::segment::segmentation::Segmentation;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::path::PathBuf;
-
-/// Segments that the picture shows at most, those of most opacity.
-const SHOWN: usize = 40;
 
 /// Segments by colour.
 #[derive(Debug, Args)]
@@ -88,18 +80,23 @@ enum Space {
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
         let n = run.scene.gaussians.count();
-        let mut history = if self.replace { History::replacing(&run) } else { History::open(&run)? };
-        let there = history.now().segments.len();
+        let mut segments = if self.replace {
+            let (segments, unusable) = RunSegments::replacing(&run);
+            if let Some(error) = unusable {
+                errln!("the segments of before cannot be brought back by undo: {error}");
+            }
+            segments
+        } else {
+            RunSegments::open(&run)?
+        };
+        let there = segments.now().segments.len();
         if there > 0 && !self.replace {
             return Err(CliError::input(format!(
                 "{}: {there} segments are there already; pass --replace to begin again",
-                run.segments_path().display()
+                run.paths().segments().display()
             )));
-        }
-        if let Some(clusters) = self.clusters {
-            check_clusters(clusters, n, "the scene has", 3)?;
         }
         let mut outliers = OutlierConfig { radius: self.radius, ..OutlierConfig::default() };
         outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);
@@ -115,51 +112,25 @@ impl CoarseArgs {
             seed: self.seed,
         };
         let at = run.scene.host_at(self.time as f32);
-        let largest = run.scene.largest_opacity(&options.hidden(&at));
-        let found = coarse(&at, Some(&largest), &options).map_err(CliError::input)?;
+        let found = segments.coarse(&run, &at, self.time, &options)?;
         if found.palette.is_empty() {
             return Err(CliError::input(format!("no segments: of {n} Gaussians {}", self.left_out(&found))));
         }
-        let mut all = Segmentation::new(n, run.scene.fingerprint());
-        for (label, entry) in (1..).zip(&found.palette) {
-            let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
-            let segment = Segment {
-                name: Name::new(entry.name.replace(' ', "-")).map_err(CliError::failure)?,
-                parent: None,
-                colour: entry.rgb,
-                time: self.time,
-                origin: Origin::Coarse,
-                members,
-            };
-            all.add(segment).map_err(CliError::failure)?;
-        }
-        history.change("coarse".into(), all.segments.clone());
-        history.save()?;
-
-        let (lens, sphere) = run.lens(None);
-        let cameras = orbit(4, sphere, 20f64.to_radians(), lens);
-        let mut pictures = Vec::new();
-        for segment in all.segments.iter().take(SHOWN) {
-            let alone = at.subset(&segment.members);
-            for camera in &cameras[..3] {
-                let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
-                let image = draw(&alone, camera.to_kernel(), background, degree, &device);
-                pictures.push((segment.name.to_string(), to_rgb8(&image, lens.width as usize, lens.height as usize)));
-            }
-        }
-        let sheet = run.path.join("segments/coarse.png");
-        write_picture(&sheet, &view_sheet(&pictures, 3, 400))?;
+        segments.save()?;
+        let all = segments.now();
+        let path = run.paths().segment_sheet("coarse");
+        write_picture(&path, &sheet(&run, &surroundings(&run, None), &at, &all.segments, &device))?;
         let (outliers, transparent, not_finite) = (found.outliers, found.transparent, found.not_finite);
         let in_segments = n - outliers - transparent - not_finite;
         if self.common.json {
-            return print_json(&Report { all: &all, in_segments, transparent, outliers, not_finite });
+            return print_json(&Report { all, in_segments, transparent, outliers, not_finite });
         }
         for segment in &all.segments {
             outln!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
         }
         errln!("{in_segments} of {n} Gaussians are in segments; {}", self.left_out(&found));
         let shown = if all.segments.len() > SHOWN { format!(" of the first {SHOWN}") } else { String::new() };
-        errln!("pictures{shown}: {}", sheet.display());
+        errln!("pictures{shown}: {}", path.display());
         Ok(())
     }
 

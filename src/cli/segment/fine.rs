@@ -1,21 +1,15 @@
 //! `volseggs segment fine`
 
-use super::super::run_folder::RunFolder;
 use super::super::values::{cosine_f32, count, not_negative, positive};
-use super::super::{CliError, Common, print_json, stop_flag};
+use super::super::{CliError, Common, command_line, print_json, stop_flag};
 use crate::files::Work;
 use crate::log::progress;
-use crate::memory::{Budget, product};
-use crate::segment::fine::file::{self, AffinitySpec};
-use crate::segment::fine::network::Frame;
-use crate::segment::fine::train::{FineError, FineOptions, MaskScale, repulsion, train};
-use crate::segment::fine::views::read_views;
-use crate::segment::masks::MaskReader;
-use crate::segment::segmentation::members_key;
+use crate::run::OpenRun;
+use crate::run::affinity::{self, Stage, Trained};
+use crate::segment::fine::train::{FineOptions, MaskScale, repulsion};
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::time::Instant;
 
 /// Train the affinity field on the masks.
 #[derive(Debug, Args)]
@@ -54,44 +48,8 @@ pub struct FineArgs {
 impl FineArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
-        let all = run.segments()?;
-        let path = run.path.join("segments/masks.jsonl");
-        if !path.exists() {
-            return Err(CliError::input(format!("{}: no masks yet; run `volseggs segment masks`", path.display())));
-        }
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?;
         let stop = stop_flag("stopping after this step; nothing is written")?;
-        let started = Instant::now();
-        let masks = MaskReader::open(&path).map_err(CliError::input)?;
-        let header = masks.header().clone();
-        if !(0.0..=1.0).contains(&header.time) {
-            return Err(CliError::input(format!("{}: header, time: {} is not in [0, 1]", path.display(), header.time)));
-        }
-        // which pixels the masks of a view cover
-        let covered = product(&[header.width as usize, header.height as usize, 2]);
-        let what = format!("{}: pictures of {}x{} pixels", path.display(), header.width, header.height);
-        Budget::now().check(what, covered).map_err(CliError::input)?;
-        let at = run.scene.host_at(header.time as f32);
-        let frame = Frame::around(&at.visible_means());
-        let again = format!("run `volseggs segment masks {} --replace`", run.path.display());
-        let of = |name: &String| {
-            let found = all.get(name).map(|s| s.members.clone());
-            found.map_err(|e| CliError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))
-        };
-        let members = header.segments.iter().map(of).collect::<Result<Vec<_>, CliError>>()?;
-        let mut keys = header.segments.iter().zip(&header.members).zip(&members);
-        if let Some(((name, _), _)) = keys.find(|((_, key), members)| **key != members_key(members)) {
-            return Err(CliError::input(format!(
-                "{}: segment {name} has other Gaussians now than when its masks were made; {again}",
-                path.display()
-            )));
-        }
-        let bar = progress::bar(header.views.len(), "views");
-        let (views, spreads) =
-            read_views(&masks, &at, &frame, &members, self.seed, &device, |_| bar.inc(1)).map_err(CliError::input)?;
-        bar.finish_and_clear();
-        errln!("{} views of segments, {} masks, {:.1} s", views.len(), spreads.len(), started.elapsed().as_secs_f64());
-
         let options = FineOptions {
             steps: self.steps,
             pixels: self.pixels,
@@ -101,29 +59,30 @@ impl FineArgs {
             hierarchy: self.hierarchy,
             seed: self.seed,
         };
-        let bar = progress::bar(self.steps, "steps");
-        let mut smooth = None;
-        let started = Instant::now();
-        let field = train(&views, &options, &device, |step, loss| {
-            let mean = smooth.map_or(loss, |s: f64| 0.98 * s + 0.02 * loss);
-            smooth = Some(mean);
-            bar.set_position(step as u64 + 1);
-            bar.set_message(format!("loss {mean:.4}"));
+        let mut bar = progress::bar(0, "views");
+        let trained = affinity::fit(&run, &options, &device, |stage| {
+            match stage {
+                Stage::Read { done, all } => {
+                    bar.set_length(all as u64);
+                    bar.set_position(done as u64);
+                }
+                Stage::Begins { views, masks, seconds } => {
+                    bar.finish_and_clear();
+                    errln!("{views} views of segments, {masks} masks, {seconds:.1} s");
+                    bar = progress::bar(self.steps, "steps");
+                }
+                Stage::Step { done, loss } => {
+                    bar.set_position(done as u64);
+                    bar.set_message(format!("loss {loss:.4}"));
+                }
+            }
             !stop.load(Ordering::Relaxed)
-        })
-        .map_err(|e| match e {
-            FineError::NoMasks => CliError::input(format!("{}: {e}", path.display())),
-            FineError::NotFinite { .. } => CliError::input(e),
         })?;
         bar.finish_and_clear();
-        if stop.load(Ordering::Relaxed) {
+        let Some(Trained { loss, seconds }) = trained else {
             return Err(CliError::failure("interrupted; the affinity field of before, if any, is as it was"));
-        }
-        let seconds = started.elapsed().as_secs_f64();
-        let spec = AffinitySpec { frame, time: header.time, scene: run.scene.fingerprint(), spreads };
-        let path = run.path.join(file::FILE);
-        file::save(&path, &field, &spec).map_err(CliError::failure)?;
-        let loss = smooth.unwrap_or_default();
+        };
+        let path = run.paths().affinity();
         if self.common.json {
             return print_json(
                 &serde_json::json!({ "file": path, "loss": loss, "seconds": seconds, "steps": self.steps }),

@@ -1,8 +1,8 @@
 //! `volseggs segment list`
 
-use super::super::run_folder::RunFolder;
 use super::super::{CliError, Common, print_json};
-use super::history::History;
+use crate::run::OpenRun;
+use crate::run::segments::{RunSegments, Towards};
 use crate::segment::segmentation::Segment;
 use clap::Args;
 use serde::Serialize;
@@ -34,9 +34,9 @@ struct Report<'a> {
 impl ListArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open(&self.run, &device)?;
-        let history = History::open(&run)?;
-        let (all, undo, redo) = (history.now(), history.undoable(), history.redoable());
+        let run = OpenRun::open(&self.run, &device)?;
+        let segments = RunSegments::open(&run)?;
+        let (all, undo, redo) = (segments.now(), segments.steps(Towards::Undo), segments.steps(Towards::Redo));
         let tree = all.tree();
         if self.common.json {
             let segments = tree.into_iter().map(|(_, segment)| segment).collect();

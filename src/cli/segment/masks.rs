@@ -1,28 +1,20 @@
 //! `volseggs segment masks`
 
-mod plan;
-
-use super::super::run_folder::RunFolder;
+use super::super::camera::surroundings;
 use super::super::values::{count, fraction, pixels};
-use super::super::{CliError, Common, print_json, stop_flag};
-use super::write_picture;
-use crate::draw::views::view_sheet;
-use crate::export::images::to_rgb8;
-use crate::files::{AtomicDir, Work};
+use super::super::{CliError, Common, command_line, print_json, stop_flag};
+use crate::files::Work;
 use crate::log::progress;
-use crate::segment::masks::handout::{HandoutError, write_pictures};
-use crate::segment::masks::make::{MakeError, make_masks};
-use crate::segment::masks::sheet::overlay;
-use crate::segment::masks::source::Found;
-use crate::segment::pictures::Picture;
+use crate::run::OpenRun;
+use crate::run::cameras::check_lens;
+use crate::run::masks::{Made, MaskPlan, MaskRequest, hand_out, make};
+use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
+use crate::segment::masks::sam::checkpoint;
+use crate::segment::masks::source::sam::SamSource;
+use burn::tensor::Device;
 use clap::{Args, ValueEnum};
-use image::RgbImage;
-use plan::Plan;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-
-/// Segments that the picture of masks shows at most.
-const SHOWN: usize = 20;
 
 /// 2D masks of each segment rendered alone from views all around.
 #[derive(Debug, Args)]
@@ -42,7 +34,7 @@ pub struct MasksArgs {
     /// if not given, and its test views of the time where they are fewer.
     #[arg(long, value_parser = count)]
     views: Option<usize>,
-    /// Pixels a side; those of the training images if not given.
+    /// Width in pixels; the height follows from the shape of the training images, which set both if it is not given.
     #[arg(long, value_parser = pixels)]
     size: Option<u32>,
     /// Time in [0, 1]; that at which the segments were found if not given.
@@ -85,48 +77,77 @@ enum Kind {
 impl MasksArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         self.check()?;
-        let weights = self.weights()?;
+        let kind = self.kind()?;
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Long)?;
-        let path = run.path.join("segments/masks.jsonl");
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?;
+        let path = run.paths().masks();
         if path.exists() && !self.pictures && !self.replace {
             return Err(CliError::input(format!(
                 "{}: masks are there already; pass --replace to make them anew",
                 path.display()
             )));
         }
-        let plan = self.plan(&run)?;
-        self.check_memory(&plan)?;
+        let request = MaskRequest {
+            segments: &self.segments,
+            kind: &kind,
+            views: self.views,
+            time: self.time,
+            data: self.data.as_deref(),
+        };
+        let around = surroundings(&run, self.size);
+        if let Some(size) = self.size {
+            check_lens(&format!("--size {size}"), around.lens)?;
+        }
+        let plan = MaskPlan::new(&run, &around, &request)?;
+        if let Some(note) = &plan.note {
+            errln!("{note}");
+        }
         if self.pictures {
             return self.hand_out(&run, &plan, &device);
         }
-        let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
-        let at = run.scene.host_at(plan.time as f32);
-        let job = plan.job(&run, &at, &device);
-        let source = self.source(&plan, &job, weights.as_deref())?;
-        let (views, every) = (plan.shots.len(), plan.shots.len().div_ceil(4));
-        let bar = progress::bar(views * plan.groups.len(), "pictures");
-        let mut shown = Vec::new();
-        let count = make_masks(&job, source.as_ref(), &path, |seen, found| {
-            if seen.view % every == 0 && seen.group < SHOWN {
-                let label = format!("{} {}", plan.groups[seen.group].name, seen.view);
-                shown.push((label, outlined(seen.picture, found)));
-            }
-            bar.inc(1);
-            !stop.load(Ordering::Relaxed)
-        })
-        .map_err(make_error)?;
-        bar.finish_and_clear();
-        let sheet = run.path.join("segments/masks.png");
-        write_picture(&sheet, &view_sheet(&shown, 4, 400))?;
-        if self.common.json {
-            return print_json(
-                &serde_json::json!({ "masks": count, "file": path, "time": plan.time, "source": source.name() }),
+        if let MaskKind::Sam { points, .. } = kind {
+            let pictures = plan.pictures();
+            errln!(
+                "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
+                 are quicker",
+                duration(SamSource::seconds(pictures, points))
             );
         }
-        outln!("{count} masks of {} segments in {views} views at time {}", plan.groups.len(), plan.time);
-        errln!("masks: {}; to look at: {}", path.display(), sheet.display());
+        let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
+        let bar = progress::bar(plan.pictures(), "pictures");
+        let made = make(&run, &plan, &device, || {
+            bar.inc(1);
+            !stop.load(Ordering::Relaxed)
+        })?;
+        bar.finish_and_clear();
+        let Some(Made { masks: count, source }) = made else {
+            return Err(CliError::failure("stopped; the masks of before, if any, are as they were"));
+        };
+        if self.common.json {
+            return print_json(
+                &serde_json::json!({ "masks": count, "file": path, "time": plan.time, "source": source }),
+            );
+        }
+        let (segments, views) = (plan.groups.len(), plan.shots.len());
+        outln!("{count} masks of {segments} segments in {views} views at time {}", plan.time);
+        errln!("masks: {}; to look at: {}", path.display(), run.paths().segment_sheet("masks").display());
         Ok(())
+    }
+
+    /// What finds the masks, with its files; asked for first, so that a missing one shows at once.
+    fn kind(&self) -> Result<MaskKind, CliError> {
+        Ok(match (self.source, &self.masks) {
+            (Kind::Regions, _) => MaskKind::Regions,
+            (Kind::Labels, _) => MaskKind::Labels,
+            (Kind::Dir, Some(path)) => MaskKind::Dir(path.clone()),
+            (Kind::Dir, None) => {
+                return Err(CliError::input("--source dir: name the folder or COCO file with --masks PATH"));
+            }
+            (Kind::Sam, _) => MaskKind::Sam {
+                weights: checkpoint::locate(self.sam_weights.as_deref()).map_err(CliError::input)?,
+                points: self.points.unwrap_or(SAM_POINTS),
+            },
+        })
     }
 
     /// What can be known to be wrong without the run.
@@ -158,9 +179,6 @@ impl MasksArgs {
                 refuse(self.views.is_some(), "--views", why)?;
                 refuse(self.size.is_some(), "--size", why)?;
                 refuse(self.time.is_some(), "--time", why)?;
-                if self.masks.is_none() {
-                    return Err(CliError::input("--source dir: name the folder or COCO file with --masks PATH"));
-                }
             }
             Kind::Regions | Kind::Sam => {}
         }
@@ -173,31 +191,18 @@ impl MasksArgs {
     }
 
     /// Writes the pictures for another program.
-    fn hand_out(&self, run: &RunFolder, plan: &Plan, device: &burn::tensor::Device) -> Result<(), CliError> {
-        let folder = plan::pictures_folder(run);
-        if folder.exists() {
-            return Err(CliError::input(format!(
-                "{}: pictures are there already; remove the folder to write them anew",
-                folder.display()
-            )));
-        }
+    fn hand_out(&self, run: &OpenRun, plan: &MaskPlan, device: &Device) -> Result<(), CliError> {
         let stop = stop_flag("stopping; nothing is written")?;
-        let at = run.scene.host_at(plan.time as f32);
-        let job = plan.job(run, &at, device);
-        let fail = |e: std::io::Error| CliError::failure(format!("{}: {e}", folder.display()));
-        let building = AtomicDir::create(&folder).map_err(fail)?;
-        let count = plan.shots.len() * plan.groups.len();
+        let (count, folder) = (plan.pictures(), run.paths().mask_pictures());
         let bar = progress::bar(count, "pictures");
-        write_pictures(&job, &run.scene.fingerprint(), building.dir(), || {
+        let done = hand_out(run, plan, device, || {
             bar.inc(1);
             !stop.load(Ordering::Relaxed)
-        })
-        .map_err(|e| match e {
-            HandoutError::Job(MakeError::Stopped) => CliError::failure("stopped; nothing was written"),
-            e => CliError::failure(e),
         })?;
-        building.commit().map_err(fail)?;
         bar.finish_and_clear();
+        if done.is_none() {
+            return Err(CliError::failure("stopped; nothing was written"));
+        }
         if self.common.json {
             return print_json(&serde_json::json!({ "pictures": count, "folder": folder, "time": plan.time }));
         }
@@ -212,23 +217,10 @@ impl MasksArgs {
     }
 }
 
-fn make_error(error: MakeError) -> CliError {
-    match error {
-        MakeError::Camera { .. } | MakeError::NoViews | MakeError::Member { .. } => CliError::input(error),
-        MakeError::Source(e) if e.is_input() => CliError::input(e),
-        _ => CliError::failure(error),
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
     }
-}
-
-fn outlined(picture: &Picture, found: &[Found]) -> RgbImage {
-    let rgba: Vec<u8> = to_rgb8(&picture.rgba, picture.width, picture.height)
-        .pixels()
-        .flat_map(|p| [p.0[0], p.0[1], p.0[2], 255])
-        .collect();
-    let masks: Vec<_> = found.iter().map(|f| f.mask.clone()).collect();
-    let out = overlay(picture.width as u32, picture.height as u32, &rgba, &masks);
-    RgbImage::from_fn(out.width, out.height, |x, y| {
-        let at = 4 * (y * out.width + x) as usize;
-        image::Rgb([out.rgba[at], out.rgba[at + 1], out.rgba[at + 2]])
-    })
 }

@@ -1,22 +1,18 @@
 //! `volseggs segment pick`
 
-use super::super::run_folder::RunFolder;
-use super::super::values::{cosine_f32, count, fraction, fraction_f32, pixels, point};
-use super::super::{CliError, Common, print_json};
-use super::affinity;
-use super::history::History;
+use super::super::camera::{ViewArgs, surroundings};
+use super::super::values::{cosine_f32, count, fraction, fraction_f32};
+use super::super::{CliError, Common, command_line, print_json};
 use crate::data::Camera;
 use crate::files::Work;
-use crate::memory::{Budget, product};
-use crate::model::params::to_vec;
 use crate::name::Name;
-use crate::segment::click::{heaviest, under};
+use crate::run::cameras::check_lens;
+use crate::run::pick::{ClickError, Clicking, Hit, commit};
+use crate::run::segments::RunSegments;
+use crate::run::{OpenRun, affinity};
 use crate::segment::levels::Level;
-use crate::segment::masks::sheet::distinct_colour;
-use crate::segment::pick::{Asked, Meaning, PickOptions, meant, pick};
-use crate::segment::segmentation::{Origin, Segment};
+use crate::segment::pick::{Meaning, PickOptions};
 use clap::Args;
-use glam::DVec3;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -29,18 +25,11 @@ use std::time::Instant;
 pub struct PickArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Camera at x,y,z that looks at the centre.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
-    camera: Option<DVec3>,
-    /// Test view of the dataset, from 0, in place of --camera.
-    #[arg(long, value_name = "N", conflicts_with = "camera")]
-    view: Option<usize>,
+    #[command(flatten)]
+    view: ViewArgs,
     /// Column and row that are clicked.
     #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true)]
     pixel: Vec<u32>,
-    /// Pixels a side of the picture; those of the training images if not given.
-    #[arg(long, value_parser = pixels)]
-    size: Option<u32>,
     /// Time in [0, 1]; that of the test view, or else the one at which the segments were found.
     #[arg(long, value_parser = fraction)]
     time: Option<f64>,
@@ -130,78 +119,43 @@ impl PickArgs {
         };
         let (_, device) = self.common.device()?;
         let run = match self.name {
-            Some(_) => RunFolder::open_to_write(&self.run, &device, Work::Short)?,
-            None => RunFolder::open(&self.run, &device)?,
+            Some(_) => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?,
+            None => OpenRun::open(&self.run, &device)?,
         };
-        let mut history = History::open(&run)?;
-        let mut all = history.now().clone();
+        let mut segments = RunSegments::open(&run)?;
         let (camera, view_time) = self.seen_from(&run)?;
+        let all = segments.now().clone();
         let found_at = all.segments.first().map(|s| s.time);
         let time = self.time.or(view_time).or(found_at).unwrap_or(0.5);
-        let within = self.within.as_ref().map(|name| all.get(name)).transpose().map_err(CliError::input)?.cloned();
         let wants = self.name.is_some() || self.levels;
-        let field = if wants { Some(affinity(&run, &device)?) } else { None };
+        let field = if wants { Some(affinity::open(&run, &device)?) } else { None };
 
-        let at = run.scene.host_at(time as f32);
-        // the field knows the places of the time that it was trained at
-        let places = match &field {
-            Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
-            _ => at.means.clone(),
+        let clicking = Clicking::new(&run, &all, field.as_ref(), time, &device);
+        let click = |e: ClickError| match e {
+            ClickError::Run(error) => error.into(),
+            other => CliError::input(format!("--pixel {x},{y}: {other}")),
         };
         let started = Instant::now();
-        let shown = within.as_ref().map(|s| at.subset(&s.members));
-        let beneath = under(shown.as_ref().unwrap_or(&at), camera.to_kernel(), [x, y], &device).map_err(|_| {
-            CliError::input(format!("--pixel {x},{y}: the picture has {}x{}", camera.width, camera.height))
-        })?;
-        // wholes come before their parts
-        let whole_of =
-            |i: u32| (0..).zip(&all.segments).find(|(_, s)| s.members.binary_search(&i).is_ok()).map(|(n, _)| n);
-        let hit = match within {
-            // what is to become a segment is looked for in one, see `meant`
-            None if wants => meant(&beneath, whole_of),
-            _ => heaviest(&beneath, |_| true),
-        };
-        let Some(hit) = hit else {
-            return Err(CliError::input(format!("--pixel {x},{y}: nothing is there at time {time}")));
-        };
-        let weight = beneath.iter().find(|(i, _)| *i == hit).map_or(0.0, |(_, w)| *w);
-        let gaussian = within.as_ref().map_or(hit, |s| s.members[hit as usize]);
-        let holds = |s: &&Segment| s.members.binary_search(&gaussian).is_ok();
-        let segments: Vec<String> = all.segments.iter().filter(holds).map(|s| s.name.to_string()).collect();
+        let hit = clicking.hit(&camera, [x, y], self.within.as_deref()).map_err(click)?;
         let (mut made, mut picked) = (None, None);
-        if let Some((field, spec)) = field {
-            let whole = within.or_else(|| all.segments.iter().find(holds).cloned());
-            let candidates = whole.as_ref().map_or_else(|| (0..at.len() as u32).collect(), |s| s.members.clone());
-            let asked = Asked { field: &field, frame: &spec.frame, places: &places };
+        if wants {
             let (meaning, keep_strays, list) = (self.meaning(), self.keep_strays, self.levels);
-            let options = PickOptions { meaning, keep_strays, list };
-            let mut found = pick(&asked, &at, &candidates, gaussian, &options).map_err(CliError::failure)?;
-            if self.level.is_some_and(|n| n > found.levels.len()) {
-                let (n, count) = (self.level.unwrap_or_default(), found.levels.len());
+            let found = clicking.select(&hit, &PickOptions { meaning, keep_strays, list }).map_err(click)?;
+            if let Some(n) = self.level.filter(|n| *n > found.levels.len()) {
+                let count = found.levels.len();
                 return Err(CliError::input(format!("--level {n}: there are {count} at this click; see --levels")));
             }
             if let Some(name) = &self.name {
-                let members = std::mem::take(&mut found.members);
-                if members.is_empty() {
-                    return Err(CliError::input(format!(
-                        "{name}: nothing but strays is like the click; choose another pixel, another --level or a lower \
-                         --threshold, or pass --keep-strays"
-                    )));
-                }
-                made = Some((name.clone(), members.len()));
-                let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
-                let origin = Origin::Pick { scale: found.scale, threshold: found.threshold };
-                let (name, parent) = (name.clone(), whole.map(|s| s.name));
-                all.add(Segment { name, parent, colour, time, origin, members }).map_err(CliError::input)?;
+                made = Some((name.clone(), commit(&mut segments, name, &hit, &found, time)?));
             }
             picked = Some(found);
         }
         let seconds = started.elapsed().as_secs_f64();
-        if let Some((name, _)) = &made {
-            history.change(format!("pick {name}"), all.segments.clone());
-            history.save()?;
+        if made.is_some() {
+            segments.save()?;
         }
-        let mean = [0, 1, 2].map(|k| at.means[3 * gaussian as usize + k]);
+        let Hit { gaussian, weight, mean, segments, .. } = hit;
+        let segments: Vec<String> = segments.iter().map(ToString::to_string).collect();
         let levels = picked.iter().flat_map(|p| &p.levels).map(Shown::of).collect();
         let level = picked.as_ref().and_then(|p| p.level).map(|n| n + 1);
         let report = Report { gaussian, weight, mean, segments, made, levels, level, seconds };
@@ -224,19 +178,14 @@ impl PickArgs {
         Ok(())
     }
 
-    fn seen_from(&self, run: &RunFolder) -> Result<(Camera, Option<f64>), CliError> {
-        let (lens, _) = run.lens(self.size);
-        let side = |n: u32| n as usize;
-        let what = format!("--size {}", lens.width.max(lens.height));
-        Budget::now().check(what, product(&[side(lens.width), side(lens.height), 16])).map_err(CliError::input)?;
-        if let Some(n) = self.view {
-            let (camera, time) = run.test_view(n, lens)?;
-            return Ok((camera, Some(time)));
-        }
-        let Some(eye) = self.camera else {
+    /// The camera, and the time of a test view.
+    fn seen_from(&self, run: &OpenRun) -> Result<(Camera, Option<f64>), CliError> {
+        let around = surroundings(run, self.view.size);
+        check_lens(&format!("--size {}", around.lens.width), around.lens)?;
+        let Some(choice) = self.view.choice() else {
             return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N"));
         };
-        Ok((run.camera_at(eye, lens)?, None))
+        Ok(run.view(choice, around.lens)?)
     }
 }
 

@@ -1,27 +1,15 @@
 //! `volseggs segment split`
 
-use super::super::run_folder::RunFolder;
+use super::super::camera::surroundings;
 use super::super::values::{count, fraction_f32};
-use super::super::{CliError, Common, print_json};
-use super::history::History;
-use super::{affinity, check_clusters, write_picture};
-use crate::data::paths::orbit;
-use crate::draw::views::view_sheet;
-use crate::export::images::to_rgb8;
+use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
-use crate::model::GaussiansAt;
-use crate::segment::fine::extract::{Clustering, cluster};
-use crate::segment::fine::network::FEATURES;
-use crate::segment::masks::sheet::distinct_colour;
-use crate::segment::paint::flat;
-use crate::segment::pictures::draw;
-use crate::segment::pieces::without_strays;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::run::OpenRun;
+use crate::run::segments::{RunSegments, write_picture};
+use crate::run::split::{SplitOptions, sheet, split};
+use crate::segment::segmentation::Segment;
 use clap::Args;
 use std::path::PathBuf;
-
-/// Colour in the picture of what is in no part.
-const NO_PART: [f32; 3] = [0.5; 3];
 
 /// Part a segment by its affinity features.
 #[derive(Debug, Args)]
@@ -55,88 +43,27 @@ pub struct SplitArgs {
 impl SplitArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = RunFolder::open_to_write(&self.run, &device, Work::Short)?;
-        let mut history = History::open(&run)?;
-        let mut all = history.now().clone();
-        let whole = all.get(&self.segment).map_err(CliError::input)?.clone();
-        self.make_room(&mut all)?;
-        if let Some(clusters) = self.clusters {
-            check_clusters(clusters, whole.members.len(), &format!("{} has", whole.name), FEATURES)?;
-        }
-        let (field, spec) = affinity(&run, &device)?;
-        let at = run.scene.host_at(spec.time as f32);
-        let alone = at.subset(&whole.members);
-        let clustering = self.clusters.map_or(Clustering::Density, Clustering::KMeans);
-        let labels =
-            cluster(&field, &spec.frame, &alone.means, self.scale, clustering, self.seed).map_err(CliError::input)?;
-
-        let mut parts = Vec::new();
-        let mut shades = vec![None; labels.len()];
-        let mut number = 1;
-        for label in 1..=labels.iter().max().copied().unwrap_or(0) {
-            let mut members: Vec<u32> =
-                whole.members.iter().zip(&labels).filter(|(_, l)| **l == label).map(|(m, _)| *m).collect();
-            if !self.keep_strays {
-                members = without_strays(&at, &members).map_err(CliError::failure)?;
-            }
-            if members.is_empty() {
-                continue;
-            }
-            let (name, taken) = all.free_part(&whole.name, number).map_err(CliError::input)?;
-            number = taken + 1;
-            let colour = distinct_colour(parts.len()).map(|c| f32::from(c) / 255.0);
-            for (shade, _) in shades.iter_mut().zip(&labels).filter(|(_, l)| **l == label) {
-                *shade = Some(colour);
-            }
-            let (parent, origin) = (Some(whole.name.clone()), Origin::Fine { scale: self.scale });
-            let part = Segment { name: name.clone(), parent, colour, time: spec.time, origin, members };
-            all.add(part).map_err(CliError::failure)?;
-            parts.push(name);
-        }
-        if parts.is_empty() {
-            return Err(CliError::input(format!(
-                "{}: no parts show at --scale {}; choose another scale, or a number of parts with --clusters",
-                whole.name, self.scale
-            )));
-        }
-        history.change(format!("split {}", whole.name), all.segments.clone());
-        history.save()?;
-
-        let sheet = run.path.join(format!("segments/{}.png", whole.name));
-        let painted = flat(alone.clone(), shades.into_iter().map(|shade| shade.unwrap_or(NO_PART)));
-        let (lens, sphere) = run.lens(None);
-        let pictures: Vec<_> = orbit(5, sphere, 20f64.to_radians(), lens)[..4]
-            .iter()
-            .flat_map(|camera| {
-                [("as it is", &alone), ("parts", &painted)].map(|(label, gaussians): (&str, &GaussiansAt)| {
-                    let image = draw(gaussians, camera.to_kernel(), run.scene.spec.background, 0, &device);
-                    (label.to_owned(), to_rgb8(&image, lens.width as usize, lens.height as usize))
-                })
-            })
-            .collect();
-        write_picture(&sheet, &view_sheet(&pictures, 4, 400))?;
-        let parts: Vec<&Segment> = all.segments.iter().filter(|s| parts.contains(&s.name)).collect();
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let mut segments = RunSegments::open(&run)?;
+        let options = SplitOptions {
+            scale: self.scale,
+            clusters: self.clusters,
+            keep_strays: self.keep_strays,
+            seed: self.seed,
+            replace: self.replace,
+        };
+        let parts = split(&run, &mut segments, &self.segment, &options, &device)?;
+        segments.save()?;
+        let path = run.paths().segment_sheet(&self.segment);
+        write_picture(&path, &sheet(&run, &surroundings(&run, None), &parts, &device))?;
+        let found: Vec<&Segment> = segments.now().segments.iter().filter(|s| parts.names.contains(&s.name)).collect();
         if self.common.json {
-            return print_json(&parts);
+            return print_json(&found);
         }
-        for part in &parts {
+        for part in &found {
             outln!("{:20} {:>8} Gaussians", part.name, part.members.len());
         }
-        errln!("pictures: {}", sheet.display());
-        Ok(())
-    }
-
-    /// Removes the parts of an earlier split, unless something that a person made would go with them.
-    fn make_room(&self, all: &mut Segmentation) -> Result<(), CliError> {
-        let made: Vec<&str> = all.made_below_parts(&self.segment).iter().map(|s| s.name.as_str()).collect();
-        if !made.is_empty() && !self.replace {
-            let (list, it) = (made.join(", "), if made.len() == 1 { "it" } else { "them" });
-            return Err(CliError::input(format!(
-                "{list}: picked in a part of {0}, which a new split of {0} would replace; pass --replace to remove {it} too",
-                self.segment
-            )));
-        }
-        all.remove_parts(&self.segment);
+        errln!("pictures: {}", path.display());
         Ok(())
     }
 }

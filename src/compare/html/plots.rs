@@ -8,6 +8,7 @@ use crate::compare::stats;
 use crate::draw::parallel::{ParallelAxis, ParallelLine, Ticks, parallel_plot};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::scatter::{Point, scatter_plot};
+use crate::files::RunPaths;
 use crate::nesting::check_toml;
 use crate::report::Block;
 use std::path::Path;
@@ -217,7 +218,7 @@ fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
 
 /// The run's resolved configuration, in which settings stand that a variant leaves at the base's value.
 fn config(run: &Path) -> Option<toml::Table> {
-    let text = crate::files::read_text(&run.join("config.toml")).ok()?;
+    let text = crate::files::read_text(&RunPaths(run).config()).ok()?;
     check_toml(&text).ok()?;
     text.parse().ok()
 }

@@ -7,40 +7,7 @@ use crate::data::paths::Axis;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
-use std::path::PathBuf;
-
-/// Where masks come from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum MaskKind {
-    /// Regions of rendered pictures.
-    Regions,
-    /// Label images of the dataset: an upper bound.
-    Labels,
-    /// Masks of another program, of the pictures that [`write_mask_pictures`](super::write_mask_pictures) writes: a folder
-    /// `GROUP/VIEW_NUMBER.png` or a COCO file. The group of `fine`, `saga` and `sagd` is `scene`, those of `coarse+fine`
-    /// are the colours.
-    Dir(PathBuf),
-    /// MobileSAM.
-    Sam {
-        /// The file of weights.
-        weights: PathBuf,
-        /// Points along a side of the grid that is asked.
-        points: usize,
-    },
-}
-
-impl MaskKind {
-    /// Its name on the command line and in files.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Regions => "regions",
-            Self::Labels => "labels",
-            Self::Dir(_) => "dir",
-            Self::Sam { .. } => "sam",
-        }
-    }
-}
+use crate::segment::masks::origin::MaskKind;
 
 /// What to evaluate.
 #[derive(Clone, Debug)]

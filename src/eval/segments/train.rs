@@ -2,7 +2,7 @@
 //! method is timed for all that it needs, masks too. The truth is read here only where label images are the masks.
 
 use super::method::Method;
-use super::options::{MaskKind, SegmentEvalError, SegmentOptions};
+use super::options::{SegmentEvalError, SegmentOptions};
 use super::setting::Setting;
 use super::truth::{Labelled, labelled};
 use crate::data::Truth;
@@ -16,7 +16,7 @@ use crate::segment::fine::views::{FineView, read_views};
 use crate::segment::fine::{AffinityField, train as fine};
 use crate::segment::masks::handout::write_pictures;
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
-use crate::segment::masks::origin::MaskOrigin;
+use crate::segment::masks::origin::{MaskKind, MaskOrigin};
 use crate::segment::masks::source::sam::SamSource;
 use crate::segment::masks::source::{Found, Group, MaskSource, Seen, SourceError};
 use crate::segment::masks::{MaskReader, RegionOptions};

@@ -7,8 +7,6 @@ use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Name of the file within a run folder.
-pub const FILE: &str = "segments/affinity.safetensors";
 /// The header's entry.
 const ENTRY: &str = "volseggs.affinity";
 

@@ -17,6 +17,38 @@ use thiserror::Error;
 /// Points along a side of the grid that the network is asked at, if not told otherwise; as published.
 pub const SAM_POINTS: usize = 32;
 
+/// Which source of masks is asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum MaskKind {
+    /// Regions of rendered pictures.
+    Regions,
+    /// Label images of the dataset: an upper bound.
+    Labels,
+    /// Masks that another program made of pictures that were written for it: a folder `GROUP/VIEW_NUMBER.png` or a COCO
+    /// file.
+    Dir(PathBuf),
+    /// MobileSAM.
+    Sam {
+        /// The file of weights.
+        weights: PathBuf,
+        /// Points along a side of the grid that is asked.
+        points: usize,
+    },
+}
+
+impl MaskKind {
+    /// Its name on the command line and in files.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Regions => "regions",
+            Self::Labels => "labels",
+            Self::Dir(_) => "dir",
+            Self::Sam { .. } => "sam",
+        }
+    }
+}
+
 /// Where the masks of a job come from.
 #[derive(Clone, Debug)]
 pub enum MaskOrigin {

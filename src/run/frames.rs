@@ -1,8 +1,7 @@
 //! The folder of a render: frames as they are drawn, their animation, and the record of what they show.
 
-use super::super::CliError;
-use super::super::run_folder::RunFolder;
 use super::look::Look;
+use super::{OpenRun, RunError};
 use crate::data::Camera;
 use crate::export::animation::{AnimationError, try_write_apng};
 use crate::export::images::{encode_png, to_rgb8};
@@ -26,12 +25,14 @@ const KIND: FolderKind = FolderKind {
 
 /// What the frames of a folder show.
 #[derive(Debug, Serialize)]
-pub(super) struct Record {
+pub struct Record {
+    /// Version of the program.
     pub version: &'static str,
     /// Folder of the run.
     pub run: String,
     /// The camera path, or the place of the one camera.
     pub path: String,
+    /// How many there are.
     pub frames: usize,
     /// Width and height in pixels.
     pub size: [u32; 2],
@@ -46,7 +47,8 @@ pub(super) struct Record {
 }
 
 /// Frames that are being drawn, one at a time, into a folder that appears when all of them are there.
-pub(super) struct Frames {
+#[derive(Debug)]
+pub struct Frames {
     out: PathBuf,
     folder: AtomicDir,
     /// Seconds of drawing alone.
@@ -58,7 +60,7 @@ impl Frames {
     ///
     /// # Errors
     /// Something else stands there, or the file system says no.
-    pub(super) fn create(out: &Path, needed: &[&Path]) -> Result<Self, CliError> {
+    pub fn create(out: &Path, needed: &[&Path]) -> Result<Self, RunError> {
         Ok(Self { out: out.to_owned(), folder: AtomicDir::create_replacing(out, &KIND, needed)?, seconds: 0.0 })
     }
 
@@ -67,13 +69,13 @@ impl Frames {
     ///
     /// # Errors
     /// A frame that cannot be drawn or written; `stop` was raised.
-    pub(super) fn draw(
+    pub fn draw(
         &mut self,
         look: &mut Look<'_>,
         views: &[(Camera, f64)],
         fps: u16,
         stop: &AtomicBool,
-    ) -> Result<(), CliError> {
+    ) -> Result<(), RunError> {
         let animation = self.folder.dir().join(ANIMATION);
         let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
         let mut frames = views.iter().enumerate().map(|(i, view)| self.frame(look, i, view, stop));
@@ -81,11 +83,11 @@ impl Frames {
             return frames.next().map_or(Ok(()), |frame| frame.map(drop));
         }
         try_write_apng(&animation, frames, width, height, fps).map_err(|e| match e {
-            AnimationError::Frame { source, .. } => match source.downcast::<CliError>() {
+            AnimationError::Frame { source, .. } => match source.downcast::<RunError>() {
                 Ok(error) => *error,
-                Err(other) => CliError::failure(other),
+                Err(other) => RunError::failure(other),
             },
-            e => CliError::failure(e),
+            e => RunError::failure(e),
         })
     }
 
@@ -95,17 +97,17 @@ impl Frames {
         i: usize,
         (camera, time): &(Camera, f64),
         stop: &AtomicBool,
-    ) -> Result<Vec<u8>, CliError> {
+    ) -> Result<Vec<u8>, RunError> {
         if stop.load(Ordering::Relaxed) {
-            return Err(CliError::failure("interrupted; nothing was written"));
+            return Err(RunError::failure("interrupted; nothing was written"));
         }
         let started = Instant::now();
         let image = look.draw(camera.to_kernel(), *time as f32)?;
         self.seconds += started.elapsed().as_secs_f64();
         let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let path = self.folder.dir().join(format!("{i:04}.png"));
-        let bytes = encode_png(&image).map_err(CliError::failure)?;
-        std::fs::write(&path, bytes).map_err(|e| CliError::failure(format!("{}: {e}", path.display())))?;
+        let bytes = encode_png(&image).map_err(RunError::failure)?;
+        std::fs::write(&path, bytes).map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;
         Ok(image.into_raw())
     }
 
@@ -113,10 +115,10 @@ impl Frames {
     ///
     /// # Errors
     /// Something else stands there by now, or the file system says no.
-    pub(super) fn finish(self, record: &Record, run: &RunFolder) -> Result<(), CliError> {
-        let json = serde_json::to_vec_pretty(record).map_err(CliError::failure)?;
+    pub fn finish(self, record: &Record, run: &OpenRun) -> Result<(), RunError> {
+        let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;
         let path = self.folder.dir().join(RECORD);
-        std::fs::write(&path, json).map_err(|e| CliError::failure(format!("{}: {e}", self.out.display())))?;
+        std::fs::write(&path, json).map_err(|e| RunError::failure(format!("{}: {e}", self.out.display())))?;
         Ok(self.folder.commit_replacing(&KIND, &[&run.path])?)
     }
 }

@@ -1,0 +1,139 @@
+//! The affinity field of a run: read for clicks and splits, trained on the run's masks.
+
+use super::{OpenRun, RunError};
+use crate::memory::{Budget, product};
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::file::{self, AffinitySpec};
+use crate::segment::fine::network::Frame;
+use crate::segment::fine::train::{FineError, FineOptions, train};
+use crate::segment::fine::views::read_views;
+use crate::segment::masks::MaskReader;
+use crate::segment::segmentation::members_key;
+use burn::tensor::Device;
+use std::time::Instant;
+
+/// What training is at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stage {
+    /// So many of all views of masks are read.
+    Read {
+        /// Views read.
+        done: usize,
+        /// All of them.
+        all: usize,
+    },
+    /// All are read.
+    Begins {
+        /// Views of segments.
+        views: usize,
+        /// Masks in them.
+        masks: usize,
+        /// Seconds that it took to read them.
+        seconds: f64,
+    },
+    /// So many steps are taken; the loss is a running mean.
+    Step {
+        /// Steps taken.
+        done: usize,
+        /// Loss, smoothed.
+        loss: f64,
+    },
+}
+
+/// How training ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trained {
+    /// Loss, smoothed.
+    pub loss: f64,
+    /// Seconds of the steps alone.
+    pub seconds: f64,
+}
+
+/// The run's affinity field.
+///
+/// # Errors
+/// If there is none, it is damaged, or was trained on another state of the scene.
+pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySpec), RunError> {
+    let path = run.paths().affinity();
+    if !path.exists() {
+        return Err(RunError::input(format!("{}: no affinity field; run `volseggs segment fine`", path.display())));
+    }
+    let (field, spec) = file::load(&path, device).map_err(RunError::input)?;
+    if spec.scene != run.scene.fingerprint() {
+        return Err(RunError::input(format!(
+            "{}: trained on another state of this scene; run `volseggs segment fine` again",
+            path.display()
+        )));
+    }
+    Ok((field, spec))
+}
+
+/// Trains the field on the masks of the run and writes it; `None` if `goes_on` stopped it, with the field of before, if
+/// any, as it was.
+///
+/// # Errors
+/// If there are no masks, they do not fit the run's segments, or the field cannot be written.
+pub fn fit(
+    run: &OpenRun,
+    options: &FineOptions,
+    device: &Device,
+    mut goes_on: impl FnMut(Stage) -> bool,
+) -> Result<Option<Trained>, RunError> {
+    let all = run.segments()?;
+    let path = run.paths().masks();
+    if !path.exists() {
+        return Err(RunError::input(format!("{}: no masks yet; run `volseggs segment masks`", path.display())));
+    }
+    let started = Instant::now();
+    let masks = MaskReader::open(&path).map_err(RunError::input)?;
+    let header = masks.header().clone();
+    if !(0.0..=1.0).contains(&header.time) {
+        return Err(RunError::input(format!("{}: header, time: {} is not in [0, 1]", path.display(), header.time)));
+    }
+    // which pixels the masks of a view cover
+    let covered = product(&[header.width as usize, header.height as usize, 2]);
+    let what = format!("{}: pictures of {}x{} pixels", path.display(), header.width, header.height);
+    Budget::now().check(what, covered).map_err(RunError::input)?;
+    let at = run.scene.host_at(header.time as f32);
+    let frame = Frame::around(&at.visible_means());
+    let again = format!("run `volseggs segment masks {} --replace`", run.path.display());
+    let of = |name: &String| {
+        let found = all.get(name).map(|s| s.members.clone());
+        found.map_err(|e| RunError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))
+    };
+    let members = header.segments.iter().map(of).collect::<Result<Vec<_>, RunError>>()?;
+    let mut keys = header.segments.iter().zip(&header.members).zip(&members);
+    if let Some(((name, _), _)) = keys.find(|((_, key), members)| **key != members_key(members)) {
+        return Err(RunError::input(format!(
+            "{}: segment {name} has other Gaussians now than when its masks were made; {again}",
+            path.display()
+        )));
+    }
+    let mut done = 0;
+    let (views, spreads) = read_views(&masks, &at, &frame, &members, options.seed, device, |_| {
+        done += 1;
+        goes_on(Stage::Read { done, all: header.views.len() });
+    })
+    .map_err(RunError::input)?;
+    goes_on(Stage::Begins { views: views.len(), masks: spreads.len(), seconds: started.elapsed().as_secs_f64() });
+
+    let (mut smooth, mut stopped) = (None, false);
+    let started = Instant::now();
+    let field = train(&views, options, device, |step, loss| {
+        let mean = smooth.map_or(loss, |s: f64| 0.98 * s + 0.02 * loss);
+        smooth = Some(mean);
+        stopped = !goes_on(Stage::Step { done: step + 1, loss: mean });
+        !stopped
+    })
+    .map_err(|e| match e {
+        FineError::NoMasks => RunError::input(format!("{}: {e}", path.display())),
+        FineError::NotFinite { .. } => RunError::input(e),
+    })?;
+    if stopped {
+        return Ok(None);
+    }
+    let seconds = started.elapsed().as_secs_f64();
+    let spec = AffinitySpec { frame, time: header.time, scene: run.scene.fingerprint(), spreads };
+    file::save(&run.paths().affinity(), &field, &spec).map_err(RunError::failure)?;
+    Ok(Some(Trained { loss: smooth.unwrap_or_default(), seconds }))
+}

@@ -1,0 +1,77 @@
+//! Changes of a run's edits. A change that is refused leaves them as they were.
+
+use super::segments::{Towards, check_count};
+use super::selection::check_edits;
+use super::{OpenRun, RunError};
+use crate::edit::{Edit, EditError, EditStack};
+use crate::segment::segmentation::Segmentation;
+
+/// Adds an edit and writes the file.
+///
+/// # Errors
+/// If it names what no segment is, has a value out of range (named as the option is), or cannot be written; if an edit
+/// before it cannot be applied any more.
+pub fn push(run: &OpenRun, edit: Edit) -> Result<EditStack, RunError> {
+    let mut stack = run.edits()?;
+    let all = run.segments()?;
+    check_names(&all, &edit)?;
+    // an edit on top of one that cannot be applied would bury it
+    check_edits(run, &stack, &all)?;
+    stack.push(edit).map_err(|e| match e {
+        // the fields of an edit are called as the options are
+        EditError::Value { field, problem } => {
+            RunError::input(format!("--{}: {problem}", field.rsplit('.').next().unwrap_or(&field)))
+        }
+        other => RunError::input(other),
+    })?;
+    save(run, stack)
+}
+
+/// Undoes or redoes `count` edits, all of them or none, and writes the file.
+///
+/// # Errors
+/// If there are fewer, or one to be redone names what no segment is any more.
+pub fn step(run: &OpenRun, towards: Towards, count: usize) -> Result<EditStack, RunError> {
+    let mut stack = run.edits()?;
+    let there = match towards {
+        Towards::Undo => stack.operations.len(),
+        Towards::Redo => stack.undone.len(),
+    };
+    check_count(towards, count, there, &run.paths().edits())?;
+    let all = matches!(towards, Towards::Redo).then(|| run.segments()).transpose()?;
+    for _ in 0..count {
+        match towards {
+            Towards::Undo => drop(stack.undo()),
+            Towards::Redo => {
+                if let (Some(edit), Some(all)) = (stack.redo(), &all) {
+                    check_names(all, edit)?;
+                }
+            }
+        }
+    }
+    save(run, stack)
+}
+
+/// Forgets all edits, also those of a file that cannot be read.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn clear(run: &OpenRun) -> Result<EditStack, RunError> {
+    save(run, EditStack::default())
+}
+
+fn save(run: &OpenRun, stack: EditStack) -> Result<EditStack, RunError> {
+    stack.save(&run.paths().edits()).map_err(RunError::failure)?;
+    Ok(stack)
+}
+
+/// Refuses names that no segment has, and segments without Gaussians.
+fn check_names(all: &Segmentation, edit: &Edit) -> Result<(), RunError> {
+    for name in &edit.segments {
+        let segment = all.get(name).map_err(|e| RunError::input(format!("cannot {edit}: {e}")))?;
+        if segment.members.is_empty() {
+            return Err(RunError::input(format!("cannot {edit}: segment \"{name}\" holds no Gaussians")));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,194 @@
+//! Segments of a run through time: statistics, events, and pictures of each alone.
+
+use super::selection::Selection;
+use super::{OpenRun, RunError};
+use crate::data::Camera;
+use crate::memory::{Budget, product};
+use crate::name::Name;
+use crate::segment::pictures::draw;
+use crate::track::follow::{self as track, FollowOptions, Followed, Followup};
+use crate::track::report::{PictureOptions, ReportError, ReportFolder};
+use burn::tensor::Device;
+use rayon::prelude::*;
+
+/// Pictures in the sheet of a segment.
+pub const SHEET: usize = 8;
+/// Bytes that a time takes for each segment: its statistics, its events, and their rows in the tables.
+const ROW_BYTES: usize = 4096;
+/// Bytes that a time takes for each Gaussian of a segment.
+const MEMBER_BYTES: usize = 8;
+
+/// Times in [0, 1], in the order in which segments are followed. Listed when it is known that memory has room for them.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Times {
+    /// Evenly spaced; backward if `to` is before `from`.
+    Even {
+        /// The first.
+        from: f64,
+        /// The last.
+        to: f64,
+        /// How many; at least 2.
+        frames: usize,
+    },
+    /// These, whatever their order; each once.
+    At(Vec<f64>),
+}
+
+impl Times {
+    /// How many there are at most.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Even { frames, .. } => *frames,
+            Self::At(times) => times.len(),
+        }
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn list(&self) -> Vec<f64> {
+        match self {
+            Self::Even { from, to, frames } => {
+                let step = (to - from) / (frames - 1) as f64;
+                (0..*frames).map(|i| from + step * i as f64).collect()
+            }
+            Self::At(times) => {
+                let mut times = times.clone();
+                times.sort_by(f64::total_cmp);
+                times.dedup();
+                times
+            }
+        }
+    }
+}
+
+/// What is followed, and how it is shown.
+#[derive(Clone, Copy, Debug)]
+pub struct FollowRequest<'a> {
+    /// Names of segments.
+    pub segments: &'a [String],
+    /// Follow them as one, under this name.
+    pub group: Option<&'a Name>,
+    /// When.
+    pub times: &'a Times,
+    /// What set the number of times, such as `--frames 51`: named if memory has no room for them.
+    pub asked: &'a str,
+    /// Camera of the pictures.
+    pub camera: &'a Camera,
+    /// Whether the run's edits apply to the pictures; all else is measured on the scene as trained.
+    pub edited: bool,
+    /// Which pictures are kept.
+    pub pictures: PictureOptions,
+}
+
+/// What is being done, time by time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Another time was followed.
+    Followed,
+    /// Another time was drawn.
+    Drawn,
+}
+
+/// Follows segments, and writes a folder of each into the run's folder of tracks.
+///
+/// # Errors
+/// A name that no segment has, an empty segment, or results that cannot be written.
+pub fn follow(
+    run: &OpenRun,
+    request: &FollowRequest<'_>,
+    device: &Device,
+    mut progress: impl FnMut(Stage),
+) -> Result<Vec<Followup>, RunError> {
+    let wanted = wanted(run, request)?;
+    let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
+    // at each time every Gaussian of a segment has a part and an opacity
+    Budget::now().check(request.asked, product(&[request.times.count(), bytes])).map_err(RunError::input)?;
+    let times = &request.times.list()[..];
+    let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
+    let shown = Selection::open(run, &[], request.edited)?;
+
+    // begun before the work, so that what cannot be replaced is told of at once
+    let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.paths().tracks(), name, request.pictures);
+    let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
+    let scene = |time: f64| {
+        progress(Stage::Followed);
+        run.scene.host_at(time as f32)
+    };
+    let mut found = track::follow(scene, &segments, times, &FollowOptions::default()).map_err(RunError::input)?;
+
+    let (camera, spec) = (request.camera, &run.scene.spec);
+    for (i, &time) in times.iter().enumerate() {
+        let at = shown.edited(&run.scene, time as f32)?;
+        // one after the other: drawing one picture takes all threads
+        let alone =
+            |s: &Followed<'_>| draw(&at.subset(s.members), camera.to_kernel(), spec.background, spec.sh_degree, device);
+        let pictures: Vec<Vec<f32>> = segments.iter().map(alone).collect();
+        let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
+        let size = [camera.width as usize, camera.height as usize];
+        let add = |(report, rgba): (&mut ReportFolder, &Vec<f32>)| report.add(rgba, size, label.clone());
+        reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(report_error)?;
+        progress(Stage::Drawn);
+    }
+    for (report, followup) in reports.into_iter().zip(&mut found) {
+        report.finish(followup).map_err(report_error)?;
+    }
+    Ok(found)
+}
+
+/// Names and members of what is followed.
+fn wanted(run: &OpenRun, request: &FollowRequest<'_>) -> Result<Vec<(Name, Vec<u32>)>, RunError> {
+    let all = run.segments()?;
+    let mut wanted: Vec<(Name, Vec<u32>)> = Vec::new();
+    for name in request.segments {
+        if wanted.iter().any(|(n, _)| n == name) {
+            continue;
+        }
+        let segment = all.get(name).map_err(RunError::input)?;
+        wanted.push((segment.name.clone(), segment.members.clone()));
+    }
+    if let Some(group) = request.group {
+        let mut members: Vec<u32> = wanted.iter().flat_map(|(_, m)| m).copied().collect();
+        members.sort_unstable();
+        members.dedup();
+        wanted = vec![(group.clone(), members)];
+    }
+    if let Some((name, _)) = wanted.iter().find(|(_, m)| m.is_empty()) {
+        return Err(RunError::input(format!("segment \"{name}\" is empty: there is nothing to follow")));
+    }
+    Ok(wanted)
+}
+
+fn report_error(error: ReportError) -> RunError {
+    match error {
+        ReportError::Replace(error) => error.into(),
+        error => RunError::failure(error),
+    }
+}
+
+/// Whether the picture of time `i` of `n` is one of those in the sheet, which are spread evenly.
+fn in_sheet(i: usize, n: usize) -> bool {
+    let count = n.min(SHEET);
+    (0..count).any(|k| i == k * (n - 1) / (count - 1).max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_run_forward_or_backward_and_each_is_listed_once() {
+        let even = |from, to, frames| Times::Even { from, to, frames }.list();
+        assert_eq!(even(0.0, 1.0, 5), [0.0, 0.25, 0.5, 0.75, 1.0]);
+        assert_eq!(even(0.5, 0.0, 2), [0.5, 0.0]);
+        assert_eq!(Times::At(vec![0.4, 0.1, 0.4]).list(), [0.1, 0.4]);
+        assert_eq!(Times::Even { from: 0.0, to: 1.0, frames: usize::MAX }.count(), usize::MAX, "without listing them");
+    }
+
+    #[test]
+    fn the_pictures_of_the_sheet_are_spread_evenly() {
+        let shown = |n: usize| (0..n).filter(|i| in_sheet(*i, n)).collect::<Vec<_>>();
+        assert_eq!((shown(1), shown(2)), (vec![0], vec![0, 1]));
+        assert_eq!(shown(51), [0, 7, 14, 21, 28, 35, 42, 50]);
+    }
+}

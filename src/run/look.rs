@@ -1,0 +1,167 @@
+//! What a picture shows of the Gaussians: their colour, depth, velocity, or the segments they belong to.
+
+use super::selection::Selection;
+use super::{OpenRun, RunError};
+use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, signed, sizes};
+use crate::segment::palette::hex;
+use crate::segment::pictures::{draw, picture};
+use crate::segment::segmentation::Segmentation;
+use crate::track::velocity::{Component, robust_size, velocities};
+use burn::tensor::Device;
+use serde::Serialize;
+use volseggs_kernels::Camera;
+
+/// What the colours of a picture stand for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Show {
+    /// What the Gaussians look like.
+    Colour,
+    /// Distance from the camera.
+    Depth,
+    /// How fast the trained deformation moves each Gaussian, edits aside.
+    Velocity(Component),
+    /// The colour of the segment each Gaussian belongs to; grey and faint in none.
+    Segments,
+}
+
+/// The key to the colours of a picture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Legend {
+    /// In words.
+    pub legend: String,
+    /// The values at the ends of the scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f32; 2]>,
+}
+
+/// Draws frames; what sets the scale of the first holds for all.
+#[derive(Debug)]
+pub struct Look<'a> {
+    run: &'a OpenRun,
+    device: &'a Device,
+    selection: Selection,
+    kind: Kind,
+}
+
+#[derive(Debug)]
+enum Kind {
+    Colour,
+    Depth { range: Option<[f32; 2]> },
+    Velocity { component: Component, scale: Option<f32> },
+    Segments(Segmentation),
+}
+
+impl<'a> Look<'a> {
+    /// Prepares to draw `show` of what is selected.
+    ///
+    /// # Errors
+    /// If there are no segments to show.
+    pub fn open(run: &'a OpenRun, device: &'a Device, selection: Selection, show: Show) -> Result<Self, RunError> {
+        let kind = match show {
+            Show::Colour => Kind::Colour,
+            Show::Depth => Kind::Depth { range: None },
+            Show::Velocity(component) => Kind::Velocity { component, scale: None },
+            Show::Segments => {
+                let all = run.segments()?;
+                if all.segments.is_empty() {
+                    let run = run.path.display();
+                    return Err(RunError::input(format!(
+                        "--show segments: {run} has none yet; run `volseggs segment coarse {run}`"
+                    )));
+                }
+                Kind::Segments(all)
+            }
+        };
+        Ok(Self { run, device, selection, kind })
+    }
+
+    /// One frame `[H, W, 4]`: colour over the scene's background, and alpha.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub fn draw(&mut self, camera: Camera, time: f32) -> Result<Vec<f32>, RunError> {
+        let (scene, shown, device) = (&self.run.scene, &self.selection, self.device);
+        let (background, degree) = (scene.spec.background, scene.spec.sh_degree);
+        Ok(match &mut self.kind {
+            Kind::Colour if shown.is_plain() => scene.render(camera, time),
+            Kind::Colour => draw(&shown.at(scene, time)?, camera, background, degree, device),
+            Kind::Depth { range } => {
+                let picture = picture(&shown.at(scene, time)?, camera, background, degree, device);
+                *range = range.or_else(|| depth_range(&picture));
+                depth_colours(&picture, range.unwrap_or_default(), background)
+            }
+            Kind::Velocity { component, scale } => {
+                let all = velocities(|t| crate::model::params::to_vec(scene.at(t).means), time);
+                let values = component.of(&all);
+                let at = shown.edited(scene, time)?;
+                let alone =
+                    |v: &[f32]| shown.members().map_or(v.to_vec(), |m| m.iter().map(|&i| v[i as usize]).collect());
+                *scale = scale.or_else(|| robust_size(&alone(&values), &alone(&at.opacity())));
+                let full = scale.unwrap_or(1.0);
+                let painted = match component {
+                    Component::Speed => flat(at, sizes(&values, full)),
+                    _ => flat(at, signed(&values, full)),
+                };
+                draw(&shown.cut(painted), camera, background, 0, device)
+            }
+            Kind::Segments(all) => {
+                let painted = by_segment(shown.edited(scene, time)?, all);
+                draw(&shown.cut(painted), camera, background, 0, device)
+            }
+        })
+    }
+
+    /// What the colours of the frames drawn so far stand for, where that is not what things look like.
+    #[must_use]
+    pub fn legend(&self) -> Option<Legend> {
+        const SPEED: &str = "world units per unit of time";
+        Some(match &self.kind {
+            Kind::Colour => return None,
+            Kind::Depth { range: None } => Legend { legend: "depth: nothing shows in any frame".into(), range: None },
+            Kind::Depth { range: Some([near, far]) } => Legend {
+                legend: format!(
+                    "depth in world units: yellow is {} or nearer, dark blue {} or farther",
+                    short(*near),
+                    short(*far)
+                ),
+                range: Some([*near, *far]),
+            },
+            Kind::Velocity { scale: None, .. } => {
+                Legend { legend: "velocity: nothing moves in any frame".into(), range: None }
+            }
+            Kind::Velocity { component: Component::Speed, scale: Some(full) } => Legend {
+                legend: format!("speed in {SPEED}: black is 0, light yellow {} or more", short(*full)),
+                range: Some([0.0, *full]),
+            },
+            Kind::Velocity { component, scale: Some(full) } => Legend {
+                legend: format!(
+                    "velocity along {} in {SPEED}: bright red is {full} or more, black 0, bright green -{full} or less",
+                    format!("{component:?}").to_lowercase(),
+                    full = short(*full)
+                ),
+                range: Some([-full, *full]),
+            },
+            Kind::Segments(all) => {
+                let names = all.segments.iter().map(|s| format!("{} {}", s.name, hex(s.colour)));
+                Legend { legend: format!("segments: {}", names.collect::<Vec<_>>().join(", ")), range: None }
+            }
+        })
+    }
+}
+
+/// A number above 0 with four digits that count.
+fn short(v: f32) -> String {
+    let decimals = (3.0 - v.log10().floor()).clamp(0.0, 12.0);
+    format!("{v:.*}", decimals as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn small_numbers_keep_their_digits() {
+        assert_eq!(
+            [0.000_123_46, 0.5, 4.123_456, 12_345.6].map(super::short),
+            ["0.0001235", "0.5000", "4.123", "12346"]
+        );
+    }
+}

@@ -1,0 +1,321 @@
+//! Masks of a run's segments: which segments are drawn from where, and what finds their masks.
+
+use super::cameras::Surroundings;
+use super::segments::write_picture;
+use super::{OpenRun, RunError};
+use crate::data::Truth;
+use crate::data::dataset::{Dataset, OpenOptions};
+use crate::data::paths::training_cameras;
+use crate::data::truth::LabelledView;
+use crate::draw::views::view_sheet;
+use crate::export::images::to_rgb8;
+use crate::files::AtomicDir;
+use crate::memory::{Budget, product};
+use crate::model::GaussiansAt;
+use crate::segment::masks::RegionOptions;
+use crate::segment::masks::handout::{FILE, Handout, HandoutError, write_pictures};
+use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
+use crate::segment::masks::origin::{MaskKind, MaskOrigin};
+use crate::segment::masks::sheet::overlay;
+use crate::segment::masks::source::{Found, Group};
+use crate::segment::pictures::Picture;
+use burn::tensor::Device;
+use image::RgbImage;
+use std::path::Path;
+
+/// Views if not told otherwise.
+pub const VIEWS: usize = 30;
+
+/// Segments that the picture of masks shows at most.
+const SHOWN: usize = 20;
+/// Bytes of a view in memory and in the header of the file of masks.
+const VIEW: usize = 1000;
+/// Bytes of a pixel of a picture that is drawn and asked for masks.
+const PIXEL: usize = 100;
+/// Pictures at once, and those kept to look at.
+const AT_ONCE: usize = 8;
+/// Bytes of a point of the grid that the network is asked at.
+const POINT: usize = 64;
+
+/// What masks are asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct MaskRequest<'a> {
+    /// Names of segments; all that are no part of another if empty.
+    pub segments: &'a [String],
+    /// What finds the masks.
+    pub kind: &'a MaskKind,
+    /// Views on a Fibonacci sphere, [`VIEWS`] if not given; for labels: so many of the dataset's views of the time.
+    pub views: Option<usize>,
+    /// Time in [0, 1]; that at which the segments were found if not given.
+    pub time: Option<f64>,
+    /// For labels: the dataset, if it is not where the run says.
+    pub data: Option<&'a Path>,
+}
+
+/// What is drawn.
+#[derive(Clone, Debug)]
+pub struct MaskPlan {
+    /// The segments.
+    pub groups: Vec<Group>,
+    /// From where.
+    pub shots: Vec<Shot>,
+    /// Time in [0, 1].
+    pub time: f64,
+    /// What a person is to be told.
+    pub note: Option<String>,
+    /// What finds the masks.
+    origin: MaskOrigin,
+}
+
+impl MaskPlan {
+    /// Finds out what is drawn, and checks that memory has room for it.
+    ///
+    /// # Errors
+    /// A name that no segment has, no segments at all, or pictures, labels or a dataset that do not fit the run.
+    pub fn new(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
+        let plan = Self::drawn(run, around, request)?;
+        let budget = Budget::now();
+        let shown = plan.groups.len().min(SHOWN) * 4;
+        if let Some(camera) = plan.shots.first().map(|s| &s.camera) {
+            let [width, height] = [camera.width, camera.height].map(|n| n as usize);
+            let all = product(&[width, height, PIXEL * plan.shots.len().min(AT_ONCE) + 3 * shown]);
+            budget.check(format!("pictures of {width}x{height} pixels"), all).map_err(RunError::input)?;
+        }
+        if let MaskKind::Sam { points, .. } = *request.kind {
+            budget.check(format!("--points {points}"), product(&[points, points, POINT])).map_err(RunError::input)?;
+        }
+        Ok(plan)
+    }
+
+    fn drawn(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
+        let all = run.segments()?;
+        let handout = matches!(request.kind, MaskKind::Dir(_)).then(|| read_handout(run)).transpose()?;
+        let names: Vec<String> = match &handout {
+            _ if !request.segments.is_empty() => request.segments.to_vec(),
+            Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
+            None => all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.to_string()).collect(),
+        };
+        let segments = names.iter().map(|n| all.get(n)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
+        let first =
+            segments.first().ok_or_else(|| RunError::input("no segments yet: run `volseggs segment coarse`"))?;
+        let time = request.time.unwrap_or(first.time);
+        let groups: Vec<Group> =
+            segments.iter().map(|s| Group { name: s.name.to_string(), members: s.members.clone() }).collect();
+        if let Some(list) = &handout {
+            check_groups(run, list, &groups)?;
+        }
+        let around = |origin| {
+            let views = request.views.unwrap_or(VIEWS);
+            Budget::now().check(format!("--views {views}"), product(&[views, VIEW])).map_err(RunError::input)?;
+            Ok::<_, RunError>((origin, Shot::numbered(training_cameras(views, around.sphere, around.lens))))
+        };
+        let (mut time, mut note) = (time, None);
+        let (origin, shots) = match (request.kind, handout) {
+            (MaskKind::Dir(path), Some(list)) => {
+                time = list.time;
+                (MaskOrigin::Dir(path.clone()), list.views)
+            }
+            (MaskKind::Dir(path), None) => around(MaskOrigin::Dir(path.clone()))?,
+            (MaskKind::Labels, _) => {
+                let (truth, views) = labels(run, request, time)?;
+                let found = views.first().map_or(time, |v| v.time);
+                if found != time {
+                    note = Some(format!("label images are of time {found}, the nearest to {time} that has any"));
+                }
+                time = found;
+                let shot = |v: &LabelledView| Shot { file: v.name.clone(), camera: v.camera.clone() };
+                let shots = views.iter().map(shot).collect();
+                (MaskOrigin::Labels(truth, views), shots)
+            }
+            (MaskKind::Regions, _) => around(MaskOrigin::Regions(RegionOptions::default()))?,
+            (MaskKind::Sam { weights, points }, _) => {
+                around(MaskOrigin::Sam { weights: weights.clone(), points: *points })?
+            }
+        };
+        Ok(Self { groups, shots, time, note, origin })
+    }
+
+    /// How many pictures are drawn.
+    #[must_use]
+    pub fn pictures(&self) -> usize {
+        self.shots.len() * self.groups.len()
+    }
+
+    fn job<'a>(&'a self, run: &OpenRun, at: &'a GaussiansAt, device: &'a Device) -> MaskJob<'a> {
+        let spec = &run.scene.spec;
+        MaskJob {
+            at,
+            groups: &self.groups,
+            shots: &self.shots,
+            time: self.time,
+            background: spec.background,
+            sh_degree: spec.sh_degree,
+            device,
+        }
+    }
+}
+
+/// Masks that were made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Made {
+    /// How many.
+    pub masks: u64,
+    /// What found them, in words.
+    pub source: String,
+}
+
+/// Finds the masks, and writes them and a picture of some into the run; `None` if `goes_on`, asked
+/// after each picture, stopped it with the masks of before as they were.
+///
+/// # Errors
+/// If the source cannot be opened or fails, or a file cannot be written.
+pub fn make(
+    run: &OpenRun,
+    plan: &MaskPlan,
+    device: &Device,
+    mut goes_on: impl FnMut() -> bool,
+) -> Result<Option<Made>, RunError> {
+    let at = run.scene.host_at(plan.time as f32);
+    let job = plan.job(run, &at, device);
+    let source = plan.origin.open(&job).map_err(RunError::input)?;
+    let every = plan.shots.len().div_ceil(4);
+    let mut shown = Vec::new();
+    let made = make_masks(&job, source.as_ref(), &run.paths().masks(), |seen, found| {
+        if seen.view % every == 0 && seen.group < SHOWN {
+            let label = format!("{} {}", plan.groups[seen.group].name, seen.view);
+            shown.push((label, outlined(seen.picture, found)));
+        }
+        goes_on()
+    });
+    let masks = match made {
+        Ok(masks) => masks,
+        Err(MakeError::Stopped) => return Ok(None),
+        Err(error) => return Err(make_error(error)),
+    };
+    write_picture(&run.paths().segment_sheet("masks"), &view_sheet(&shown, 4, 400))?;
+    Ok(Some(Made { masks, source: source.name().to_owned() }))
+}
+
+/// Writes the pictures for another program into the run; `None` if `goes_on`, asked after each, stopped it: nothing was
+/// written then.
+///
+/// # Errors
+/// If pictures are there already, or cannot be written.
+pub fn hand_out(
+    run: &OpenRun,
+    plan: &MaskPlan,
+    device: &Device,
+    goes_on: impl FnMut() -> bool,
+) -> Result<Option<()>, RunError> {
+    let folder = run.paths().mask_pictures();
+    if folder.exists() {
+        return Err(RunError::input(format!(
+            "{}: pictures are there already; remove the folder to write them anew",
+            folder.display()
+        )));
+    }
+    let at = run.scene.host_at(plan.time as f32);
+    let fail = |e: std::io::Error| RunError::failure(format!("{}: {e}", folder.display()));
+    let building = AtomicDir::create(&folder).map_err(fail)?;
+    match write_pictures(&plan.job(run, &at, device), &run.scene.fingerprint(), building.dir(), goes_on) {
+        Ok(()) => {}
+        Err(HandoutError::Job(MakeError::Stopped)) => return Ok(None),
+        Err(error) => return Err(RunError::failure(error)),
+    }
+    building.commit().map_err(fail)?;
+    Ok(Some(()))
+}
+
+/// The dataset's known segments, and its views with a label image of the time nearest to `time`.
+fn labels(run: &OpenRun, request: &MaskRequest<'_>, time: f64) -> Result<(Truth, Vec<LabelledView>), RunError> {
+    let root = run.dataset(request.data)?;
+    let truth = Truth::read(root)?;
+    check_dataset(run, root)?;
+    let mut views = truth.views_near(time, request.views.unwrap_or(VIEWS), run.config.data.downscale)?;
+    if let Some(count) = request.views.filter(|n| *n < views.len()) {
+        views = (0..count).map(|i| views[i * views.len() / count].clone()).collect();
+    }
+    Ok((truth, views))
+}
+
+/// Refuses a dataset that the run was not trained on: masks of one scene on the Gaussians of another look right to
+/// everything that comes after.
+fn check_dataset(run: &OpenRun, root: &Path) -> Result<(), RunError> {
+    let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: Some(1) };
+    if Dataset::open(root, &options)?.fingerprint() == run.record.fingerprint {
+        return Ok(());
+    }
+    Err(RunError::input(format!(
+        "{}: its training images or cameras are not those that the run was trained on, so its labels are of another scene; \
+         name the dataset of the run with --data",
+        root.display()
+    )))
+}
+
+fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
+    let folder = run.paths().mask_pictures();
+    if !folder.join(FILE).exists() {
+        return Err(RunError::input(format!(
+            "{}: no pictures yet, so there can be no masks of them; run `volseggs segment masks {} --pictures` first, then \
+             your program on them",
+            folder.display(),
+            run.path.display()
+        )));
+    }
+    Handout::read(&folder).map_err(RunError::input)
+}
+
+/// Whether the pictures still show these segments.
+fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), RunError> {
+    let path = run.paths().mask_pictures().join(FILE);
+    let again = "remove the folder, write them again with --pictures and make new masks";
+    if list.scene != run.scene.fingerprint() {
+        let why = "the pictures are of another state of this scene (it was trained on since)";
+        return Err(RunError::input(format!("{}: {why}; {again}", path.display())));
+    }
+    for group in groups {
+        match list.groups.iter().find(|g| g.name == group.name) {
+            None => {
+                let names: Vec<&str> = list.groups.iter().map(|g| g.name.as_str()).collect();
+                let names = names.join(", ");
+                return Err(RunError::input(format!(
+                    "{}: there are no pictures of {}, only of {names}; {again}",
+                    path.display(),
+                    group.name
+                )));
+            }
+            Some(drawn) if drawn.gaussians != group.members.len() => {
+                return Err(RunError::input(format!(
+                    "{}: segment {} had {} Gaussians when the pictures were written and has {} now; {again}",
+                    path.display(),
+                    group.name,
+                    drawn.gaussians,
+                    group.members.len()
+                )));
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+fn make_error(error: MakeError) -> RunError {
+    match error {
+        MakeError::Camera { .. } | MakeError::NoViews | MakeError::Member { .. } => RunError::input(error),
+        MakeError::Source(e) if e.is_input() => RunError::input(e),
+        _ => RunError::failure(error),
+    }
+}
+
+fn outlined(picture: &Picture, found: &[Found]) -> RgbImage {
+    let rgba: Vec<u8> = to_rgb8(&picture.rgba, picture.width, picture.height)
+        .pixels()
+        .flat_map(|p| [p.0[0], p.0[1], p.0[2], 255])
+        .collect();
+    let masks: Vec<_> = found.iter().map(|f| f.mask.clone()).collect();
+    let out = overlay(picture.width as u32, picture.height as u32, &rgba, &masks);
+    RgbImage::from_fn(out.width, out.height, |x, y| {
+        let at = 4 * (y * out.width + x) as usize;
+        image::Rgb([out.rgba[at], out.rgba[at + 1], out.rgba[at + 2]])
+    })
+}

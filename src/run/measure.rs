@@ -1,0 +1,111 @@
+//! A run measured: on which data, into which folder, and with what it cost.
+
+use super::{OpenRun, RunError};
+use crate::data::{Dataset, OpenOptions, Split, SplitName};
+use crate::eval::results::{DataId, WriteError, results_folder, write_results};
+use crate::eval::run::{Costs, Evaluation, evaluate};
+use crate::files::FolderKind;
+use crate::metrics::lpips::Lpips;
+use crate::train::trained_times;
+use std::path::{Path, PathBuf};
+
+/// What a run is measured on.
+#[derive(Clone, Debug)]
+pub struct MeasuredOn {
+    /// Which data.
+    pub data: DataId,
+    /// The times that were trained on; none for other data than the run's.
+    pub trained_times: Vec<f64>,
+    /// What a person is to be told.
+    pub note: Option<String>,
+}
+
+impl MeasuredOn {
+    /// The data in the folder `given`, or the run's own.
+    ///
+    /// # Errors
+    /// If the training views of another dataset, by which it is known, are there and cannot be read.
+    pub fn open(run: &OpenRun, given: Option<&Path>) -> Result<Self, RunError> {
+        let folder = given.unwrap_or(&run.record.dataset);
+        let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+        let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
+        let (mut trained, mut note) = (Vec::new(), None);
+        let fingerprint = match Dataset::open(folder, &options) {
+            Ok(data) => {
+                if data.fingerprint() == run.record.fingerprint {
+                    trained = trained_times(&data, &run.config);
+                }
+                data.fingerprint()
+            }
+            Err(error) if dataset == run.record.dataset => {
+                note = Some(format!(
+                    "the training views cannot be read, so it is not checked that they are as they were: {error}"
+                ));
+                run.record.fingerprint.clone()
+            }
+            // one without training views has no fingerprint, and is not what the run was trained on
+            Err(_) if !SplitName::Train.json_path(folder).exists() => String::new(),
+            Err(error) => return Err(error.into()),
+        };
+        Ok(Self { data: DataId { dataset, fingerprint }, trained_times: trained, note })
+    }
+
+    /// The run's own data, as it was when the run was trained.
+    #[must_use]
+    pub fn own(run: &OpenRun, trained_times: Vec<f64>) -> Self {
+        let (dataset, fingerprint) = (run.record.dataset.clone(), run.record.fingerprint.clone());
+        Self { data: DataId { dataset, fingerprint }, trained_times, note: None }
+    }
+
+    /// Whether it is what the run was trained on.
+    #[must_use]
+    pub fn is_own(&self, run: &OpenRun) -> bool {
+        self.data.fingerprint == run.record.fingerprint
+    }
+
+    /// The folder of results called `what`, which holds such results alone if it is there. Asked for before anything is
+    /// measured.
+    ///
+    /// # Errors
+    /// If something else is there.
+    pub fn folder(&self, run: &OpenRun, what: &str, kind: &FolderKind) -> Result<PathBuf, RunError> {
+        let file = kind.markers.first().copied().unwrap_or_default();
+        // results of an older checkpoint are not those of the run
+        let what = run.older_step().map_or_else(|| what.to_owned(), |step| format!("{what}-{step}"));
+        let folder = results_folder(&run.paths().eval(), &what, file, &self.data, &run.record.fingerprint);
+        kind.check(&folder, &[])?;
+        Ok(folder)
+    }
+}
+
+/// Evaluates the run on `split` and writes the results into `folder`. `progress` hears of each view: how many are done,
+/// and the PSNR of the last in decibels.
+///
+/// # Errors
+/// If images are too small for a metric, or weights do not fit them; if the results cannot be written.
+pub fn measure(
+    run: &OpenRun,
+    split: &Split,
+    networks: &[Lpips],
+    on: &MeasuredOn,
+    folder: &Path,
+    progress: impl FnMut(usize, f64),
+) -> Result<Evaluation, RunError> {
+    let model = std::fs::metadata(&run.scene_path)
+        .map_err(|e| RunError::failure(format!("{}: {e}", run.scene_path.display())))?;
+    let costs = Costs {
+        training_seconds: run.record.training_seconds,
+        model_bytes: model.len(),
+        data: on.data.clone(),
+        trained_times: on.trained_times.clone(),
+    };
+    let evaluation = evaluate(&run.scene, split, networks, &costs, progress).map_err(RunError::input)?;
+    write_results(folder, &evaluation)?;
+    Ok(evaluation)
+}
+
+impl From<WriteError> for RunError {
+    fn from(error: WriteError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
+    }
+}

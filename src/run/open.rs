@@ -1,0 +1,224 @@
+//! A run folder as whatever comes after training sees it.
+
+use super::RunError;
+use crate::config::PRESETS;
+use crate::config::layers::Layers;
+use crate::config::types::Config;
+use crate::data::dataset::read_split;
+use crate::data::{Split, SplitName};
+use crate::edit::EditStack;
+use crate::files::{RunLock, RunPaths, Work};
+use crate::model::Scene;
+use crate::segment::segmentation::Segmentation;
+use crate::train::run::RunRecord;
+use crate::train::{checkpoint, live, open_measured};
+use burn::tensor::Device;
+use std::path::{Path, PathBuf};
+
+/// A trained run: its newest scene, its record and its configuration.
+#[derive(Debug)]
+pub struct OpenRun {
+    /// Folder of the run.
+    pub path: PathBuf,
+    /// Held while something is written into the run.
+    _lock: Option<RunLock>,
+    /// The scene, on the device that the run was opened with.
+    pub scene: Scene,
+    /// The file that it was read from.
+    pub scene_path: PathBuf,
+    /// What training left behind.
+    pub record: RunRecord,
+    /// The resolved configuration.
+    pub config: Config,
+}
+
+impl OpenRun {
+    /// Opens a run, or one of its checkpoints in place of the newest, to look at it.
+    ///
+    /// # Errors
+    /// If there is no checkpoint, or a file of the run is damaged.
+    pub fn open(path: &Path, device: &Device) -> Result<Self, RunError> {
+        Self::open_with(path, device, None)
+    }
+
+    /// Opens a run to write into it: nobody else can until this is dropped. What others wrote before is then read.
+    ///
+    /// What is written belongs to the newest checkpoint: an older one is refused. `command` is what others are told of who
+    /// holds the run.
+    ///
+    /// # Errors
+    /// As [`OpenRun::open`]; if another process writes into the run, or `path` is an older checkpoint.
+    pub fn open_to_write(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
+        let run = Self::open_locked(path, device, command, work)?;
+        match run.older_step() {
+            None => Ok(run),
+            Some(_) => Err(RunError::input(format!(
+                "{}: an older checkpoint, and this command writes what belongs to the newest; give {}, or go on from here \
+                 first with `volseggs train --resume`",
+                path.display(),
+                run.path.display()
+            ))),
+        }
+    }
+
+    /// The same for work that keeps what it writes about an older checkpoint apart, see [`Self::older_step`].
+    ///
+    /// # Errors
+    /// As [`OpenRun::open`]; if another process writes into the run.
+    pub fn open_locked(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
+        let (run, checkpoint) = checkpoint::locate(path);
+        // asked first, so that no lock file is left in a folder that is no run
+        check_newest(path)?;
+        checkpoint.ok_or_else(|| no_checkpoint(path))?;
+        let lock = RunLock::acquire(&run, command, work)?;
+        Self::open_with(path, device, Some(lock))
+    }
+
+    /// Name of the checkpoint that was opened, where it is not the newest of the run.
+    #[must_use]
+    pub fn older_step(&self) -> Option<String> {
+        let opened = self.scene_path.parent()?.file_name()?;
+        let newest = checkpoint::list(&self.path).pop();
+        let is_newest = newest.is_some_and(|(_, path)| path.file_name() == Some(opened));
+        (!is_newest).then(|| opened.to_string_lossy().into_owned())
+    }
+
+    fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, RunError> {
+        let load = |checkpoint: &Path| {
+            Scene::load(&scene_of(checkpoint), device).map_err(|e| match e.is_damage() {
+                true => RunError::input(format!("{e}; {}", checkpoint::advice(checkpoint))),
+                false => RunError::input(e),
+            })
+        };
+        check_newest(path)?;
+        let (run, found) = live::read_located(path, load)?;
+        let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
+        let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
+        let paths = RunPaths(path);
+        let read = |file: &Path| {
+            std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
+        };
+        let (record, file) = (paths.record(), paths.config());
+        let record =
+            serde_json::from_str(&read(&record)?).map_err(|e| RunError::input(format!("{}: {e}", record.display())))?;
+        if !read(&file)?.contains("[stages]") {
+            return Err(RunError::input(format!(
+                "{}: is not the configuration of a run any more; restore it",
+                file.display()
+            )));
+        }
+        // through the layers, so that a run from before a key existed still opens
+        let source = file.to_string_lossy().into_owned();
+        let config = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value;
+        Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
+    }
+
+    /// Where everything of it lies.
+    #[must_use]
+    pub fn paths(&self) -> RunPaths<'_> {
+        RunPaths(&self.path)
+    }
+
+    /// The run's segments; none if there is no file yet.
+    ///
+    /// # Errors
+    /// If the file is damaged, or of another scene.
+    pub fn segments(&self) -> Result<Segmentation, RunError> {
+        let path = self.paths().segments();
+        let there = path.try_exists().map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;
+        if !there {
+            return Ok(self.no_segments());
+        }
+        let found = Segmentation::load(&path).map_err(RunError::input)?;
+        self.check_segments(&found)?;
+        Ok(found)
+    }
+
+    /// Segments of the run's scene, of which there are none yet.
+    #[must_use]
+    pub fn no_segments(&self) -> Segmentation {
+        Segmentation::new(self.scene.gaussians.count(), self.scene.fingerprint())
+    }
+
+    /// Refuses segments of another scene than the run's.
+    ///
+    /// # Errors
+    /// What to do about them.
+    pub(super) fn check_segments(&self, found: &Segmentation) -> Result<(), RunError> {
+        if found.scene == self.scene.fingerprint() && found.gaussians == self.scene.gaussians.count() {
+            return Ok(());
+        }
+        Err(RunError::input(format!(
+            "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
+             --replace` to begin again",
+            self.paths().segments().display(),
+            self.path.display()
+        )))
+    }
+
+    /// The run's edits; none if there is no file yet.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn edits(&self) -> Result<EditStack, RunError> {
+        let path = self.paths().edits();
+        if path.exists() { EditStack::load(&path).map_err(RunError::input) } else { Ok(EditStack::default()) }
+    }
+
+    /// Reads a split of the run's dataset, or of `data` in its place.
+    ///
+    /// # Errors
+    /// If the dataset is not there any more, or cannot be read.
+    pub fn split(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
+        Ok(read_split(self.dataset(data)?, name, self.config.data.downscale, max_views)?)
+    }
+
+    /// The views of it that the run is measured on, see [`open_measured`].
+    ///
+    /// # Errors
+    /// As [`OpenRun::split`].
+    pub fn measured(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
+        Ok(open_measured(self.dataset(data)?, name, &self.config, max_views)?)
+    }
+
+    /// The run's dataset, or `data` in its place, which must be there.
+    ///
+    /// # Errors
+    /// If it is not there.
+    pub fn dataset<'a>(&'a self, data: Option<&'a Path>) -> Result<&'a Path, RunError> {
+        let root = data.unwrap_or(&self.record.dataset);
+        if !root.is_dir() {
+            return Err(RunError::input(format!(
+                "{}: the dataset is not there any more; point to it with --data",
+                root.display()
+            )));
+        }
+        Ok(root)
+    }
+}
+
+fn scene_of(checkpoint: &Path) -> PathBuf {
+    checkpoint.join(RunPaths::SCENE)
+}
+
+/// A newest checkpoint that lost a file must not be passed over for an older one without a word. Where a checkpoint is
+/// given, the others do not matter.
+fn check_newest(path: &Path) -> Result<(), RunError> {
+    if checkpoint::locate(path).0 == path {
+        checkpoint::newest(path).map_err(RunError::input)?;
+    }
+    Ok(())
+}
+
+fn no_checkpoint(path: &Path) -> RunError {
+    let run = path.display();
+    let record = std::fs::read_to_string(RunPaths(path).record()).ok();
+    RunError::input(match record.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok()) {
+        Some(record) => format!(
+            "{run}: training has reached no checkpoint yet; if it is not running any more, start it again with `volseggs train \
+             --data {} --config {run}/config.toml --out {run}`",
+            record.dataset.display()
+        ),
+        None => format!("{run}: no checkpoint here; give the folder that `volseggs train --out` made"),
+    })
+}

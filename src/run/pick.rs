@@ -1,0 +1,162 @@
+//! Clicks: what is under a pixel of a picture, and the segment that a click there means.
+//!
+//! A viewer opens a [`Clicking`] once for a time, asks it for the [`Hit`] of each click and for what that selects as often
+//! as its sliders move, and commits one; `volseggs segment pick` does the same once.
+
+use super::segments::RunSegments;
+use super::{OpenRun, RunError};
+use crate::data::Camera;
+use crate::model::GaussiansAt;
+use crate::model::params::to_vec;
+use crate::name::Name;
+use crate::segment::click::{heaviest, under};
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::file::AffinitySpec;
+use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::pick::{Asked, PickOptions, Picked, meant, pick};
+use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use burn::tensor::Device;
+
+/// Why a click selects nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum ClickError {
+    /// The pixel is not in the picture.
+    #[error("the picture has {width}x{height}")]
+    Outside {
+        /// Width of the picture in pixels.
+        width: u32,
+        /// Its height.
+        height: u32,
+    },
+    /// The pixel shows the background.
+    #[error("nothing is there at time {time}")]
+    Nothing {
+        /// The time.
+        time: f64,
+    },
+    /// There is no affinity field to ask.
+    #[error("the run has no affinity field; run `volseggs segment fine`")]
+    NoField,
+    /// Anything else.
+    #[error(transparent)]
+    Run(#[from] RunError),
+}
+
+/// The scene at one time, ready to be clicked on.
+#[derive(Debug)]
+pub struct Clicking<'a> {
+    /// All Gaussians `[N]` at the time.
+    pub at: GaussiansAt,
+    time: f64,
+    segments: &'a Segmentation,
+    field: Option<&'a (AffinityField, AffinitySpec)>,
+    /// Positions `[N, 3]` at the time that the field was trained at.
+    places: Vec<f32>,
+    device: &'a Device,
+}
+
+/// What was hit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hit {
+    /// The Gaussian.
+    pub gaussian: u32,
+    /// Its part of the pixel's colour.
+    pub weight: f32,
+    /// Where it is, world units.
+    pub mean: [f32; 3],
+    /// Segments that hold it, wholes before their parts.
+    pub segments: Vec<Name>,
+    /// The segment that is looked in: the one that was named, or else the whole that holds the Gaussian.
+    pub within: Option<Name>,
+}
+
+impl<'a> Clicking<'a> {
+    /// Prepares the scene at `time`. With a `field` clicks can select.
+    #[must_use]
+    pub fn new(
+        run: &OpenRun,
+        segments: &'a Segmentation,
+        field: Option<&'a (AffinityField, AffinitySpec)>,
+        time: f64,
+        device: &'a Device,
+    ) -> Self {
+        let at = run.scene.host_at(time as f32);
+        // the field knows the places of the time that it was trained at
+        let places = match field {
+            Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
+            _ => at.means.clone(),
+        };
+        Self { at, time, segments, field, places, device }
+    }
+
+    /// What the pixel (column, row) of the camera's picture shows; in the segment `within` alone, as if the others were
+    /// hidden, if one is named. Where a field is there, so that a click can become a segment, that of most of the pixel is
+    /// meant, see [`meant`]; else the Gaussian that makes up most of it.
+    ///
+    /// # Errors
+    /// [`ClickError::Outside`], [`ClickError::Nothing`], or a name that no segment has.
+    pub fn hit(&self, camera: &Camera, pixel: [u32; 2], within: Option<&str>) -> Result<Hit, ClickError> {
+        let within = within.map(|name| self.segments.get(name)).transpose().map_err(RunError::input)?;
+        let shown = within.map(|s| self.at.subset(&s.members));
+        let (width, height) = (camera.width, camera.height);
+        let beneath = under(shown.as_ref().unwrap_or(&self.at), camera.to_kernel(), pixel, self.device)
+            .map_err(|_| ClickError::Outside { width, height })?;
+        let holds = |s: &Segment, i: u32| s.members.binary_search(&i).is_ok();
+        // wholes come before their parts
+        let whole_of = |i: u32| (0..).zip(&self.segments.segments).find(|(_, s)| holds(s, i)).map(|(n, _)| n);
+        let hit = match within {
+            None if self.field.is_some() => meant(&beneath, whole_of),
+            _ => heaviest(&beneath, |_| true),
+        };
+        let hit = hit.ok_or(ClickError::Nothing { time: self.time })?;
+        let weight = beneath.iter().find(|(i, _)| *i == hit).map_or(0.0, |(_, w)| *w);
+        let gaussian = within.map_or(hit, |s| s.members[hit as usize]);
+        let segments = self.segments.segments.iter().filter(|s| holds(s, gaussian)).map(|s| s.name.clone());
+        let segments: Vec<Name> = segments.collect();
+        let within = within.map(|s| s.name.clone()).or_else(|| segments.first().cloned());
+        let mean = [0, 1, 2].map(|k| self.at.means[3 * gaussian as usize + k]);
+        Ok(Hit { gaussian, weight, mean, segments, within })
+    }
+
+    /// What a click on `hit` selects of the segment that is looked in, or of the whole scene.
+    ///
+    /// # Errors
+    /// [`ClickError::NoField`], or a segment that is not there any more.
+    pub fn select(&self, hit: &Hit, options: &PickOptions) -> Result<Picked, ClickError> {
+        let Some((field, spec)) = self.field else { return Err(ClickError::NoField) };
+        let candidates = match &hit.within {
+            Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
+            None => (0..self.at.len() as u32).collect(),
+        };
+        let asked = Asked { field, frame: &spec.frame, places: &self.places };
+        Ok(pick(&asked, &self.at, &candidates, hit.gaussian, options).map_err(RunError::failure)?)
+    }
+}
+
+/// Makes a segment `name` of what a click at `time` selected.
+///
+/// # Errors
+/// If nothing was selected, or the name is taken.
+pub fn commit(
+    segments: &mut RunSegments,
+    name: &Name,
+    hit: &Hit,
+    picked: &Picked,
+    time: f64,
+) -> Result<usize, RunError> {
+    let Picked { members, scale, threshold, .. } = picked.clone();
+    if members.is_empty() {
+        return Err(RunError::input(format!(
+            "{name}: nothing but strays is like the click; choose another pixel, another --level or a lower \
+             --threshold, or pass --keep-strays"
+        )));
+    }
+    let count = members.len();
+    let mut all = segments.now().clone();
+    let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
+    let origin = Origin::Pick { scale, threshold };
+    let (segment, parent) = (name.clone(), hit.within.clone());
+    all.add(Segment { name: segment, parent, colour, time, origin, members }).map_err(RunError::input)?;
+    segments.change(format!("pick {name}"), all.segments);
+    Ok(count)
+}

@@ -1,0 +1,242 @@
+//! Changes of a run's segments: by colour, groups, removals, and each taken back.
+
+use super::cameras::Surroundings;
+use super::{OpenRun, RunError};
+use crate::draw::views::view_sheet;
+use crate::export::images::{encode_png, to_rgb8};
+use crate::files::write_atomic;
+use crate::memory::Budget;
+use crate::model::GaussiansAt;
+use crate::name::Name;
+use crate::points::kmeans;
+use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::history::History;
+use crate::segment::pictures::draw;
+use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use burn::tensor::Device;
+use image::RgbImage;
+use std::path::{Path, PathBuf};
+
+/// Segments that a picture shows at most, those of most opacity.
+pub const SHOWN: usize = 40;
+
+/// Which way through the changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Towards {
+    /// Back.
+    Undo,
+    /// Forward again.
+    Redo,
+}
+
+impl Towards {
+    /// The command that does it.
+    #[must_use]
+    pub fn verb(self) -> &'static str {
+        match self {
+            Self::Undo => "undo",
+            Self::Redo => "redo",
+        }
+    }
+}
+
+/// The segments of a run with what was done to them. A change holds from [`RunSegments::save`] on.
+#[derive(Clone, Debug)]
+pub struct RunSegments {
+    path: PathBuf,
+    found: History,
+}
+
+impl RunSegments {
+    /// Reads them; none if there is no file yet.
+    ///
+    /// # Errors
+    /// If the file is damaged, or of another scene.
+    pub fn open(run: &OpenRun) -> Result<Self, RunError> {
+        let path = run.paths().segments();
+        if !path.exists() {
+            return Ok(Self { path, found: History::new(run.segments()?) });
+        }
+        let found = History::load(&path).map_err(RunError::input)?;
+        run.check_segments(found.now())?;
+        Ok(Self { path, found })
+    }
+
+    /// The same to put others in their place: a file that cannot be used is no reason to stop, but is told.
+    #[must_use]
+    pub fn replacing(run: &OpenRun) -> (Self, Option<RunError>) {
+        match Self::open(run) {
+            Ok(segments) => (segments, None),
+            Err(error) => {
+                let none = History::new(run.no_segments());
+                (Self { path: run.paths().segments(), found: none }, Some(error))
+            }
+        }
+    }
+
+    /// The segments of now.
+    #[must_use]
+    pub fn now(&self) -> &Segmentation {
+        self.found.now()
+    }
+
+    /// Puts segments in the place of those of now; `change` says what was done.
+    pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
+        self.found.change(change, segments);
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// If it cannot be written; it is then as it was.
+    pub fn save(&self) -> Result<(), RunError> {
+        self.found.save(&self.path).map_err(RunError::failure)
+    }
+
+    /// Changes that can be undone or redone, the next one first.
+    #[must_use]
+    pub fn steps(&self, towards: Towards) -> Vec<&str> {
+        match towards {
+            Towards::Undo => self.found.undoable(),
+            Towards::Redo => self.found.redoable(),
+        }
+    }
+
+    /// Undoes or redoes `count` changes, all of them or none; gives what they were.
+    ///
+    /// # Errors
+    /// If there are fewer.
+    pub fn step(&mut self, towards: Towards, count: usize) -> Result<Vec<String>, RunError> {
+        check_count(towards, count, self.steps(towards).len(), &self.path)?;
+        let step = |_| match towards {
+            Towards::Undo => self.found.undo(),
+            Towards::Redo => self.found.redo(),
+        };
+        Ok((0..count).filter_map(step).collect())
+    }
+
+    /// Several segments as one under a name of its own; they stay as they are.
+    ///
+    /// # Errors
+    /// A name that no segment has or that is taken, or segments without Gaussians.
+    pub fn group(&mut self, name: &Name, segments: &[String]) -> Result<(), RunError> {
+        let mut all = self.now().clone();
+        let found = segments.iter().map(|s| all.get(s)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
+        let members: Vec<u32> = found.iter().flat_map(|s| &s.members).copied().collect();
+        let (colour, time) = found.first().map_or(([0.5; 3], 0.5), |s| (s.colour, s.time));
+        if members.is_empty() {
+            return Err(RunError::input(format!("{name}: these segments hold no Gaussians")));
+        }
+        all.add(Segment { name: name.clone(), parent: None, colour, time, origin: Origin::Group, members })
+            .map_err(RunError::input)?;
+        self.change(format!("group {name}"), all.segments);
+        Ok(())
+    }
+
+    /// Removes segments with their parts; gives how many went.
+    ///
+    /// # Errors
+    /// A name that no segment has.
+    pub fn remove(&mut self, segments: &[String]) -> Result<usize, RunError> {
+        let mut all = self.now().clone();
+        for name in segments {
+            all.get(name).map_err(RunError::input)?;
+        }
+        let before = all.segments.len();
+        all.remove(|s| segments.iter().any(|n| s.name == *n));
+        let removed = before - all.segments.len();
+        self.change(format!("remove {}", segments.join(" ")), all.segments);
+        Ok(removed)
+    }
+
+    /// Finds segments by colour in the Gaussians `at` a `time`, and puts them in the place of those of now.
+    ///
+    /// # Errors
+    /// An option out of range, or colours that nothing has: the result then says where the Gaussians went.
+    pub fn coarse(
+        &mut self,
+        run: &OpenRun,
+        at: &GaussiansAt,
+        time: f64,
+        options: &CoarseOptions,
+    ) -> Result<Coarse, RunError> {
+        let n = at.len();
+        if let Some(clusters) = options.clusters {
+            check_clusters(clusters, n, "the scene has", 3)?;
+        }
+        let largest = run.scene.largest_opacity(&options.hidden(at));
+        let found = coarse(at, Some(&largest), options).map_err(RunError::input)?;
+        let mut all = run.no_segments();
+        for (label, entry) in (1..).zip(&found.palette) {
+            let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
+            let name = Name::new(entry.name.replace(' ', "-")).map_err(RunError::failure)?;
+            let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: Origin::Coarse, members };
+            all.add(segment).map_err(RunError::failure)?;
+        }
+        if !all.segments.is_empty() {
+            self.change("coarse", all.segments);
+        }
+        Ok(found)
+    }
+}
+
+/// Refuses to take more steps than `there` are; `file` holds them.
+///
+/// # Errors
+/// How many there are.
+pub(super) fn check_count(towards: Towards, count: usize, there: usize, file: &Path) -> Result<(), RunError> {
+    let verb = towards.verb();
+    if there == 0 {
+        return Err(RunError::input(format!("nothing to {verb} in {}", file.display())));
+    }
+    if count > there {
+        return Err(RunError::input(format!("--count {count}: between 1 and {there}, as many as there are to {verb}")));
+    }
+    Ok(())
+}
+
+/// Refuses more clusters than `points`, or more than memory has room for; `of` says what has the points.
+///
+/// # Errors
+/// How many points there are, or how much memory.
+pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimensions: usize) -> Result<(), RunError> {
+    if clusters > points {
+        return Err(RunError::input(format!("--clusters {clusters}: {of} only {points} Gaussians")));
+    }
+    let needed = kmeans::memory(points, dimensions, clusters);
+    Budget::now().check(format!("--clusters {clusters}"), needed).map_err(RunError::input)
+}
+
+/// The first [`SHOWN`] of the `segments` alone, each from three sides: a picture of each row by row.
+#[must_use]
+pub fn sheet(
+    run: &OpenRun,
+    around: &Surroundings,
+    at: &GaussiansAt,
+    segments: &[Segment],
+    device: &Device,
+) -> RgbImage {
+    let (width, height) = (around.lens.width as usize, around.lens.height as usize);
+    let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
+    let mut pictures = Vec::new();
+    for segment in segments.iter().take(SHOWN) {
+        let alone = at.subset(&segment.members);
+        for camera in &around.orbit(4)[..3] {
+            let image = draw(&alone, camera.to_kernel(), background, degree, device);
+            pictures.push((segment.name.to_string(), to_rgb8(&image, width, height)));
+        }
+    }
+    view_sheet(&pictures, 3, 400)
+}
+
+/// Writes a picture into the run folder.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_picture(path: &Path, picture: &RgbImage) -> Result<(), RunError> {
+    let fail = |e: &dyn std::fmt::Display| RunError::failure(format!("{}: {e}", path.display()));
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| fail(&e))?;
+    }
+    write_atomic(path, &encode_png(picture).map_err(|e| fail(&e))?).map_err(|e| fail(&e))
+}

@@ -1,0 +1,125 @@
+//! Which Gaussians are shown: all or some segments, with or without the edits of the run.
+
+use super::{OpenRun, RunError};
+use crate::edit::{EditError, EditStack, HIDDEN_LOGIT, apply};
+use crate::model::{GaussiansAt, Scene};
+use crate::segment::segmentation::Segmentation;
+
+/// What of a scene is shown, with its files read and its names checked.
+#[derive(Debug, Clone)]
+pub struct Selection {
+    segments: Segmentation,
+    edits: EditStack,
+    members: Option<Vec<u32>>,
+}
+
+/// Refuses edits of segments that are not there any more.
+///
+/// # Errors
+/// The first such edit, and the way out.
+pub(super) fn check_edits(run: &OpenRun, edits: &EditStack, segments: &Segmentation) -> Result<(), RunError> {
+    let known = |name: &str| segments.get(name).is_ok();
+    edits.validate(&known).map_err(|e| {
+        let file = run.paths().edits();
+        let EditError::UnknownSegment { edit, name } = &e else {
+            return RunError::input(format!("{}: {e}", file.display()));
+        };
+        RunError::input(format!(
+            "{}: edit {edit} ({}): there is no segment \"{name}\" any more; make one of that name, or take edits back \
+             to before it with `volseggs edit undo {} --count {}`",
+            file.display(),
+            edits.operations[edit - 1],
+            run.path.display(),
+            edits.operations.len() - edit + 1
+        ))
+    })
+}
+
+impl Selection {
+    /// The segments of these names alone, or all of the scene if there is none; with the run's edits if they are `edited`.
+    ///
+    /// # Errors
+    /// A name that no segment has, an edit of a segment that is not there any more, or a file that is damaged.
+    pub fn open(run: &OpenRun, names: &[String], edited: bool) -> Result<Self, RunError> {
+        let edits = if edited { run.edits()? } else { EditStack::default() };
+        let segments = if names.is_empty() && edits.operations.is_empty() {
+            // nothing to look up: a file of segments that does not fit the scene must not stop a plain render
+            run.no_segments()
+        } else {
+            run.segments()?
+        };
+        check_edits(run, &edits, &segments).map_err(|e| RunError::input(format!("{e}; or pass --no-edits")))?;
+        let members = if names.is_empty() {
+            None
+        } else {
+            let mut all = Vec::new();
+            for name in names {
+                all.extend_from_slice(&segments.get(name).map_err(RunError::input)?.members);
+            }
+            all.sort_unstable();
+            all.dedup();
+            Some(all)
+        };
+        Ok(Self { segments, edits, members })
+    }
+
+    /// How many edits are applied.
+    #[must_use]
+    pub fn edits(&self) -> usize {
+        self.edits.operations.len()
+    }
+
+    /// True if it is the whole scene as trained.
+    #[must_use]
+    pub fn is_plain(&self) -> bool {
+        self.members.is_none() && self.edits.operations.is_empty()
+    }
+
+    /// The indices shown, if not all.
+    #[must_use]
+    pub fn members(&self) -> Option<&[u32]> {
+        self.members.as_deref()
+    }
+
+    /// All N Gaussians at `time` in [0, 1] with the edits applied; nothing is left out.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub fn edited(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, RunError> {
+        let mut at = scene.host_at(time);
+        let members = |name: &str| self.segments.get(name).ok().map(|s| s.members.as_slice());
+        apply(&self.edits, &members, &mut at).map_err(RunError::input)?;
+        Ok(at)
+    }
+
+    /// The Gaussians shown at `time` in [0, 1]: edited, then those of the segments alone.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub fn at(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, RunError> {
+        Ok(self.cut(self.edited(scene, time)?))
+    }
+
+    /// Of all N Gaussians those of the segments alone.
+    #[must_use]
+    pub fn cut(&self, all: GaussiansAt) -> GaussiansAt {
+        match &self.members {
+            Some(members) => all.subset(members),
+            None => all,
+        }
+    }
+
+    /// As [`Selection::at`], without the Gaussians that edits hide: for files, whose readers would keep them.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub fn visible(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, RunError> {
+        let at = self.at(scene, time)?;
+        if self.edits.operations.is_empty() {
+            return Ok(at);
+        }
+        let kept: Vec<u32> =
+            (0..).zip(&at.opacity_logits).filter(|(_, o)| **o != HIDDEN_LOGIT).map(|(i, _)| i).collect();
+        Ok(at.subset(&kept))
+    }
+}

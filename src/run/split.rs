@@ -1,0 +1,135 @@
+//! Parts of a segment, by its affinity features.
+
+use super::cameras::Surroundings;
+use super::segments::{RunSegments, check_clusters};
+use super::{OpenRun, RunError, affinity};
+use crate::draw::views::view_sheet;
+use crate::export::images::to_rgb8;
+use crate::model::GaussiansAt;
+use crate::name::Name;
+use crate::segment::fine::extract::{Clustering, cluster};
+use crate::segment::fine::network::FEATURES;
+use crate::segment::masks::sheet::distinct_colour;
+use crate::segment::paint::flat;
+use crate::segment::pictures::draw;
+use crate::segment::pieces::without_strays;
+use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use burn::tensor::Device;
+use image::RgbImage;
+
+/// Colour in the picture of what is in no part.
+const NO_PART: [f32; 3] = [0.5; 3];
+
+/// How a segment is parted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplitOptions {
+    /// Mask scale in [0, 1], from small parts to large ones.
+    pub scale: f32,
+    /// Into so many parts; as many as the density of the features shows if not given.
+    pub clusters: Option<usize>,
+    /// Whether small pieces that do not touch the rest of their part stay.
+    pub keep_strays: bool,
+    /// Seed of the clustering.
+    pub seed: u64,
+    /// Whether segments that were picked in the parts of an earlier split may go.
+    pub replace: bool,
+}
+
+/// The parts of a segment.
+#[derive(Clone, Debug)]
+pub struct Parts {
+    /// Their names, from the largest.
+    pub names: Vec<Name>,
+    /// The Gaussians of the whole, at the time of the field.
+    alone: GaussiansAt,
+    /// The colour of the part of each; `None` for strays.
+    shades: Vec<Option<[f32; 3]>>,
+}
+
+/// Parts a segment in the place of an earlier split of it; the parts are called `WHOLE.1`, `WHOLE.2` and so on.
+///
+/// # Errors
+/// If there is no such segment or no affinity field, no parts show, or something that a person made would go.
+pub fn split(
+    run: &OpenRun,
+    segments: &mut RunSegments,
+    name: &str,
+    options: &SplitOptions,
+    device: &Device,
+) -> Result<Parts, RunError> {
+    let mut all = segments.now().clone();
+    let whole = all.get(name).map_err(RunError::input)?.clone();
+    make_room(&mut all, name, options.replace)?;
+    if let Some(clusters) = options.clusters {
+        check_clusters(clusters, whole.members.len(), &format!("{} has", whole.name), FEATURES)?;
+    }
+    let (field, spec) = affinity::open(run, device)?;
+    let at = run.scene.host_at(spec.time as f32);
+    let alone = at.subset(&whole.members);
+    let clustering = options.clusters.map_or(Clustering::Density, Clustering::KMeans);
+    let labels =
+        cluster(&field, &spec.frame, &alone.means, options.scale, clustering, options.seed).map_err(RunError::input)?;
+
+    let mut names = Vec::new();
+    let mut shades = vec![None; labels.len()];
+    let mut number = 1;
+    for label in 1..=labels.iter().max().copied().unwrap_or(0) {
+        let of = whole.members.iter().zip(&labels).filter(|(_, l)| **l == label);
+        let mut members: Vec<u32> = of.map(|(m, _)| *m).collect();
+        if !options.keep_strays {
+            members = without_strays(&at, &members).map_err(RunError::failure)?;
+        }
+        if members.is_empty() {
+            continue;
+        }
+        let (name, taken) = all.free_part(&whole.name, number).map_err(RunError::input)?;
+        number = taken + 1;
+        let colour = distinct_colour(names.len()).map(|c| f32::from(c) / 255.0);
+        for (shade, _) in shades.iter_mut().zip(&labels).filter(|(_, l)| **l == label) {
+            *shade = Some(colour);
+        }
+        let (parent, origin) = (Some(whole.name.clone()), Origin::Fine { scale: options.scale });
+        let part = Segment { name: name.clone(), parent, colour, time: spec.time, origin, members };
+        all.add(part).map_err(RunError::failure)?;
+        names.push(name);
+    }
+    if names.is_empty() {
+        return Err(RunError::input(format!(
+            "{}: no parts show at --scale {}; choose another scale, or a number of parts with --clusters",
+            whole.name, options.scale
+        )));
+    }
+    segments.change(format!("split {}", whole.name), all.segments);
+    Ok(Parts { names, alone, shades })
+}
+
+/// The whole from four sides, as it is and by its parts.
+#[must_use]
+pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Device) -> RgbImage {
+    let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
+    let (width, height) = (around.lens.width as usize, around.lens.height as usize);
+    let pictures: Vec<_> = around.orbit(5)[..4]
+        .iter()
+        .flat_map(|camera| {
+            [("as it is", &parts.alone), ("parts", &painted)].map(|(label, gaussians): (&str, &GaussiansAt)| {
+                let image = draw(gaussians, camera.to_kernel(), run.scene.spec.background, 0, device);
+                (label.to_owned(), to_rgb8(&image, width, height))
+            })
+        })
+        .collect();
+    view_sheet(&pictures, 4, 400)
+}
+
+/// Removes the parts of an earlier split, unless something that a person made would go with them.
+fn make_room(all: &mut Segmentation, segment: &str, replace: bool) -> Result<(), RunError> {
+    let made: Vec<&str> = all.made_below_parts(segment).iter().map(|s| s.name.as_str()).collect();
+    if !made.is_empty() && !replace {
+        let (list, it) = (made.join(", "), if made.len() == 1 { "it" } else { "them" });
+        return Err(RunError::input(format!(
+            "{list}: picked in a part of {segment}, which a new split of {segment} would replace; pass --replace to \
+             remove {it} too"
+        )));
+    }
+    all.remove_parts(segment);
+    Ok(())
+}
