@@ -39,6 +39,8 @@ pub mod sweep;
 pub mod tensors;
 pub mod track;
 pub mod train;
+#[cfg(feature = "view")]
+pub mod view;
 pub mod volume;
 pub mod words;
 

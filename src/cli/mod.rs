@@ -23,6 +23,8 @@ mod sweep;
 mod track;
 mod train;
 mod values;
+#[cfg(feature = "view")]
+mod view;
 
 #[cfg(test)]
 #[path = "help_tests.rs"]
@@ -62,6 +64,8 @@ enum Command {
     Track(track::TrackArgs),
     Edit(edit::EditArgs),
     Render(render::RenderArgs),
+    #[cfg(feature = "view")]
+    View(view::ViewCommand),
     Export(export::ExportArgs),
     Inspect(inspect::InspectArgs),
     Sweep(Box<sweep::SweepArgs>),
@@ -160,6 +164,8 @@ impl Cli {
             Command::Track(args) => args.run(),
             Command::Edit(args) => args.run(),
             Command::Render(args) => args.run(),
+            #[cfg(feature = "view")]
+            Command::View(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Inspect(args) => args.run(),
             Command::Sweep(args) => args.run(),

@@ -133,16 +133,27 @@ impl Scene {
 
     /// Draws Gaussians that are already at their time.
     pub fn draw(&self, at: Deformed, camera: Camera, background: [f32; 3], offsets: Option<Tensor<2>>) -> View {
-        let inputs = SplatInputs {
+        let inputs = SplatInputs { screen_offsets: offsets, ..self.inputs(at) };
+        let out = splat(inputs, SplatSettings { camera, background, sh_degree: self.spec.sh_degree });
+        View { image: out.image, radii: out.radii }
+    }
+
+    /// The Gaussians at `time` in [0, 1] as splatting takes them, without gradients: their tape would hold the hidden
+    /// layers of every view that is rendered until the next step of the training.
+    pub fn inputs_at(&self, time: f32) -> SplatInputs {
+        let still = self.valid();
+        still.inputs(still.at(time))
+    }
+
+    fn inputs(&self, at: Deformed) -> SplatInputs {
+        SplatInputs {
             means: at.means,
             rotations: at.rotations,
             log_scales: at.log_scales,
             opacity_logits: at.opacity_logits,
             sh: self.gaussians.sh.val(),
-            screen_offsets: offsets,
-        };
-        let out = splat(inputs, SplatSettings { camera, background, sh_degree: self.spec.sh_degree });
-        View { image: out.image, radii: out.radii }
+            screen_offsets: None,
+        }
     }
 
     /// Renders `[H, W, 4]` (colour over the scene's background, and alpha) to the host.
@@ -150,11 +161,10 @@ impl Scene {
         params::to_vec(self.drawn(camera, time))
     }
 
-    /// What [`Scene::render`] shows, on the device but without gradients: their tape would hold the hidden layers of every view
-    /// that is rendered until the next step of the training.
+    /// What [`Scene::render`] shows, on the device.
     fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
-        let still = self.valid();
-        still.draw(still.at(time), camera, self.spec.background, None).image
+        let (background, sh_degree) = (self.spec.background, self.spec.sh_degree);
+        splat(self.inputs_at(time), SplatSettings { camera, background, sh_degree }).image
     }
 
     /// 16 hexadecimal digits that tell this state of the scene from others: a 64-bit FNV-1a hash of the canonical means,

@@ -6,6 +6,7 @@ use crate::data::Camera;
 use crate::export::animation::{AnimationError, try_write_apng};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::{AtomicDir, FolderKind};
+use burn::tensor::Device;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -71,14 +72,15 @@ impl Frames {
     /// A frame that cannot be drawn or written; `stop` was raised.
     pub fn draw(
         &mut self,
-        look: &mut Look<'_>,
+        (run, device): (&OpenRun, &Device),
+        look: &mut Look,
         views: &[(Camera, f64)],
         fps: u16,
         stop: &AtomicBool,
     ) -> Result<(), RunError> {
         let animation = self.folder.dir().join(ANIMATION);
         let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
-        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame(look, i, view, stop));
+        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame((run, device), look, i, view, stop));
         if frames.len() < 2 {
             return frames.next().map_or(Ok(()), |frame| frame.map(drop));
         }
@@ -93,7 +95,8 @@ impl Frames {
 
     fn frame(
         &mut self,
-        look: &mut Look<'_>,
+        (run, device): (&OpenRun, &Device),
+        look: &mut Look,
         i: usize,
         (camera, time): &(Camera, f64),
         stop: &AtomicBool,
@@ -102,7 +105,8 @@ impl Frames {
             return Err(RunError::failure("interrupted; nothing was written"));
         }
         let started = Instant::now();
-        let image = look.draw(camera.to_kernel(), *time as f32)?;
+        let prepared = look.prepare(&run.scene, *time as f32, device)?;
+        let image = look.draw(&run.scene, &prepared, camera.to_kernel(), device);
         self.seconds += started.elapsed().as_secs_f64();
         let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let path = self.folder.dir().join(format!("{i:04}.png"));

@@ -2,14 +2,16 @@
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
+use crate::model::{GaussiansAt, Scene};
 use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, signed, sizes};
 use crate::segment::palette::hex;
-use crate::segment::pictures::{draw, picture};
+use crate::segment::pictures::picture;
 use crate::segment::segmentation::Segmentation;
 use crate::track::velocity::{Component, robust_size, velocities};
 use burn::tensor::Device;
 use serde::Serialize;
 use volseggs_kernels::Camera;
+use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
 
 /// What the colours of a picture stand for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,9 +38,7 @@ pub struct Legend {
 
 /// Draws frames; what sets the scale of the first holds for all.
 #[derive(Debug)]
-pub struct Look<'a> {
-    run: &'a OpenRun,
-    device: &'a Device,
+pub struct Look {
     selection: Selection,
     kind: Kind,
 }
@@ -51,12 +51,45 @@ enum Kind {
     Segments(Segmentation),
 }
 
-impl<'a> Look<'a> {
+/// What a [`Look`] shows of one time, ready to be drawn from any camera.
+#[derive(Clone, Debug)]
+pub struct Prepared(Shown);
+
+#[derive(Clone, Debug)]
+enum Shown {
+    /// In their colours; nothing if there are none.
+    Colours { inputs: Option<Box<SplatInputs>>, degree: usize },
+    /// By depth, which no camera shares with another.
+    Depth(GaussiansAt),
+}
+
+impl Prepared {
+    fn of(at: &GaussiansAt, degree: usize, device: &Device) -> Self {
+        // not every backend can hold an empty tensor
+        Self(Shown::Colours { inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))), degree })
+    }
+
+    /// Bytes of its arrays, about; those that the scene shares with it count not.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        match &self.0 {
+            Shown::Colours { inputs: None, .. } => 0,
+            Shown::Colours { inputs: Some(inputs), degree } => {
+                // those of the scene itself are of its degree and shared
+                let own = if *degree == 0 { 3 } else { 3 * (degree + 1).pow(2) };
+                inputs.means.dims()[0] * 4 * (11 + own)
+            }
+            Shown::Depth(at) => 4 * (at.len() * 11 + at.sh.len()),
+        }
+    }
+}
+
+impl Look {
     /// Prepares to draw `show` of what is selected.
     ///
     /// # Errors
     /// If there are no segments to show.
-    pub fn open(run: &'a OpenRun, device: &'a Device, selection: Selection, show: Show) -> Result<Self, RunError> {
+    pub fn open(run: &OpenRun, selection: Selection, show: Show) -> Result<Self, RunError> {
         let kind = match show {
             Show::Colour => Kind::Colour,
             Show::Depth => Kind::Depth { range: None },
@@ -72,24 +105,21 @@ impl<'a> Look<'a> {
                 Kind::Segments(all)
             }
         };
-        Ok(Self { run, device, selection, kind })
+        Ok(Self { selection, kind })
     }
 
-    /// One frame `[H, W, 4]`: colour over the scene's background, and alpha.
+    /// What is shown at `time` in [0, 1].
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn draw(&mut self, camera: Camera, time: f32) -> Result<Vec<f32>, RunError> {
-        let (scene, shown, device) = (&self.run.scene, &self.selection, self.device);
-        let (background, degree) = (scene.spec.background, scene.spec.sh_degree);
+    pub fn prepare(&mut self, scene: &Scene, time: f32, device: &Device) -> Result<Prepared, RunError> {
+        let (shown, degree) = (&self.selection, scene.spec.sh_degree);
         Ok(match &mut self.kind {
-            Kind::Colour if shown.is_plain() => scene.render(camera, time),
-            Kind::Colour => draw(&shown.at(scene, time)?, camera, background, degree, device),
-            Kind::Depth { range } => {
-                let picture = picture(&shown.at(scene, time)?, camera, background, degree, device);
-                *range = range.or_else(|| depth_range(&picture));
-                depth_colours(&picture, range.unwrap_or_default(), background)
+            Kind::Colour if shown.is_plain() => {
+                Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree })
             }
+            Kind::Colour => Prepared::of(&shown.at(scene, time)?, degree, device),
+            Kind::Depth { .. } => Prepared(Shown::Depth(shown.at(scene, time)?)),
             Kind::Velocity { component, scale } => {
                 let all = velocities(|t| crate::model::params::to_vec(scene.at(t).means), time);
                 let values = component.of(&all);
@@ -102,13 +132,34 @@ impl<'a> Look<'a> {
                     Component::Speed => flat(at, sizes(&values, full)),
                     _ => flat(at, signed(&values, full)),
                 };
-                draw(&shown.cut(painted), camera, background, 0, device)
+                Prepared::of(&shown.cut(painted), 0, device)
             }
             Kind::Segments(all) => {
                 let painted = by_segment(shown.edited(scene, time)?, all);
-                draw(&shown.cut(painted), camera, background, 0, device)
+                Prepared::of(&shown.cut(painted), 0, device)
             }
         })
+    }
+
+    /// One frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
+    pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera, device: &Device) -> Vec<f32> {
+        let background = scene.spec.background;
+        match &prepared.0 {
+            Shown::Colours { inputs: None, .. } => {
+                let [r, g, b] = background;
+                [r, g, b, 0.0].repeat(camera.width * camera.height)
+            }
+            Shown::Colours { inputs: Some(inputs), degree } => {
+                let settings = SplatSettings { camera, background, sh_degree: *degree };
+                crate::model::params::to_vec(splat(*inputs.clone(), settings).image)
+            }
+            Shown::Depth(at) => {
+                let picture = picture(at, camera, background, scene.spec.sh_degree, device);
+                let Kind::Depth { range } = &mut self.kind else { return picture.rgba };
+                *range = range.or_else(|| depth_range(&picture));
+                depth_colours(&picture, range.unwrap_or_default(), background)
+            }
+        }
     }
 
     /// What the colours of the frames drawn so far stand for, where that is not what things look like.

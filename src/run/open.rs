@@ -74,6 +74,21 @@ impl OpenRun {
         Self::open_with(path, device, Some(lock))
     }
 
+    /// Takes the lock of a run that is open to be looked at, for one change: what others wrote since is to be read anew.
+    ///
+    /// # Errors
+    /// If another process writes into the run, or the run was trained on since it was opened.
+    pub fn lock(&self, command: &str, work: Work) -> Result<RunLock, RunError> {
+        let lock = RunLock::acquire(&self.path, command, work)?;
+        match self.older_step() {
+            None => Ok(lock),
+            Some(_) => Err(RunError::input(format!(
+                "{}: was trained on since it was opened; open it again",
+                self.path.display()
+            ))),
+        }
+    }
+
     /// Name of the checkpoint that was opened, where it is not the newest of the run.
     #[must_use]
     pub fn older_step(&self) -> Option<String> {

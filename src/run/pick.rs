@@ -44,15 +44,15 @@ pub enum ClickError {
 
 /// The scene at one time, ready to be clicked on.
 #[derive(Debug)]
-pub struct Clicking<'a> {
+pub struct Clicking {
     /// All Gaussians `[N]` at the time.
-    pub at: GaussiansAt,
+    at: GaussiansAt,
     time: f64,
-    segments: &'a Segmentation,
-    field: Option<&'a (AffinityField, AffinitySpec)>,
+    segments: Segmentation,
+    field: Option<(AffinityField, AffinitySpec)>,
     /// Positions `[N, 3]` at the time that the field was trained at.
     places: Vec<f32>,
-    device: &'a Device,
+    device: Device,
 }
 
 /// What was hit.
@@ -70,15 +70,15 @@ pub struct Hit {
     pub within: Option<Name>,
 }
 
-impl<'a> Clicking<'a> {
+impl Clicking {
     /// Prepares the scene at `time`. With a `field` clicks can select.
     #[must_use]
     pub fn new(
         run: &OpenRun,
-        segments: &'a Segmentation,
-        field: Option<&'a (AffinityField, AffinitySpec)>,
+        segments: &Segmentation,
+        field: Option<&(AffinityField, AffinitySpec)>,
         time: f64,
-        device: &'a Device,
+        device: &Device,
     ) -> Self {
         let at = run.scene.host_at(time as f32);
         // the field knows the places of the time that it was trained at
@@ -86,7 +86,13 @@ impl<'a> Clicking<'a> {
             Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
         };
-        Self { at, time, segments, field, places, device }
+        Self { at, time, segments: segments.clone(), field: field.cloned(), places, device: device.clone() }
+    }
+
+    /// The time of the scene.
+    #[must_use]
+    pub fn time(&self) -> f64 {
+        self.time
     }
 
     /// What the pixel (column, row) of the camera's picture shows; in the segment `within` alone, as if the others were
@@ -99,7 +105,7 @@ impl<'a> Clicking<'a> {
         let within = within.map(|name| self.segments.get(name)).transpose().map_err(RunError::input)?;
         let shown = within.map(|s| self.at.subset(&s.members));
         let (width, height) = (camera.width, camera.height);
-        let beneath = under(shown.as_ref().unwrap_or(&self.at), camera.to_kernel(), pixel, self.device)
+        let beneath = under(shown.as_ref().unwrap_or(&self.at), camera.to_kernel(), pixel, &self.device)
             .map_err(|_| ClickError::Outside { width, height })?;
         let holds = |s: &Segment, i: u32| s.members.binary_search(&i).is_ok();
         // wholes come before their parts
@@ -123,7 +129,7 @@ impl<'a> Clicking<'a> {
     /// # Errors
     /// [`ClickError::NoField`], or a segment that is not there any more.
     pub fn select(&self, hit: &Hit, options: &PickOptions) -> Result<Picked, ClickError> {
-        let Some((field, spec)) = self.field else { return Err(ClickError::NoField) };
+        let Some((field, spec)) = &self.field else { return Err(ClickError::NoField) };
         let candidates = match &hit.within {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
             None => (0..self.at.len() as u32).collect(),

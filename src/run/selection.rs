@@ -3,6 +3,7 @@
 use super::{OpenRun, RunError};
 use crate::edit::{EditError, EditStack, HIDDEN_LOGIT, apply};
 use crate::model::{GaussiansAt, Scene};
+use crate::segment::paint::highlight;
 use crate::segment::segmentation::Segmentation;
 
 /// What of a scene is shown, with its files read and its names checked.
@@ -11,6 +12,10 @@ pub struct Selection {
     segments: Segmentation,
     edits: EditStack,
     members: Option<Vec<u32>>,
+    /// Left out, whatever the edits say.
+    hidden: Vec<u32>,
+    /// Painted over.
+    highlighted: Vec<u32>,
 }
 
 /// Refuses edits of segments that are not there any more.
@@ -60,7 +65,21 @@ impl Selection {
             all.dedup();
             Some(all)
         };
-        Ok(Self { segments, edits, members })
+        Ok(Self { segments, edits, members, hidden: Vec::new(), highlighted: Vec::new() })
+    }
+
+    /// The same without these Gaussians: not an edit, but how one looks at it.
+    #[must_use]
+    pub fn hiding(mut self, members: Vec<u32>) -> Self {
+        self.hidden = members;
+        self
+    }
+
+    /// The same with these Gaussians in a colour that stands out.
+    #[must_use]
+    pub fn highlighting(mut self, members: Vec<u32>) -> Self {
+        self.highlighted = members;
+        self
     }
 
     /// How many edits are applied.
@@ -72,7 +91,10 @@ impl Selection {
     /// True if it is the whole scene as trained.
     #[must_use]
     pub fn is_plain(&self) -> bool {
-        self.members.is_none() && self.edits.operations.is_empty()
+        self.members.is_none()
+            && self.edits.operations.is_empty()
+            && self.hidden.is_empty()
+            && self.highlighted.is_empty()
     }
 
     /// The indices shown, if not all.
@@ -81,7 +103,7 @@ impl Selection {
         self.members.as_deref()
     }
 
-    /// All N Gaussians at `time` in [0, 1] with the edits applied; nothing is left out.
+    /// All N Gaussians at `time` in [0, 1] with the edits applied; nothing is left out, though some may be hidden.
     ///
     /// # Errors
     /// If an edit cannot be applied.
@@ -89,6 +111,10 @@ impl Selection {
         let mut at = scene.host_at(time);
         let members = |name: &str| self.segments.get(name).ok().map(|s| s.members.as_slice());
         apply(&self.edits, &members, &mut at).map_err(RunError::input)?;
+        for &i in &self.hidden {
+            at.opacity_logits[i as usize] = HIDDEN_LOGIT;
+        }
+        highlight(&mut at, &self.highlighted);
         Ok(at)
     }
 

@@ -9,6 +9,8 @@ use crate::volume::transfer::colormap::{at, named};
 
 /// Pixels with less alpha have no depth worth showing.
 const MIN_ALPHA: f32 = 0.1;
+/// Colour of what was clicked: the yellow of Okabe and Ito, a little lighter.
+const HIGHLIGHT: [f32; 3] = [1.0, 0.92, 0.3];
 /// Colour of Gaussians in no segment.
 const NOBODY: [f32; 3] = [0.8; 3];
 /// What the opacity of Gaussians in no segment is multiplied by.
@@ -42,6 +44,19 @@ pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt
         *logit = (opacity.ln() - (-opacity).ln_1p()) as f32;
     }
     flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(NOBODY)))
+}
+
+/// Paints `members` in a colour that stands out against others, whatever they look like from any side.
+///
+/// # Panics
+/// If a member is not below N.
+pub fn highlight(gaussians: &mut GaussiansAt, members: &[u32]) {
+    let stride = 3 * gaussians.sh_stride;
+    for &i in members {
+        let row = &mut gaussians.sh[i as usize * stride..][..stride];
+        row.fill(0.0);
+        row.iter_mut().zip(HIGHLIGHT).for_each(|(c, shade)| *c = (shade - 0.5) / SH_C0);
+    }
 }
 
 /// Signed `values` `[N]` as colours: red above 0, green below, black at 0, full brightness from `scale` on.

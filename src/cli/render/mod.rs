@@ -69,13 +69,13 @@ impl RenderArgs {
         let views = self.views(&run)?;
         let shown = self.shown.select(&run)?;
         let edits = shown.edits();
-        let mut look = Look::open(&run, &device, shown, self.look.show()?)?;
+        let mut look = Look::open(&run, shown, self.look.show()?)?;
         let mut needed = vec![run.path.as_path()];
         // `orbit` and `test` are names of paths, not of files
         needed.extend(self.path.is_file().then_some(self.path.as_path()));
         let mut frames = Frames::create(&self.out, &needed)?;
         let stop = stop_flag("stopping; nothing is written")?;
-        frames.draw(&mut look, &views, self.fps, &stop)?;
+        frames.draw((&run, &device), &mut look, &views, self.fps, &stop)?;
         let render_fps = views.len() as f64 / frames.seconds;
         let [width, height] = views.first().map_or([0; 2], |(c, _)| [c.width, c.height]);
         let record = Record {

@@ -1,0 +1,67 @@
+//! `volseggs view`
+
+use super::{CliError, Common, stop_flag};
+use crate::memory::Bytes;
+use crate::view::{Serving, ViewError, ViewOptions, serve};
+use clap::Args;
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::PathBuf;
+
+/// Look at a run in a browser: fly through space and time, click to segment, edit.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  volseggs view checkpoints/first\n  volseggs view checkpoints/first --port 8137 --read-only\n\nPrints an address with a secret in it: who has it can look at the run, and change segments and edits unless --read-only is given. Only programs on this machine reach it. From another one:\n  ssh -L 8137:localhost:8137 THIS_MACHINE\n  and open the printed address there.\nCtrl-C ends it."
+)]
+pub struct ViewCommand {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Port to listen on; any that is free if not given.
+    #[arg(long, value_name = "PORT", default_value_t = 0)]
+    port: u16,
+    /// Address to listen on. Any other than the default lets other machines reach it, without encryption.
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    bind: IpAddr,
+    /// A name under which browsers reach it, beside localhost; may be given many times.
+    #[arg(long = "allow-host", value_name = "NAME")]
+    hosts: Vec<String>,
+    /// Change nothing.
+    #[arg(long)]
+    read_only: bool,
+    /// Memory for times that were shown, such as 1G.
+    #[arg(long, value_name = "SIZE", default_value = "512M")]
+    cache: Bytes,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl ViewCommand {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let options = ViewOptions {
+            run: self.run,
+            device,
+            bind: self.bind,
+            port: self.port,
+            hosts: self.hosts,
+            read_only: self.read_only,
+            cache: usize::try_from(self.cache.0).unwrap_or(usize::MAX),
+        };
+        let stop = stop_flag("closing the viewer")?;
+        serve(&options, &stop, |Serving { address, url }| {
+            outln!("{url}");
+            if !address.ip().is_loopback() {
+                errln!("note: other machines can reach this address, and what they send is not encrypted");
+            }
+            if std::env::var_os("SSH_CONNECTION").is_some() {
+                let port = address.port();
+                errln!("on your own machine: ssh -L {port}:localhost:{port} THIS_MACHINE, then open the address there");
+            }
+            errln!("open it in a browser; Ctrl-C ends the viewer");
+        })
+        .map_err(|e| match e {
+            ViewError::Run(error) => error.into(),
+            ViewError::Address { .. } => CliError::input(e),
+            ViewError::System(_) => CliError::failure(e),
+        })
+    }
+}

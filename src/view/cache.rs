@@ -1,0 +1,56 @@
+//! What was deformed lately, by time and look: the second loop of a playback only splats.
+
+use crate::run::look::Prepared;
+use std::collections::HashMap;
+
+/// Prepared Gaussians by key, the least lately used forgotten first.
+#[derive(Debug)]
+pub struct Cache {
+    held: HashMap<String, (Prepared, u64)>,
+    bytes: usize,
+    most: usize,
+    clock: u64,
+}
+
+impl Cache {
+    /// One that holds about `most` bytes.
+    #[must_use]
+    pub fn new(most: usize) -> Self {
+        Self { held: HashMap::new(), bytes: 0, most, clock: 0 }
+    }
+
+    /// What `key` stands for, if it is still there.
+    pub fn get(&mut self, key: &str) -> Option<Prepared> {
+        self.clock += 1;
+        let (found, used) = self.held.get_mut(key)?;
+        *used = self.clock;
+        Some(found.clone())
+    }
+
+    /// Remembers what `key` stands for, unless it alone is too large.
+    pub fn put(&mut self, key: String, prepared: Prepared) {
+        let bytes = prepared.bytes();
+        if bytes > self.most {
+            return;
+        }
+        self.clock += 1;
+        if let Some((old, _)) = self.held.insert(key, (prepared, self.clock)) {
+            self.bytes -= old.bytes();
+        }
+        self.bytes += bytes;
+        while self.bytes > self.most {
+            let Some(oldest) = self.held.iter().min_by_key(|(_, (_, used))| *used).map(|(key, _)| key.clone()) else {
+                break;
+            };
+            if let Some((gone, _)) = self.held.remove(&oldest) {
+                self.bytes -= gone.bytes();
+            }
+        }
+    }
+
+    /// Forgets everything: the scene, its segments or edits changed.
+    pub fn clear(&mut self) {
+        self.held.clear();
+        self.bytes = 0;
+    }
+}

@@ -1,0 +1,122 @@
+//! The viewer in a browser (`volseggs view`): frames are drawn here and sent over a websocket, so that it works through
+//! `ssh -L`, on any machine that runs the program, and shows what `volseggs render` draws.
+//!
+//! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
+//! run ([`workspace`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
+//! lately. What is done to a run is done by [`crate::run`], as the commands do it.
+
+pub mod auth;
+pub mod cache;
+pub mod client;
+pub mod hub;
+pub mod pace;
+pub mod protocol;
+pub mod render;
+pub mod server;
+pub mod workspace;
+
+use auth::{Guard, Token};
+use burn::tensor::Device;
+use hub::Hub;
+use render::Renderer;
+use server::{Shared, router};
+use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use workspace::Workspace;
+
+/// How the viewer is served.
+#[derive(Clone, Debug)]
+pub struct ViewOptions {
+    /// Folder of the run.
+    pub run: PathBuf,
+    /// Where it draws.
+    pub device: Device,
+    /// Address to listen on.
+    pub bind: IpAddr,
+    /// Port; any that is free if 0.
+    pub port: u16,
+    /// Names under which it may be reached, beside those of the machine itself.
+    pub hosts: Vec<String>,
+    /// Whether nothing may be changed.
+    pub read_only: bool,
+    /// Bytes of deformed Gaussians that are kept.
+    pub cache: usize,
+}
+
+/// Where a viewer can be reached.
+#[derive(Clone, Debug)]
+pub struct Serving {
+    /// Address and port.
+    pub address: SocketAddr,
+    /// What a browser opens; holds the secret.
+    pub url: String,
+}
+
+/// Why there is no viewer.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// The run.
+    #[error(transparent)]
+    Run(#[from] crate::run::RunError),
+    /// The address cannot be used.
+    #[error("{address}: {source}; choose another --port, or leave it out")]
+    Address {
+        /// The address.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The system gives no random numbers or threads.
+    #[error("the viewer cannot start: {0}")]
+    System(std::io::Error),
+}
+
+/// Serves the viewer until `stop` is raised; `ready` hears where it can be reached.
+///
+/// # Errors
+/// If the run cannot be opened, or the address cannot be used.
+pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Serving)) -> Result<(), ViewError> {
+    let space = Workspace::open(&options.run, &options.device, options.read_only)?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().map_err(ViewError::System)?;
+    let wanted = SocketAddr::new(options.bind, options.port);
+    let failed = |source| ViewError::Address { address: wanted, source };
+    let listener = runtime.block_on(tokio::net::TcpListener::bind(wanted)).map_err(failed)?;
+    let address = listener.local_addr().map_err(failed)?;
+    let token = Token::new().map_err(ViewError::System)?;
+    let host = match address.ip() {
+        ip if ip.is_unspecified() || ip.is_loopback() => "localhost".to_owned(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+        IpAddr::V4(ip) => ip.to_string(),
+    };
+    let url = format!("http://{host}:{}/?token={}", address.port(), token.text());
+    let mut hosts = options.hosts.clone();
+    if !address.ip().is_unspecified() {
+        hosts.push(address.ip().to_string());
+    }
+    let hub = Arc::new(Hub::default());
+    let router = router(Shared::new(Guard::new(token, address.port(), hosts), hub.clone()));
+    std::thread::scope(|scope| {
+        let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {
+            Renderer::new(space, options.cache).run(&hub);
+        });
+        drawing.map_err(ViewError::System)?;
+        ready(&Serving { address, url });
+        let asked = async {
+            while !stop.load(Ordering::Relaxed) {
+                tokio::time::sleep(Duration::from_millis(100)).await;
+            }
+        };
+        let served = runtime.block_on(async {
+            tokio::select! {
+                served = async { axum::serve(listener, router).await } => served,
+                () = asked => Ok(()),
+            }
+        });
+        hub.stop();
+        served.map_err(ViewError::System)
+    })
+}

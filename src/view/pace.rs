@@ -1,0 +1,174 @@
+//! How often and how large a client is drawn for: never more frames on their way than it has taken, smaller ones while it
+//! moves, and the full picture once it rests.
+
+use std::time::{Duration, Instant};
+
+/// Frames that a client may not have acknowledged yet.
+const AHEAD: usize = 2;
+/// Time after the last change of the view at which it counts as at rest.
+pub const REST: Duration = Duration::from_millis(150);
+/// A frame of a moving view takes about this long at most.
+const BUDGET_MS: f64 = 33.0;
+/// Sides of a picture of a moving view, as parts of the full ones.
+const LADDER: [f64; 4] = [1.0, 0.75, 0.5, 1.0 / 3.0];
+/// How much a new measurement counts.
+const NEW: f64 = 0.3;
+
+/// What is drawn next for a client.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Next {
+    /// Nothing, until something happens.
+    Wait,
+    /// Nothing before this moment.
+    WaitUntil(Instant),
+    /// A frame of the moving view, its sides this part of the full ones.
+    Moving(f64),
+    /// The full frame, compressed.
+    Full,
+    /// The full frame, without loss.
+    Lossless,
+}
+
+/// How far the view at rest has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Drawn {
+    Nothing,
+    Reduced,
+    Full,
+    Lossless,
+}
+
+/// The pace of one client.
+#[derive(Clone, Debug)]
+pub struct Pace {
+    /// Numbers of the frames that were sent and not acknowledged.
+    on_their_way: Vec<u32>,
+    /// When the view changed last, and whether the client says that it goes on.
+    changed: Instant,
+    moving: bool,
+    drawn: Drawn,
+    /// Milliseconds of a frame: fixed, and for each pixel.
+    ms_per_pixel: Option<f64>,
+}
+
+impl Pace {
+    /// Of a client that has seen nothing.
+    #[must_use]
+    pub fn new(now: Instant) -> Self {
+        Self { on_their_way: Vec::new(), changed: now, moving: false, drawn: Drawn::Nothing, ms_per_pixel: None }
+    }
+
+    /// The view changed; `moving` if more is to come.
+    pub fn changes(&mut self, now: Instant, moving: bool) {
+        (self.changed, self.moving, self.drawn) = (now, moving, Drawn::Nothing);
+    }
+
+    /// The client drew frame `number`, and with it all before it.
+    pub fn acknowledges(&mut self, number: u32) {
+        self.on_their_way.retain(|n| *n > number);
+    }
+
+    /// Frame `number` of `pixels` was sent as `next` asked, and took `ms` to draw and encode.
+    pub fn sent(&mut self, next: Next, number: u32, pixels: usize, ms: f64) {
+        self.on_their_way.push(number);
+        self.drawn = match next {
+            Next::Moving(part) if part < 1.0 => Drawn::Reduced,
+            Next::Moving(_) | Next::Full => Drawn::Full,
+            Next::Lossless => Drawn::Lossless,
+            Next::Wait | Next::WaitUntil(_) => self.drawn,
+        };
+        if next != Next::Lossless {
+            let new = ms / pixels.max(1) as f64;
+            self.ms_per_pixel = Some(self.ms_per_pixel.map_or(new, |old| (1.0 - NEW) * old + NEW * new));
+        }
+    }
+
+    /// What to draw now, for a picture of `pixels` at full size.
+    #[must_use]
+    pub fn next(&self, now: Instant, pixels: usize) -> Next {
+        if self.on_their_way.len() >= AHEAD {
+            return Next::Wait;
+        }
+        let rests_at = self.changed + REST;
+        let moves = self.moving && now < rests_at;
+        match self.drawn {
+            Drawn::Nothing if self.moving => Next::Moving(self.part(pixels)),
+            Drawn::Nothing => Next::Full,
+            Drawn::Reduced | Drawn::Full if moves => Next::WaitUntil(rests_at),
+            Drawn::Reduced => Next::Full,
+            // a client that is behind is not sent the largest of all frames
+            Drawn::Full if !self.on_their_way.is_empty() => Next::Wait,
+            Drawn::Full => Next::Lossless,
+            Drawn::Lossless => Next::Wait,
+        }
+    }
+
+    /// The largest part of the sides at which a frame keeps to the budget; full size until something was measured.
+    fn part(&self, pixels: usize) -> f64 {
+        let Some(ms) = self.ms_per_pixel else { return 1.0 };
+        let fits = |part: &f64| ms * pixels as f64 * part * part <= BUDGET_MS;
+        LADDER.into_iter().find(fits).unwrap_or(LADDER[LADDER.len() - 1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PIXELS: usize = 640_000;
+
+    #[test]
+    fn a_client_that_acknowledges_nothing_is_sent_two_frames() {
+        let start = Instant::now();
+        let mut pace = Pace::new(start);
+        let mut sent = 0;
+        for number in 0..1000 {
+            pace.changes(start, true);
+            let next = pace.next(start, PIXELS);
+            if next != Next::Wait {
+                pace.sent(next, number, PIXELS, 10.0);
+                sent += 1;
+            }
+        }
+        assert_eq!((sent, pace.next(start, PIXELS)), (2, Next::Wait));
+        pace.acknowledges(0);
+        assert!(matches!(pace.next(start, PIXELS), Next::Moving(_)), "one more");
+    }
+
+    #[test]
+    fn a_view_becomes_full_and_lossless_when_it_rests() {
+        let start = Instant::now();
+        let mut pace = Pace::new(start);
+        pace.changes(start, true);
+        // a slow machine: the first frame shows that the next must be small
+        pace.sent(pace.next(start, PIXELS), 0, PIXELS, 200.0);
+        pace.acknowledges(0);
+        pace.changes(start, true);
+        let next = pace.next(start, PIXELS);
+        assert_eq!(next, Next::Moving(1.0 / 3.0));
+        pace.sent(next, 1, PIXELS / 9, 22.0);
+        pace.acknowledges(1);
+        assert_eq!(pace.next(start, PIXELS), Next::WaitUntil(start + REST));
+        let later = start + REST;
+        assert_eq!(pace.next(later, PIXELS), Next::Full);
+        pace.sent(Next::Full, 2, PIXELS, 200.0);
+        assert_eq!(pace.next(later, PIXELS), Next::Wait, "until the full one has arrived");
+        pace.acknowledges(2);
+        assert_eq!(pace.next(later, PIXELS), Next::Lossless);
+        pace.sent(Next::Lossless, 3, PIXELS, 260.0);
+        pace.acknowledges(3);
+        assert_eq!(pace.next(later, PIXELS), Next::Wait, "all is shown");
+    }
+
+    #[test]
+    fn a_fast_machine_keeps_the_full_size_and_one_change_is_drawn_in_full_at_once() {
+        let start = Instant::now();
+        let mut pace = Pace::new(start);
+        pace.changes(start, false);
+        assert_eq!(pace.next(start, PIXELS), Next::Full);
+        pace.sent(Next::Full, 0, PIXELS, 20.0);
+        pace.acknowledges(0);
+        pace.changes(start, true);
+        assert_eq!(pace.next(start, PIXELS), Next::Moving(1.0));
+    }
+}

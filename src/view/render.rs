@@ -1,0 +1,259 @@
+//! The thread that draws: it owns the workspace, answers what clients ask, and draws for one client after the other what
+//! each wants to see now. What a client wanted to see before that is never drawn.
+
+use super::cache::Cache;
+use super::client::Client;
+use super::hub::{ClientId, Event, Hub, Outgoing};
+use super::pace::Next;
+use super::protocol::{Answer, Codec, FrameInfo, Request, View};
+use super::workspace::{ChangeError, Workspace};
+use crate::export::images::{encode_png, to_rgb8};
+use crate::run::RunError;
+use crate::run::pick::Hit;
+use jpeg_encoder::{ColorType, Encoder};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::{Duration, Instant};
+
+/// Quality of frames of a moving view, and of one at rest.
+const QUALITY: [u8; 2] = [60, 85];
+/// How often the files of the run are looked at.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// The state of the thread.
+#[derive(Debug)]
+pub struct Renderer {
+    space: Workspace,
+    cache: Cache,
+    clients: BTreeMap<ClientId, Client>,
+    /// The client that was drawn for last.
+    last: ClientId,
+}
+
+impl Renderer {
+    /// Draws `space`; what is deformed is kept, up to `cache` bytes.
+    #[must_use]
+    pub fn new(space: Workspace, cache: usize) -> Self {
+        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0 }
+    }
+
+    /// Works until the hub stops it.
+    pub fn run(mut self, hub: &Hub) {
+        let mut looked = Instant::now();
+        let mut until = Some(Instant::now());
+        while let Some(events) = hub.wait(until) {
+            for (id, event) in events {
+                self.handle(id, event);
+            }
+            if looked.elapsed() > LOOK {
+                looked = Instant::now();
+                self.look_at_files();
+            }
+            until = self.draw_next();
+        }
+    }
+
+    fn handle(&mut self, id: ClientId, event: Event) {
+        match event {
+            Event::Came(out) => {
+                let client = Client::new(out);
+                client.answer(self.welcome());
+                client.answer(Answer::Document(Box::new(self.space.document())));
+                self.clients.insert(id, client);
+            }
+            Event::Left => drop(self.clients.remove(&id)),
+            Event::Said(request) => {
+                // whatever goes wrong here, the others go on
+                let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
+                let wrong = answered.unwrap_or_else(|_| Err((None, "the viewer failed at this; it goes on".into())));
+                if let (Err((number, message)), Some(client)) = (wrong, self.clients.get(&id)) {
+                    client.answer(Answer::Error { id: number, message });
+                }
+            }
+        }
+    }
+
+    fn welcome(&self) -> Answer {
+        let run = &self.space.run;
+        let around = run.surroundings();
+        Answer::Welcome {
+            version: env!("CARGO_PKG_VERSION"),
+            run: run.path.display().to_string(),
+            scene: run.scene.fingerprint(),
+            gaussians: run.scene.gaussians.count(),
+            centre: run.scene.spec.centre().to_array(),
+            radius: around.sphere.radius,
+            fov: around.lens.fov_x,
+            size: [around.lens.width, around.lens.height],
+            clicks: self.space.field().is_some(),
+            read_only: self.space.read_only(),
+            note: around.note,
+        }
+    }
+
+    /// Answers a request; an error with the request's number, if it has one.
+    fn answer(&mut self, id: ClientId, request: Request) -> Result<(), (Option<u32>, String)> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        match request {
+            Request::View(view) => {
+                view.check().map_err(|e| (None, e))?;
+                client.pace.changes(Instant::now(), view.moving);
+                client.view = Some(view);
+            }
+            Request::Ack { frame } => client.pace.acknowledges(frame),
+            Request::Pick { id, pixel, within, meaning, combine } => {
+                let picked = client.pick(&self.space, id, pixel, within.as_deref(), (meaning, combine));
+                let picked = picked.map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Picked(Box::new(picked)));
+            }
+            Request::Adjust { id, meaning } => {
+                let picked = client.adjust(id, meaning).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Picked(Box::new(picked)));
+            }
+            Request::Clear => client.clear(),
+            Request::Commit { id: number, base, name } => {
+                let nothing = || (Some(number), "click on something first".to_owned());
+                let clicked = client.clicked().cloned().ok_or_else(nothing)?;
+                let hit = part_of(&self.space, clicked.hit, &clicked.picked.members);
+                let done = self.space.commit(base, &name, &hit, &clicked.picked, clicked.time);
+                if done.is_ok() {
+                    client.clear();
+                }
+                self.ended(id, number, done)?;
+            }
+            Request::Change { id: number, base, change } => {
+                let done = self.space.change(base, &change);
+                self.ended(id, number, done)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells everybody of a change, or the one who wanted it why it is refused.
+    fn ended(&mut self, id: ClientId, number: u32, done: Result<(), ChangeError>) -> Result<(), (Option<u32>, String)> {
+        if matches!(done, Ok(()) | Err(ChangeError::Stale)) {
+            self.tell_document();
+        }
+        done.map_err(|e| (Some(number), e.to_string()))?;
+        if let Some(client) = self.clients.get(&id) {
+            client.answer(Answer::Done { id: number });
+        }
+        Ok(())
+    }
+
+    fn tell_document(&mut self) {
+        self.cache.clear();
+        let document = self.space.document();
+        for client in self.clients.values_mut() {
+            client.changed();
+            client.answer(Answer::Document(Box::new(document.clone())));
+        }
+    }
+
+    /// Reads what commands wrote into the run.
+    fn look_at_files(&mut self) {
+        match self.space.refresh() {
+            Ok(false) => {}
+            Ok(true) => self.tell_document(),
+            Err(error) => {
+                for client in self.clients.values() {
+                    client.answer(Answer::Error { id: None, message: error.to_string() });
+                }
+            }
+        }
+    }
+
+    /// Draws for the next client for whom there is something to draw; until when there is nothing else to do.
+    fn draw_next(&mut self) -> Option<Instant> {
+        let now = Instant::now();
+        let mut until: Option<Instant> = None;
+        let after: Vec<ClientId> = self.clients.range(self.last + 1..).map(|(id, _)| *id).collect();
+        let before: Vec<ClientId> = self.clients.range(..=self.last).map(|(id, _)| *id).collect();
+        for id in after.into_iter().chain(before) {
+            let Some(client) = self.clients.get(&id) else { continue };
+            let Some(view) = client.view.clone() else { continue };
+            match client.pace.next(now, (view.size[0] * view.size[1]) as usize) {
+                Next::Wait => {}
+                Next::WaitUntil(moment) => until = Some(until.map_or(moment, |u| u.min(moment))),
+                next => {
+                    self.last = id;
+                    self.draw(id, &view, next);
+                    return Some(now);
+                }
+            }
+        }
+        until
+    }
+
+    fn draw(&mut self, id: ClientId, view: &View, next: Next) {
+        let drawn = catch_unwind(AssertUnwindSafe(|| self.frame(id, view, next)));
+        let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        match drawn {
+            Ok((info, bytes)) => {
+                client.frame = info.number;
+                let pixels = (info.size[0] * info.size[1]) as usize;
+                client.pace.sent(next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
+                client.send(Outgoing::Frame(info, bytes));
+                client.tell_legend();
+            }
+            Err(error) => {
+                // not again before it changes
+                client.view = None;
+                client.answer(Answer::Error { id: None, message: error.to_string() });
+            }
+        }
+    }
+
+    fn frame(&mut self, id: ClientId, view: &View, next: Next) -> Result<(FrameInfo, Vec<u8>), RunError> {
+        let client = self.clients.get_mut(&id).ok_or_else(|| RunError::failure("the client left"))?;
+        let (part, quality) = match next {
+            Next::Moving(part) => (part, Some(QUALITY[0])),
+            Next::Full => (1.0, Some(QUALITY[1])),
+            _ => (1.0, None),
+        };
+        let started = Instant::now();
+        let camera = Client::camera(view, part);
+        let number = client.frame.wrapping_add(1);
+        let (look, key) = client.look(&self.space, view)?;
+        let (scene, device) = (&self.space.run.scene, &self.space.device);
+        let key = format!("{} {key}", view.time);
+        let prepared = match self.cache.get(&key) {
+            Some(prepared) => prepared,
+            None => {
+                let prepared = look.prepare(scene, view.time as f32, device)?;
+                self.cache.put(key, prepared.clone());
+                prepared
+            }
+        };
+        let image = look.draw(scene, &prepared, camera.to_kernel(), device);
+        let size = [camera.width, camera.height];
+        let rgb = to_rgb8(&image, size[0] as usize, size[1] as usize);
+        let render_ms = 1e3 * started.elapsed().as_secs_f32();
+        let started = Instant::now();
+        let (codec, bytes) = match quality {
+            Some(quality) => {
+                let mut bytes = Vec::new();
+                let encoder = Encoder::new(&mut bytes, quality);
+                encoder
+                    .encode(rgb.as_raw(), size[0] as u16, size[1] as u16, ColorType::Rgb)
+                    .map_err(RunError::failure)?;
+                (Codec::Jpeg, bytes)
+            }
+            None => (Codec::Png, encode_png(&rgb).map_err(RunError::failure)?),
+        };
+        let encode_ms = 1e3 * started.elapsed().as_secs_f32();
+        let revision = self.space.revision();
+        Ok((FrameInfo { codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
+    }
+}
+
+/// The click, whose selection is a part of the segment that was looked in if all of it lies there.
+fn part_of(space: &Workspace, mut hit: Hit, members: &[u32]) -> Hit {
+    let holds = |name: &crate::name::Name| {
+        let whole = space.segments().now().get(name);
+        whole.is_ok_and(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()))
+    };
+    hit.within = hit.within.filter(holds);
+    hit
+}

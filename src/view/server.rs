@@ -1,0 +1,162 @@
+//! The network: one page, a websocket, and nothing for anybody else.
+
+use super::auth::Guard;
+use super::hub::{ClientId, Event, Hub, Outgoing};
+use super::protocol::{Answer, LONGEST, Request};
+use axum::Router;
+use axum::body::Body;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Request as HttpRequest, State};
+use axum::http::header::{self, HeaderName};
+use axum::http::{HeaderMap, HeaderValue, Response, StatusCode};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::IntoResponse;
+use axum::routing::get;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+/// Clients at once.
+const CLIENTS: usize = 8;
+/// What a page may load, and from where: itself alone.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; \
+                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+/// What the page consists of.
+const FILES: [(&str, &str, &[u8]); 4] = [
+    ("/", "text/html; charset=utf-8", include_bytes!("page/index.html")),
+    ("/style.css", "text/css; charset=utf-8", include_bytes!("page/style.css")),
+    ("/app.js", "text/javascript; charset=utf-8", include_bytes!("page/app.js")),
+    ("/camera.js", "text/javascript; charset=utf-8", include_bytes!("page/camera.js")),
+];
+
+/// What all connections share.
+#[derive(Clone)]
+pub struct Shared {
+    guard: Arc<Guard>,
+    hub: Arc<Hub>,
+    next: Arc<AtomicU64>,
+    here: Arc<AtomicUsize>,
+}
+
+impl Shared {
+    /// For a server with these rules, whose requests go to `hub`.
+    pub fn new(guard: Guard, hub: Arc<Hub>) -> Self {
+        Self { guard: Arc::new(guard), hub, next: Arc::new(AtomicU64::new(1)), here: Arc::new(AtomicUsize::new(0)) }
+    }
+}
+
+/// The routes.
+pub fn router(shared: Shared) -> Router {
+    let mut router = Router::new().route("/ws", get(socket));
+    for (path, kind, bytes) in FILES {
+        let file = move || async move { ([(header::CONTENT_TYPE, kind)], bytes) };
+        router = router.route(path, get(file));
+    }
+    router.layer(from_fn_with_state(shared.clone(), admit)).with_state(shared)
+}
+
+fn text<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
+    headers.get(name).and_then(|v| v.to_str().ok())
+}
+
+/// Lets in who names this server and has the token; whoever brings it in the address gets the cookie, and an address
+/// without it.
+async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -> Response<Body> {
+    let (guard, headers) = (&shared.guard, request.headers());
+    let mut response = if !guard.allows_host(text(headers, &header::HOST)) {
+        (StatusCode::FORBIDDEN, "this name is not one of the server's; see --allow-host").into_response()
+    } else if guard.allows_cookie(text(headers, &header::COOKIE)) {
+        next.run(request).await
+    } else if let Some(token) = request.uri().query().and_then(|q| q.strip_prefix("token=")) {
+        if guard.allows_token(token) {
+            let cookie = guard.set_cookie();
+            (StatusCode::SEE_OTHER, [(header::SET_COOKIE, cookie), (header::LOCATION, "/".to_owned())]).into_response()
+        } else {
+            (StatusCode::FORBIDDEN, "the token is not that of this server").into_response()
+        }
+    } else {
+        (StatusCode::FORBIDDEN, "open the whole address that `volseggs view` printed, with its token").into_response()
+    };
+    for (name, value) in [
+        (header::CONTENT_SECURITY_POLICY, POLICY),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::CACHE_CONTROL, "no-store"),
+    ] {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+async fn socket(State(shared): State<Shared>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response<Body> {
+    if !shared.guard.allows_origin(text(&headers, &header::ORIGIN), text(&headers, &header::HOST)) {
+        return (StatusCode::FORBIDDEN, "not a page of this server").into_response();
+    }
+    if shared.here.fetch_add(1, Ordering::SeqCst) >= CLIENTS {
+        shared.here.fetch_sub(1, Ordering::SeqCst);
+        return (StatusCode::SERVICE_UNAVAILABLE, "too many windows are open; close one").into_response();
+    }
+    let here = Here(shared.here.clone());
+    upgrade.max_message_size(LONGEST).max_frame_size(LONGEST).on_upgrade(move |socket| async move {
+        talk(socket, &shared).await;
+        drop(here);
+    })
+}
+
+/// Counts a client until it is dropped.
+struct Here(Arc<AtomicUsize>);
+
+impl Drop for Here {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
+/// Passes messages on until the client leaves.
+async fn talk(mut socket: WebSocket, shared: &Shared) {
+    let id: ClientId = shared.next.fetch_add(1, Ordering::SeqCst);
+    let (out, mut answers) = mpsc::unbounded_channel();
+    shared.hub.tell(id, Event::Came(out.clone()));
+    loop {
+        let go_on = tokio::select! {
+            message = socket.recv() => match message {
+                Some(Ok(Message::Text(text))) => hear(shared, id, text.as_str(), &out).await,
+                Some(Ok(Message::Ping(_) | Message::Pong(_))) => true,
+                _ => false,
+            },
+            answer = answers.recv() => match answer {
+                Some(answer) => socket.send(message(answer)).await.is_ok(),
+                None => false,
+            },
+        };
+        if !go_on {
+            break;
+        }
+    }
+    shared.hub.tell(id, Event::Left);
+}
+
+async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::UnboundedSender<Outgoing>) -> bool {
+    match serde_json::from_str::<Request>(text) {
+        Ok(request) => {
+            while shared.hub.is_full() {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+            shared.hub.tell(id, Event::Said(Box::new(request)));
+        }
+        Err(error) => {
+            let message = format!("not understood: {error}");
+            drop(out.send(Outgoing::Text(Box::new(Answer::Error { id: None, message }))));
+        }
+    }
+    true
+}
+
+fn message(answer: Outgoing) -> Message {
+    match answer {
+        Outgoing::Frame(info, picture) => Message::Binary(info.with(&picture).into()),
+        // these types have no maps with odd keys, so that they always are JSON
+        Outgoing::Text(answer) => Message::Text(serde_json::to_string(&answer).unwrap_or_default().into()),
+    }
+}

@@ -1,0 +1,214 @@
+//! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
+//! run meanwhile.
+
+use super::protocol::{Change, Document, SegmentRow};
+use crate::edit::{Edit, EditStack};
+use crate::files::{RunLock, Work};
+use crate::run::segments::{RunSegments, Towards};
+use crate::run::{OpenRun, RunError, affinity, edits, pick};
+use crate::segment::coarse::CoarseOptions;
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::file::AffinitySpec;
+use crate::segment::pick::Picked;
+use burn::tensor::Device;
+use std::path::Path;
+use std::time::SystemTime;
+
+/// What others are told of who holds the run.
+const COMMAND: &str = "volseggs view";
+
+/// Why a change is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ChangeError {
+    /// Somebody else changed the document before.
+    #[error("segments or edits were changed meanwhile; look at them and try again")]
+    Stale,
+    /// Nothing may be changed.
+    #[error("this viewer was started with --read-only")]
+    ReadOnly,
+    /// It cannot be done.
+    #[error(transparent)]
+    Run(#[from] RunError),
+}
+
+/// The run, its segments and edits.
+#[derive(Debug)]
+pub struct Workspace {
+    /// The run.
+    pub run: OpenRun,
+    /// Its device.
+    pub device: Device,
+    segments: RunSegments,
+    edits: EditStack,
+    field: Option<(AffinityField, AffinitySpec)>,
+    revision: u64,
+    /// What the files looked like when they were read.
+    seen: Seen,
+    read_only: bool,
+}
+
+/// When the files of segments, edits and affinity field were written, and how long they are.
+type Seen = [Option<(SystemTime, u64)>; 3];
+
+impl Workspace {
+    /// Opens a run.
+    ///
+    /// # Errors
+    /// If the run or a file of it cannot be used.
+    pub fn open(path: &Path, device: &Device, read_only: bool) -> Result<Self, RunError> {
+        let run = OpenRun::open(path, device)?;
+        let seen = seen(&run);
+        let (segments, edits) = (RunSegments::open(&run)?, run.edits()?);
+        let field = field(&run, device);
+        Ok(Self { run, device: device.clone(), segments, edits, field, revision: 1, seen, read_only })
+    }
+
+    /// Grows with every change of segments or edits.
+    #[must_use]
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Whether nothing may be changed.
+    #[must_use]
+    pub fn read_only(&self) -> bool {
+        self.read_only
+    }
+
+    /// The affinity field, if there is one.
+    #[must_use]
+    pub fn field(&self) -> Option<&(AffinityField, AffinitySpec)> {
+        self.field.as_ref()
+    }
+
+    /// The segments.
+    #[must_use]
+    pub fn segments(&self) -> &RunSegments {
+        &self.segments
+    }
+
+    /// Reads what commands wrote meanwhile; whether there was any. What cannot be read leaves all as it was.
+    ///
+    /// # Errors
+    /// If a file is damaged now.
+    pub fn refresh(&mut self) -> Result<bool, RunError> {
+        let now = seen(&self.run);
+        if now == self.seen {
+            return Ok(false);
+        }
+        // told once, not at every look at the files
+        self.seen = now;
+        (self.segments, self.edits) = (RunSegments::open(&self.run)?, self.run.edits()?);
+        self.field = field(&self.run, &self.device);
+        self.revision += 1;
+        Ok(true)
+    }
+
+    /// Carries out a change of a client that knows revision `base`.
+    ///
+    /// # Errors
+    /// If the document has another revision by now, or it cannot be done; all is then as it was.
+    pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
+        let lock = self.begin(base)?;
+        let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
+        let mut segments = self.segments.clone();
+        match change {
+            Change::Edit { segments, operation } => {
+                let edit = Edit { segments: segments.clone(), operation: operation.clone() };
+                self.edits = edits::push(&self.run, edit)?;
+                return self.end(lock, None);
+            }
+            Change::Edits { undo } => {
+                self.edits = edits::step(&self.run, towards(*undo), 1)?;
+                return self.end(lock, None);
+            }
+            Change::Coarse { time, clusters } => {
+                if !(0.0..=1.0).contains(time) {
+                    return Err(RunError::input("time: between 0 and 1").into());
+                }
+                let at = self.run.scene.host_at(*time as f32);
+                let options = CoarseOptions { clusters: *clusters, ..CoarseOptions::default() };
+                let found = segments.coarse(&self.run, &at, *time, &options)?;
+                if found.palette.is_empty() {
+                    return Err(RunError::input("no segments: nothing shows at this time").into());
+                }
+            }
+            Change::Group { name, segments: of } => segments.group(name, of)?,
+            Change::Remove { segments: of } => drop(segments.remove(of)?),
+            Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
+        }
+        self.end(lock, Some(segments))
+    }
+
+    /// Makes a segment of what clicks selected, for a client that knows revision `base`.
+    ///
+    /// # Errors
+    /// As [`Workspace::change`].
+    pub fn commit(
+        &mut self,
+        base: u64,
+        name: &crate::name::Name,
+        hit: &pick::Hit,
+        picked: &Picked,
+        time: f64,
+    ) -> Result<(), ChangeError> {
+        let lock = self.begin(base)?;
+        let mut segments = self.segments.clone();
+        pick::commit(&mut segments, name, hit, picked, time)?;
+        self.end(lock, Some(segments))
+    }
+
+    /// Takes the lock, reads what others wrote, and checks that the client knows it.
+    fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
+        if self.read_only {
+            return Err(ChangeError::ReadOnly);
+        }
+        let lock = self.run.lock(COMMAND, Work::Short)?;
+        self.refresh()?;
+        if self.revision == base { Ok(lock) } else { Err(ChangeError::Stale) }
+    }
+
+    fn end(&mut self, lock: RunLock, segments: Option<RunSegments>) -> Result<(), ChangeError> {
+        if let Some(segments) = segments {
+            segments.save()?;
+            self.segments = segments;
+        }
+        self.seen = seen(&self.run);
+        self.revision += 1;
+        drop(lock);
+        Ok(())
+    }
+
+    /// What clients are told.
+    #[must_use]
+    pub fn document(&self) -> Document {
+        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| SegmentRow {
+            name: s.name.to_string(),
+            depth,
+            colour: s.colour,
+            gaussians: s.members.len(),
+            time: s.time,
+        };
+        let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
+        Document {
+            revision: self.revision,
+            segments: self.segments.now().tree().into_iter().map(row).collect(),
+            edits: self.edits.operations.iter().map(ToString::to_string).collect(),
+            segment_steps: [step(Towards::Undo), step(Towards::Redo)],
+            edit_steps: [!self.edits.operations.is_empty(), !self.edits.undone.is_empty()],
+        }
+    }
+}
+
+fn seen(run: &OpenRun) -> Seen {
+    let paths = run.paths();
+    [paths.segments(), paths.edits(), paths.affinity()].map(|path| {
+        let found = std::fs::metadata(path).ok()?;
+        Some((found.modified().ok()?, found.len()))
+    })
+}
+
+/// A field that cannot be used is none: the viewer then says how to make one.
+fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinitySpec)> {
+    affinity::open(run, device).ok()
+}

@@ -1,0 +1,106 @@
+//! Who is let in: every mixture of host, origin and token; messages that are too long or make no sense.
+
+use crate::socket::{Server, Window, connect};
+use crate::{run, view};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+
+/// The status line and headers that a request of these headers gets, in lower case, and the rest.
+fn get(server: &Server, path: &str, headers: &str) -> (String, String) {
+    let mut stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\n{headers}Connection: close\r\n\r\n").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
+    (head.to_ascii_lowercase(), body.to_owned())
+}
+
+#[test]
+fn only_who_has_the_token_and_means_this_server_is_let_in() {
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let (cookie, port) = (format!("Cookie: {}\r\n", server.cookie()), server.port);
+    let here = format!("Host: localhost:{port}\r\n");
+    let elsewhere = "Host: evil.example\r\n".to_owned();
+    let wrong = format!("Cookie: volseggs-{port}={}\r\n", "0".repeat(32));
+    for path in ["/", "/app.js", "/style.css", "/camera.js"] {
+        for (headers, status) in [
+            (format!("{here}{cookie}"), "200"),
+            (here.clone(), "403"),
+            (format!("{here}{wrong}"), "403"),
+            (format!("{elsewhere}{cookie}"), "403"),
+            (elsewhere.clone(), "403"),
+        ] {
+            let (head, body) = get(&server, path, &headers);
+            assert!(head.starts_with(&format!("http/1.1 {status}")), "{path} {headers}: {head}");
+            assert!(head.contains("content-security-policy: default-src 'none'"), "{head}");
+            assert!(
+                head.contains("x-content-type-options: nosniff") && head.contains("cache-control: no-store"),
+                "{head}"
+            );
+            assert!(!body.contains(&server.token));
+        }
+    }
+    // the token in the address becomes a cookie, and goes from the address
+    let (head, _) = get(&server, &format!("/?token={}", server.token), &here);
+    assert!(head.starts_with("http/1.1 303") && head.contains("location: /\r\n"), "{head}");
+    assert!(head.contains("set-cookie: ") && head.contains("httponly") && head.contains("samesite=strict"), "{head}");
+    for path in ["/?token=0", "/?token=", "/?other=1"] {
+        assert!(get(&server, path, &here).0.starts_with("http/1.1 403"), "{path}");
+    }
+    assert!(get(&server, &format!("/?token={}", server.token), &elsewhere).0.starts_with("http/1.1 403"));
+    // nothing but the page is there, whatever the path
+    for path in ["/../Cargo.toml", "/%2e%2e/run/run.json", "/run/run.json", "//etc/passwd", "/ws/x"] {
+        let (head, _) = get(&server, path, &format!("{here}{cookie}"));
+        assert!(head.starts_with("http/1.1 404") || head.starts_with("http/1.1 400"), "{path}: {head}");
+    }
+
+    let cookie = server.cookie();
+    let own = format!("http://localhost:{port}");
+    let other_port = format!("http://localhost:{}", port ^ 1);
+    for (origin, allowed) in
+        [(&own[..], true), ("http://evil.example", false), (&other_port, false), ("null", false), ("", false)]
+    {
+        for (given, known) in [(&cookie[..], true), ("", false), (&format!("volseggs-{port}=00"), false)] {
+            let opened = connect(&server, &[("Cookie", given), ("Origin", origin)]);
+            assert_eq!(opened.is_ok(), allowed && known, "{origin} {given}");
+        }
+    }
+    assert!(
+        connect(&server, &[("Cookie", &cookie), ("Host", "evil.example"), ("Origin", "http://evil.example")]).is_err()
+    );
+}
+
+#[test]
+fn nonsense_is_answered_and_too_much_ends_the_connection() {
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let (mut window, welcome) = Window::open(&server);
+    for text in ["", "{", "null", "[]", "{\"type\":\"view\"}", "{\"type\":\"exec\",\"path\":\"/etc/passwd\"}", "\u{0}"]
+    {
+        window.say_text(text);
+        window.wait_for(|m| m["type"] == "error");
+    }
+    let mut bad = view(&welcome, 0.5, "colour", false);
+    for (key, value) in
+        [("eye", "[1e400,0,0]"), ("size", "[0,0]"), ("size", "[99999,99999]"), ("time", "2"), ("look", "\"x\"")]
+    {
+        let old = bad[key].clone();
+        let text = bad.to_string().replace(&format!("\"{key}\":{old}"), &format!("\"{key}\":{value}"));
+        window.say_text(&text);
+        window.wait_for(|m| m["type"] == "error");
+        bad[key] = old;
+    }
+    // it still draws
+    window.say(&view(&welcome, 0.5, "colour", false));
+    window.lossless();
+    let (mut loud, _) = Window::open(&server);
+    loud.say_text(&format!("{{\"type\":\"clear\",\"x\":\"{}\"}}", "x".repeat(70_000)));
+    assert!(loud.is_closed());
+    window.say(&view(&welcome, 0.6, "colour", false));
+    window.lossless();
+    // nine windows are one too many
+    let more: Vec<_> = (0..7).map(|_| connect(&server, &[("Cookie", &server.cookie())])).collect();
+    assert!(more.iter().filter(|w| w.is_ok()).count() >= 6);
+    assert!(connect(&server, &[("Cookie", &server.cookie())]).is_err());
+}

@@ -1,0 +1,206 @@
+//! A viewer that runs, and a window on it.
+
+use crate::common::BINARY;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+
+/// Longest wait for anything.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A running `volseggs view run`.
+pub struct Server {
+    child: Child,
+    pub port: u16,
+    pub token: String,
+}
+
+impl Server {
+    pub fn start(root: &Path, flags: &[&str]) -> Self {
+        let mut command = Command::new(BINARY);
+        command.current_dir(root).args(["view", "run"]).args(flags).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+        let rest = url.trim().strip_prefix("http://localhost:").unwrap_or_else(|| panic!("{url}"));
+        let (port, token) = rest.split_once("/?token=").unwrap();
+        Self { child, port: port.parse().unwrap(), token: token.to_owned() }
+    }
+
+    pub fn cookie(&self) -> String {
+        format!("volseggs-{}={}", self.port, self.token)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// A frame.
+pub struct Frame {
+    pub png: bool,
+    pub number: u32,
+    pub width: u32,
+    pub height: u32,
+    pub time: f32,
+    pub picture: Vec<u8>,
+}
+
+/// A connection to a viewer.
+pub struct Window {
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+    /// Whether frames are acknowledged.
+    pub takes: bool,
+    /// The newest document.
+    pub document: Value,
+}
+
+impl Window {
+    /// Opens one; gives its welcome too.
+    pub fn open(server: &Server) -> (Self, Value) {
+        let socket = connect(server, &[("Cookie", &server.cookie())]).unwrap();
+        let mut window = Self { socket, takes: true, document: Value::Null };
+        let welcome = window.wait_for(|m| m["type"] == "welcome");
+        window.wait_for(|m| m["type"] == "document");
+        (window, welcome)
+    }
+
+    pub fn say(&mut self, message: &Value) {
+        self.say_text(&message.to_string());
+    }
+
+    pub fn say_text(&mut self, text: &str) {
+        self.socket.send(Message::text(text)).unwrap();
+    }
+
+    /// The next message, if one comes before `until`.
+    fn next(&mut self, until: Instant) -> Option<Message> {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return None;
+        }
+        let MaybeTlsStream::Plain(stream) = self.socket.get_mut() else { unreachable!() };
+        stream.set_read_timeout(Some(left.max(Duration::from_millis(1)))).unwrap();
+        match self.socket.read() {
+            Ok(message) => Some(message),
+            Err(tungstenite::Error::Io(_)) => None,
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    /// The next text that fits, be it the document that came already; frames before it are taken.
+    pub fn wait_for(&mut self, fits: impl Fn(&Value) -> bool) -> Value {
+        if fits(&self.document) {
+            return self.document.clone();
+        }
+        let until = Instant::now() + PATIENCE;
+        loop {
+            match self.next(until) {
+                Some(Message::Text(text)) => {
+                    let message: Value = serde_json::from_str(text.as_str()).unwrap();
+                    if message["type"] == "document" {
+                        self.document = message.clone();
+                    }
+                    if fits(&message) {
+                        return message;
+                    }
+                }
+                Some(Message::Binary(bytes)) => drop(self.take(&bytes)),
+                Some(_) => {}
+                None => panic!("nothing that fits in {PATIENCE:?}"),
+            }
+        }
+    }
+
+    /// The next frame without loss.
+    pub fn lossless(&mut self) -> Frame {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            match self.next(until) {
+                Some(Message::Binary(bytes)) => {
+                    let frame = self.take(&bytes);
+                    if frame.png {
+                        return frame;
+                    }
+                }
+                Some(Message::Text(text)) if text.as_str().contains("\"error\"") => panic!("{text}"),
+                Some(_) => {}
+                None => panic!("no frame without loss in {PATIENCE:?}"),
+            }
+        }
+    }
+
+    /// All frames that come within some seconds.
+    pub fn frames_within(&mut self, seconds: f64) -> Vec<Frame> {
+        let until = Instant::now() + Duration::from_secs_f64(seconds);
+        let mut frames = Vec::new();
+        while let Some(message) = self.next(until) {
+            if let Message::Binary(bytes) = message {
+                frames.push(self.take(&bytes));
+            }
+        }
+        frames
+    }
+
+    fn take(&mut self, bytes: &[u8]) -> Frame {
+        let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        let side = |at: usize| u32::from(u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap()));
+        let frame = Frame {
+            png: bytes[1] == 1,
+            number: number(4),
+            width: side(16),
+            height: side(18),
+            time: f32::from_bits(number(20)),
+            picture: bytes[volseggs::view::protocol::HEADER..].to_vec(),
+        };
+        if self.takes {
+            self.say_text(&format!("{{\"type\":\"ack\",\"frame\":{}}}", frame.number));
+        }
+        frame
+    }
+
+    /// Whether the server ends the connection.
+    pub fn is_closed(&mut self) -> bool {
+        let until = Instant::now() + PATIENCE;
+        while Instant::now() < until {
+            match self.socket.read() {
+                Ok(Message::Close(_)) | Err(_) => return true,
+                Ok(_) => {}
+            }
+        }
+        false
+    }
+}
+
+/// A websocket to the server as its own page would open it, with other headers in the place of the usual ones; an empty one
+/// is left out.
+pub fn connect(server: &Server, headers: &[(&str, &str)]) -> tungstenite::Result<WebSocket<MaybeTlsStream<TcpStream>>> {
+    let url = format!("ws://localhost:{}/ws", server.port);
+    let mut request = url.into_client_request()?;
+    let origin = format!("http://localhost:{}", server.port);
+    request.headers_mut().insert("Origin", origin.parse().unwrap());
+    for (name, value) in headers {
+        let name: tungstenite::http::HeaderName = name.parse().unwrap();
+        if value.is_empty() {
+            request.headers_mut().remove(&name);
+        } else {
+            request.headers_mut().insert(name, value.parse().unwrap());
+        }
+    }
+    let stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
+    let stream = MaybeTlsStream::Plain(stream);
+    match tungstenite::client(request, stream) {
+        Ok((socket, _)) => Ok(socket),
+        Err(tungstenite::HandshakeError::Failure(error)) => Err(error),
+        Err(tungstenite::HandshakeError::Interrupted(_)) => panic!("interrupted"),
+    }
+}
