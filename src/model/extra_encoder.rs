@@ -112,7 +112,7 @@ fn define(config: &ModelConfig, seed: u64) -> Result<(Arc<dyn EncoderDefinition>
     if definition.features(config) == 0 {
         return Err(ExtraEncoderError::NoFeatures(encoder.clone()));
     }
-    let mut rng = Rng::new(seed, 2, Purpose::EncoderInit as u64);
+    let mut rng = Rng::new(seed, 2, Purpose::EncoderInit);
     let parameters = definition.parameters(config, &mut rng);
     for (i, p) in parameters.iter().enumerate() {
         let wanted: usize = p.shape.iter().product();

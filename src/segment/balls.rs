@@ -3,7 +3,7 @@
 use crate::data::Camera;
 use crate::device::DeviceName;
 use crate::model::GaussiansAt;
-use crate::rng::Rng;
+use crate::rng::{Purpose, Rng};
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
 use crate::segment::masks::Mask;
@@ -35,7 +35,7 @@ impl Balls {
 
     /// The first ball's Gaussians, then the second's.
     pub(crate) fn gaussians(self) -> GaussiansAt {
-        let mut rng = Rng::new(5, 0, 0);
+        let mut rng = Rng::new(5, 0, Purpose::Custom(0));
         let mut out = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
         for centre in self.centres() {
             for _ in 0..self.count {

@@ -112,7 +112,7 @@ pub fn coarse(
         None => Vec::new(),
     };
     let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
-    let mut rng = Rng::new(options.seed, 0, Purpose::Clusters as u64);
+    let mut rng = Rng::new(options.seed, 0, Purpose::Clusters);
     let mut uniform = || rng.uniform();
     let found = match options.space {
         ColourSpace::Material => by_material(gaussians, &shown, &later, &weights, options, &mut uniform)?,
@@ -242,7 +242,7 @@ mod tests {
 
     /// A red and a blue ball, a red stray in the blue one, and a transparent haze.
     fn two_balls() -> (GaussiansAt, Vec<u32>) {
-        let mut rng = Rng::new(3, 0, 0);
+        let mut rng = Rng::new(3, 0, Purpose::Custom(0));
         let (mut g, mut truth) = (GaussiansAt { sh_stride: 4, ..GaussiansAt::default() }, Vec::new());
         let mut add = |centre: f32, colour: [f32; 3], logit: f32, label: u32| {
             for _ in 0..3 {

@@ -133,7 +133,7 @@ pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGau
         opacity_logits: gather(&g.opacity_logits, rows, 1),
         sh: gather(&g.sh, rows, sh_width),
     };
-    let mut rng = Rng::new(seed, step as u64, Purpose::Split as u64);
+    let mut rng = Rng::new(seed, step as u64, Purpose::Split);
     for (j, row) in rows.iter().enumerate() {
         if matches!(row, Row::Half(_)) {
             let scales: [f32; 3] = std::array::from_fn(|k| out.log_scales[3 * j + k].exp());

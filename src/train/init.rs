@@ -32,7 +32,7 @@ pub fn initialise(
         }
         _ => {
             let half = config.init.box_half_size;
-            let mut rng = Rng::new(config.seed, 0, Purpose::Points as u64);
+            let mut rng = Rng::new(config.seed, 0, Purpose::Points);
             let mut axis = || (half * f64::from(2.0 * rng.uniform() - 1.0)) as f32;
             ((0..n).map(|_| [axis(), axis(), axis()]).collect(), vec![[0.5; 3]; n], (2.0 * half).powi(3))
         }

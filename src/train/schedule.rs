@@ -101,7 +101,7 @@ pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> 
 
 /// The training view of a step, as `data.order` says: every view once, shuffled anew each time round, or any at any step.
 pub fn view(config: &Config, step: usize, views: usize) -> usize {
-    let rng = |key: usize| Rng::new(config.seed, key as u64, Purpose::Views as u64);
+    let rng = |key: usize| Rng::new(config.seed, key as u64, Purpose::Views);
     match config.data.order {
         ViewOrder::Independent => rng(step).below(views),
         ViewOrder::Shuffled => {

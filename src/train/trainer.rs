@@ -269,7 +269,7 @@ impl Trainer {
         let background = match self.background {
             Background::Fixed(colour) => colour,
             Background::Random => {
-                let mut rng = Rng::new(self.config.seed, step as u64, Purpose::Background as u64);
+                let mut rng = Rng::new(self.config.seed, step as u64, Purpose::Background);
                 std::array::from_fn(|_| rng.uniform())
             }
         };

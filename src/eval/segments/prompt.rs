@@ -53,7 +53,7 @@ impl Prompt {
 
         // as many pixels of the segment as of the rest of what is seen, at most
         let number = ids.first().copied().unwrap_or_default();
-        let mut rng = Rng::new(0, u64::from(number), Purpose::Clusters as u64 + 1000);
+        let mut rng = Rng::new(0, u64::from(number), Purpose::PromptPixels);
         let mut choose = |wanted: bool| {
             let mut all: Vec<u32> = (0..within.len() as u32).filter(|&p| within[p as usize] == wanted).collect();
             let total = all.len();

@@ -63,7 +63,7 @@ impl FineView {
             }
         }
         let mut pixels: Vec<u32> = (0..covered.len() as u32).filter(|&p| covered[p as usize]).collect();
-        Rng::new(seed, number, Purpose::AffinitySteps as u64).shuffle(&mut pixels);
+        Rng::new(seed, number, Purpose::AffinityPixels).shuffle(&mut pixels);
         pixels.truncate(PIXELS);
         pixels.sort_unstable();
         if pixels.is_empty() {

@@ -1,7 +1,7 @@
 //! Clouds of known materials, shaded and with the noise of trained Gaussians.
 
 use crate::model::GaussiansAt;
-use crate::rng::Rng;
+use crate::rng::{Purpose, Rng};
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
 use crate::segment::colour::{SH_C0, sh_basis};
 use std::f32::consts::PI;
@@ -33,7 +33,7 @@ const PLAIN: Light = Light { ambient: 0.3, diffuse: 0.6, specular: 0.1, rims: 0.
 /// Gaussians on spheres, and which body each belongs to; a tenth has a random colour. Light falls off with the square
 /// of the cosine, which harmonics of degree 2 hold exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
 fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
-    let mut rng = Rng::new(seed, 0, 0);
+    let mut rng = Rng::new(seed, 0, Purpose::Custom(0));
     let (mut g, mut truth) = (GaussiansAt { sh_stride: 16, ..GaussiansAt::default() }, Vec::new());
     for (k, body) in bodies.iter().enumerate() {
         for _ in 0..body.count {
@@ -208,7 +208,7 @@ const BASES: [[f32; 3]; 12] = [
 fn the_number_of_materials_is_found_on_most_random_clouds() {
     let (mut right, mut clouds) = (0, 0);
     for seed in 0..12u64 {
-        let mut rng = Rng::new(seed, 1, 0);
+        let mut rng = Rng::new(seed, 1, Purpose::Custom(0));
         let count = 1 + (seed % 6) as usize;
         let mut bases: Vec<usize> = Vec::new();
         while bases.len() < count {
