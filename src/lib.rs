@@ -16,6 +16,7 @@ pub mod data;
 pub mod demo;
 pub mod device;
 pub mod draw;
+pub mod durations;
 pub mod edit;
 pub mod eval;
 pub mod export;

@@ -13,12 +13,14 @@ mod camera;
 #[cfg(feature = "cube")]
 mod cube;
 
+pub mod activation;
 pub mod adam;
 pub mod contrast;
 pub mod contributors;
 pub mod decoder;
 pub mod field;
 pub mod photometric;
+pub mod sh;
 pub mod splat;
 pub mod ssim;
 pub mod tv;

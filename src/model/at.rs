@@ -4,6 +4,7 @@ use super::Scene;
 use super::gaussians::{Gaussians, HostGaussians};
 use super::params::to_vec;
 use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::activation::sigmoid;
 use volseggs_kernels::splat::SplatInputs;
 
 /// N Gaussians at one time, after deformation; flat and row-major.
@@ -48,7 +49,7 @@ impl GaussiansAt {
     /// If `i` is not below N.
     #[must_use]
     pub fn opacity_of(&self, i: usize) -> f32 {
-        1.0 / (1.0 + (-self.opacity_logits[i]).exp())
+        sigmoid(self.opacity_logits[i])
     }
 
     /// Means `[M, 3]` of what can be seen: opacity above 1 / 255.
@@ -122,7 +123,7 @@ impl Scene {
             };
             largest.iter_mut().zip(to_vec(at)).for_each(|(a, b)| *a = a.max(b));
         }
-        which.iter().zip(largest).for_each(|(&i, logit)| out[i] = 1.0 / (1.0 + (-logit).exp()));
+        which.iter().zip(largest).for_each(|(&i, logit)| out[i] = sigmoid(logit));
         out
     }
 

@@ -11,6 +11,7 @@ pub mod gaussians;
 pub mod implicit;
 pub mod params;
 pub mod scene;
+pub mod sh;
 pub mod size;
 
 pub use at::GaussiansAt;

@@ -239,6 +239,7 @@ fn without_empty(centroids: &[f32], labels: &mut [u32]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::sh::C0;
 
     /// A red and a blue ball, a red stray in the blue one, and a transparent haze.
     fn two_balls() -> (GaussiansAt, Vec<u32>) {
@@ -251,7 +252,7 @@ mod tests {
             }
             g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
             g.opacity_logits.push(logit);
-            g.sh.extend(colour.map(|c| (c + 0.03 * rng.normal() - 0.5) / 0.282_094_8));
+            g.sh.extend(colour.map(|c| (c + 0.03 * rng.normal() - 0.5) / C0));
             g.sh.extend((0..9).map(|_| 0.05 * rng.normal()));
             truth.push(label);
         };
@@ -332,7 +333,7 @@ mod tests {
             g.log_scales.extend([0.03f32.ln(), -5.0, -5.0]);
             g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
             g.opacity_logits.push(2.0);
-            g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / 0.282_094_8).iter().chain(&[0.0; 9]));
+            g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / C0).iter().chain(&[0.0; 9]));
         }
         for space in [ColourSpace::Rgb, ColourSpace::Material] {
             let options = CoarseOptions { space, ..CoarseOptions::default() };

@@ -14,6 +14,7 @@ use super::fine::extract::cosines;
 use super::pick::{Asked, PickError};
 use super::pieces::pieces;
 use crate::model::GaussiansAt;
+use volseggs_kernels::activation::sigmoid_f64;
 
 /// Mask scales that are looked at.
 const SCALES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
@@ -146,7 +147,7 @@ fn whole_piece(at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Option<
 fn shown(at: &GaussiansAt, i: usize) -> f64 {
     let mut scales: [f64; 3] = std::array::from_fn(|k| f64::from(at.log_scales[3 * i + k]).exp());
     scales.sort_by(f64::total_cmp);
-    let opacity = 1.0 / (1.0 + f64::from(-at.opacity_logits[i]).exp());
+    let opacity = sigmoid_f64(at.opacity_logits[i].into());
     Some(opacity * scales[1] * scales[2]).filter(|w| w.is_finite()).unwrap_or(0.0)
 }
 

@@ -1,11 +1,12 @@
 //! Colours that mean something, in place of those a scene was trained in: which segment a Gaussian belongs to, how fast
 //! it moves, how far away a pixel is. What the numbers are is decided elsewhere (see `track::velocity`, `pictures`).
 
-use super::colour::SH_C0;
 use super::pictures::Picture;
 use super::segmentation::Segmentation;
 use crate::model::GaussiansAt;
+use crate::model::sh::C0;
 use crate::volume::transfer::colormap::{at, named};
+use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
 /// Pixels with less alpha have no depth worth showing.
 const MIN_ALPHA: f32 = 0.1;
@@ -17,7 +18,7 @@ const FAINT: f64 = 0.1;
 /// `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
 #[must_use]
 pub fn flat(gaussians: GaussiansAt, colours: impl IntoIterator<Item = [f32; 3]>) -> GaussiansAt {
-    let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / SH_C0)).collect();
+    let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / C0)).collect();
     GaussiansAt { sh, sh_stride: 1, ..gaussians }
 }
 
@@ -38,8 +39,7 @@ pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt
         }
     }
     for (logit, _) in gaussians.opacity_logits.iter_mut().zip(&colours).filter(|(_, c)| c.is_none()) {
-        let opacity = FAINT / (1.0 + f64::from(-*logit).exp());
-        *logit = (opacity.ln() - (-opacity).ln_1p()) as f32;
+        *logit = logit_f64(FAINT * sigmoid_f64((*logit).into())) as f32;
     }
     flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(NOBODY)))
 }
@@ -106,7 +106,7 @@ mod tests {
     }
 
     fn colour(gaussians: &GaussiansAt, i: usize) -> [f32; 3] {
-        std::array::from_fn(|c| ((gaussians.sh[3 * i + c] * SH_C0 + 0.5) * 100.0).round() / 100.0)
+        std::array::from_fn(|c| ((gaussians.sh[3 * i + c] * C0 + 0.5) * 100.0).round() / 100.0)
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::due::Due;
 use crate::config::types::{Config, DensifyMode, PruneBy};
 use crate::model::gaussians::HostGaussians;
 use crate::rng::{Purpose, Rng};
+use volseggs_kernels::activation::sigmoid;
 
 /// What is remembered about each Gaussian between densifications.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,10 +47,6 @@ impl Statistics {
     fn score(&self, i: usize) -> f32 {
         if self.views[i] > 0.0 { self.gradient[i] / self.views[i] } else { 0.0 }
     }
-}
-
-fn sigmoid(logit: f32) -> f32 {
-    1.0 / (1.0 + (-logit).exp())
 }
 
 /// Where a row of the new arrays comes from.

@@ -3,6 +3,7 @@
 
 use crate::model::params::HostTensor;
 use std::collections::BTreeMap;
+use volseggs_kernels::activation::logit;
 use volseggs_kernels::splat::ALPHA_MIN;
 
 /// Bits that a number of a checkpoint holds exactly.
@@ -40,7 +41,7 @@ impl Sleep {
     /// Notes who is transparent at `time`, after a visit in which all were looked at.
     pub fn note(&mut self, time: f64, opacity_logits: &[f32]) {
         if self.is_on() {
-            let limit = (ALPHA_MIN / (1.0 - ALPHA_MIN)).ln();
+            let limit = logit(ALPHA_MIN);
             self.times.insert(time.to_bits(), (0, opacity_logits.iter().map(|&o| o < limit).collect()));
         }
     }

@@ -22,6 +22,7 @@ use crate::model::{Gaussians, Scene};
 use crate::rng::{Purpose, Rng};
 use burn::tensor::{Device, Tensor};
 use std::time::{Duration, Instant};
+use volseggs_kernels::activation::logit;
 
 /// Why training stops.
 #[derive(Debug, thiserror::Error)]
@@ -361,7 +362,7 @@ impl Trainer {
         let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
         if due.reset {
-            let ceiling = (0.01f32 / 0.99).ln();
+            let ceiling = logit(0.01);
             new.opacity_logits.iter_mut().for_each(|o| *o = o.min(ceiling));
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }

@@ -1,13 +1,10 @@
 //! What each operation does to Gaussians.
 
-use super::super::sh::C0;
 use super::super::{EditError, EditStack, HIDDEN_LOGIT, Operation, apply};
 use super::{applied, arrays, bits, edit, segments, stack, state};
 use crate::model::GaussiansAt;
-
-fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
-}
+use crate::model::sh::C0;
+use volseggs_kernels::activation::sigmoid;
 
 fn rotate(axis: [f32; 3], degrees: f32, about: Option<[f32; 3]>) -> Operation {
     Operation::Rotate { axis, degrees, about }

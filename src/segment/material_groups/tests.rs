@@ -1,9 +1,9 @@
 //! Clouds of known materials, shaded and with the noise of trained Gaussians.
 
 use crate::model::GaussiansAt;
+use crate::model::sh::{C0, basis};
 use crate::rng::{Purpose, Rng};
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
-use crate::segment::colour::{SH_C0, sh_basis};
 use std::f32::consts::PI;
 
 /// One material: its colour, where it lies, its size, how opaque it is and how many Gaussians it has.
@@ -51,8 +51,8 @@ fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
             let mut sh = [[0f32; 3]; 16];
             for c in 0..3 {
                 let (flat, square) = (lit * base[c] * light.ambient, lit * (base[c] * light.diffuse + light.specular));
-                sh[0][c] = (flat + square / 3.0 - 0.5) / SH_C0;
-                for (m, y) in sh_basis(normal).iter().enumerate().take(9).skip(4) {
+                sh[0][c] = (flat + square / 3.0 - 0.5) / C0;
+                for (m, y) in basis(normal).iter().enumerate().take(9).skip(4) {
                     sh[m][c] = square * 8.0 * PI / 15.0 * y;
                 }
                 sh.iter_mut().for_each(|s| s[c] += light.noise * rng.normal());

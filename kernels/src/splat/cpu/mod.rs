@@ -10,7 +10,6 @@ mod blend_backward;
 pub(crate) mod lanes;
 pub(crate) mod project;
 mod project_backward;
-mod sh;
 
 use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
 use crate::backend::CpuBackend;

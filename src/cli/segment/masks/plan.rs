@@ -7,6 +7,7 @@ use crate::data::Truth;
 use crate::data::dataset::{Dataset, OpenOptions};
 use crate::data::paths::training_cameras;
 use crate::data::truth::LabelledView;
+use crate::durations::rough_duration;
 use crate::memory::{Budget, product};
 use crate::model::GaussiansAt;
 use crate::segment::masks::RegionOptions;
@@ -155,7 +156,7 @@ impl MasksArgs {
         errln!(
             "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
              are quicker",
-            duration(SamSource::seconds(pictures, points))
+            rough_duration(SamSource::seconds(pictures, points))
         );
         MaskOrigin::Sam { weights: weights.to_owned(), points }
     }
@@ -220,12 +221,4 @@ fn check_groups(run: &RunFolder, list: &Handout, groups: &[Group]) -> Result<(),
         }
     }
     Ok(())
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }
