@@ -3,8 +3,8 @@
 use crate::model::GaussiansAt;
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
-use volseggs_kernels::contributors::{Contributors, ContributorsError, contributors};
 use volseggs_kernels::splat::SplatSettings;
+use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
 /// What the pixel at column `x` and row `y` is made of: indices of Gaussians and their weights, nearest first.
 ///

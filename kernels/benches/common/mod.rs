@@ -7,7 +7,7 @@ use burn::backend::{Dispatch, TensorMetadata};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::time::Instant;
 use volseggs_kernels::activation::logit_f64;
-use volseggs_kernels::splat::{SplatForward, SplatGradients, SplatOps, SplatSettings};
+use volseggs_kernels::splat::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSettings};
 use volseggs_kernels::{Camera, sh};
 
 /// Spherical-harmonics coefficients a Gaussian (degree 3).

@@ -9,7 +9,7 @@ use crate::model::GaussiansAt;
 use crate::rng::{Purpose, Rng};
 use crate::segment::click::seen;
 use burn::tensor::Device;
-use volseggs_kernels::contributors::{Contributors, ContributorsError};
+use volseggs_kernels::splat::contributors::{Contributors, ContributorsError};
 
 /// Pixels by which a selection is judged.
 const PIXELS: usize = 6000;
@@ -37,7 +37,7 @@ impl Prompt {
     /// it. `None` where no view shows it: it is hidden behind others.
     ///
     /// # Errors
-    /// As [`contributors`](volseggs_kernels::contributors::contributors).
+    /// As [`contributors`](volseggs_kernels::splat::contributors::contributors).
     pub fn new(
         views: &[Labelled],
         ids: &[u16],

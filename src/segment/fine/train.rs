@@ -9,7 +9,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::str::FromStr;
 use volseggs_kernels::contrast::{Repulsion, contrast};
-use volseggs_kernels::contributors::Contributors;
+use volseggs_kernels::splat::contributors::Contributors;
 
 /// At which scale a step asks the field, and which of the masks over a pixel counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -7,8 +7,8 @@ use crate::rng::{Purpose, Rng};
 use crate::segment::masks::{Mask, MaskReader, StoreError};
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
-use volseggs_kernels::contributors::{Contributors, ContributorsError, contributors};
 use volseggs_kernels::splat::SplatSettings;
+use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
 /// Pixels kept of a view, at most.
 const PIXELS: usize = 16_384;

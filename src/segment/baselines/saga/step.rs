@@ -7,7 +7,7 @@ use super::{SagaError, SagaOptions};
 use crate::rng::{Purpose, Rng};
 use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
-use volseggs_kernels::contributors::Contributors;
+use volseggs_kernels::splat::contributors::Contributors;
 
 /// Decay of the moments of Adam, and its guard against division by zero.
 const BETAS: [f32; 2] = [0.9, 0.999];
