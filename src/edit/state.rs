@@ -14,16 +14,8 @@ pub(super) fn check(gaussians: &GaussiansAt) -> Result<(), EditError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         return Err(EditError::ShStride { found: gaussians.sh_stride });
     }
-    let n = gaussians.len();
-    for (field, array, width) in [
-        ("means", &gaussians.means, 3),
-        ("rotations", &gaussians.rotations, 4),
-        ("log_scales", &gaussians.log_scales, 3),
-        ("sh", &gaussians.sh, 3 * gaussians.sh_stride),
-    ] {
-        if array.len() != n * width {
-            return Err(EditError::Shape { field, expected: n * width, found: array.len() });
-        }
+    match gaussians.misshapen() {
+        Some((column, expected)) => Err(EditError::Shape { field: column.name, expected, found: column.values.len() }),
+        None => Ok(()),
     }
-    Ok(())
 }

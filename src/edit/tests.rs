@@ -46,7 +46,7 @@ pub fn applied(edits: &[Edit]) -> GaussiansAt {
 }
 
 pub fn arrays(s: &GaussiansAt) -> [&[f32]; 5] {
-    [&s.means, &s.rotations, &s.log_scales, &s.opacity_logits, &s.sh]
+    s.columns().map(|column| column.values)
 }
 
 /// The largest difference of any two values.

@@ -1,9 +1,10 @@
 //! Loss terms.
 
 use crate::data::Camera;
-use crate::model::{Deformed, Scene};
+use crate::model::Scene;
 use crate::train::schedule::Stage;
 use burn::tensor::Tensor;
+use volseggs_kernels::splat::SplatInputs;
 
 /// What a loss term sees of one training step. All tensors are on one device, those of the scene with gradients.
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +16,7 @@ pub struct LossInput<'a> {
     /// The canonical Gaussians (`scene.gaussians`), the deformation field (`scene.field`).
     pub scene: &'a Scene,
     /// The N Gaussians at this time: means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]`, opacity logits `[N]`.
-    pub at: &'a Deformed,
+    pub at: &'a SplatInputs,
     /// The view's camera.
     pub camera: &'a Camera,
     /// Warm-up (the canonical Gaussians are drawn at every time) or joint training, with the step within it.

@@ -8,13 +8,16 @@ pub mod deformation;
 pub mod encoder;
 pub mod extra_encoder;
 pub mod gaussians;
+pub mod host;
 pub mod implicit;
 pub mod params;
 pub mod scene;
 pub mod sh;
 pub mod size;
 
-pub use at::GaussiansAt;
-pub use deformation::{DeformationField, Deformed};
+pub use deformation::DeformationField;
 pub use gaussians::Gaussians;
+pub use host::HostGaussians;
+/// To be renamed.
+pub type GaussiansAt = HostGaussians;
 pub use scene::{Scene, SceneError, SceneSpec};

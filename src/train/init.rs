@@ -4,8 +4,7 @@ use crate::config::types::{Bounds, Config, Placement};
 use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
-use crate::model::SceneSpec;
-use crate::model::gaussians::HostGaussians;
+use crate::model::{HostGaussians, SceneSpec};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
 use volseggs_kernels::activation::logit_f64;
@@ -50,6 +49,7 @@ pub fn initialise(
         log_scales: vec![(config.init.scale * spacing).ln() as f32; 3 * n],
         opacity_logits: vec![logit_f64(opacity) as f32; n],
         sh,
+        sh_stride: k,
         means: points.iter().flatten().copied().collect(),
     };
     let bounds = match (config.model.bounds, &hull) {

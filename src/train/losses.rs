@@ -3,11 +3,11 @@
 
 use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
 use crate::extend::{LossInput, LossTerm, NotRegistered, find_loss_term};
-use crate::model::Deformed;
 use crate::model::encoder::{Encoder, FactorisedEncoder};
 use burn::tensor::Tensor;
 use std::sync::Arc;
 use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};
+use volseggs_kernels::splat::SplatInputs;
 use volseggs_kernels::ssim::mean_ssim;
 use volseggs_kernels::tv::{self, TvKind, TvWeights, total_variation};
 
@@ -67,7 +67,7 @@ impl ExtraTerms {
     }
 
     /// The Gaussians at a time, kept for the terms; `None` if there are no terms.
-    pub fn keep(&self, at: &Deformed) -> Option<Deformed> {
+    pub fn keep(&self, at: &SplatInputs) -> Option<SplatInputs> {
         (!self.0.is_empty()).then(|| at.clone())
     }
 

@@ -6,6 +6,7 @@
 mod budget;
 mod check;
 pub mod checkpoint;
+pub mod culling;
 pub mod densify;
 pub mod due;
 pub mod gather;
@@ -17,7 +18,6 @@ pub mod optimizer;
 pub mod resume;
 pub mod run;
 pub mod schedule;
-pub mod sleep;
 pub mod spatial;
 mod target;
 #[cfg(test)]

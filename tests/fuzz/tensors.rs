@@ -9,7 +9,7 @@ use volseggs::config::types::{Config, ModelConfig};
 use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
 use volseggs::metrics::lpips::Lpips;
-use volseggs::model::gaussians::HostGaussians;
+use volseggs::model::HostGaussians;
 use volseggs::model::params::{self, HostTensor};
 use volseggs::model::scene::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
@@ -19,8 +19,8 @@ use volseggs::segment::fine::network::Frame;
 use volseggs::segment::masks::sam::{Sam, SamConfig};
 use volseggs::segment::segmentation::{Origin, Segment, Segmentation};
 use volseggs::tensors;
+use volseggs::train::culling::Culling;
 use volseggs::train::optimizer::{AdamConstants, Optimizer};
-use volseggs::train::sleep::Sleep;
 
 /// A case that begins so is a header and, after [`SPLIT`], the data; any other is a file as it is.
 const APART: &[u8] = b"apart ";
@@ -94,6 +94,7 @@ pub fn scene(model: ModelConfig) -> Scene {
         log_scales: vec![-2.0; 3 * n],
         opacity_logits: row(1),
         sh: row(3 * k),
+        sh_stride: k,
     };
     Scene::new(gaussians, spec(model), 1, &device())
 }
@@ -200,7 +201,7 @@ fn optimizer() {
             let sizes = BTreeMap::from([("gaussians.means".to_owned(), 9)]);
             let loaded = accepted(optimizer.load(&tensors, &sizes, &device)).is_some();
             let _ = optimizer.to_tensors();
-            let mut sleep = Sleep::new(4);
+            let mut sleep = Culling::new(4);
             sleep.load(&tensors, 3);
             for _ in 0..3 {
                 sleep.visit(0.5);
