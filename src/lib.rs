@@ -32,6 +32,7 @@ pub mod points;
 pub mod prepare;
 pub mod process;
 pub mod program;
+mod registry;
 pub mod report;
 pub mod rng;
 pub mod segment;

@@ -1,7 +1,8 @@
 //! An encoder that was registered in [`crate::extend`]: holds what it learns, as burn wants it.
 
+use super::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 use crate::config::types::ModelConfig;
-use crate::extend::{EncoderDefinition, NotRegistered, Parameter, Parameters, find_encoder};
+use crate::registry::NotRegistered;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};

@@ -6,6 +6,7 @@ pub mod at;
 pub mod decoder;
 pub mod deformation;
 pub mod encoder;
+pub mod encoder_definition;
 pub mod extra_encoder;
 pub mod gaussians;
 pub mod host;

@@ -1,7 +1,7 @@
 //! What a configuration must hold before training may start, beyond its types.
 
+use super::rate_schedule::find_schedule;
 use super::{TrainError, losses, schedule};
-use crate::extend::find_schedule;
 use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
 use crate::memory::product;
 use crate::model::extra_encoder::ExtraEncoder;

@@ -1,9 +1,10 @@
 //! What is minimised (the paper's equations 5 to 8). To add a term, write a function of tensors here,
 //! a weight in `config::types::LossConfig`, and add it in `Trainer::step`; or register it, see [`crate::extend`].
 
+use super::loss_term::{LossInput, LossTerm, find_loss_term};
 use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
-use crate::extend::{LossInput, LossTerm, NotRegistered, find_loss_term};
 use crate::model::encoder::{Encoder, FactorisedEncoder};
+use crate::registry::NotRegistered;
 use burn::tensor::Tensor;
 use std::sync::Arc;
 use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};

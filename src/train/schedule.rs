@@ -1,6 +1,6 @@
 //! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
 
-use crate::extend::find_schedule;
+use super::rate_schedule::find_schedule;
 use crate::config::types::{Config, OptimConfig, ViewOrder};
 use crate::rng::{Purpose, Rng};
 
