@@ -12,6 +12,11 @@ use volseggs_kernels::splat::SplatInputs;
 /// Attributes of a Gaussian.
 const COLUMNS: usize = 5;
 
+/// Numbers of each attribute a Gaussian, with K = `sh_stride` coefficients.
+fn widths(sh_stride: usize) -> [usize; COLUMNS] {
+    [3, 4, 3, 1, 3 * sh_stride]
+}
+
 /// N Gaussians, canonical or at one time; flat and row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HostGaussians {
@@ -63,12 +68,13 @@ impl HostGaussians {
     /// The attributes, in the order in which the op of splatting takes them.
     #[must_use]
     pub fn columns(&self) -> [Column<'_>; COLUMNS] {
+        let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
         [
-            Column { name: "means", width: 3, values: &self.means },
-            Column { name: "rotations", width: 4, values: &self.rotations },
-            Column { name: "log_scales", width: 3, values: &self.log_scales },
-            Column { name: "opacity_logits", width: 1, values: &self.opacity_logits },
-            Column { name: "sh", width: 3 * self.sh_stride, values: &self.sh },
+            Column { name: "means", width: means, values: &self.means },
+            Column { name: "rotations", width: rotations, values: &self.rotations },
+            Column { name: "log_scales", width: log_scales, values: &self.log_scales },
+            Column { name: "opacity_logits", width: opacity_logits, values: &self.opacity_logits },
+            Column { name: "sh", width: sh, values: &self.sh },
         ]
     }
 
@@ -76,6 +82,12 @@ impl HostGaussians {
     fn from_columns(columns: [Vec<f32>; COLUMNS], sh_stride: usize) -> Self {
         let [means, rotations, log_scales, opacity_logits, sh] = columns;
         Self { means, rotations, log_scales, opacity_logits, sh, sh_stride }
+    }
+
+    /// N Gaussians of K coefficients, every number 0.
+    #[must_use]
+    pub fn zeros(n: usize, sh_stride: usize) -> Self {
+        Self::from_columns(widths(sh_stride).map(|width| vec![0.0; n * width]), sh_stride)
     }
 
     /// New Gaussians with the same attributes, each made by `f` from the old one.
@@ -179,11 +191,12 @@ impl HostGaussians {
     #[must_use]
     pub fn into_splat(self, device: &Device) -> SplatInputs {
         let (n, k) = (self.len(), self.sh_stride);
+        let [means, rotations, log_scales, ..] = widths(k);
         let rows = |values: Vec<f32>, width| Tensor::<2>::from_data(TensorData::new(values, [n, width]), device);
         SplatInputs {
-            means: rows(self.means, 3),
-            rotations: rows(self.rotations, 4),
-            log_scales: rows(self.log_scales, 3),
+            means: rows(self.means, means),
+            rotations: rows(self.rotations, rotations),
+            log_scales: rows(self.log_scales, log_scales),
             opacity_logits: Tensor::from_data(TensorData::new(self.opacity_logits, [n]), device),
             sh: Tensor::from_data(TensorData::new(self.sh, [n, k, 3]), device),
             screen_offsets: None,
@@ -226,6 +239,7 @@ mod tests {
         let all = three();
         assert_eq!((all.len(), all.sh_degree(), all.misshapen()), (3, 1, None));
         assert_eq!(all.map(|column| column.values.to_vec()), all);
+        assert_eq!(all.map(|column| vec![0.0; column.values.len()]), HostGaussians::zeros(3, 4));
         assert_eq!(all.columns().map(|c| c.name), ["means", "rotations", "log_scales", "opacity_logits", "sh"]);
         assert_eq!(all.columns()[1].row(2), [108.0, 109.0, 110.0, 111.0]);
         let some = all.subset(&[2, 0]);

@@ -187,19 +187,12 @@ impl Scene {
             ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
         }
         let k = (spec.model.sh_degree + 1).pow(2);
-        let empty = HostGaussians {
-            sh: vec![0.0; 3 * k],
-            sh_stride: k,
-            means: vec![0.0; 3],
-            rotations: vec![0.0; 4],
-            log_scales: vec![0.0; 3],
-            opacity_logits: vec![0.0],
-        };
-        let scene = Self::new(empty, spec, 0, device);
+        let empty = HostGaussians::zeros(1, k);
+        let scene = Self::new(empty.clone(), spec, 0, device);
         let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
-        let g = &scene.gaussians;
-        let n = g.count();
-        if [g.rotations.dims()[0], g.log_scales.dims()[0], g.opacity_logits.dims()[0], g.sh.dims()[0]] != [n; 4] {
+        let n = scene.gaussians.count();
+        let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
+        if empty.columns().iter().any(|column| rows(column.name) != Some(n)) {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
         Ok(scene)

@@ -23,7 +23,7 @@ use std::sync::Arc;
 /// Tile side in pixels.
 pub(crate) const TILE: usize = 16;
 
-/// The five attribute arrays, row-major.
+/// The five attribute arrays, row-major, borrowed from the tensors of a backend.
 #[derive(Clone, Copy)]
 pub(crate) struct Attributes<'a> {
     /// `[N, 3]`
