@@ -6,7 +6,7 @@ use super::operation::{Edit, Operation};
 use super::sh::ShRotation;
 use super::stack::EditStack;
 use super::state::{HIDDEN_LOGIT, check};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::model::sh::C0;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -28,7 +28,7 @@ const MAX_OPACITY: f64 = 0.99;
 pub fn apply<'s>(
     stack: &EditStack,
     segments: &dyn Fn(&str) -> Option<&'s [u32]>,
-    state: &mut GaussiansAt,
+    state: &mut HostGaussians,
 ) -> Result<(), EditError> {
     check(state)?;
     stack.validate(&|name| segments(name).is_some())?;
@@ -74,7 +74,7 @@ struct Editor<'a> {
     owner: Vec<u32>,
     /// The same as lists, one for each named segment.
     members: Vec<Vec<usize>>,
-    state: &'a mut GaussiansAt,
+    state: &'a mut HostGaussians,
 }
 
 impl Editor<'_> {

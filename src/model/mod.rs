@@ -19,6 +19,7 @@ pub mod size;
 pub use deformation::DeformationField;
 pub use gaussians::Gaussians;
 pub use host::HostGaussians;
-/// To be renamed.
-pub type GaussiansAt = HostGaussians;
 pub use scene::{Scene, SceneError, SceneSpec};
+
+/// [`HostGaussians`] under the name that those of one time had when canonical ones were a type of their own.
+pub type GaussiansAt = HostGaussians;

@@ -3,7 +3,7 @@
 
 use super::pictures::Picture;
 use super::segmentation::Segmentation;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::model::sh::C0;
 use crate::volume::transfer::colormap::{at, named};
 use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
@@ -17,9 +17,9 @@ const FAINT: f64 = 0.1;
 
 /// `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
 #[must_use]
-pub fn flat(gaussians: GaussiansAt, colours: impl IntoIterator<Item = [f32; 3]>) -> GaussiansAt {
+pub fn flat(gaussians: HostGaussians, colours: impl IntoIterator<Item = [f32; 3]>) -> HostGaussians {
     let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / C0)).collect();
-    GaussiansAt { sh, sh_stride: 1, ..gaussians }
+    HostGaussians { sh, sh_stride: 1, ..gaussians }
 }
 
 /// Each of the scene's N `gaussians` in the colour of its segment: of those that hold it the one deepest among parts
@@ -28,7 +28,7 @@ pub fn flat(gaussians: GaussiansAt, colours: impl IntoIterator<Item = [f32; 3]>)
 /// # Panics
 /// If a segment holds a Gaussian that is not below N.
 #[must_use]
-pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt {
+pub fn by_segment(mut gaussians: HostGaussians, all: &Segmentation) -> HostGaussians {
     let depths = all.depths();
     let mut order: Vec<usize> = (0..depths.len()).collect();
     order.sort_by_key(|&i| depths[i]);
@@ -94,8 +94,8 @@ mod tests {
     use crate::name::Name;
     use crate::segment::segmentation::{Origin, Segment};
 
-    fn gaussians(n: usize) -> GaussiansAt {
-        GaussiansAt {
+    fn gaussians(n: usize) -> HostGaussians {
+        HostGaussians {
             means: vec![0.0; 3 * n],
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
             log_scales: vec![-2.0; 3 * n],
@@ -105,7 +105,7 @@ mod tests {
         }
     }
 
-    fn colour(gaussians: &GaussiansAt, i: usize) -> [f32; 3] {
+    fn colour(gaussians: &HostGaussians, i: usize) -> [f32; 3] {
         std::array::from_fn(|c| ((gaussians.sh[3 * i + c] * C0 + 0.5) * 100.0).round() / 100.0)
     }
 

@@ -176,7 +176,7 @@ fn tensor_file() {
     });
 }
 
-/// The state of Adam and of sleep, as a checkpoint has them.
+/// The state of Adam and of culling, as a checkpoint has them.
 fn optimizer_file(path: &Path, steps: Vec<f32>) {
     let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };
     let all = BTreeMap::from([
@@ -201,10 +201,10 @@ fn optimizer() {
             let sizes = BTreeMap::from([("gaussians.means".to_owned(), 9)]);
             let loaded = accepted(optimizer.load(&tensors, &sizes, &device)).is_some();
             let _ = optimizer.to_tensors();
-            let mut sleep = Culling::new(4);
-            sleep.load(&tensors, 3);
+            let mut culling = Culling::new(4);
+            culling.load(&tensors, 3);
             for _ in 0..3 {
-                sleep.visit(0.5);
+                culling.visit(0.5);
             }
             loaded
         })

@@ -5,7 +5,7 @@
 
 use super::click::Click;
 use super::truth::Labelled;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
 use crate::segment::click::seen;
 use burn::tensor::Device;
@@ -41,7 +41,7 @@ impl Prompt {
     pub fn new(
         views: &[Labelled],
         ids: &[u16],
-        at: &GaussiansAt,
+        at: &HostGaussians,
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
         let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::device::DeviceName;
-use crate::model::{GaussiansAt, params};
+use crate::model::{HostGaussians, params};
 use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads};
 use crate::segment::click;
 use crate::segment::fine::extract::{Clustering, cluster, similar};
@@ -175,7 +175,7 @@ fn names_of_mask_scales_are_read() {
 
 /// A field trained on two balls.
 struct Trained {
-    at: GaussiansAt,
+    at: HostGaussians,
     frame: Frame,
     field: AffinityField,
     camera: volseggs_kernels::Camera,

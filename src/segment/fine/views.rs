@@ -2,7 +2,7 @@
 //! make them up, and the masks that cover them. Geometry does not move, so all of it is found once.
 
 use super::network::Frame;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
 use crate::segment::masks::{Mask, MaskReader, StoreError};
 use burn::tensor::Device;
@@ -49,7 +49,7 @@ impl FineView {
     /// # Errors
     /// If the masks are not of the camera's size.
     pub fn new(
-        at: &GaussiansAt,
+        at: &HostGaussians,
         frame: &Frame,
         view: &MaskedView,
         number: u64,
@@ -115,7 +115,7 @@ impl FineView {
 /// If the file is damaged.
 pub fn read_views(
     masks: &MaskReader,
-    at: &GaussiansAt,
+    at: &HostGaussians,
     frame: &Frame,
     members: &[Vec<u32>],
     seed: u64,

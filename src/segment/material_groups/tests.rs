@@ -1,6 +1,6 @@
 //! Clouds of known materials, shaded and with the noise of trained Gaussians.
 
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::model::sh::{C0, basis};
 use crate::rng::{Purpose, Rng};
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
@@ -32,9 +32,9 @@ const PLAIN: Light = Light { ambient: 0.3, diffuse: 0.6, specular: 0.1, rims: 0.
 
 /// Gaussians on spheres, and which body each belongs to; a tenth has a random colour. Light falls off with the square
 /// of the cosine, which harmonics of degree 2 hold exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
-fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
+fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (HostGaussians, Vec<u32>) {
     let mut rng = Rng::new(seed, 0, Purpose::Custom(0));
-    let (mut g, mut truth) = (GaussiansAt { sh_stride: 16, ..GaussiansAt::default() }, Vec::new());
+    let (mut g, mut truth) = (HostGaussians { sh_stride: 16, ..HostGaussians::default() }, Vec::new());
     for (k, body) in bodies.iter().enumerate() {
         for _ in 0..body.count {
             let v = [rng.normal(), rng.normal(), rng.normal()];
