@@ -1,7 +1,7 @@
 //! Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS.
 //!
-//! The constants are those of the reference rasteriser, digit for digit; GPU kernels take them from here. Independent of
-//! these are the oracle `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main
+//! The constants are those of the reference rasteriser, digit for digit; GPU kernels take them from here. Independent
+//! of these are the oracle `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main
 //! crate, which needs f64.
 
 /// The constant basis function, `1 / (2 sqrt(pi))`.

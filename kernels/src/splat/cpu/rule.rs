@@ -1,5 +1,5 @@
-//! The rule of compositing on vectors of pixels: once for drawing, for its replay in the backward pass and for the lists
-//! of contributors, so that all three see the same weights bit for bit.
+//! The rule of compositing on vectors of pixels: once for drawing, for its replay in the backward pass and for the
+//! lists of contributors, so that all three see the same weights bit for bit.
 
 use super::lanes::exp2;
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
