@@ -5,6 +5,7 @@ use crate::model::sh::{C0, basis};
 use crate::rng::{Purpose, Rng};
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
 use std::f32::consts::PI;
+use volseggs_kernels::activation::logit;
 
 /// One material: its colour, where it lies, its size, how opaque it is and how many Gaussians it has.
 #[derive(Clone, Copy)]
@@ -43,7 +44,7 @@ fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (HostGaussians, Vec<u32>)
             g.means.extend((0..3).map(|a| body.centre[a] + body.radius * normal[a] + 0.01 * rng.normal()));
             g.log_scales.extend([-4.0; 3]);
             g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
-            let logit = (body.opacity / (1.0 - body.opacity)).ln() + 0.5 * rng.normal();
+            let logit = logit(body.opacity) + 0.5 * rng.normal();
             g.opacity_logits.push(logit);
             let lit = if rng.uniform() < light.rims { 0.2 + 0.5 * rng.uniform() } else { 1.0 };
             let stray = rng.uniform() < 0.1;
