@@ -10,8 +10,8 @@ use burn::tensor::Device;
 use safetensors::SafeTensors;
 use std::time::Instant;
 use volseggs::config::types::Config;
+use volseggs::model::HostGaussians;
 use volseggs::model::Scene;
-use volseggs::model::gaussians::HostGaussians;
 use volseggs::model::scene::SceneSpec;
 use volseggs::tensors::DIGEST;
 
@@ -81,6 +81,7 @@ fn scene(n: usize, device: &Device) -> Scene {
         log_scales: values(3 * n),
         opacity_logits: values(n),
         sh: values(3 * k * n),
+        sh_stride: k,
     };
     let spec = SceneSpec {
         sh_degree: config.model.sh_degree,

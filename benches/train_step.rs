@@ -17,12 +17,12 @@ mod counting;
 mod whole;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{Numbers, Samples, Scene, Splatter, measure};
+use common::{Numbers, SH_COEFFICIENTS, Samples, Scene, Splatter, measure};
 use volseggs::config::types::{Config, DecoderKind, ModelConfig};
 use volseggs::device::DeviceName;
+use volseggs::model::HostGaussians;
 use volseggs::model::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 use volseggs::model::encoder::field_shape;
-use volseggs::model::gaussians::HostGaussians;
 use volseggs::train::densify::{self, Statistics};
 use volseggs::train::due::Due;
 use volseggs::train::losses;
@@ -244,13 +244,12 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
         log_scales: scene.log_scales,
         opacity_logits: scene.opacity_logits,
         sh: scene.sh,
+        sh_stride: SH_COEFFICIENTS,
     };
     let change = || {
         let rows = densify::plan(due, &statistics, &host, config, DISTANCE);
         let new = densify::apply(&rows, &host, 1, 2);
-        let parts =
-            [(&host.means, 3), (&host.rotations, 4), (&host.log_scales, 3), (&host.opacity_logits, 1), (&host.sh, 48)];
-        let moments = parts.map(|(m, width)| [0, 1].map(|_| densify::gather_moments(m, &rows, width)));
+        let moments = host.columns().map(|c| [0, 1].map(|_| densify::gather_moments(c.values, &rows, c.width)));
         (new, moments)
     };
     measure(repeats, change).0

@@ -6,8 +6,8 @@ use std::f64::consts::TAU;
 /// A stream of random numbers keyed by `(seed, step, purpose)`.
 ///
 /// The 64-bit Philox key mixes `seed` and `purpose`; the 128-bit counter holds the block number and `step`. Two
-/// streams that differ in any of the three are independent for every practical use. `purpose` is a constant
-/// per use (one for view order, one for background colours, ...), `step` the iteration or element index.
+/// streams that differ in any of the three are independent for every practical use. Each use has a [`Purpose`] (one for
+/// view order, one for background colours, ...); `step` is the iteration or element index.
 #[derive(Debug, Clone)]
 pub struct Rng {
     key: [u32; 2],
@@ -21,9 +21,9 @@ pub struct Rng {
 impl Rng {
     /// Starts the stream of `(seed, step, purpose)` at its beginning.
     #[must_use]
-    pub fn new(seed: u64, step: u64, purpose: u64) -> Self {
+    pub fn new(seed: u64, step: u64, purpose: Purpose) -> Self {
         // Two rounds, asymmetric in the arguments, so that (a, b) and (b, a) get different keys.
-        let mixed = mix(mix(seed).wrapping_add(purpose).wrapping_add(0x9E37_79B9_7F4A_7C15));
+        let mixed = mix(mix(seed).wrapping_add(purpose.number()).wrapping_add(0x9E37_79B9_7F4A_7C15));
         Self { key: [low(mixed), high(mixed)], step, block: 0, words: [0; 4], used: 4, spare: None }
     }
 
@@ -114,31 +114,65 @@ fn philox(mut c: [u32; 4], mut k: [u32; 2]) -> [u32; 4] {
 }
 
 /// What a stream of random numbers is for; streams of different purposes never overlap.
+///
+/// Its number is part of the key, so a number that changes, changes every run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u64)]
 pub enum Purpose {
     /// Planes, lines, weights of encoders.
-    EncoderInit = 1,
+    EncoderInit,
     /// Weights of the decoder.
-    DecoderInit = 2,
+    DecoderInit,
     /// Positions of the first Gaussians.
-    Points = 3,
+    Points,
     /// The order of training views.
-    Views = 4,
+    Views,
     /// Random backgrounds.
-    Background = 5,
+    Background,
     /// Positions of split Gaussians.
-    Split = 6,
+    Split,
     /// First centres of clusters.
-    Clusters = 7,
+    Clusters,
     /// Weights of the affinity field.
-    AffinityInit = 8,
-    /// Views, scales and pixels of the affinity field's training.
-    AffinitySteps = 9,
+    AffinityInit,
+    /// Which pixels of each view the affinity field is trained on.
+    AffinityPixels,
     /// Points of random sweeps.
-    Sweep = 10,
+    Sweep,
     /// Features, views, scales and pixels of the per-Gaussian features (SAGA).
-    GaussianFeatures = 40,
+    GaussianFeatures,
+    /// Pixels by which what a click selects is judged.
+    PromptPixels,
+    /// Views, scales and pixels of each step of the affinity field's training.
+    AffinitySteps,
+    /// Points inside the visual hull.
+    HullPoints,
+    /// Which training view shows which time.
+    ViewTimes,
+    /// Of tests and of programs of your own. The number is taken as it is: one of those above gives their stream.
+    Custom(u64),
+}
+
+impl Purpose {
+    fn number(self) -> u64 {
+        match self {
+            Self::EncoderInit => 1,
+            Self::DecoderInit => 2,
+            Self::Points => 3,
+            Self::Views => 4,
+            Self::Background => 5,
+            Self::Split => 6,
+            Self::Clusters => 7,
+            Self::AffinityInit => 8,
+            Self::AffinityPixels => 9,
+            Self::Sweep => 10,
+            Self::GaussianFeatures => 40,
+            Self::PromptPixels => 1007,
+            Self::AffinitySteps => 1009,
+            Self::HullPoints => 0x6875_6c6c,
+            Self::ViewTimes => 0x6465_616c,
+            Self::Custom(number) => number,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -158,7 +192,7 @@ mod tests {
 
     #[test]
     fn every_part_of_the_key_matters() {
-        let first = |seed, step, purpose| Rng::new(seed, step, purpose).next_u64();
+        let first = |seed, step, purpose| Rng::new(seed, step, Purpose::Custom(purpose)).next_u64();
         let base = first(1, 2, 3);
         assert_eq!(base, first(1, 2, 3));
         for other in [first(2, 2, 3), first(1, 3, 3), first(1, 2, 4), first(3, 2, 1)] {
@@ -167,8 +201,33 @@ mod tests {
     }
 
     #[test]
+    fn numbers_of_purposes_differ_and_stay() {
+        let all = [
+            (Purpose::EncoderInit, 1),
+            (Purpose::DecoderInit, 2),
+            (Purpose::Points, 3),
+            (Purpose::Views, 4),
+            (Purpose::Background, 5),
+            (Purpose::Split, 6),
+            (Purpose::Clusters, 7),
+            (Purpose::AffinityInit, 8),
+            (Purpose::AffinityPixels, 9),
+            (Purpose::Sweep, 10),
+            (Purpose::GaussianFeatures, 40),
+            (Purpose::PromptPixels, 1007),
+            (Purpose::AffinitySteps, 1009),
+            (Purpose::HullPoints, u32::from_be_bytes(*b"hull").into()),
+            (Purpose::ViewTimes, u32::from_be_bytes(*b"deal").into()),
+        ];
+        for (i, (purpose, number)) in all.into_iter().enumerate() {
+            assert_eq!(Rng::new(1, 2, purpose).next_u64(), Rng::new(1, 2, Purpose::Custom(number)).next_u64());
+            assert!(all[..i].iter().all(|(_, other)| *other != number), "{number}");
+        }
+    }
+
+    #[test]
     fn uniform_and_normal_have_the_right_moments() {
-        let mut rng = Rng::new(7, 0, 0);
+        let mut rng = Rng::new(7, 0, Purpose::Custom(0));
         let n = 100_000;
         let (mut mean, mut square) = (0.0, 0.0);
         for _ in 0..n {
@@ -188,7 +247,7 @@ mod tests {
 
     #[test]
     fn below_is_in_range_and_even() {
-        let mut rng = Rng::new(1, 1, 1);
+        let mut rng = Rng::new(1, 1, Purpose::Custom(1));
         let mut counts = [0; 5];
         for _ in 0..50_000 {
             counts[rng.below(5)] += 1;
@@ -201,10 +260,10 @@ mod tests {
     #[test]
     fn shuffle_is_a_permutation() {
         let mut items: Vec<usize> = (0..100).collect();
-        Rng::new(1, 2, 3).shuffle(&mut items);
+        Rng::new(1, 2, Purpose::Custom(3)).shuffle(&mut items);
         assert!(items.iter().enumerate().any(|(i, x)| i != *x));
         items.sort_unstable();
         assert!(items.iter().enumerate().all(|(i, x)| i == *x));
-        Rng::new(1, 2, 3).shuffle::<u8>(&mut []);
+        Rng::new(1, 2, Purpose::Custom(3)).shuffle::<u8>(&mut []);
     }
 }

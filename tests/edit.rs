@@ -10,7 +10,8 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
-use volseggs::export::ply::PlyGaussians;
+use volseggs::export::ply;
+use volseggs::model::HostGaussians;
 use volseggs::name::Name;
 
 /// A folder with the dataset in `data` and a run with segments in `run`, made once.
@@ -62,9 +63,9 @@ impl Run {
     }
 
     /// The Gaussians in a PLY.
-    fn export(&self, rest: &[&str]) -> PlyGaussians {
+    fn export(&self, rest: &[&str]) -> HostGaussians {
         self.command(&["export", "run", "--out", "one.ply"]).args(rest).assert().success();
-        PlyGaussians::read(&self.path("one.ply")).unwrap()
+        ply::read(&self.path("one.ply")).unwrap()
     }
 
     fn edits(&self) -> Option<Vec<u8>> {

@@ -25,7 +25,7 @@ use volseggs::device::DeviceName;
 use volseggs::extend::{self, EncoderDefinition, LossInput, LossTerm, Metric, MetricInput, Parameters, Schedule};
 use volseggs::model::Scene;
 use volseggs::model::params::{collect, to_vec};
-use volseggs::rng::Rng;
+use volseggs::rng::{Purpose, Rng};
 use volseggs::train::schedule::{Stage, learning_rate};
 use volseggs::train::{TrainError, Trainer};
 
@@ -79,7 +79,7 @@ fn differences<const D: usize>(x: &Tensor<D>, every: usize, f: impl Fn(Tensor<D>
 }
 
 fn noise<const D: usize>(shape: [usize; D], seed: u64, device: &Device) -> Tensor<D> {
-    let mut rng = Rng::new(seed, 0, 0);
+    let mut rng = Rng::new(seed, 0, Purpose::Custom(0));
     let values: Vec<f32> = (0..shape.iter().product()).map(|_| rng.uniform()).collect();
     Tensor::from_data(TensorData::new(values, shape), device)
 }
@@ -166,7 +166,7 @@ fn the_encoder_has_the_right_gradients() {
     let waves = encoder::Waves { frequency: 3.0 };
     let model = config(&[]).model;
     let device = device().autodiff();
-    let start = |seed: u64| waves.parameters(&model, &mut Rng::new(seed, 0, 0));
+    let start = |seed: u64| waves.parameters(&model, &mut Rng::new(seed, 0, Purpose::Custom(0)));
     assert_eq!(start(1), start(1));
     assert_ne!(start(1), start(2));
     let parameters = Parameters::start(start(1), &device);

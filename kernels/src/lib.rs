@@ -3,7 +3,7 @@
 //! One folder an op, each with the same rooms: `mod.rs` (the public function on tensors and the
 //! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `autodiff.rs`
 //! (gradient registration), `cpu` (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels,
-//! with the feature `wgpu` or `cuda`).
+//! with the feature `wgpu` or `cuda`). `contributors` lies in `splat`, whose rule of compositing it shares.
 //!
 //! This crate knows nothing of files, configurations or the command line.
 #![allow(deprecated)] // burn deprecates the NdArray backend in favour of Flex; both are supported here.
@@ -13,12 +13,13 @@ mod camera;
 #[cfg(feature = "cube")]
 mod cube;
 
+pub mod activation;
 pub mod adam;
 pub mod contrast;
-pub mod contributors;
 pub mod decoder;
 pub mod field;
 pub mod photometric;
+pub mod sh;
 pub mod splat;
 pub mod ssim;
 pub mod tv;

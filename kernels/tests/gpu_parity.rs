@@ -275,7 +275,7 @@ fn contributors(on: Tested) {
     let s = settings(camera(50, 40), 1);
     let pixels: Vec<u32> = (0..2000).step_by(7).chain([3, 3, 1999]).collect();
     let lists = |device: &Device| {
-        volseggs_kernels::contributors::contributors(&common::inputs(&scene, device), &s, &pixels).unwrap()
+        volseggs_kernels::splat::contributors::contributors(&common::inputs(&scene, device), &s, &pixels).unwrap()
     };
     let (ours, expected) = (lists(&on.device), lists(&cpu()));
     let mut other = 0;
@@ -288,9 +288,12 @@ fn contributors(on: Tested) {
         assert!(wa.iter().zip(wb).all(|(a, b)| (a - b).abs() < 1e-4), "pixel {p}: {wa:?} for {wb:?}");
     }
     assert!(other * 50 <= pixels.len(), "{other} of {} pixels have other lists", pixels.len());
-    let none = volseggs_kernels::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[]).unwrap();
+    let none =
+        volseggs_kernels::splat::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[]).unwrap();
     assert!(none.is_empty() && none.indices.is_empty());
-    assert!(volseggs_kernels::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[2000]).is_err());
+    assert!(
+        volseggs_kernels::splat::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[2000]).is_err()
+    );
 }
 
 volseggs_testing::on_every_gpu!(

@@ -7,8 +7,8 @@
 mod common;
 
 use common::{FIELDS, Numbers, Tested, camera, random_scene, rounded, settings};
-use volseggs_kernels::contributors::reference::contributors;
 use volseggs_kernels::splat::SplatSettings;
+use volseggs_kernels::splat::contributors::reference::contributors;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
 
 /// Gradients by the image of a loss, in numbers of f32.

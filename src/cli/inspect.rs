@@ -6,7 +6,7 @@ use crate::data::inspect::inspect;
 use crate::data::layout::layout_picture;
 use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
 use crate::export::images::encode_png;
-use crate::export::ply::PlyGaussians;
+use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
 use crate::model::scene::{read_tensors, refuse_not_finite};
 use crate::train::{checkpoint, live};
@@ -50,10 +50,10 @@ impl InspectArgs {
             // a run that was stopped at step 0 has a record, and no checkpoint yet
             self.run_folder()
         } else if extension == Some("ply") {
-            let ply = PlyGaussians::read(&self.path).map_err(CliError::input)?;
-            let damaged = not_finite(&ply);
+            let ply = ply::read(&self.path).map_err(CliError::input)?;
+            let damaged = (0..ply.len()).filter(|i| !ply.is_finite(*i)).count();
             self.show(
-                &json!({ "kind": "ply", "gaussians": ply.len(), "sh_degree": ply.sh_degree, "not_finite": damaged }),
+                &json!({ "kind": "ply", "gaussians": ply.len(), "sh_degree": ply.sh_degree(), "not_finite": damaged }),
             )?;
             match damaged {
                 0 => Ok(()),
@@ -143,14 +143,4 @@ impl InspectArgs {
         }
         Ok(())
     }
-}
-
-/// Gaussians with a value that is no finite number.
-fn not_finite(ply: &PlyGaussians) -> usize {
-    let colours = 3 * ply.coefficients();
-    let finite = |i: usize| {
-        let plain = ply.means[i].iter().chain(&ply.log_scales[i]).chain(&ply.rotations[i]);
-        plain.chain(&ply.sh[i * colours..][..colours]).chain([&ply.opacity_logits[i]]).all(|v| v.is_finite())
-    };
-    (0..ply.len()).filter(|i| !finite(*i)).count()
 }

@@ -4,6 +4,7 @@ use super::prepare_inputs::{ComponentArgs, ShadingArgs, segment_steps};
 use super::values::{count, finite, finite_f32, number, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
+use crate::log::progress::image_bar;
 use crate::name::Name;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
@@ -14,7 +15,6 @@ use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
 use crate::volume::transfer::TransferFunction;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
@@ -138,10 +138,7 @@ impl PrepareArgs {
         }
         let stop = stop_flag("stopping; nothing is written")?;
         let total = image_count(&source, &options);
-        let bar = ProgressBar::new(total as u64);
-        if let Ok(style) = ProgressStyle::with_template("{bar:28} {pos}/{len} images {elapsed}<{eta} {per_sec}") {
-            bar.set_style(style);
-        }
+        let bar = image_bar(total);
         let lines = (!std::io::stderr().is_terminal()).then(|| Lines::new(total, LINE_EVERY));
         let progress = |done: usize| {
             bar.set_position(done as u64);

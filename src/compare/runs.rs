@@ -59,7 +59,7 @@ pub enum RunError {
 /// Refuses metrics that neither this program nor any of the outcomes knows.
 fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunError> {
     let mut known: Vec<String> = METRICS.iter().map(|m| m.id.to_owned()).collect();
-    let more = crate::extend::metrics().into_iter().map(|(name, _)| name);
+    let more = crate::eval::metric::registered().into_iter().map(|(name, _)| name);
     for name in more.chain(outcomes.iter().flat_map(|o| o.metrics.keys().cloned())) {
         if !known.contains(&name) {
             known.push(name);

@@ -12,9 +12,8 @@ use super::carve::{Grid, Masks};
 use super::dataset::Split;
 use super::error::DataError;
 use super::fit::shrink_to_silhouettes;
-use crate::rng::Rng;
+use crate::rng::{Purpose, Rng};
 
-const PURPOSE_SAMPLE: u64 = 0x6875_6c6c;
 /// Draws per point before its cell's last draw is taken as it is. Cells are kept only if they may hold hull, so
 /// this is reached only in cells that touch the hull in a sliver.
 const MAX_DRAWS: usize = 64;
@@ -152,7 +151,7 @@ fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3
         .into_par_iter()
         .with_min_len(CHUNK)
         .map(|i| {
-            let mut rng = Rng::new(seed, i as u64, PURPOSE_SAMPLE);
+            let mut rng = Rng::new(seed, i as u64, Purpose::HullPoints);
             let mut last = (bounds.centre(), 0);
             for _ in 0..MAX_DRAWS {
                 let cell = grid.cells[rng.below(grid.cells.len())];

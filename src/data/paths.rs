@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use glam::DVec3;
 
 use super::camera::Camera;
-use crate::rng::Rng;
+use crate::rng::{Purpose, Rng};
 
 /// Distance of the cameras from the origin in the published datasets.
 pub const RADIUS: f64 = 4.0311;
@@ -14,8 +14,6 @@ pub const RADIUS: f64 = 4.0311;
 pub const FOV_X: f64 = PI / 6.0;
 /// How near the spiral comes to a pole, in radians, so that "up" stays defined.
 pub const POLE_GAP: f64 = 1.75e-4;
-
-const PURPOSE_DEAL: u64 = 0x6465_616c;
 
 /// Where the cameras of a path stand, and what they look at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -146,7 +144,7 @@ pub fn time_indices(count: usize, total: usize) -> Vec<usize> {
 #[must_use]
 pub fn deal_times(times: usize, views_per_time: usize, seed: u64) -> Vec<usize> {
     let mut deal: Vec<usize> = (0..times * views_per_time).map(|i| i % times).collect();
-    Rng::new(seed, 0, PURPOSE_DEAL).shuffle(&mut deal);
+    Rng::new(seed, 0, Purpose::ViewTimes).shuffle(&mut deal);
     deal
 }
 

@@ -8,7 +8,7 @@ use crate::draw::views::view_sheet;
 use crate::eval::segments::{Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::name::Name;
 use crate::run::OpenRun;
 use crate::segment::baselines::saga::SagaOptions;
@@ -109,7 +109,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         found.segments.iter().map(|s| Followed { name: &s.name, members: &s.members }).collect();
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
-    let alone = |at: &GaussiansAt, members: &[u32]| {
+    let alone = |at: &HostGaussians, members: &[u32]| {
         let image = draw(&at.subset(members), camera, scene.spec.background, scene.spec.sh_degree, &options.device.1);
         to_rgb8(&image, WIDTH as usize, WIDTH as usize)
     };

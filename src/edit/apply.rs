@@ -3,12 +3,14 @@
 
 use super::error::EditError;
 use super::operation::{Edit, Operation};
-use super::sh::{C0, ShRotation};
+use super::sh::ShRotation;
 use super::stack::EditStack;
 use super::state::{HIDDEN_LOGIT, check};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
+use crate::model::sh::C0;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
+use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
 /// The largest opacity, that at which drawing stops.
 const MAX_OPACITY: f64 = 0.99;
@@ -26,7 +28,7 @@ const MAX_OPACITY: f64 = 0.99;
 pub fn apply<'s>(
     stack: &EditStack,
     segments: &dyn Fn(&str) -> Option<&'s [u32]>,
-    state: &mut GaussiansAt,
+    state: &mut HostGaussians,
 ) -> Result<(), EditError> {
     check(state)?;
     stack.validate(&|name| segments(name).is_some())?;
@@ -35,7 +37,7 @@ pub fn apply<'s>(
     for edit in &stack.operations {
         resolved.push(resolve(edit, segments, n)?);
     }
-    let weights = state.opacity_logits.iter().map(|&logit| sigmoid(logit)).collect();
+    let weights = state.opacity_logits.iter().map(|&logit| sigmoid_f64(logit.into())).collect();
     let mut editor = Editor { weights, hidden: vec![false; n], owner: vec![0; n], members: Vec::new(), state };
     for (edit, lists) in stack.operations.iter().zip(&resolved) {
         editor.claim(lists);
@@ -64,10 +66,6 @@ fn resolve<'s>(
     Ok(lists)
 }
 
-fn sigmoid(logit: f32) -> f64 {
-    1.0 / (1.0 + (-f64::from(logit)).exp())
-}
-
 struct Editor<'a> {
     /// Linear opacity before any edit `[N]`.
     weights: Vec<f64>,
@@ -76,7 +74,7 @@ struct Editor<'a> {
     owner: Vec<u32>,
     /// The same as lists, one for each named segment.
     members: Vec<Vec<usize>>,
-    state: &'a mut GaussiansAt,
+    state: &'a mut HostGaussians,
 }
 
 impl Editor<'_> {
@@ -129,10 +127,10 @@ impl Editor<'_> {
     fn opacity(&mut self, factor: f64) {
         for &i in self.members.iter().flatten() {
             let logit = &mut self.state.opacity_logits[i];
-            let opacity = (sigmoid(*logit) * factor).min(MAX_OPACITY);
+            let opacity = (sigmoid_f64((*logit).into()) * factor).min(MAX_OPACITY);
             // An opacity of 0 has no finite logit and stays as it is; `min` turns NaN into a number.
             if opacity > 0.0 && !logit.is_nan() {
-                *logit = (opacity.ln() - (-opacity).ln_1p()) as f32;
+                *logit = logit_f64(opacity) as f32;
             }
         }
     }

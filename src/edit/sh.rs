@@ -5,9 +5,6 @@
 
 use std::f64::consts::PI;
 
-/// The constant basis function of band 0, `1 / (2 sqrt(pi))`.
-pub(super) const C0: f32 = 0.282_094_8;
-
 /// The matrices of bands 1 to 3 for one rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShRotation {
@@ -87,8 +84,9 @@ fn direction(j: usize, n: usize) -> [f64; 3] {
     [ring * cos, ring * sin, z]
 }
 
-/// The 16 functions at a unit direction: band 1 is `C1 (-y, z, -x)`.
-pub(super) fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
+/// The 16 functions at a unit direction: band 1 is `C1 (-y, z, -x)`. From their definition in f64: with the constants of
+/// single precision a turn would not be orthonormal to rounding.
+fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
     let norm = |a: f64| (a / PI).sqrt();
     let (c1, c2) = (norm(3.0) / 2.0, norm(15.0) / 2.0);
@@ -116,6 +114,7 @@ pub(super) fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::sh::C0;
     use glam::{DMat3, DVec3};
     use proptest::prelude::*;
 

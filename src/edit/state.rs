@@ -1,7 +1,7 @@
 //! Checks of the Gaussians that edits change, and what a hidden one is. What an edit does is in `apply`.
 
 use super::error::EditError;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 
 /// The opacity logit of a hidden Gaussian: its sigmoid is 0 in single precision, yet it is finite for files.
 pub const HIDDEN_LOGIT: f32 = -100.0;
@@ -10,20 +10,12 @@ pub const HIDDEN_LOGIT: f32 = -100.0;
 ///
 /// # Errors
 /// [`EditError::Shape`] or [`EditError::ShStride`]. Values are not looked at: what is not finite stays so.
-pub(super) fn check(gaussians: &GaussiansAt) -> Result<(), EditError> {
+pub(super) fn check(gaussians: &HostGaussians) -> Result<(), EditError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         return Err(EditError::ShStride { found: gaussians.sh_stride });
     }
-    let n = gaussians.len();
-    for (field, array, width) in [
-        ("means", &gaussians.means, 3),
-        ("rotations", &gaussians.rotations, 4),
-        ("log_scales", &gaussians.log_scales, 3),
-        ("sh", &gaussians.sh, 3 * gaussians.sh_stride),
-    ] {
-        if array.len() != n * width {
-            return Err(EditError::Shape { field, expected: n * width, found: array.len() });
-        }
+    match gaussians.misshapen() {
+        Some((column, expected)) => Err(EditError::Shape { field: column.name, expected, found: column.values.len() }),
+        None => Ok(()),
     }
-    Ok(())
 }

@@ -5,7 +5,7 @@ mod file;
 mod properties;
 
 use super::{Edit, EditStack, Operation};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 
 /// Segments "a", "b" (disjoint), "ab" (both) and "none" (without Gaussians); the last two of 10 are in none.
 pub fn segments(name: &str) -> Option<&'static [u32]> {
@@ -19,9 +19,9 @@ pub fn segments(name: &str) -> Option<&'static [u32]> {
 }
 
 /// 10 Gaussians of degree 3 that all differ.
-pub fn state() -> GaussiansAt {
+pub fn state() -> HostGaussians {
     let wave = |n: usize, k: f32| (0..n).map(|i| ((i + 1) as f32 * k).sin()).collect::<Vec<_>>();
-    GaussiansAt {
+    HostGaussians {
         means: wave(30, 1.3),
         rotations: wave(40, 2.1),
         log_scales: wave(30, 0.7).iter().map(|v| v - 3.0).collect(),
@@ -39,24 +39,24 @@ pub fn stack(edits: &[Edit]) -> EditStack {
     EditStack { operations: edits.to_vec(), ..EditStack::default() }
 }
 
-pub fn applied(edits: &[Edit]) -> GaussiansAt {
+pub fn applied(edits: &[Edit]) -> HostGaussians {
     let mut state = state();
     super::apply(&stack(edits), &segments, &mut state).unwrap();
     state
 }
 
-pub fn arrays(s: &GaussiansAt) -> [&[f32]; 5] {
-    [&s.means, &s.rotations, &s.log_scales, &s.opacity_logits, &s.sh]
+pub fn arrays(s: &HostGaussians) -> [&[f32]; 5] {
+    s.columns().map(|column| column.values)
 }
 
 /// The largest difference of any two values.
-pub fn distance(a: &GaussiansAt, b: &GaussiansAt) -> f32 {
+pub fn distance(a: &HostGaussians, b: &HostGaussians) -> f32 {
     let pairs = arrays(a).into_iter().zip(arrays(b)).flat_map(|(x, y)| x.iter().zip(y));
     pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
 /// The bits of everything about one Gaussian.
-pub fn bits(s: &GaussiansAt, i: usize) -> Vec<u32> {
+pub fn bits(s: &HostGaussians, i: usize) -> Vec<u32> {
     let n = s.len();
     arrays(s).iter().flat_map(|a| a[i * a.len() / n..(i + 1) * a.len() / n].iter().map(|v| v.to_bits())).collect()
 }

@@ -1,6 +1,7 @@
 //! Evaluation of a run: metrics over a split, tables, pictures for reports; and of segments, against known ones.
 
 pub mod distance;
+pub mod metric;
 pub mod results;
 pub mod run;
 pub mod segments;

@@ -1,11 +1,11 @@
 //! Evaluation of a scene over a split: the paper's metrics for each view and their mean.
 
 use super::distance::{AtDistance, by_distance};
+use super::metric::{self, MetricInput};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
 use super::speed::{self, Speed};
 use crate::data::Split;
-use crate::extend::{self, MetricInput};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::psnr;
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
@@ -156,7 +156,7 @@ pub fn evaluate(
     let mut views = Vec::with_capacity(n);
     let mut truth = vec![0.0; 3 * w * h];
     let mut alpha = vec![0.0; w * h];
-    let registered = extend::metrics();
+    let registered = metric::registered();
     let speed = speed::measure(scene, split)?;
     for (i, frame) in split.frames.iter().enumerate() {
         let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
@@ -180,7 +180,7 @@ pub fn evaluate(
             ssim_gray: ssim_gray(&render, &truth, w, h).map_err(|e| e.to_string())?,
             lpips_alex: lpips(LpipsNet::Alex)?,
             lpips_vgg: lpips(LpipsNet::Vgg)?,
-            extra: extend::measure(&registered, &input),
+            extra: metric::measure(&registered, &input),
         };
         progress(i + 1, metrics.psnr);
         if shown.contains(&i) {
@@ -211,7 +211,7 @@ pub fn evaluate(
         ssim_gray: mean(&|v| v.ssim_gray),
         lpips_alex: mean_option(&|v| v.lpips_alex),
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
-        extra: extend::means(views.iter().map(|v| &v.extra)),
+        extra: metric::means(views.iter().map(|v| &v.extra)),
         by_distance: by_distance(&views, &costs.trained_times),
         speed,
         training_seconds: costs.training_seconds,

@@ -4,4 +4,3 @@ pub mod animation;
 pub mod images;
 pub mod labels;
 pub mod ply;
-pub mod scene;

@@ -199,7 +199,7 @@ impl fmt::Display for Holder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { user, host, pid, command, .. } = self;
         let seconds = now().saturating_sub(self.since) as f64;
-        write!(f, "`{command}` of {user} (process {pid} on {host}, for {})", crate::log::progress::duration(seconds))
+        write!(f, "`{command}` of {user} (process {pid} on {host}, for {})", crate::durations::duration(seconds))
     }
 }
 

@@ -53,7 +53,7 @@ impl Decoder {
     /// not throw the Gaussians about; exactly zero would hold the encoder's gradient at zero for a step. Biases start as
     /// `bias_init` says, those of such outputs at zero.
     pub fn new(config: &ModelConfig, features: usize, seed: u64, device: &Device) -> Self {
-        let mut rng = Rng::new(seed, 0, Purpose::DecoderInit as u64);
+        let mut rng = Rng::new(seed, 0, Purpose::DecoderInit);
         let width = config.width;
         let heads = match config.decoder {
             DecoderKind::Heads => OUTPUTS.len(),
@@ -150,7 +150,7 @@ mod tests {
             let mut config = Config::default().model;
             (config.decoder, config.zero_init_heads) = (kind, false);
             let decoder = Decoder::new(&config, 64, 3, &device);
-            let mut rng = Rng::new(1, 2, 3);
+            let mut rng = Rng::new(1, 2, Purpose::Custom(3));
             let values: Vec<f32> = (0..100 * 64).map(|_| rng.normal()).collect();
             let x = Tensor::<2>::from_data(TensorData::new(values, [100, 64]), &device).require_grad();
             let run = |out: Tensor<2>| {

@@ -8,6 +8,7 @@ use super::implicit::ImplicitEncoder;
 use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::splat::SplatInputs;
 
 /// Added to the opacity logit of a Gaussian that is left out.
 const TRANSPARENT: f32 = -1e4;
@@ -30,31 +31,6 @@ struct Placing {
     half_size: [f32; 3],
     time_range: TimeRange,
     deform_opacity: bool,
-}
-
-/// Gaussians at a time: attributes ready to be drawn (`sh` does not change over time).
-#[derive(Clone, Debug)]
-pub struct Deformed {
-    /// `[N, 3]`
-    pub means: Tensor<2>,
-    /// `[N, 4]`
-    pub rotations: Tensor<2>,
-    /// `[N, 3]`
-    pub log_scales: Tensor<2>,
-    /// `[N]`
-    pub opacity_logits: Tensor<1>,
-}
-
-impl Deformed {
-    /// The canonical Gaussians themselves.
-    pub fn canonical(gaussians: &Gaussians) -> Self {
-        Self {
-            means: gaussians.means.val(),
-            rotations: gaussians.rotations.val(),
-            log_scales: gaussians.log_scales.val(),
-            opacity_logits: gaussians.opacity_logits.val(),
-        }
-    }
 }
 
 impl DeformationField {
@@ -81,15 +57,15 @@ impl DeformationField {
         Self { encoder, decoder, placing }
     }
 
-    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes. Those that are `asleep` `[N]`, if
-    /// that is given, are not looked up: they come out transparent.
-    pub fn deform(&self, gaussians: &Gaussians, time: f32, asleep: Option<&[bool]>) -> Deformed {
+    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes; colours stay. Those that are
+    /// `culled` `[N]`, if that is given, are not looked up: they come out transparent.
+    pub fn deform(&self, gaussians: &Gaussians, time: f32, culled: Option<&[bool]>) -> SplatInputs {
         let means = gaussians.means.val();
         let device = means.device();
         let row = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
         let inverse = self.placing.half_size.map(|h| 1.0 / h);
         let mut points = (means.clone() - row(self.placing.centre)) * row(inverse);
-        let marks = |value: f32| asleep.map(|a| a.iter().map(|&a| if a { value } else { 0.0 }).collect::<Vec<f32>>());
+        let marks = |value: f32| culled.map(|a| a.iter().map(|&a| if a { value } else { 0.0 }).collect::<Vec<f32>>());
         if let Some(marks) = marks(f32::NAN) {
             // the field and the decoder pass over points that are none
             let n = marks.len();
@@ -111,7 +87,7 @@ impl DeformationField {
         if let Some(marks) = marks(TRANSPARENT) {
             opacity_logits = opacity_logits + Tensor::from_data(TensorData::new(marks, [n]), &device);
         }
-        Deformed {
+        SplatInputs {
             means: means + columns(0, 3),
             rotations: gaussians.rotations.val() + columns(3, 7),
             log_scales: gaussians.log_scales.val() + columns(7, 10),
@@ -120,6 +96,8 @@ impl DeformationField {
             } else {
                 opacity_logits
             },
+            sh: gaussians.sh.val(),
+            screen_offsets: None,
         }
     }
 }

@@ -44,7 +44,7 @@ impl FactorisedEncoder {
     /// the default starts planes and lines in [0.1, 0.5] and temporal vectors at 1.
     pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
         let shape = field_shape(config);
-        let mut rng = Rng::new(seed, 0, Purpose::EncoderInit as u64);
+        let mut rng = Rng::new(seed, 0, Purpose::EncoderInit);
         let mut values = |len: usize| -> Vec<f32> {
             match config.grid_init {
                 GridInit::Uniform => (0..len).map(|_| 0.1 + 0.4 * rng.uniform()).collect(),

@@ -1,7 +1,8 @@
 //! An encoder that was registered in [`crate::extend`]: holds what it learns, as burn wants it.
 
+use super::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 use crate::config::types::ModelConfig;
-use crate::extend::{EncoderDefinition, NotRegistered, Parameter, Parameters, find_encoder};
+use crate::registry::NotRegistered;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -112,7 +113,7 @@ fn define(config: &ModelConfig, seed: u64) -> Result<(Arc<dyn EncoderDefinition>
     if definition.features(config) == 0 {
         return Err(ExtraEncoderError::NoFeatures(encoder.clone()));
     }
-    let mut rng = Rng::new(seed, 2, Purpose::EncoderInit as u64);
+    let mut rng = Rng::new(seed, 2, Purpose::EncoderInit);
     let parameters = definition.parameters(config, &mut rng);
     for (i, p) in parameters.iter().enumerate() {
         let wanted: usize = p.shape.iter().product();

@@ -1,7 +1,9 @@
 //! Canonical Gaussians: the five learnable attributes (the paper's section on 3DGS).
 
+use super::host::HostGaussians;
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
+use volseggs_kernels::splat::SplatInputs;
 
 /// N canonical Gaussians.
 #[derive(Module, Debug)]
@@ -18,50 +20,37 @@ pub struct Gaussians {
     pub sh: Param<Tensor<3>>,
 }
 
-/// The same attributes on the host, row-major.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct HostGaussians {
-    /// `[N, 3]`
-    pub means: Vec<f32>,
-    /// `[N, 4]`
-    pub rotations: Vec<f32>,
-    /// `[N, 3]`
-    pub log_scales: Vec<f32>,
-    /// `[N]`
-    pub opacity_logits: Vec<f32>,
-    /// `[N, K, 3]`
-    pub sh: Vec<f32>,
-}
-
 impl Gaussians {
     /// Puts host attributes on a device.
     ///
     /// # Panics
     /// If the arrays disagree about N.
     pub fn from_host(host: HostGaussians, device: &Device) -> Self {
-        let n = host.opacity_logits.len();
-        let k = if n == 0 { 1 } else { host.sh.len() / (3 * n) };
-        let param2 =
-            |v: Vec<f32>, d: usize| Param::from_tensor(Tensor::<2>::from_data(TensorData::new(v, [n, d]), device));
+        let SplatInputs { means, rotations, log_scales, opacity_logits, sh, .. } = host.into_splat(device);
         Self {
-            means: param2(host.means, 3),
-            rotations: param2(host.rotations, 4),
-            log_scales: param2(host.log_scales, 3),
-            opacity_logits: Param::from_tensor(Tensor::from_data(TensorData::new(host.opacity_logits, [n]), device)),
-            sh: Param::from_tensor(Tensor::from_data(TensorData::new(host.sh, [n, k, 3]), device)),
+            means: Param::from_tensor(means),
+            rotations: Param::from_tensor(rotations),
+            log_scales: Param::from_tensor(log_scales),
+            opacity_logits: Param::from_tensor(opacity_logits),
+            sh: Param::from_tensor(sh),
+        }
+    }
+
+    /// The canonical Gaussians as they are drawn without a deformation; with gradients where the parameters have them.
+    pub fn val(&self) -> SplatInputs {
+        SplatInputs {
+            means: self.means.val(),
+            rotations: self.rotations.val(),
+            log_scales: self.log_scales.val(),
+            opacity_logits: self.opacity_logits.val(),
+            sh: self.sh.val(),
+            screen_offsets: None,
         }
     }
 
     /// Copies the attributes to the host.
     pub fn to_host(&self) -> HostGaussians {
-        use super::params::to_vec;
-        HostGaussians {
-            means: to_vec(self.means.val()),
-            rotations: to_vec(self.rotations.val()),
-            log_scales: to_vec(self.log_scales.val()),
-            opacity_logits: to_vec(self.opacity_logits.val()),
-            sh: to_vec(self.sh.val()),
-        }
+        HostGaussians::from_splat(self.val())
     }
 
     /// Number of Gaussians.

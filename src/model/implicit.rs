@@ -49,7 +49,7 @@ pub struct ImplicitEncoder {
 impl ImplicitEncoder {
     /// A new encoder with as many features as the factorised one would have.
     pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
-        let mut rng = Rng::new(seed, 1, Purpose::EncoderInit as u64);
+        let mut rng = Rng::new(seed, 1, Purpose::EncoderInit);
         let (octaves, time_octaves) = (config.implicit_octaves, config.implicit_time_octaves);
         let (depth, skip) = (config.implicit_depth, config.implicit_skip);
         let encoded = 3 * (1 + 2 * octaves) + 1 + 2 * time_octaves;
@@ -246,7 +246,7 @@ mod tests {
             assert!(largest <= bound && largest > 0.99 * bound, "{name}: {largest} {bound}");
             assert_ne!(tensor, &other[name], "{name}");
         }
-        let mut rng = Rng::new(1, 2, 3);
+        let mut rng = Rng::new(1, 2, Purpose::Custom(3));
         let points: Vec<f32> = (0..3 * 200).map(|_| 2.0 * rng.uniform() - 1.0).collect();
         let points = Tensor::<2>::from_data(TensorData::new(points, [200, 3]), &device);
         let features = params::to_vec(encoder(1).forward(points, 0.5));
@@ -269,7 +269,7 @@ mod tests {
             let run = || {
                 let device = name.open().unwrap().autodiff();
                 let encoder = ImplicitEncoder::new(&config, 4, &device);
-                let mut rng = Rng::new(1, 2, 3);
+                let mut rng = Rng::new(1, 2, Purpose::Custom(3));
                 let points = TensorData::new((0..3 * 500).map(|_| rng.uniform()).collect::<Vec<f32>>(), [500, 3]);
                 let features = encoder.forward(Tensor::from_data(points, &device), 0.3);
                 let gradients = (features.clone() * features.clone()).sum().backward();

@@ -1,10 +1,10 @@
 //! A scene: what training makes and everything after reads. Gaussians, their field, and where they lie.
 
 use super::extra_encoder::ExtraEncoder;
-use super::gaussians::HostGaussians;
+use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::size::{check_model, field_parameters};
-use super::{DeformationField, Deformed, Gaussians};
+use super::{DeformationField, Gaussians};
 use crate::config::types::{EncoderKind, ModelConfig};
 use crate::tensors::{self, DIGEST, TensorFileError};
 use burn::module::Module;
@@ -119,21 +119,21 @@ impl Scene {
     }
 
     /// The Gaussians at `time` in [0, 1].
-    pub fn at(&self, time: f32) -> Deformed {
+    pub fn at(&self, time: f32) -> SplatInputs {
         self.at_without(time, None)
     }
 
-    /// The Gaussians at `time`, those that are `asleep` `[N]` left out: they come out transparent.
-    pub fn at_without(&self, time: f32, asleep: Option<&[bool]>) -> Deformed {
+    /// The Gaussians at `time`, those that are `culled` `[N]` left out: they come out transparent.
+    pub fn at_without(&self, time: f32, culled: Option<&[bool]>) -> SplatInputs {
         if !self.spec.deformed {
-            return Deformed::canonical(&self.gaussians);
+            return self.gaussians.val();
         }
-        self.field.deform(&self.gaussians, time, asleep)
+        self.field.deform(&self.gaussians, time, culled)
     }
 
     /// Draws Gaussians that are already at their time.
-    pub fn draw(&self, at: Deformed, camera: Camera, background: [f32; 3], offsets: Option<Tensor<2>>) -> View {
-        let inputs = SplatInputs { screen_offsets: offsets, ..self.inputs(at) };
+    pub fn draw(&self, at: SplatInputs, camera: Camera, background: [f32; 3], offsets: Option<Tensor<2>>) -> View {
+        let inputs = SplatInputs { screen_offsets: offsets, ..at };
         let out = splat(inputs, SplatSettings { camera, background, sh_degree: self.spec.sh_degree });
         View { image: out.image, radii: out.radii }
     }
@@ -141,19 +141,7 @@ impl Scene {
     /// The Gaussians at `time` in [0, 1] as splatting takes them, without gradients: their tape would hold the hidden
     /// layers of every view that is rendered until the next step of the training.
     pub fn inputs_at(&self, time: f32) -> SplatInputs {
-        let still = self.valid();
-        still.inputs(still.at(time))
-    }
-
-    fn inputs(&self, at: Deformed) -> SplatInputs {
-        SplatInputs {
-            means: at.means,
-            rotations: at.rotations,
-            log_scales: at.log_scales,
-            opacity_logits: at.opacity_logits,
-            sh: self.gaussians.sh.val(),
-            screen_offsets: None,
-        }
+        self.valid().at(time)
     }
 
     /// Renders `[H, W, 4]` (colour over the scene's background, and alpha) to the host.
@@ -204,18 +192,12 @@ impl Scene {
             ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
         }
         let k = (spec.model.sh_degree + 1).pow(2);
-        let empty = HostGaussians {
-            sh: vec![0.0; 3 * k],
-            means: vec![0.0; 3],
-            rotations: vec![0.0; 4],
-            log_scales: vec![0.0; 3],
-            opacity_logits: vec![0.0],
-        };
-        let scene = Self::new(empty, spec, 0, device);
+        let empty = HostGaussians::zeros(1, k);
+        let scene = Self::new(empty.clone(), spec, 0, device);
         let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
-        let g = &scene.gaussians;
-        let n = g.count();
-        if [g.rotations.dims()[0], g.log_scales.dims()[0], g.opacity_logits.dims()[0], g.sh.dims()[0]] != [n; 4] {
+        let n = scene.gaussians.count();
+        let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
+        if empty.columns().iter().any(|column| rows(column.name) != Some(n)) {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
         Ok(scene)
@@ -352,6 +334,7 @@ mod tests {
             log_scales: vec![-3.0; 6],
             opacity_logits: vec![0.0; 2],
             sh: vec![0.1; 6],
+            sh_stride: 1,
         };
         let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
         let spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0 };

@@ -1,8 +1,8 @@
 //! How large a model is, from its configuration alone: asked before anything of it is allocated. Nothing here overflows,
 //! whatever the configuration says.
 
+use super::encoder_definition::find_encoder;
 use crate::config::types::{DecoderKind, EncoderKind, ModelConfig};
-use crate::extend::find_encoder;
 use crate::memory::product;
 
 use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};

@@ -3,6 +3,7 @@
 
 use super::page::escape;
 use super::{Block, Number};
+use crate::durations::exact_duration;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
@@ -227,22 +228,6 @@ fn code(commands: &[(String, String)]) -> String {
     out + "</ul>\n"
 }
 
-/// Seconds as a reader wants them: `0.042 s`, `3.1 s`, `4 min 05 s`, `2 h 03 min`.
-fn duration(seconds: f64) -> String {
-    let whole = seconds.round();
-    match seconds {
-        s if !s.is_finite() || s < 0.0 => "–".to_owned(),
-        s if s < 0.1 => format!("{s:.3} s"),
-        s if s < 9.95 => format!("{s:.1} s"),
-        _ if whole < 60.0 => format!("{whole:.0} s"),
-        _ if whole < 3600.0 => format!("{:.0} min {:02.0} s", (whole / 60.0).floor(), whole % 60.0),
-        _ => {
-            let minutes = (whole / 60.0).round();
-            format!("{:.0} h {:02.0} min", (minutes / 60.0).floor(), minutes % 60.0)
-        }
-    }
-}
-
 fn timings(stages: &[(String, f64)]) -> String {
     let known = || stages.iter().map(|(_, seconds)| *seconds).filter(|s| s.is_finite() && *s >= 0.0);
     let longest = known().fold(0.0, f64::max);
@@ -255,12 +240,12 @@ fn timings(stages: &[(String, f64)]) -> String {
             "<tr><th scope=\"row\">{}</th><td class=\"bar\"><span style=\"width:{part:.1}%\"></span></td>\
              <td class=\"number\">{}</td></tr>\n",
             escape(name),
-            duration(*seconds)
+            exact_duration(*seconds)
         );
     }
     out + &format!(
         "</tbody>\n<tfoot><tr><th scope=\"row\">Total</th><td></td><td class=\"number\">{}</td></tr></tfoot>\n</table>\n",
-        duration(known().sum())
+        exact_duration(known().sum())
     )
 }
 

@@ -2,7 +2,7 @@
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
-use crate::model::{GaussiansAt, Scene};
+use crate::model::{HostGaussians, Scene};
 use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, signed, sizes};
 use crate::segment::palette::hex;
 use crate::segment::pictures::picture;
@@ -60,11 +60,11 @@ enum Shown {
     /// In their colours; nothing if there are none.
     Colours { inputs: Option<Box<SplatInputs>>, degree: usize },
     /// By depth, which no camera shares with another.
-    Depth(GaussiansAt),
+    Depth(HostGaussians),
 }
 
 impl Prepared {
-    fn of(at: &GaussiansAt, degree: usize, device: &Device) -> Self {
+    fn of(at: &HostGaussians, degree: usize, device: &Device) -> Self {
         // not every backend can hold an empty tensor
         Self(Shown::Colours { inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))), degree })
     }

@@ -11,7 +11,7 @@ use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::memory::{Budget, product};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::segment::masks::RegionOptions;
 use crate::segment::masks::handout::{FILE, Handout, HandoutError, write_pictures};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
@@ -141,7 +141,7 @@ impl MaskPlan {
         self.shots.len() * self.groups.len()
     }
 
-    fn job<'a>(&'a self, run: &OpenRun, at: &'a GaussiansAt, device: &'a Device) -> MaskJob<'a> {
+    fn job<'a>(&'a self, run: &OpenRun, at: &'a HostGaussians, device: &'a Device) -> MaskJob<'a> {
         let spec = &run.scene.spec;
         MaskJob {
             at,

@@ -6,7 +6,7 @@
 use super::segments::RunSegments;
 use super::{OpenRun, RunError};
 use crate::data::Camera;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::model::params::to_vec;
 use crate::name::Name;
 use crate::segment::click::{heaviest, under};
@@ -46,7 +46,7 @@ pub enum ClickError {
 #[derive(Debug)]
 pub struct Clicking {
     /// All Gaussians `[N]` at the time.
-    at: GaussiansAt,
+    at: HostGaussians,
     time: f64,
     segments: Segmentation,
     field: Option<(AffinityField, AffinitySpec)>,

@@ -6,7 +6,7 @@ use crate::draw::views::view_sheet;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
 use crate::memory::Budget;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::name::Name;
 use crate::points::kmeans;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
@@ -156,7 +156,7 @@ impl RunSegments {
     pub fn coarse(
         &mut self,
         run: &OpenRun,
-        at: &GaussiansAt,
+        at: &HostGaussians,
         time: f64,
         options: &CoarseOptions,
     ) -> Result<Coarse, RunError> {
@@ -212,7 +212,7 @@ pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimension
 pub fn sheet(
     run: &OpenRun,
     around: &Surroundings,
-    at: &GaussiansAt,
+    at: &HostGaussians,
     segments: &[Segment],
     device: &Device,
 ) -> RgbImage {

@@ -2,7 +2,7 @@
 
 use super::{OpenRun, RunError};
 use crate::edit::{EditError, EditStack, HIDDEN_LOGIT, apply};
-use crate::model::{GaussiansAt, Scene};
+use crate::model::{HostGaussians, Scene};
 use crate::segment::paint::highlight;
 use crate::segment::segmentation::Segmentation;
 
@@ -107,7 +107,7 @@ impl Selection {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn edited(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, RunError> {
+    pub fn edited(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
         let mut at = scene.host_at(time);
         let members = |name: &str| self.segments.get(name).ok().map(|s| s.members.as_slice());
         apply(&self.edits, &members, &mut at).map_err(RunError::input)?;
@@ -122,13 +122,13 @@ impl Selection {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn at(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, RunError> {
+    pub fn at(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
         Ok(self.cut(self.edited(scene, time)?))
     }
 
     /// Of all N Gaussians those of the segments alone.
     #[must_use]
-    pub fn cut(&self, all: GaussiansAt) -> GaussiansAt {
+    pub fn cut(&self, all: HostGaussians) -> HostGaussians {
         match &self.members {
             Some(members) => all.subset(members),
             None => all,
@@ -139,7 +139,7 @@ impl Selection {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn visible(&self, scene: &Scene, time: f32) -> Result<GaussiansAt, RunError> {
+    pub fn visible(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
         let at = self.at(scene, time)?;
         if self.edits.operations.is_empty() {
             return Ok(at);

@@ -5,7 +5,7 @@ use super::segments::{RunSegments, check_clusters};
 use super::{OpenRun, RunError, affinity};
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::name::Name;
 use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::FEATURES;
@@ -41,7 +41,7 @@ pub struct Parts {
     /// Their names, from the largest.
     pub names: Vec<Name>,
     /// The Gaussians of the whole, at the time of the field.
-    alone: GaussiansAt,
+    alone: HostGaussians,
     /// The colour of the part of each; `None` for strays.
     shades: Vec<Option<[f32; 3]>>,
 }
@@ -111,7 +111,7 @@ pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Devic
     let pictures: Vec<_> = around.orbit(5)[..4]
         .iter()
         .flat_map(|camera| {
-            [("as it is", &parts.alone), ("parts", &painted)].map(|(label, gaussians): (&str, &GaussiansAt)| {
+            [("as it is", &parts.alone), ("parts", &painted)].map(|(label, gaussians): (&str, &HostGaussians)| {
                 let image = draw(gaussians, camera.to_kernel(), run.scene.spec.background, 0, device);
                 (label.to_owned(), to_rgb8(&image, width, height))
             })

@@ -2,8 +2,8 @@
 
 use crate::data::Camera;
 use crate::device::DeviceName;
-use crate::model::GaussiansAt;
-use crate::rng::Rng;
+use crate::model::HostGaussians;
+use crate::rng::{Purpose, Rng};
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
 use crate::segment::masks::Mask;
@@ -34,9 +34,9 @@ impl Balls {
     }
 
     /// The first ball's Gaussians, then the second's.
-    pub(crate) fn gaussians(self) -> GaussiansAt {
-        let mut rng = Rng::new(5, 0, 0);
-        let mut out = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
+    pub(crate) fn gaussians(self) -> HostGaussians {
+        let mut rng = Rng::new(5, 0, Purpose::Custom(0));
+        let mut out = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         for centre in self.centres() {
             for _ in 0..self.count {
                 let direction = DVec3::from_array([0; 3].map(|_| f64::from(rng.normal()))).normalize();
@@ -75,7 +75,7 @@ impl Balls {
     }
 
     /// The views as training takes them, of all of `at`.
-    pub(crate) fn prepared(self, at: &GaussiansAt) -> Vec<FineView> {
+    pub(crate) fn prepared(self, at: &HostGaussians) -> Vec<FineView> {
         let device = DeviceName::all()[0].open().unwrap();
         let members: Vec<u32> = (0..at.len() as u32).collect();
         let frame = Frame::around(&at.means);
@@ -92,7 +92,7 @@ impl Balls {
 }
 
 /// Adds an unturned Gaussian.
-pub(crate) fn add(to: &mut GaussiansAt, mean: [f32; 3], log_scales: [f32; 3]) {
+pub(crate) fn add(to: &mut HostGaussians, mean: [f32; 3], log_scales: [f32; 3]) {
     to.means.extend(mean);
     to.rotations.extend([1.0, 0.0, 0.0, 0.0]);
     to.log_scales.extend(log_scales);

@@ -1,17 +1,17 @@
 //! From a clicked pixel to the Gaussian seen there.
 
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
-use volseggs_kernels::contributors::{Contributors, ContributorsError, contributors};
 use volseggs_kernels::splat::SplatSettings;
+use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
 /// What the pixel at column `x` and row `y` is made of: indices of Gaussians and their weights, nearest first.
 ///
 /// # Errors
 /// If the camera has no such pixel.
 pub fn under(
-    gaussians: &GaussiansAt,
+    gaussians: &HostGaussians,
     camera: Camera,
     [x, y]: [u32; 2],
     device: &Device,
@@ -29,7 +29,7 @@ pub fn under(
 /// # Errors
 /// If the camera has no such pixel.
 pub fn seen(
-    gaussians: &GaussiansAt,
+    gaussians: &HostGaussians,
     camera: Camera,
     pixels: &[u32],
     device: &Device,
@@ -57,8 +57,8 @@ mod tests {
     use glam::DVec3;
 
     /// A faint red ball before a solid one, seen along the y axis; a third far to the side.
-    fn three() -> (GaussiansAt, Camera) {
-        let at = GaussiansAt {
+    fn three() -> (HostGaussians, Camera) {
+        let at = HostGaussians {
             means: vec![0.0, -0.5, 0.0, 0.0, 0.5, 0.0, 9.0, 0.0, 0.0],
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(3),
             log_scales: vec![-2.0; 9],

@@ -6,7 +6,7 @@ use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
 use super::pieces::pieces;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
 use crate::points::outliers::{OutlierConfig, keep_mask};
@@ -59,7 +59,7 @@ impl CoarseOptions {
     /// Which of `gaussians` are too transparent at their time to make colours, `[N]`: [`coarse`] reads the largest
     /// opacity of these alone.
     #[must_use]
-    pub fn hidden(&self, gaussians: &GaussiansAt) -> Vec<bool> {
+    pub fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
         gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
     }
 }
@@ -92,7 +92,7 @@ pub struct Coarse {
 /// # Panics
 /// If `largest_opacity` has another length.
 pub fn coarse(
-    gaussians: &GaussiansAt,
+    gaussians: &HostGaussians,
     largest_opacity: Option<&[f32]>,
     options: &CoarseOptions,
 ) -> Result<Coarse, PointsError> {
@@ -112,7 +112,7 @@ pub fn coarse(
         None => Vec::new(),
     };
     let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
-    let mut rng = Rng::new(options.seed, 0, Purpose::Clusters as u64);
+    let mut rng = Rng::new(options.seed, 0, Purpose::Clusters);
     let mut uniform = || rng.uniform();
     let found = match options.space {
         ColourSpace::Material => by_material(gaussians, &shown, &later, &weights, options, &mut uniform)?,
@@ -163,7 +163,7 @@ struct Found {
 }
 
 fn by_material(
-    gaussians: &GaussiansAt,
+    gaussians: &HostGaussians,
     shown: &[u32],
     later: &[u32],
     weights: &[f32],
@@ -239,11 +239,12 @@ fn without_empty(centroids: &[f32], labels: &mut [u32]) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::sh::C0;
 
     /// A red and a blue ball, a red stray in the blue one, and a transparent haze.
-    fn two_balls() -> (GaussiansAt, Vec<u32>) {
-        let mut rng = Rng::new(3, 0, 0);
-        let (mut g, mut truth) = (GaussiansAt { sh_stride: 4, ..GaussiansAt::default() }, Vec::new());
+    fn two_balls() -> (HostGaussians, Vec<u32>) {
+        let mut rng = Rng::new(3, 0, Purpose::Custom(0));
+        let (mut g, mut truth) = (HostGaussians { sh_stride: 4, ..HostGaussians::default() }, Vec::new());
         let mut add = |centre: f32, colour: [f32; 3], logit: f32, label: u32| {
             for _ in 0..3 {
                 g.means.push(centre + 0.1 * rng.normal());
@@ -251,7 +252,7 @@ mod tests {
             }
             g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
             g.opacity_logits.push(logit);
-            g.sh.extend(colour.map(|c| (c + 0.03 * rng.normal() - 0.5) / 0.282_094_8));
+            g.sh.extend(colour.map(|c| (c + 0.03 * rng.normal() - 0.5) / C0));
             g.sh.extend((0..9).map(|_| 0.05 * rng.normal()));
             truth.push(label);
         };
@@ -332,7 +333,7 @@ mod tests {
             g.log_scales.extend([0.03f32.ln(), -5.0, -5.0]);
             g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
             g.opacity_logits.push(2.0);
-            g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / 0.282_094_8).iter().chain(&[0.0; 9]));
+            g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / C0).iter().chain(&[0.0; 9]));
         }
         for space in [ColourSpace::Rgb, ColourSpace::Material] {
             let options = CoarseOptions { space, ..CoarseOptions::default() };
@@ -350,7 +351,7 @@ mod tests {
         (g.means[0], g.sh[20], g.opacity_logits[6]) = (f32::NAN, f32::INFINITY, f32::NAN);
         let out = coarse(&g, None, &CoarseOptions::default()).unwrap();
         assert_eq!((out.labels[0], out.labels[6]), (0, 0));
-        let none = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
+        let none = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         let out = coarse(&none, None, &CoarseOptions { clusters: Some(3), ..CoarseOptions::default() });
         assert!(out.is_err() || out.unwrap().palette.is_empty());
         assert!(coarse(&g, None, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());

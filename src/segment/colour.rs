@@ -1,15 +1,13 @@
 //! One colour per Gaussian that does not depend on the view, and the way between RGB and CIE Lab. Naming colours
 //! and clustering them live elsewhere.
 
+use crate::model::sh;
 use crate::points::chunks::map_chunks;
 use crate::points::error::{PointsError, rows};
 
-/// The constant basis function of spherical harmonics, `1 / (2 sqrt(pi))`.
-pub const SH_C0: f32 = 0.282_094_8;
-
 /// `sqrt((2l + 1) / 4 pi)`: what the Euclidean norm of one band's coefficients is multiplied by to bound the band's
 /// value in any direction.
-const BAND_BOUND: [f32; 4] = [0.282_094_8, 0.488_602_5, 0.630_783_1, 0.746_352_7];
+const BAND_BOUND: [f32; 4] = [sh::C0, sh::C1, 0.630_783_1, 0.746_352_7];
 
 /// `count` directions spread evenly over the unit sphere on a golden-angle spiral.
 pub fn fibonacci_sphere(count: usize) -> Vec<[f32; 3]> {
@@ -24,31 +22,6 @@ pub fn fibonacci_sphere(count: usize) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// The 16 real spherical harmonics up to degree 3 in a unit direction, in the order and with the signs of 3D Gaussian
-/// splatting.
-pub fn sh_basis(direction: [f32; 3]) -> [f32; 16] {
-    let [x, y, z] = direction;
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    [
-        SH_C0,
-        -0.488_602_5 * y,
-        0.488_602_5 * z,
-        -0.488_602_5 * x,
-        1.092_548_4 * x * y,
-        -1.092_548_4 * y * z,
-        0.315_391_57 * (2.0 * zz - xx - yy),
-        -1.092_548_4 * x * z,
-        0.546_274_2 * (xx - yy),
-        -0.590_043_6 * y * (3.0 * xx - yy),
-        2.890_611_4 * x * y * z,
-        -0.457_045_8 * y * (4.0 * zz - xx - yy),
-        0.373_176_34 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-        -0.457_045_8 * x * (4.0 * zz - xx - yy),
-        1.445_305_7 * z * (xx - yy),
-        -0.590_043_6 * x * (xx - 3.0 * yy),
-    ]
-}
-
 /// The colour of the constant coefficient alone, `max(0, 0.5 + 0.2820948 dc)`, `[N, 3]`.
 ///
 /// This is the mean over all directions of a Gaussian that the clamp at zero touches nowhere.
@@ -57,7 +30,7 @@ pub fn sh_basis(direction: [f32; 3]) -> [f32; 16] {
 /// `coefficients` not 1, 4, 9 or 16, or `sh` not a whole number of `[coefficients, 3]` blocks.
 pub fn constant_colour(sh: &[f32], coefficients: usize) -> Result<Vec<f32>, PointsError> {
     let count = check(sh, coefficients)?;
-    Ok((0..3 * count).map(|i| clamp(0.5 + SH_C0 * sh[i / 3 * coefficients * 3 + i % 3])).collect())
+    Ok((0..3 * count).map(|i| clamp(0.5 + sh::C0 * sh[i / 3 * coefficients * 3 + i % 3])).collect())
 }
 
 /// The mean colour over `directions` (unit vectors), clamp included:
@@ -74,7 +47,7 @@ pub fn mean_colour(sh: &[f32], coefficients: usize, directions: &[[f32; 3]]) -> 
         return constant_colour(sh, coefficients);
     }
     let count = check(sh, coefficients)?;
-    let each: Vec<[f32; 16]> = directions.iter().map(|&d| sh_basis(d)).collect();
+    let each: Vec<[f32; 16]> = directions.iter().map(|&d| sh::basis(d)).collect();
     let bases: Vec<Vec<f32>> = (0..16).map(|k| each.iter().map(|b| b[k]).collect()).collect();
     let mut mean_basis = [0f32; 16];
     for k in 0..16 {
@@ -104,7 +77,7 @@ fn mean_channel(c: &[f32], bases: &[Vec<f32>], mean_basis: &[f32; 16], values: &
     if c.iter().any(|v| !v.is_finite()) {
         return f32::NAN;
     }
-    let (constant, bound) = (0.5 + SH_C0 * c[0], band_bound(c));
+    let (constant, bound) = (0.5 + sh::C0 * c[0], band_bound(c));
     if constant + bound <= 0.0 {
         return 0.0;
     }
@@ -217,7 +190,7 @@ mod tests {
                 let mean: f64 = sphere
                     .iter()
                     .map(|&d| {
-                        let b = sh_basis(d);
+                        let b = sh::basis(d);
                         f64::from(b[j]) * f64::from(b[k])
                     })
                     .sum::<f64>()
@@ -235,7 +208,7 @@ mod tests {
                 let total: f64 = directions
                     .iter()
                     .map(|&d| {
-                        let basis = sh_basis(d);
+                        let basis = sh::basis(d);
                         let v: f64 =
                             0.5 + (0..k).map(|j| f64::from(basis[j]) * f64::from(sh[(i * k + j) * 3 + c])).sum::<f64>();
                         v.max(0.0)
@@ -307,7 +280,7 @@ mod tests {
             let mut u = generator(seed);
             let c: Vec<f32> = (0..16).map(|_| u() * 2.0 - 1.0).collect();
             for d in fibonacci_sphere(64) {
-                let value: f32 = sh_basis(d).iter().zip(&c).skip(1).map(|(y, c)| y * c).sum();
+                let value: f32 = sh::basis(d).iter().zip(&c).skip(1).map(|(y, c)| y * c).sum();
                 prop_assert!(value.abs() <= band_bound(&c) + 1e-5);
             }
         }

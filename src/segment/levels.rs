@@ -13,7 +13,8 @@
 use super::fine::extract::cosines;
 use super::pick::{Asked, PickError};
 use super::pieces::pieces;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
+use volseggs_kernels::activation::sigmoid_f64;
 
 /// Mask scales that are looked at.
 const SCALES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
@@ -62,7 +63,7 @@ pub struct Level {
 /// If a member of `within` is not below N.
 pub fn levels(
     asked: &Asked<'_>,
-    at: &GaussiansAt,
+    at: &HostGaussians,
     within: &[u32],
     clicked: u32,
 ) -> Result<(Vec<Level>, usize), PickError> {
@@ -84,7 +85,7 @@ pub fn levels(
 ///
 /// # Panics
 /// As [`levels`].
-pub fn likeliest(asked: &Asked<'_>, at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Level, PickError> {
+pub fn likeliest(asked: &Asked<'_>, at: &HostGaussians, within: &[u32], clicked: u32) -> Result<Level, PickError> {
     if let Some(piece) = whole_piece(at, within, clicked)? {
         return Ok(piece);
     }
@@ -93,7 +94,7 @@ pub fn likeliest(asked: &Asked<'_>, at: &GaussiansAt, within: &[u32], clicked: u
 }
 
 /// The plateaus of the affinity, from small to large; one at least.
-fn of_affinity(asked: &Asked<'_>, at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Vec<Level>, PickError> {
+fn of_affinity(asked: &Asked<'_>, at: &HostGaussians, within: &[u32], clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = position(within, clicked)?;
     let means: Vec<f32> = within.iter().flat_map(|&i| &asked.places[3 * i as usize..][..3]).copied().collect();
     let encoded = asked.frame.encode(&means);
@@ -125,7 +126,7 @@ fn position(within: &[u32], clicked: u32) -> Result<usize, PickError> {
 }
 
 /// Those `within` that hang together with the clicked one; `None` in a whole scene, or if it is nowhere.
-fn whole_piece(at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Option<Level>, PickError> {
+fn whole_piece(at: &HostGaussians, within: &[u32], clicked: u32) -> Result<Option<Level>, PickError> {
     let position = position(within, clicked)?;
     if within.len() == at.len() {
         return Ok(None);
@@ -143,10 +144,10 @@ fn whole_piece(at: &GaussiansAt, within: &[u32], clicked: u32) -> Result<Option<
 }
 
 /// What a Gaussian weighs; 0 for what is not finite.
-fn shown(at: &GaussiansAt, i: usize) -> f64 {
+fn shown(at: &HostGaussians, i: usize) -> f64 {
     let mut scales: [f64; 3] = std::array::from_fn(|k| f64::from(at.log_scales[3 * i + k]).exp());
     scales.sort_by(f64::total_cmp);
-    let opacity = 1.0 / (1.0 + f64::from(-at.opacity_logits[i]).exp());
+    let opacity = sigmoid_f64(at.opacity_logits[i].into());
     Some(opacity * scales[1] * scales[2]).filter(|w| w.is_finite()).unwrap_or(0.0)
 }
 

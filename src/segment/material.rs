@@ -6,7 +6,8 @@
 //! in the plane through black, `base` and white, the dichromatic model (Shafer, *Using color to separate reflection
 //! components*, 1985), so their hue is that of `base`, and but for highlights also their chroma over their brightness.
 
-use super::colour::{fibonacci_sphere, sh_basis};
+use super::colour::fibonacci_sphere;
+use crate::model::sh;
 use crate::points::chunks::map_chunks;
 use crate::points::error::{PointsError, rows};
 
@@ -52,7 +53,7 @@ pub fn materials(sh: &[f32], coefficients: usize) -> Result<Materials, PointsErr
         return Err(PointsError::Setting { field: "coefficients", value, want: "1, 4, 9 or 16" });
     }
     let count = rows("sh", sh.len(), coefficients * 3, "[N, K, 3]")?;
-    let each: Vec<[f32; 16]> = fibonacci_sphere(DIRECTIONS).into_iter().map(sh_basis).collect();
+    let each: Vec<[f32; 16]> = fibonacci_sphere(DIRECTIONS).into_iter().map(sh::basis).collect();
     let bases: Vec<[f32; DIRECTIONS]> = (0..16).map(|k| std::array::from_fn(|d| each[d][k])).collect();
     let chunks = map_chunks(count, |range| {
         range.map(|i| fit(&sh[3 * coefficients * i..3 * coefficients * (i + 1)], &bases)).collect::<Vec<_>>()
@@ -159,8 +160,8 @@ pub fn from_plane(plane: [f32; 2]) -> [f32; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::colour::SH_C0;
     use proptest::prelude::*;
+    use volseggs_kernels::sh::C2;
 
     /// Degree-2 harmonics of `base (ambient + diffuse n.d^2) + shine n.d^2`, even in the direction as the light is.
     fn shaded(base: [f32; 3], ambient: f32, diffuse: f32, shine: f32) -> Vec<f32> {
@@ -168,8 +169,8 @@ mod tests {
         for c in 0..3 {
             let (flat, square) = (base[c] * ambient, base[c] * diffuse + shine);
             // z^2 = 1/3 + (3 z^2 - 1) / 3
-            sh[c] = (flat + square / 3.0 - 0.5) / SH_C0;
-            sh[6 * 3 + c] = square / 3.0 / 0.315_391_57;
+            sh[c] = (flat + square / 3.0 - 0.5) / sh::C0;
+            sh[6 * 3 + c] = square / 3.0 / C2[1];
         }
         sh
     }
@@ -198,12 +199,12 @@ mod tests {
         let plain = shaded([0.1, 0.3, 0.8], 0.5, 0.4, 0.0);
         // red rises far beyond 1 towards +x alone: 1.2 (x + x^2), x^2 = 1/3 + (x^2 - y^2) / 2 - (3 z^2 - 1) / 6
         let mut wild = plain.clone();
-        wild[0] += 0.4 / SH_C0;
-        wild[9] -= 1.2 / 0.488_602_5;
-        wild[24] += 0.6 / 0.546_274_2;
-        wild[18] -= 0.2 / 0.315_391_57;
+        wild[0] += 0.4 / sh::C0;
+        wild[9] -= 1.2 / sh::C1;
+        wild[24] += 0.6 / C2[2];
+        wild[18] -= 0.2 / C2[1];
         let of_mean = |sh: &[f32]| {
-            let p = to_opponent([0, 1, 2].map(|c| 0.5 + SH_C0 * sh[c]));
+            let p = to_opponent([0, 1, 2].map(|c| 0.5 + sh::C0 * sh[c]));
             p[1].atan2(p[0])
         };
         let turn = |a: f32, b: f32| (a - b).sin().abs();
@@ -226,7 +227,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_plain_colour_comes_back(r in 0.1f32..1.0, g in 0.1f32..1.0, b in 0.1f32..1.0) {
-            let m = materials(&[r, g, b].map(|v| (v - 0.5) / SH_C0), 1).unwrap();
+            let m = materials(&[r, g, b].map(|v| (v - 0.5) / sh::C0), 1).unwrap();
             let back = to_rgb([m.chroma[0], m.chroma[1]], m.full[0]);
             prop_assert!((0..3).all(|c| (back[c] - [r, g, b][c]).abs() < 1e-4), "{back:?}");
             let plane = to_plane([m.chroma[0], m.chroma[1]]);

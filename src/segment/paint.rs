@@ -1,11 +1,12 @@
 //! Colours that mean something, in place of those a scene was trained in: which segment a Gaussian belongs to, how fast
 //! it moves, how far away a pixel is. What the numbers are is decided elsewhere (see `track::velocity`, `pictures`).
 
-use super::colour::SH_C0;
 use super::pictures::Picture;
 use super::segmentation::Segmentation;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
+use crate::model::sh::C0;
 use crate::volume::transfer::colormap::{at, named};
+use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
 /// Pixels with less alpha have no depth worth showing.
 const MIN_ALPHA: f32 = 0.1;
@@ -18,9 +19,9 @@ const FAINT: f64 = 0.1;
 
 /// `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
 #[must_use]
-pub fn flat(gaussians: GaussiansAt, colours: impl IntoIterator<Item = [f32; 3]>) -> GaussiansAt {
-    let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / SH_C0)).collect();
-    GaussiansAt { sh, sh_stride: 1, ..gaussians }
+pub fn flat(gaussians: HostGaussians, colours: impl IntoIterator<Item = [f32; 3]>) -> HostGaussians {
+    let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / C0)).collect();
+    HostGaussians { sh, sh_stride: 1, ..gaussians }
 }
 
 /// Each of the scene's N `gaussians` in the colour of its segment: of those that hold it the one deepest among parts
@@ -29,7 +30,7 @@ pub fn flat(gaussians: GaussiansAt, colours: impl IntoIterator<Item = [f32; 3]>)
 /// # Panics
 /// If a segment holds a Gaussian that is not below N.
 #[must_use]
-pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt {
+pub fn by_segment(mut gaussians: HostGaussians, all: &Segmentation) -> HostGaussians {
     let depths = all.depths();
     let mut order: Vec<usize> = (0..depths.len()).collect();
     order.sort_by_key(|&i| depths[i]);
@@ -40,8 +41,7 @@ pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt
         }
     }
     for (logit, _) in gaussians.opacity_logits.iter_mut().zip(&colours).filter(|(_, c)| c.is_none()) {
-        let opacity = FAINT / (1.0 + f64::from(-*logit).exp());
-        *logit = (opacity.ln() - (-opacity).ln_1p()) as f32;
+        *logit = logit_f64(FAINT * sigmoid_f64((*logit).into())) as f32;
     }
     flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(NOBODY)))
 }
@@ -50,12 +50,12 @@ pub fn by_segment(mut gaussians: GaussiansAt, all: &Segmentation) -> GaussiansAt
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn highlight(gaussians: &mut GaussiansAt, members: &[u32]) {
+pub fn highlight(gaussians: &mut HostGaussians, members: &[u32]) {
     let stride = 3 * gaussians.sh_stride;
     for &i in members {
         let row = &mut gaussians.sh[i as usize * stride..][..stride];
         row.fill(0.0);
-        row.iter_mut().zip(HIGHLIGHT).for_each(|(c, shade)| *c = (shade - 0.5) / SH_C0);
+        row.iter_mut().zip(HIGHLIGHT).for_each(|(c, shade)| *c = (shade - 0.5) / C0);
     }
 }
 
@@ -109,8 +109,8 @@ mod tests {
     use crate::name::Name;
     use crate::segment::segmentation::{Origin, Segment};
 
-    fn gaussians(n: usize) -> GaussiansAt {
-        GaussiansAt {
+    fn gaussians(n: usize) -> HostGaussians {
+        HostGaussians {
             means: vec![0.0; 3 * n],
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
             log_scales: vec![-2.0; 3 * n],
@@ -120,8 +120,8 @@ mod tests {
         }
     }
 
-    fn colour(gaussians: &GaussiansAt, i: usize) -> [f32; 3] {
-        std::array::from_fn(|c| ((gaussians.sh[3 * i + c] * SH_C0 + 0.5) * 100.0).round() / 100.0)
+    fn colour(gaussians: &HostGaussians, i: usize) -> [f32; 3] {
+        std::array::from_fn(|c| ((gaussians.sh[3 * i + c] * C0 + 0.5) * 100.0).round() / 100.0)
     }
 
     #[test]

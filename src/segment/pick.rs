@@ -11,7 +11,7 @@ use super::fine::extract::similar;
 use super::fine::network::Frame;
 use super::levels::{Level, levels, likeliest};
 use super::pieces::without_strays;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
 
@@ -129,7 +129,7 @@ pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Opti
 /// If a member of `within` is not below N.
 pub fn pick(
     asked: &Asked<'_>,
-    at: &GaussiansAt,
+    at: &HostGaussians,
     within: &[u32],
     clicked: u32,
     options: &PickOptions,

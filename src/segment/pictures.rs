@@ -1,7 +1,7 @@
 //! Pictures of some Gaussians alone: colour, alpha and depth, as mask sources see them.
 
 use super::paint::flat;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::model::params::to_vec;
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
@@ -25,7 +25,7 @@ pub struct Picture {
 /// # Panics
 /// If a member is not below N.
 #[must_use]
-pub fn share(gaussians: &GaussiansAt, members: &[u32], camera: Camera, device: &Device) -> Vec<f32> {
+pub fn share(gaussians: &HostGaussians, members: &[u32], camera: Camera, device: &Device) -> Vec<f32> {
     let mut member = vec![false; gaussians.len()];
     members.iter().for_each(|&m| member[m as usize] = true);
     // members white, others black
@@ -38,7 +38,7 @@ pub fn share(gaussians: &GaussiansAt, members: &[u32], camera: Camera, device: &
 /// Draws `gaussians` over `background`; `sh_degree` as in the scene.
 #[must_use]
 pub fn picture(
-    gaussians: &GaussiansAt,
+    gaussians: &HostGaussians,
     camera: Camera,
     background: [f32; 3],
     sh_degree: usize,
@@ -58,7 +58,7 @@ pub fn picture(
 /// Colour over the background and alpha, `[H, W, 4]`.
 #[must_use]
 pub fn draw(
-    gaussians: &GaussiansAt,
+    gaussians: &HostGaussians,
     camera: Camera,
     background: [f32; 3],
     sh_degree: usize,

@@ -1,6 +1,6 @@
 //! What hangs together in space: connected pieces of Gaussians that touch, and the strays among them.
 
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 
@@ -17,7 +17,7 @@ const STRAY: f64 = 0.05;
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn pieces(at: &GaussiansAt, members: &[u32]) -> Result<Components, PointsError> {
+pub fn pieces(at: &HostGaussians, members: &[u32]) -> Result<Components, PointsError> {
     let rows = |values: &[f32]| -> Vec<f32> {
         members.iter().flat_map(|&i| &values[3 * i as usize..][..3]).copied().collect()
     };
@@ -34,7 +34,7 @@ pub fn pieces(at: &GaussiansAt, members: &[u32]) -> Result<Components, PointsErr
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn without_strays(at: &GaussiansAt, members: &[u32]) -> Result<Vec<u32>, PointsError> {
+pub fn without_strays(at: &HostGaussians, members: &[u32]) -> Result<Vec<u32>, PointsError> {
     let found = pieces(at, members)?;
     let most = found.weights.iter().copied().fold(0.0, f64::max);
     let stays = |label: u32| label > 0 && found.weights[label as usize - 1] >= STRAY * most;
@@ -50,7 +50,7 @@ mod tests {
         // rows along x: 30 that touch, 10 that touch far away, 1 alone
         let x: Vec<f32> = (0..30).chain(100..110).chain([200]).map(|i| 0.1 * i as f32).collect();
         let n = x.len();
-        let mut at = GaussiansAt {
+        let mut at = HostGaussians {
             means: x.iter().flat_map(|&x| [x, 0.0, 0.0]).collect(),
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
             log_scales: vec![-2.5; 3 * n],

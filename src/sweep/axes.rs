@@ -165,7 +165,7 @@ fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
 
 /// Numbers in [0, 1) of one axis, one for each point.
 fn unit_numbers(spec: &RandomSpec, axis: usize) -> Vec<f64> {
-    let mut rng = Rng::new(u64::from(spec.seed), axis as u64, Purpose::Sweep as u64);
+    let mut rng = Rng::new(u64::from(spec.seed), axis as u64, Purpose::Sweep);
     match spec.method {
         SampleMethod::Sobol => {
             (0..spec.count).map(|i| f64::from(sobol_burley::sample(i as u32, axis as u32, spec.seed))).collect()

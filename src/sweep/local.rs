@@ -8,9 +8,10 @@ use super::SweepError;
 use super::halving;
 use super::plan::Plan;
 use super::result::{Failure, Progress, failure_path, live_psnr, metrics_path, progress, read, read_metrics, write};
+use crate::durations::duration;
 use crate::files::RunPaths;
-use crate::log::progress::{bar, duration};
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use crate::log::progress::{bar, line};
+use indicatif::{MultiProgress, ProgressBar};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::IsTerminal;
@@ -220,10 +221,7 @@ impl<'a> Pool<'a> {
             }
         }
         let child = command.spawn().map_err(|e| SweepError::io(&self.options.program, e))?;
-        let line = self.screen.insert_before(&self.overall, ProgressBar::new(self.plan.runs[index].steps as u64));
-        if let Ok(style) = ProgressStyle::with_template("  {bar:20} {pos}/{len} {msg}") {
-            line.set_style(style);
-        }
+        let line = self.screen.insert_before(&self.overall, line(self.plan.runs[index].steps));
         line.set_message(self.plan.runs[index].label.clone());
         Ok(Job { index, child, started: Instant::now(), line, looked: Instant::now() })
     }

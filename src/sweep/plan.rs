@@ -153,8 +153,9 @@ impl Plan {
         if metrics.is_empty() {
             metrics = default_metrics.iter().map(|m| (*m).to_owned()).collect();
         }
-        if let Some(unknown) =
-            metrics.iter().find(|m| metric(m).is_none() && !crate::extend::metrics().iter().any(|(name, _)| name == *m))
+        if let Some(unknown) = metrics
+            .iter()
+            .find(|m| metric(m).is_none() && !crate::eval::metric::registered().iter().any(|(name, _)| name == *m))
         {
             let known: Vec<&str> = crate::compare::metric::METRICS.iter().map(|m| m.id).collect();
             return Err(bad("metrics", format!("there is no \"{unknown}\"; there is {}", known.join(", "))));

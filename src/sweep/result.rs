@@ -45,7 +45,8 @@ pub struct Failure {
 #[must_use]
 pub fn metrics_path(folder: &Path, eval: &EvalSpec) -> PathBuf {
     // with metrics that came later, everything is measured again
-    let registered: String = crate::extend::metrics().into_iter().map(|(name, _)| format!(" {name}")).collect();
+    let registered: String =
+        crate::eval::metric::registered().into_iter().map(|(name, _)| format!(" {name}")).collect();
     folder.join(format!("metrics-{}.json", short_hash(&(text_of(eval) + &registered))))
 }
 

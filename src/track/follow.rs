@@ -3,7 +3,7 @@
 
 use super::events::{EventConfig, Frame, Tracking, find_events};
 use super::statistics::{Gaussians, SegmentStatistics, StatisticsConfig, fill_velocities, segment_statistics};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, components_touching, largest_scales};
 
@@ -49,7 +49,7 @@ pub struct Followup {
 /// # Errors
 /// If a member is no Gaussian of the scene, or an option is out of range.
 pub fn follow(
-    mut scene: impl FnMut(f64) -> GaussiansAt,
+    mut scene: impl FnMut(f64) -> HostGaussians,
     segments: &[Followed<'_>],
     times: &[f64],
     options: &FollowOptions,
@@ -103,11 +103,11 @@ mod tests {
     use crate::track::events::EventKind;
 
     /// Two rods that lie end to end and move apart after half the time.
-    fn rods(time: f64) -> GaussiansAt {
+    fn rods(time: f64) -> HostGaussians {
         let n = 40;
         let apart = (4.0 * (time - 0.5)).max(0.0) as f32;
         let place = |i: usize| 0.05 * i as f32 + if i < n / 2 { -apart } else { apart };
-        GaussiansAt {
+        HostGaussians {
             means: (0..n).flat_map(|i| [place(i), time as f32, 0.0]).collect(),
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
             log_scales: vec![0.04f32.ln(); 3 * n],

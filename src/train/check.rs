@@ -1,8 +1,8 @@
 //! What a configuration must hold before training may start, beyond its types.
 
+use super::rate_schedule::find_schedule;
 use super::{TrainError, losses, schedule};
 use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
-use crate::extend::find_schedule;
 use crate::memory::product;
 use crate::model::extra_encoder::ExtraEncoder;
 use crate::model::size::{check_model, widest_layer};
@@ -181,7 +181,7 @@ fn check_registered(config: &Config) -> Result<(), TrainError> {
     if let (Err(error), false) = (find_schedule(name), schedule::SCHEDULES.contains(&name.as_str())) {
         return bad(format!("optim.schedule: {error}; built in: {}", schedule::SCHEDULES.join(", ")));
     }
-    let factors = (0..=100).map(|k| schedule::fall(&config.optim, f64::from(k) / 100.0));
+    let factors = (0..=100).map(|k| schedule::decay(&config.optim, f64::from(k) / 100.0));
     match factors.into_iter().find(|f| !(f.is_finite() && *f >= 0.0)) {
         Some(factor) => bad(format!("optim.schedule = \"{name}\" gives a factor of {factor}: finite, 0 or above")),
         None => Ok(()),

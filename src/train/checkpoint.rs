@@ -217,7 +217,7 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
     let dir = AtomicDir::create(&path).map_err(|e| file_error(&e))?;
     trainer.scene().save(&dir.dir().join(RunPaths::SCENE))?;
     let mut tensors = trainer.optimizer.to_tensors();
-    tensors.extend(trainer.sleep.to_tensors());
+    tensors.extend(trainer.culling.to_tensors());
     let s = trainer.statistics.to_host();
     for (name, values) in [("gradient", &s.gradient), ("views", &s.views), ("opacity", &s.opacity)] {
         let tensor = HostTensor { shape: vec![values.len()], values: values.clone() };
@@ -294,7 +294,7 @@ fn restore_whole(
     let sizes = params::sizes(&scene);
     let loaded = trainer.optimizer.load(&tensors, &sizes, &device.inner());
     loaded.map_err(|reason| CheckpointError::File { path: tensors_path.clone(), reason })?;
-    trainer.sleep.load(&tensors, n);
+    trainer.culling.load(&tensors, n);
     trainer.scene = Some(scene);
     trainer.step = state.step;
     trainer.initial = state.initial;

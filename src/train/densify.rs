@@ -5,8 +5,9 @@
 
 use super::due::Due;
 use crate::config::types::{Config, DensifyMode, PruneBy};
-use crate::model::gaussians::HostGaussians;
+use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
+use volseggs_kernels::activation::sigmoid;
 
 /// What is remembered about each Gaussian between densifications.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,10 +49,6 @@ impl Statistics {
     }
 }
 
-fn sigmoid(logit: f32) -> f32 {
-    1.0 / (1.0 + (-logit).exp())
-}
-
 /// Where a row of the new arrays comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Row {
@@ -74,7 +71,7 @@ impl Row {
 /// Decides which rows the new arrays have.
 pub fn plan(due: Due, statistics: &Statistics, gaussians: &HostGaussians, config: &Config, extent: f64) -> Vec<Row> {
     let d = &config.densify;
-    let n = gaussians.opacity_logits.len();
+    let n = gaussians.len();
     let opacity = |i: usize| match d.prune_by {
         PruneBy::Largest => statistics.opacity[i],
         PruneBy::Present => sigmoid(gaussians.opacity_logits[i]),
@@ -125,15 +122,8 @@ pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
 
 /// The new attributes. Halves are drawn from their parent's distribution and 1.6 times smaller (3DGS).
 pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
-    let sh_width = g.sh.len() / g.opacity_logits.len().max(1);
-    let mut out = HostGaussians {
-        means: gather(&g.means, rows, 3),
-        rotations: gather(&g.rotations, rows, 4),
-        log_scales: gather(&g.log_scales, rows, 3),
-        opacity_logits: gather(&g.opacity_logits, rows, 1),
-        sh: gather(&g.sh, rows, sh_width),
-    };
-    let mut rng = Rng::new(seed, step as u64, Purpose::Split as u64);
+    let mut out = g.map(|column| column.gather(rows.iter().map(|row| row.source())));
+    let mut rng = Rng::new(seed, step as u64, Purpose::Split);
     for (j, row) in rows.iter().enumerate() {
         if matches!(row, Row::Half(_)) {
             let scales: [f32; 3] = std::array::from_fn(|k| out.log_scales[3 * j + k].exp());
@@ -162,6 +152,7 @@ mod tests {
             log_scales: (0..3 * n).map(|i| if i / 3 % 2 == 0 { -9.0 } else { 0.0 }).collect(),
             opacity_logits: vec![0.0; n],
             sh: (0..12 * n).map(|v| v as f32).collect(),
+            sh_stride: 4,
         }
     }
 

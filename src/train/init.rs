@@ -4,13 +4,11 @@ use crate::config::types::{Bounds, Config, Placement};
 use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
-use crate::model::SceneSpec;
-use crate::model::gaussians::HostGaussians;
+use crate::model::{HostGaussians, SceneSpec};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
-
-/// First value of the spherical harmonics: `1 / (2 sqrt(pi))`.
-const SH_C0: f32 = 0.282_094_79;
+use volseggs_kernels::activation::logit_f64;
+use volseggs_kernels::sh::C0;
 
 /// The first Gaussians of a scene and its spec.
 ///
@@ -32,7 +30,7 @@ pub fn initialise(
         }
         _ => {
             let half = config.init.box_half_size;
-            let mut rng = Rng::new(config.seed, 0, Purpose::Points as u64);
+            let mut rng = Rng::new(config.seed, 0, Purpose::Points);
             let mut axis = || (half * f64::from(2.0 * rng.uniform() - 1.0)) as f32;
             ((0..n).map(|_| [axis(), axis(), axis()]).collect(), vec![[0.5; 3]; n], (2.0 * half).powi(3))
         }
@@ -42,15 +40,16 @@ pub fn initialise(
     let mut sh = vec![0.0; 3 * k * n];
     for (row, colour) in sh.chunks_exact_mut(3 * k).zip(&colours) {
         for c in 0..3 {
-            row[c] = (colour[c] - 0.5) / SH_C0;
+            row[c] = (colour[c] - 0.5) / C0;
         }
     }
     let opacity = config.init.opacity;
     let gaussians = HostGaussians {
         rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
         log_scales: vec![(config.init.scale * spacing).ln() as f32; 3 * n],
-        opacity_logits: vec![(opacity / (1.0 - opacity)).ln() as f32; n],
+        opacity_logits: vec![logit_f64(opacity) as f32; n],
         sh,
+        sh_stride: k,
         means: points.iter().flatten().copied().collect(),
     };
     let bounds = match (config.model.bounds, &hull) {

@@ -1,13 +1,14 @@
 //! What is minimised (the paper's equations 5 to 8). To add a term, write a function of tensors here,
 //! a weight in `config::types::LossConfig`, and add it in `Trainer::step`; or register it, see [`crate::extend`].
 
+use super::loss_term::{LossInput, LossTerm, find_loss_term};
 use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
-use crate::extend::{LossInput, LossTerm, NotRegistered, find_loss_term};
-use crate::model::Deformed;
 use crate::model::encoder::{Encoder, FactorisedEncoder};
+use crate::registry::NotRegistered;
 use burn::tensor::Tensor;
 use std::sync::Arc;
 use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};
+use volseggs_kernels::splat::SplatInputs;
 use volseggs_kernels::ssim::mean_ssim;
 use volseggs_kernels::tv::{self, TvKind, TvWeights, total_variation};
 
@@ -67,7 +68,7 @@ impl ExtraTerms {
     }
 
     /// The Gaussians at a time, kept for the terms; `None` if there are no terms.
-    pub fn keep(&self, at: &Deformed) -> Option<Deformed> {
+    pub fn keep(&self, at: &SplatInputs) -> Option<SplatInputs> {
         (!self.0.is_empty()).then(|| at.clone())
     }
 

@@ -6,18 +6,20 @@
 mod budget;
 mod check;
 pub mod checkpoint;
+pub mod culling;
 pub mod densify;
 pub mod due;
 pub mod gather;
 pub mod init;
 pub mod live;
+pub mod loss_term;
 pub mod losses;
 mod open;
 pub mod optimizer;
+pub mod rate_schedule;
 pub mod resume;
 pub mod run;
 pub mod schedule;
-pub mod sleep;
 pub mod spatial;
 mod target;
 #[cfg(test)]

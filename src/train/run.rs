@@ -7,13 +7,13 @@ use crate::config::types::Config;
 use crate::data::{Dataset, Split};
 use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
+use crate::log::progress;
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
 use crate::metrics::psnr::psnr;
 use crate::model::Scene;
 use crate::program;
 use burn::tensor::Device;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -279,7 +279,7 @@ pub fn run(
 
     let total = trainer.total_steps();
     let limit = options.stop_after.map_or(total, |s| s.min(total));
-    let bar = progress_bar(total, first);
+    let bar = progress::step_bar(total, first);
     let mut saved = newest.is_some();
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
@@ -340,16 +340,6 @@ fn builds_before(record: &Path, build: &str) -> Vec<String> {
     }
     builds.retain(|one| one != build);
     builds
-}
-
-fn progress_bar(total: usize, first: usize) -> ProgressBar {
-    let bar = ProgressBar::new(total as u64).with_position(first as u64);
-    bar.reset_eta();
-    let template = "{bar:28} {pos}/{len} {elapsed}<{eta} {msg}";
-    if let Ok(style) = ProgressStyle::with_template(template) {
-        bar.set_style(style);
-    }
-    bar
 }
 
 fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> String {

@@ -1,7 +1,7 @@
 //! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
 
+use super::rate_schedule::find_schedule;
 use crate::config::types::{Config, OptimConfig, ViewOrder};
-use crate::extend::find_schedule;
 use crate::rng::{Purpose, Rng};
 
 /// A stage and the number of the step within it, from 0.
@@ -70,7 +70,7 @@ pub const SCHEDULES: [&str; 3] = ["log-linear", "cosine", "constant"];
 
 /// What the rates of means, encoder and decoder are multiplied by at `progress` in [0, 1]: as the registered schedule
 /// `optim.schedule` says, or the built-in one of that name, or else log-linearly.
-pub fn fall(config: &OptimConfig, progress: f64) -> f64 {
+pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
     let last = config.final_fraction;
     match (find_schedule(&config.schedule), config.schedule.as_str()) {
         (Ok(schedule), _) => schedule.factor(progress),
@@ -83,25 +83,25 @@ pub fn fall(config: &OptimConfig, progress: f64) -> f64 {
 /// Learning rate of a parameter by its name, `None` if it is not trained in this stage.
 pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> Option<f64> {
     let OptimConfig { means, rotations, log_scales, opacity, sh, encoder, decoder, .. } = config.optim;
-    let falling = |rate: f64| rate * fall(&config.optim, stage.progress(config));
+    let decayed = |rate: f64| rate * decay(&config.optim, stage.progress(config));
     let attribute = |rate: f64| {
         if stage.is_joint() { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
     };
     match name {
-        "gaussians.means" => Some(falling(means * extent)),
+        "gaussians.means" => Some(decayed(means * extent)),
         "gaussians.rotations" => Some(attribute(rotations)),
         "gaussians.log_scales" => Some(attribute(log_scales)),
         "gaussians.opacity_logits" => Some(attribute(opacity)),
         "gaussians.sh" => Some(attribute(sh)),
         _ if !stage.is_joint() => None,
-        _ if name.starts_with("field.encoder") => Some(falling(encoder)),
-        _ => Some(falling(decoder)),
+        _ if name.starts_with("field.encoder") => Some(decayed(encoder)),
+        _ => Some(decayed(decoder)),
     }
 }
 
 /// The training view of a step, as `data.order` says: every view once, shuffled anew each time round, or any at any step.
 pub fn view(config: &Config, step: usize, views: usize) -> usize {
-    let rng = |key: usize| Rng::new(config.seed, key as u64, Purpose::Views as u64);
+    let rng = |key: usize| Rng::new(config.seed, key as u64, Purpose::Views);
     match config.data.order {
         ViewOrder::Independent => rng(step).below(views),
         ViewOrder::Shuffled => {
@@ -169,7 +169,7 @@ mod tests {
         let mut config = Config::default().optim;
         let mut course = |name: &str| {
             config.schedule = name.to_owned();
-            [0.0, 0.5, 1.0].map(|p| fall(&config, p))
+            [0.0, 0.5, 1.0].map(|p| decay(&config, p))
         };
         assert_eq!(course("log-linear"), [1.0, 0.01f64.powf(0.5), 0.01]);
         assert_eq!(course("constant"), [1.0; 3]);

@@ -249,11 +249,11 @@ fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
         (0..200).filter(|i| i % 3 > 0).for_each(|i| host.opacity_logits[i] = -9.0);
         trainer.replace_gaussians(host);
         let losses = (0..24).map(|_| trainer.step(&data.train).unwrap().loss).collect::<Vec<_>>();
-        (losses, trainer.sleep.to_tensors())
+        (losses, trainer.culling.to_tensors())
     };
-    let ((plain, none), (culled, asleep)) = (run(0), run(4));
-    assert!(none.is_empty() && !asleep.is_empty());
-    let counted = asleep.values().map(|t| t.values[1..].iter().map(|v| (*v as u32).count_ones()).sum::<u32>());
+    let ((plain, none), (culled, kept)) = (run(0), run(4));
+    assert!(none.is_empty() && !kept.is_empty());
+    let counted = kept.values().map(|t| t.values[1..].iter().map(|v| (*v as u32).count_ones()).sum::<u32>());
     assert!(counted.clone().all(|n| (100..=140).contains(&n)), "{:?}", counted.collect::<Vec<_>>());
     for (a, b) in plain.iter().zip(&culled) {
         assert!((a - b).abs() < 1e-3 * a.abs(), "{plain:?} {culled:?}");

@@ -2,26 +2,26 @@
 
 use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
+use super::culling::Culling;
 use super::densify::{self, Statistics};
 use super::due::{Due, due};
 use super::gather::{Gathered, View};
+use super::loss_term::LossInput;
 use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
-use super::sleep::Sleep;
 use super::spatial;
 use super::target::target;
 use super::{init, losses};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::error::DataError;
 use crate::data::{Dataset, Split};
-use crate::extend::LossInput;
 use crate::memory::Budget;
-use crate::model::gaussians::HostGaussians;
 use crate::model::params::to_vec;
-use crate::model::{Gaussians, Scene};
+use crate::model::{Gaussians, HostGaussians, Scene};
 use crate::rng::{Purpose, Rng};
 use burn::tensor::{Device, Tensor};
 use std::time::{Duration, Instant};
+use volseggs_kernels::activation::logit;
 
 /// Why training stops.
 #[derive(Debug, thiserror::Error)]
@@ -112,7 +112,7 @@ pub struct Trainer {
     pub(super) scene: Option<Scene>,
     pub(super) optimizer: Optimizer,
     pub(super) statistics: Gathered,
-    pub(super) sleep: Sleep,
+    pub(super) culling: Culling,
     pub(super) step: usize,
     /// Gaussians at the start: the foot of the line towards the budget.
     pub(super) initial: usize,
@@ -173,7 +173,7 @@ impl Trainer {
             device,
             optimizer: Optimizer::new(constants),
             statistics: Gathered::new(initial, runs_ahead),
-            sleep: Sleep::new(config.speed.cull_visits),
+            culling: Culling::new(config.speed.cull_visits),
             step: 0,
             initial,
             extent: dataset.scene_extent(),
@@ -269,7 +269,7 @@ impl Trainer {
         let background = match self.background {
             Background::Fixed(colour) => colour,
             Background::Random => {
-                let mut rng = Rng::new(self.config.seed, step as u64, Purpose::Background as u64);
+                let mut rng = Rng::new(self.config.seed, step as u64, Purpose::Background);
                 std::array::from_fn(|_| rng.uniform())
             }
         };
@@ -277,8 +277,8 @@ impl Trainer {
         lap(&mut times.data);
 
         let n = self.scene().gaussians.count();
-        let asleep = if stage.is_joint() { self.sleep.visit(frame.time) } else { None };
-        let at = self.scene().at_without(frame.time as f32, asleep.as_deref());
+        let culled = if stage.is_joint() { self.culling.visit(frame.time) } else { None };
+        let at = self.scene().at_without(frame.time as f32, culled.as_deref());
         let logits = at.opacity_logits.clone();
         let kept = self.extra.keep(&at);
         lap(&mut times.deform);
@@ -319,8 +319,8 @@ impl Trainer {
 
         let due = due(stage, &self.config, self.initial);
         let logits = logits.inner();
-        if stage.is_joint() && asleep.is_none() && self.sleep.is_on() {
-            self.sleep.note(frame.time, &to_vec(logits.clone()));
+        if stage.is_joint() && culled.is_none() && self.culling.is_on() {
+            self.culling.note(frame.time, &to_vec(logits.clone()));
         }
         self.statistics.add(View {
             screen: offsets.grad_remove(&mut gradients),
@@ -361,7 +361,7 @@ impl Trainer {
         let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
         if due.reset {
-            let ceiling = (0.01f32 / 0.99).ln();
+            let ceiling = logit(0.01);
             new.opacity_logits.iter_mut().for_each(|o| *o = o.min(ceiling));
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
@@ -391,21 +391,14 @@ impl Trainer {
     }
 
     fn move_moments(&mut self, rows: &[densify::Row], host: &HostGaussians) {
-        let widths = [
-            ("means", 3),
-            ("rotations", 4),
-            ("log_scales", 3),
-            ("opacity_logits", 1),
-            ("sh", host.sh.len() / host.opacity_logits.len().max(1)),
-        ];
-        for (name, width) in widths {
-            let gather = |m: &[f32]| densify::gather_moments(m, rows, width);
-            self.optimizer.map_moments(&format!("gaussians.{name}"), gather);
+        for column in host.columns() {
+            let gather = |m: &[f32]| densify::gather_moments(m, rows, column.width);
+            self.optimizer.map_moments(&format!("gaussians.{}", column.name), gather);
         }
     }
 
     pub(super) fn replace_gaussians(&mut self, new: HostGaussians) {
-        self.sleep.wake();
+        self.culling.clear();
         let device = self.device.clone();
         self.scene_mut().gaussians = Gaussians::from_host(new, &device);
     }

@@ -12,7 +12,7 @@ use crate::world::{World, world};
 use std::path::Path;
 use std::time::{Duration, Instant};
 use volseggs::files::RunPaths;
-use volseggs::rng::Rng;
+use volseggs::rng::{Purpose, Rng};
 use volseggs::segment::segmentation::Segmentation;
 
 /// Tells these random numbers from the library's own.
@@ -79,7 +79,7 @@ pub fn strike_all() {
             println!("{number} strikes are enough: this machine is slow");
             break;
         }
-        let rng = Rng::new(settings.seed, number as u64, PURPOSE);
+        let rng = Rng::new(settings.seed, number as u64, Purpose::Custom(PURPOSE));
         // by turns, so that each command meets both
         let strike = Strike { number, writing: (number / n + number % n) % 2 == 1, rng };
         strike.at(world, &mut known[number % n], &base, settings.seed, &mut found);

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use volseggs::edit::{EditStack, Operation};
 use volseggs::files::RunPaths;
 use volseggs::files::{RunLock, Work};
-use volseggs::rng::Rng;
+use volseggs::rng::{Purpose, Rng};
 use volseggs::segment::segmentation::Segmentation;
 
 /// Tells these random numbers from the library's own.
@@ -108,7 +108,7 @@ pub fn killed_writers() {
     let (world, settings) = (world(), Settings::read());
     let folder = world.fresh("killed-writers");
     must(&folder, &words("edit clear run"));
-    let mut rng = Rng::new(settings.seed, 0, PURPOSE);
+    let mut rng = Rng::new(settings.seed, 0, Purpose::Custom(PURPOSE));
     let (mut kills, mut next) = (0, 0);
     while next < settings.edits {
         let numbers = next..next + WRITERS;

@@ -6,7 +6,7 @@ use volseggs::data::Transforms;
 use volseggs::data::dataset::{Dataset, OpenOptions, SplitName};
 use volseggs::device::DeviceName;
 use volseggs::edit::EditStack;
-use volseggs::export::ply::PlyGaussians;
+use volseggs::export::ply;
 use volseggs::model::Scene;
 use volseggs::model::scene::read_tensors;
 use volseggs::prepare::PrepareRecord;
@@ -61,7 +61,7 @@ pub fn whole(path: &Path) -> Outcome {
             image::load_from_memory(&bytes).map_err(text)?;
             bytes.ends_with(PNG_END).then_some(()).ok_or_else(|| "no IEND at the end".to_owned())
         }
-        (_, "ply") => PlyGaussians::read(path).map(drop).map_err(text),
+        (_, "ply") => ply::read(path).map(drop).map_err(text),
         (_, "vti" | "nrrd") => volume(path),
         (_, "svg") => ends("</svg>"),
         (_, "html") => ends("</html>"),

@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Mutex, Once, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
-use volseggs::rng::Rng;
+use volseggs::rng::{Purpose, Rng};
 
 /// A case that works longer, three times in a row, is a failure.
 const SLOW: Duration = Duration::from_secs(2);
@@ -311,8 +311,14 @@ impl Work {
                 break;
             }
             let whole = target.corpus.get(case as usize).cloned();
-            let damage =
-                || damaged(&mut Rng::new(self.seed, case, purpose), &target.corpus, target.tokens, target.longest);
+            let damage = || {
+                damaged(
+                    &mut Rng::new(self.seed, case, Purpose::Custom(purpose)),
+                    &target.corpus,
+                    target.tokens,
+                    target.longest,
+                )
+            };
             let bytes = (target.assemble)(whole.clone().unwrap_or_else(damage));
             shared.bytes.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&bytes);
             shared.case.store(case, Relaxed);

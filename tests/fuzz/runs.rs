@@ -5,8 +5,9 @@ use volseggs::compare::{curves, runs::from_folders};
 use volseggs::config::types::Config;
 use volseggs::draw::plot::{Series, line_plot, line_plot_log_y};
 use volseggs::edit::EditStack;
-use volseggs::export::ply::PlyGaussians;
+use volseggs::export::ply;
 use volseggs::log::jsonl::{JsonlWriter, truncate_after};
+use volseggs::model::HostGaussians;
 use volseggs::sweep::result::live_psnr;
 use volseggs::train::checkpoint::{self, State};
 use volseggs::train::resume;
@@ -161,22 +162,22 @@ fn ply() {
         let path = scratch.path("a.ply");
         let seeds = [0, 1].map(|sh_degree: usize| {
             let n = 2;
-            let gaussians = PlyGaussians {
-                means: vec![[0.0, 1.0, 2.0]; n],
-                log_scales: vec![[-3.0; 3]; n],
-                rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+            let gaussians = HostGaussians {
+                means: [0.0, 1.0, 2.0].repeat(n),
+                log_scales: vec![-3.0; 3 * n],
+                rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
                 opacity_logits: vec![0.5; n],
                 sh: vec![0.25; n * 3 * (sh_degree + 1).pow(2)],
-                sh_degree,
+                sh_stride: (sh_degree + 1).pow(2),
             };
-            gaussians.write(&path).unwrap();
+            ply::write(&gaussians, &path).unwrap();
             std::fs::read(&path).unwrap()
         });
         let scratch = scratch.clone();
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
-            let Some(found) = accepted(PlyGaussians::read(&path)) else { return false };
-            assert_eq!(found.sh.len(), found.len() * found.coefficients() * 3);
+            let Some(found) = accepted(ply::read(&path)) else { return false };
+            assert_eq!(found.sh.len(), found.len() * found.sh_stride * 3);
             true
         };
         let tokens = &[

@@ -9,7 +9,7 @@ use volseggs::config::types::{Config, ModelConfig};
 use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
 use volseggs::metrics::lpips::Lpips;
-use volseggs::model::gaussians::HostGaussians;
+use volseggs::model::HostGaussians;
 use volseggs::model::params::{self, HostTensor};
 use volseggs::model::scene::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
@@ -19,8 +19,8 @@ use volseggs::segment::fine::network::Frame;
 use volseggs::segment::masks::sam::{Sam, SamConfig};
 use volseggs::segment::segmentation::{Origin, Segment, Segmentation};
 use volseggs::tensors;
+use volseggs::train::culling::Culling;
 use volseggs::train::optimizer::{AdamConstants, Optimizer};
-use volseggs::train::sleep::Sleep;
 
 /// A case that begins so is a header and, after [`SPLIT`], the data; any other is a file as it is.
 const APART: &[u8] = b"apart ";
@@ -94,6 +94,7 @@ pub fn scene(model: ModelConfig) -> Scene {
         log_scales: vec![-2.0; 3 * n],
         opacity_logits: row(1),
         sh: row(3 * k),
+        sh_stride: k,
     };
     Scene::new(gaussians, spec(model), 1, &device())
 }
@@ -175,7 +176,7 @@ fn tensor_file() {
     });
 }
 
-/// The state of Adam and of sleep, as a checkpoint has them.
+/// The state of Adam and of culling, as a checkpoint has them.
 fn optimizer_file(path: &Path, steps: Vec<f32>) {
     let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };
     let all = BTreeMap::from([
@@ -200,10 +201,10 @@ fn optimizer() {
             let sizes = BTreeMap::from([("gaussians.means".to_owned(), 9)]);
             let loaded = accepted(optimizer.load(&tensors, &sizes, &device)).is_some();
             let _ = optimizer.to_tensors();
-            let mut sleep = Sleep::new(4);
-            sleep.load(&tensors, 3);
+            let mut culling = Culling::new(4);
+            culling.load(&tensors, 3);
             for _ in 0..3 {
-                sleep.visit(0.5);
+                culling.visit(0.5);
             }
             loaded
         })

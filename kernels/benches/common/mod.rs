@@ -6,11 +6,10 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Dispatch, TensorMetadata};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::time::Instant;
-use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{SplatForward, SplatGradients, SplatOps, SplatSettings};
+use volseggs_kernels::activation::logit_f64;
+use volseggs_kernels::splat::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSettings};
+use volseggs_kernels::{Camera, sh};
 
-/// First value of the spherical harmonics: `1 / (2 sqrt(pi))`.
-const SH_C0: f64 = 0.282_094_791_773_878_14;
 /// Spherical-harmonics coefficients a Gaussian (degree 3).
 pub const SH_COEFFICIENTS: usize = 16;
 
@@ -67,17 +66,14 @@ pub fn scene(n: usize, seed: u64) -> Scene {
     }
     let mut sh = Vec::with_capacity(3 * SH_COEFFICIENTS * n);
     for _ in 0..n {
-        sh.extend(r.take(3, |r| (0.05 + 0.9 * r.uniform() - 0.5) / SH_C0));
+        sh.extend(r.take(3, |r| (0.05 + 0.9 * r.uniform() - 0.5) / f64::from(sh::C0)));
         sh.extend(r.take(3 * (SH_COEFFICIENTS - 1), |r| 0.08 * r.normal()));
     }
     Scene {
         means,
         rotations: r.take(4 * n, Numbers::normal),
         log_scales: r.take(3 * n, |r| (0.7 * spacing).ln() + 0.35 * r.normal()),
-        opacity_logits: r.take(n, |r| {
-            let o = 0.05 + 0.55 * r.uniform();
-            (o / (1.0 - o)).ln()
-        }),
+        opacity_logits: r.take(n, |r| logit_f64(0.05 + 0.55 * r.uniform())),
         sh,
     }
 }

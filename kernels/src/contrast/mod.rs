@@ -1,6 +1,9 @@
 //! The contrastive loss over unit features (the paper's equations 10 and 11), with its gradient: pairs of pixels of one
 //! mask attract, all others repel. Fast loops in `cpu`, oracle in [`mod@reference`].
 //!
+//! No op of a backend: it works on the host alone, for `segment::fine`. It stands here as its loops are written for vector
+//! instructions, which only this crate uses and which only this crate is optimised for when tests are built.
+//!
 //! Without a margin the sum over all pairs needs no pairs: with unit features `u`, their sums `S_m` over each mask and
 //! `S` over all, it is `sum_m (n_m^2 - |S_m|^2) + |S|^2 - sum_m |S_m|^2`.
 

@@ -1,9 +1,10 @@
 //! Backward pass of the decoder: rows with a gradient are gathered, cut into ranges by their number alone,
 //! and the parameter gradients of the ranges are added in order. Nothing here checks lengths.
 
-use super::cpu::{BLOCK, DecoderGrads, DecoderParams, head, trunk};
 use super::kernel::{Add, Gate, Rows, Store, add_rows, gate_all, outer, product};
+use super::layers::{BLOCK, head, trunk};
 use super::pack::{Aligned, Packed, Transposed};
+use super::params::{DecoderGrads, DecoderParams};
 use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;

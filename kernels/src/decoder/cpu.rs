@@ -7,52 +7,16 @@
 //! may do so, and all other rows stay as they are. In the backward pass such a row, unless skipped, poisons
 //! the parameter gradients, but no input gradient other than its own.
 
-use super::kernel::{BiasRelu, Rows, TILE, dots, product};
+use super::kernel::dots;
+use super::layers::{BLOCK, head, trunk};
 use super::pack::{Aligned, Packed};
+use super::params::{DecoderGrads, DecoderParams};
 use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Rows whose hidden units are held at once, a whole number of tiles: they fit the first-level cache.
-pub(super) const BLOCK: usize = 8 * TILE;
 /// Rows of one forward task.
 const FORWARD_ROWS: usize = 10 * BLOCK;
-
-/// The parameters, row-major: `F` inputs, `W` hidden units, `H` heads, `C` outputs.
-#[derive(Clone, Copy, Debug)]
-pub struct DecoderParams<'a> {
-    /// Trunk weights `[F, W]`.
-    pub w0: &'a [f32],
-    /// Trunk bias `[W]`.
-    pub b0: &'a [f32],
-    /// Head weights `[W, H * W]`; head `k` owns columns `k * W .. (k + 1) * W`.
-    pub w1: &'a [f32],
-    /// Head biases `[H * W]`.
-    pub b1: &'a [f32],
-    /// Output weights `[W, C]`; each head owns its columns.
-    pub w2: &'a [f32],
-    /// Output bias `[C]`.
-    pub b2: &'a [f32],
-}
-
-/// Where [`backward`] writes; every element is overwritten.
-#[derive(Debug)]
-pub struct DecoderGrads<'a> {
-    /// Gradient of the trunk weights `[F, W]`.
-    pub w0: &'a mut [f32],
-    /// Gradient of the trunk bias `[W]`.
-    pub b0: &'a mut [f32],
-    /// Gradient of the head weights `[W, H * W]`.
-    pub w1: &'a mut [f32],
-    /// Gradient of the head biases `[H * W]`.
-    pub b1: &'a mut [f32],
-    /// Gradient of the output weights `[W, C]`.
-    pub w2: &'a mut [f32],
-    /// Gradient of the output bias `[C]`.
-    pub b2: &'a mut [f32],
-    /// Gradient of the inputs `[N, F]`.
-    pub x: &'a mut [f32],
-}
 
 /// Decodes `x` `[N, F]` into `out` `[N, C]`. With `h = relu(x W0 + b0)`, head `k` gives its columns of
 /// `relu(h W1_k + b1_k) W2 + b2`. Rows of zeros share one result, so that many of them cost next to nothing.
@@ -113,23 +77,6 @@ fn check(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], outputs: us
     assert_eq!(params.b2.len(), shape.b2_len(), "b2: [C]");
     assert!(x.len().is_multiple_of(shape.inputs), "x: [N, F]");
     assert_eq!(outputs, x.len() / shape.inputs * shape.outputs(), "outputs: [N, C]");
-}
-
-/// Hidden units of the trunk, `[rows, width]`.
-#[inline(always)]
-pub(super) fn trunk<S: Simd>(simd: S, packed: &Packed<'_>, rows: usize, x: &[f32], out: &mut [f32]) {
-    let f = packed.shape.inputs;
-    let bias = BiasRelu::<S>(S::as_simd_f32s(packed.trunk_bias()).0);
-    product(simd, rows, Rows::new(x, f), (f, &packed.trunk), out, bias);
-}
-
-/// Hidden units of head `k` from those of the trunk, `[rows, width]`.
-#[inline(always)]
-pub(super) fn head<S: Simd>(simd: S, packed: &Packed<'_>, k: usize, rows: usize, trunk: &[f32], out: &mut [f32]) {
-    let (panels, bias) = packed.head(k);
-    let bias = BiasRelu::<S>(S::as_simd_f32s(bias).0);
-    let trunk = Rows::new(trunk, packed.width);
-    product(simd, rows, trunk, (packed.shape.width, panels), out, bias);
 }
 
 struct ForwardRows<'a> {

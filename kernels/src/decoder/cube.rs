@@ -1,7 +1,7 @@
 //! The decoder on a GPU: three products forward, and backward the same two again (hidden layers are not kept) and six.
 //! The heads' output layers are one product with a matrix that is zero outside its blocks.
 
-use super::ops::{DecoderGradients, DecoderOps};
+use super::ops::{DecoderBackwardOps, DecoderGradients, DecoderOps};
 use super::shape::DecoderShape;
 use crate::cube::gemm::{Finish, column_sums, product, transposed};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
@@ -103,7 +103,9 @@ impl DecoderOps for CubeBackend {
         product(&l.client, &l.hidden, (&l.w2, false), &l.b2, &Words::of(&out), size, Finish::Bias);
         out
     }
+}
 
+impl DecoderBackwardOps for CubeBackend {
     fn decoder_backward(
         x: FloatTensor<Self>,
         w0: FloatTensor<Self>,

@@ -6,14 +6,17 @@ pub mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
 mod kernel;
+mod layers;
 mod ops;
 mod pack;
+pub mod params;
 pub mod reference;
 pub mod shape;
 
 #[cfg(test)]
 mod tests;
 
-pub use cpu::{DecoderGrads, DecoderParams, backward, forward};
-pub use ops::{DecoderGradients, DecoderOps, DecoderWeights, decoder};
+pub use cpu::{backward, forward};
+pub use ops::{DecoderBackwardOps, DecoderGradients, DecoderOps, DecoderWeights, decoder};
+pub use params::{DecoderGrads, DecoderParams};
 pub use shape::{DecoderShape, DecoderShapeError};

@@ -1,6 +1,8 @@
 //! The decoder as a differentiable op on tensors, for every backend in host memory.
 
-use super::{DecoderGrads, DecoderParams, DecoderShape, backward, forward};
+use super::cpu::{backward, forward};
+use super::params::{DecoderGrads, DecoderParams};
+use super::shape::DecoderShape;
 use crate::backend::CpuBackend;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -42,7 +44,11 @@ pub trait DecoderOps: Backend {
         b2: FloatTensor<Self>,
         shape: DecoderShape,
     ) -> FloatTensor<Self>;
+}
 
+/// The backward side of [`decoder`], of backends that compute. One that records gradients has none of its own: a second
+/// derivative does not compile.
+pub trait DecoderBackwardOps: Backend {
     /// Gradients for `grad` `[N, outputs]`.
     fn decoder_backward(
         x: FloatTensor<Self>,
@@ -132,7 +138,9 @@ macro_rules! bind {
             ) -> FloatTensor<Self> {
                 cpu_forward::<Self>(&[x, w0, b0, w1, b1, w2, b2], &shape)
             }
+        }
 
+        impl DecoderBackwardOps for $backend {
             fn decoder_backward(
                 x: FloatTensor<Self>,
                 w0: FloatTensor<Self>,
@@ -158,7 +166,7 @@ bind!(burn_flex::Flex);
 bind!(burn_tch::LibTorch);
 
 #[derive(Clone, Debug)]
-struct State<B: DecoderOps> {
+struct State<B: DecoderBackwardOps> {
     inputs: [FloatTensor<B>; 7],
     shape: DecoderShape,
 }
@@ -166,7 +174,7 @@ struct State<B: DecoderOps> {
 #[derive(Debug)]
 struct DecoderBackward;
 
-impl<B: DecoderOps> Backward<B, 7> for DecoderBackward {
+impl<B: DecoderBackwardOps> Backward<B, 7> for DecoderBackward {
     type State = State<B>;
 
     fn backward(self, ops: Ops<Self::State, 7>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
@@ -181,7 +189,7 @@ impl<B: DecoderOps> Backward<B, 7> for DecoderBackward {
     }
 }
 
-impl<B: DecoderOps, C: CheckpointStrategy> DecoderOps for Autodiff<B, C> {
+impl<B: DecoderOps + DecoderBackwardOps, C: CheckpointStrategy> DecoderOps for Autodiff<B, C> {
     fn decoder_forward(
         x: FloatTensor<Self>,
         w0: FloatTensor<Self>,
@@ -206,19 +214,5 @@ impl<B: DecoderOps, C: CheckpointStrategy> DecoderOps for Autodiff<B, C> {
             OpsKind::Tracked(prep) => prep.finish(State { inputs, shape }, out),
             OpsKind::UnTracked(prep) => prep.finish(out),
         }
-    }
-
-    fn decoder_backward(
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: DecoderShape,
-    ) -> DecoderGradients<Self> {
-        panic!("decoder has no second derivative: call backward once, on a loss")
     }
 }

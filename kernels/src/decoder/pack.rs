@@ -1,7 +1,7 @@
 //! Weights laid out for the kernels: cut into column panels of two vectors and padded with zeros.
 //! Layout only: no arithmetic and no threads.
 
-use super::cpu::DecoderParams;
+use super::params::DecoderParams;
 use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use std::ops::{Deref, DerefMut};

@@ -1,7 +1,7 @@
 //! The backward pass of the feature field: plane gradients by bands of rows, the rest by chunks of points.
 //! Tasks depend on the input sizes alone; entry point and argument checks are in [`super::cpu`].
 
-use super::cpu::{FieldGrads, FieldParams};
+use super::params::{FieldGrads, FieldParams};
 use super::sample::{Field, Lanes, Tap};
 use super::shape::{FieldShape, PLANE_AXES, PLANE_LINE};
 use pulp::{Scalar, Simd, WithSimd};

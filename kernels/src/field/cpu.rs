@@ -6,6 +6,7 @@
 //! A coordinate outside the box is clamped to the border and gets gradient 0; so does one exactly on it.
 //! A point with a NaN coordinate has features of 0 and gradients of 0, and costs next to nothing.
 
+use super::params::{FieldGrads, FieldParams};
 use super::sample::{Field, Lanes, Tap};
 use super::shape::FieldShape;
 use pulp::{Scalar, Simd, WithSimd};
@@ -13,30 +14,6 @@ use rayon::prelude::*;
 
 /// Points of one forward task.
 const FORWARD_CHUNK: usize = 256;
-
-/// The three flat parameter buffers, laid out as [`FieldShape`] says.
-#[derive(Clone, Copy, Debug)]
-pub struct FieldParams<'a> {
-    /// Plane tensors.
-    pub planes: &'a [f32],
-    /// Line tensors.
-    pub lines: &'a [f32],
-    /// Time tensors.
-    pub times: &'a [f32],
-}
-
-/// Where [`backward`] writes; every element is overwritten.
-#[derive(Debug)]
-pub struct FieldGrads<'a> {
-    /// Gradient of the plane buffer.
-    pub planes: &'a mut [f32],
-    /// Gradient of the line buffer.
-    pub lines: &'a mut [f32],
-    /// Gradient of the time buffer.
-    pub times: &'a mut [f32],
-    /// Gradient of the normalised points `[N, 3]`.
-    pub points: &'a mut [f32],
-}
 
 /// Samples the field: `points` `[N, 3]` in [-1, 1], `time` in [0, 1] over the whole knot range,
 /// `features` `[N, levels * R]`, level-major. Per channel and level (paper: T4, not summed over channels)

@@ -26,6 +26,7 @@ pub mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
 mod ops;
+pub mod params;
 pub mod reference;
 mod sample;
 pub mod shape;
@@ -33,6 +34,7 @@ pub mod shape;
 #[cfg(test)]
 mod tests;
 
-pub use cpu::{FieldGrads, FieldParams, backward, forward};
-pub use ops::{FieldGradients, FieldOps, field};
+pub use cpu::{backward, forward};
+pub use ops::{FieldBackwardOps, FieldGradients, FieldOps, field};
+pub use params::{FieldGrads, FieldParams};
 pub use shape::{FieldShape, FieldShapeError, LevelShape, TensorSpan};

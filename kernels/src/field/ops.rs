@@ -1,6 +1,8 @@
 //! The field as a differentiable op on tensors, for every backend in host memory.
 
-use super::{FieldGrads, FieldParams, FieldShape, backward, forward};
+use super::cpu::{backward, forward};
+use super::params::{FieldGrads, FieldParams};
+use super::shape::FieldShape;
 use crate::backend::CpuBackend;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -35,7 +37,11 @@ pub trait FieldOps: Backend {
         shape: FieldShape,
         time: f32,
     ) -> FloatTensor<Self>;
+}
 
+/// The backward side of [`field`], of backends that compute. One that records gradients has none of its own: a second
+/// derivative does not compile.
+pub trait FieldBackwardOps: Backend {
     /// Gradients for `grad` `[N, levels * R]`.
     fn field_backward(
         planes: FloatTensor<Self>,
@@ -127,7 +133,9 @@ macro_rules! bind {
             ) -> FloatTensor<Self> {
                 cpu_forward::<Self>([&planes, &lines, &times, &points], &shape, time)
             }
+        }
 
+        impl FieldBackwardOps for $backend {
             fn field_backward(
                 planes: FloatTensor<Self>,
                 lines: FloatTensor<Self>,
@@ -151,7 +159,7 @@ bind!(burn_flex::Flex);
 bind!(burn_tch::LibTorch);
 
 #[derive(Clone, Debug)]
-struct State<B: FieldOps> {
+struct State<B: FieldBackwardOps> {
     planes: FloatTensor<B>,
     lines: FloatTensor<B>,
     times: FloatTensor<B>,
@@ -163,7 +171,7 @@ struct State<B: FieldOps> {
 #[derive(Debug)]
 struct FieldBackward;
 
-impl<B: FieldOps> Backward<B, 4> for FieldBackward {
+impl<B: FieldBackwardOps> Backward<B, 4> for FieldBackward {
     type State = State<B>;
 
     fn backward(self, ops: Ops<Self::State, 4>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
@@ -178,7 +186,7 @@ impl<B: FieldOps> Backward<B, 4> for FieldBackward {
     }
 }
 
-impl<B: FieldOps, C: CheckpointStrategy> FieldOps for Autodiff<B, C> {
+impl<B: FieldOps + FieldBackwardOps, C: CheckpointStrategy> FieldOps for Autodiff<B, C> {
     fn field_forward(
         planes: FloatTensor<Self>,
         lines: FloatTensor<Self>,
@@ -196,17 +204,5 @@ impl<B: FieldOps, C: CheckpointStrategy> FieldOps for Autodiff<B, C> {
             OpsKind::Tracked(prep) => prep.finish(State { planes, lines, times, points, shape, time }, out),
             OpsKind::UnTracked(prep) => prep.finish(out),
         }
-    }
-
-    fn field_backward(
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FieldShape,
-        _: f32,
-    ) -> FieldGradients<Self> {
-        panic!("field has no second derivative: call backward once, on a loss")
     }
 }

@@ -1,7 +1,7 @@
 //! Reading the field around one point: interpolation taps and the plane and line nodes they touch.
 //! Shared by the forward and backward passes; nothing here writes or starts threads.
 
-use super::cpu::FieldParams;
+use super::params::FieldParams;
 use super::shape::{FieldShape, LevelShape, PLANE_AXES};
 use pulp::Simd;
 use std::ops::{Add, Mul, Sub};

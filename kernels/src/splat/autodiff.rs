@@ -1,6 +1,6 @@
 //! Gradient registration for [`super::splat`].
 
-use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use super::{SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings};
 use burn::backend::Autodiff;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -8,7 +8,7 @@ use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
 
 #[derive(Clone, Debug)]
-struct State<B: SplatOps> {
+struct State<B: SplatBackwardOps> {
     means: FloatTensor<B>,
     rotations: FloatTensor<B>,
     log_scales: FloatTensor<B>,
@@ -21,7 +21,7 @@ struct State<B: SplatOps> {
 #[derive(Debug)]
 struct SplatBackward;
 
-impl<B: SplatOps> Backward<B, 6> for SplatBackward {
+impl<B: SplatBackwardOps> Backward<B, 6> for SplatBackward {
     type State = State<B>;
 
     fn backward(self, ops: Ops<Self::State, 6>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
@@ -46,7 +46,7 @@ impl<B: SplatOps> Backward<B, 6> for SplatBackward {
     }
 }
 
-impl<B: SplatOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
+impl<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
     fn splat_forward(
         means: FloatTensor<Self>,
         rotations: FloatTensor<Self>,
@@ -81,18 +81,5 @@ impl<B: SplatOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
                 SplatForward { image: prep.finish(out.image), radii: out.radii, saved: out.saved }
             }
         }
-    }
-
-    fn splat_backward(
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        _: SplatSettings,
-        _: SplatSaved,
-    ) -> SplatGradients<Self> {
-        panic!("splat has no second derivative: call backward once, on a loss")
     }
 }

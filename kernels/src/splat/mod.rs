@@ -15,6 +15,7 @@
 //! camera: it adds nothing to the image and its gradients are zero. A zero quaternion stands for no rotation.
 
 mod autodiff;
+pub mod contributors;
 pub(crate) mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
@@ -101,7 +102,12 @@ pub trait SplatOps: Backend {
         settings: SplatSettings,
         save: bool,
     ) -> SplatForward<Self>;
+}
 
+/// The backward side of [`splat`], of backends that compute. One that records gradients has none of its own: a second
+/// derivative does not compile. Dispatched too, so that benches can time it alone.
+#[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
+pub trait SplatBackwardOps: Backend {
     /// Gradients of a loss whose gradient with respect to the image is `grad_image` `[H, W, 4]`.
     fn splat_backward(
         means: FloatTensor<Self>,
@@ -124,7 +130,7 @@ pub struct Splatted {
     pub radii: Tensor<1, Int>,
 }
 
-/// The Gaussians to draw, as they are optimised.
+/// N Gaussians on a device, canonical or at one time, as they are optimised: what [`splat`] draws.
 #[derive(Clone, Debug)]
 pub struct SplatInputs {
     /// World positions `[N, 3]`.

@@ -3,8 +3,7 @@
 use super::super::{CliError, print_json};
 use super::ExportArgs;
 use super::output::Output;
-use crate::export::ply::PlyError;
-use crate::export::scene::to_ply;
+use crate::export::ply::{self, PlyError};
 use crate::run::OpenRun;
 
 /// Writes the Gaussians of each time: edited, those of the segments alone, without those that edits hide.
@@ -29,7 +28,8 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun) -> Result<(), CliError> {
     let mut files = Vec::with_capacity(times.len());
     for (i, time) in times.iter().enumerate() {
         let (path, name) = output.place(i);
-        to_ply(shown.visible(&run.scene, *time as f32)?).write(&path).map_err(|e| match e {
+        let shown = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
+        ply::write(&shown, &path).map_err(|e| match e {
             PlyError::Replace(e) => e.into(),
             e => CliError::failure(e),
         })?;

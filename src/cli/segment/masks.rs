@@ -3,6 +3,7 @@
 use super::super::camera::surroundings;
 use super::super::values::{count, fraction, pixels};
 use super::super::{CliError, Common, command_line, print_json, stop_flag};
+use crate::durations::rough_duration;
 use crate::files::Work;
 use crate::log::progress;
 use crate::run::OpenRun;
@@ -110,7 +111,7 @@ impl MasksArgs {
             errln!(
                 "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
                  are quicker",
-                duration(SamSource::seconds(pictures, points))
+                rough_duration(SamSource::seconds(pictures, points))
             );
         }
         let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
@@ -214,13 +215,5 @@ impl MasksArgs {
             run.path.display()
         );
         Ok(())
-    }
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
     }
 }

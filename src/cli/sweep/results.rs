@@ -3,7 +3,7 @@
 use super::{CliError, Planned};
 use crate::cli::print_json;
 use crate::compare::write::write_report;
-use crate::log::progress::duration;
+use crate::durations::duration;
 use crate::program::{self, called};
 use crate::sweep::Plan;
 use crate::sweep::builds::{OtherBuilds, view};

@@ -3,7 +3,7 @@
 use super::{CliError, OUT, folder, results};
 use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
-use crate::log::progress::duration;
+use crate::durations::duration;
 use crate::program::{self, short};
 use crate::sweep::builds::{OtherBuilds, tally};
 use crate::sweep::estimate::estimate;

@@ -1,13 +1,10 @@
 //! What each operation does to Gaussians.
 
-use super::super::sh::C0;
 use super::super::{EditError, EditStack, HIDDEN_LOGIT, Operation, apply};
 use super::{applied, arrays, bits, edit, segments, stack, state};
-use crate::model::GaussiansAt;
-
-fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
-}
+use crate::model::HostGaussians;
+use crate::model::sh::C0;
+use volseggs_kernels::activation::sigmoid;
 
 fn rotate(axis: [f32; 3], degrees: f32, about: Option<[f32; 3]>) -> Operation {
     Operation::Rotate { axis, degrees, about }
@@ -23,7 +20,7 @@ fn recolour_with_shading_moves_the_weighted_mean_alone() {
         total += w;
         for c in 0..3 {
             sum[c] += w * (0.5 + C0 * new.sh[48 * i + c]);
-            let moved = |s: &GaussiansAt, i: usize| s.sh[48 * i + c] - s.sh[c];
+            let moved = |s: &HostGaussians, i: usize| s.sh[48 * i + c] - s.sh[c];
             assert!((moved(&new, i) - moved(&old, i)).abs() < 1e-5);
         }
         assert_eq!(old.sh[48 * i + 3..48 * (i + 1)], new.sh[48 * i + 3..48 * (i + 1)]);
@@ -90,7 +87,7 @@ fn isolate_hides_the_rest_and_keeps_the_named() {
 
 #[test]
 fn a_quarter_turn_about_z_turns_x_into_y() {
-    let mut one = GaussiansAt {
+    let mut one = HostGaussians {
         means: vec![2.0, 0.0, 5.0],
         rotations: vec![2.0, 0.0, 0.0, 0.0],
         log_scales: vec![0.0; 3],
@@ -182,7 +179,7 @@ fn poisoned_gaussians_poison_no_other() {
 #[test]
 fn bad_input_is_refused_and_changes_nothing() {
     let fine = edit(&["a"], Operation::Hide);
-    let refused = |stack: &EditStack, mut s: GaussiansAt| {
+    let refused = |stack: &EditStack, mut s: HostGaussians| {
         let before = s.clone();
         let error = apply(stack, &segments, &mut s).unwrap_err();
         assert_eq!(s, before);
@@ -192,10 +189,10 @@ fn bad_input_is_refused_and_changes_nothing() {
     assert!(matches!(&unknown, EditError::UnknownSegment { edit: 2, name } if name == "ghost"), "{unknown}");
     let scale = edit(&["a"], Operation::Scale { factor: f32::NAN, about: None });
     assert!(matches!(refused(&stack(&[fine.clone(), scale]), state()), EditError::Value { .. }));
-    let short = GaussiansAt { rotations: vec![0.0; 39], ..state() };
+    let short = HostGaussians { rotations: vec![0.0; 39], ..state() };
     let short = refused(&stack(std::slice::from_ref(&fine)), short);
     assert!(matches!(short, EditError::Shape { field: "rotations", expected: 40, found: 39 }));
-    let odd = refused(&stack(std::slice::from_ref(&fine)), GaussiansAt { sh_stride: 3, ..state() });
+    let odd = refused(&stack(std::slice::from_ref(&fine)), HostGaussians { sh_stride: 3, ..state() });
     assert!(matches!(odd, EditError::ShStride { found: 3 }));
     let mut s = state();
     let error = apply(&stack(&[fine]), &|_| Some(&[3, 10]), &mut s).unwrap_err();

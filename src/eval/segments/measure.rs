@@ -5,7 +5,7 @@ use super::truth::{TruthFrame, TruthImage};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::psnr;
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::segment::pictures::draw;
 use burn::tensor::Device;
 use serde::Serialize;
@@ -57,7 +57,7 @@ impl Judge<'_> {
     /// A message: the truth cannot be read, or is too small for a metric.
     pub fn score(
         &self,
-        at: &GaussiansAt,
+        at: &HostGaussians,
         selected: &Selected,
         frame: &TruthFrame,
         truth: &TruthImage,

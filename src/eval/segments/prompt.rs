@@ -5,11 +5,11 @@
 
 use super::click::Click;
 use super::truth::Labelled;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
 use crate::segment::click::seen;
 use burn::tensor::Device;
-use volseggs_kernels::contributors::{Contributors, ContributorsError};
+use volseggs_kernels::splat::contributors::{Contributors, ContributorsError};
 
 /// Pixels by which a selection is judged.
 const PIXELS: usize = 6000;
@@ -37,11 +37,11 @@ impl Prompt {
     /// it. `None` where no view shows it: it is hidden behind others.
     ///
     /// # Errors
-    /// As [`contributors`](volseggs_kernels::contributors::contributors).
+    /// As [`contributors`](volseggs_kernels::splat::contributors::contributors).
     pub fn new(
         views: &[Labelled],
         ids: &[u16],
-        at: &GaussiansAt,
+        at: &HostGaussians,
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
         let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();
@@ -53,7 +53,7 @@ impl Prompt {
 
         // as many pixels of the segment as of the rest of what is seen, at most
         let number = ids.first().copied().unwrap_or_default();
-        let mut rng = Rng::new(0, u64::from(number), Purpose::Clusters as u64 + 1000);
+        let mut rng = Rng::new(0, u64::from(number), Purpose::PromptPixels);
         let mut choose = |wanted: bool| {
             let mut all: Vec<u32> = (0..within.len() as u32).filter(|&p| within[p as usize] == wanted).collect();
             let total = all.len();

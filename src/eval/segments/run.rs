@@ -17,7 +17,7 @@ use crate::data::Truth;
 use crate::eval::results::DataId;
 use crate::export::images::to_rgb8;
 use crate::metrics::lpips::Lpips;
-use crate::model::{GaussiansAt, Scene};
+use crate::model::{HostGaussians, Scene};
 use image::RgbImage;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -167,7 +167,7 @@ fn outcome(chosen: Chosen) -> Outcome {
 /// The IoU in space of all selections at one time: by segment, then by method, in [0, 1].
 fn in_space(
     truth: &Truth,
-    at: &GaussiansAt,
+    at: &HostGaussians,
     time: f64,
     clicked: &[Clicked<'_>],
 ) -> Result<Vec<Vec<Pair<Option<f64>>>>, SegmentEvalError> {
@@ -239,11 +239,11 @@ fn nearest(frames: &[TruthFrame], time: f64) -> Option<f64> {
 /// The scene at the times of the truth, each deformed once.
 struct Times<'a> {
     scene: &'a Scene,
-    known: BTreeMap<u64, GaussiansAt>,
+    known: BTreeMap<u64, HostGaussians>,
 }
 
 impl Times<'_> {
-    fn at(&mut self, time: f64) -> &GaussiansAt {
+    fn at(&mut self, time: f64) -> &HostGaussians {
         // a few times stay; a dataset in which each view has its own would hold the scene hundreds of times
         if self.known.len() > 16 && !self.known.contains_key(&time.to_bits()) {
             self.known.clear();

@@ -5,7 +5,7 @@ use super::click::Click;
 use super::method::Method;
 use super::setting::Setting;
 use super::train::{Lifted, Trained};
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::segment::baselines::sagd;
 use crate::segment::coarse::Coarse;
 use crate::segment::pick::{Asked, meant, pick, pick_saga};
@@ -31,7 +31,7 @@ impl Selected {
 
     /// The selected of the scene's Gaussians at any time.
     #[must_use]
-    pub fn of(&self, at: &GaussiansAt) -> GaussiansAt {
+    pub fn of(&self, at: &HostGaussians) -> HostGaussians {
         let mut alone = at.subset(&self.members);
         alone.means.iter_mut().zip(&self.moved.0).for_each(|(m, d)| *m += d);
         alone.log_scales.iter_mut().zip(&self.moved.1).for_each(|(s, d)| *s += d);
@@ -40,7 +40,7 @@ impl Selected {
 
     /// All of the scene's Gaussians, the selected ones as they are in the selection.
     #[must_use]
-    pub fn within(&self, at: &GaussiansAt) -> GaussiansAt {
+    pub fn within(&self, at: &HostGaussians) -> HostGaussians {
         let mut all = at.clone();
         for (to, by) in [(&mut all.means, &self.moved.0), (&mut all.log_scales, &self.moved.1)] {
             for (&i, by) in self.members.iter().zip(by.chunks_exact(3)) {
@@ -79,7 +79,7 @@ impl Selected {
 #[derive(Clone, Copy)]
 pub struct Scenery<'a> {
     /// The Gaussians at the time of the clicks.
-    pub at: &'a GaussiansAt,
+    pub at: &'a HostGaussians,
     /// What the methods have learnt of them.
     pub trained: &'a Trained,
 }

@@ -20,7 +20,7 @@ use std::collections::HashMap;
 const SIZE: u32 = 40;
 
 /// Two balls of two colours, and what every method needs; fields that have learnt nothing select something too.
-fn scene() -> (GaussiansAt, Trained) {
+fn scene() -> (HostGaussians, Trained) {
     let device = DeviceName::all()[0].open().unwrap();
     let mut at = APART.gaussians();
     for (i, sh) in at.sh.chunks_exact_mut(3).enumerate() {

@@ -7,7 +7,7 @@ use super::setting::Setting;
 use super::truth::{Labelled, labelled};
 use crate::data::Truth;
 use crate::data::paths::{Lens, Sphere, biased, training_cameras};
-use crate::model::{GaussiansAt, Scene};
+use crate::model::{HostGaussians, Scene};
 use crate::segment::baselines::saga::{self, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
@@ -63,7 +63,7 @@ pub struct Trainers<'a> {
     /// What is known.
     pub truth: &'a Truth,
     /// The Gaussians at the time of the clicks.
-    pub at: &'a GaussiansAt,
+    pub at: &'a HostGaussians,
     /// Labelled views of that time.
     pub views: &'a [Labelled],
     /// What is asked for.

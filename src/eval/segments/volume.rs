@@ -10,7 +10,7 @@
 
 use super::select::Selected;
 use crate::data::TruthVolume;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::points::neighbours::Grid as Neighbours;
 use crate::segment::voxels::{LabelledCloud, Vote, VoxelError, label_voxels};
 use crate::volume::grid::Grid;
@@ -35,7 +35,7 @@ fn vote() -> Vote {
 /// The cells of a truth volume with the Gaussians of its time.
 pub struct Cells<'a> {
     volume: &'a TruthVolume,
-    at: &'a GaussiansAt,
+    at: &'a HostGaussians,
     grid: Grid,
     /// For each cell that shows something and that no Gaussian reaches, ascending, the Gaussian whose it is.
     owners: Vec<(usize, u32)>,
@@ -47,7 +47,7 @@ impl<'a> Cells<'a> {
     ///
     /// # Errors
     /// If the grid of the volume is none, or arrays of `at` disagree.
-    pub fn new(volume: &'a TruthVolume, at: &'a GaussiansAt) -> Result<Self, VoxelError> {
+    pub fn new(volume: &'a TruthVolume, at: &'a HostGaussians) -> Result<Self, VoxelError> {
         let grid = Grid { dims: volume.dims, spacing: volume.spacing, origin: volume.origin };
         for (field, found) in [("ids", volume.ids.len()), ("opacity", volume.opacity.len())] {
             if found != grid.len() {
@@ -75,7 +75,7 @@ impl<'a> Cells<'a> {
 
     fn compare(
         &self,
-        at: &GaussiansAt,
+        at: &HostGaussians,
         owners: &[(usize, u32)],
         selected: &Selected,
         ids: &[u16],
@@ -105,13 +105,13 @@ fn shows(opacity: f32) -> bool {
     opacity > FLOOR && opacity.is_finite()
 }
 
-fn cloud<'a>(at: &'a GaussiansAt, opacity: &'a [f32], labels: &'a [u32]) -> LabelledCloud<'a> {
+fn cloud<'a>(at: &'a HostGaussians, opacity: &'a [f32], labels: &'a [u32]) -> LabelledCloud<'a> {
     LabelledCloud { means: &at.means, rotations: &at.rotations, log_scales: &at.log_scales, opacity, labels }
 }
 
 /// The cells that show something and that no Gaussian reaches, ascending, with the Gaussian that each belongs to; none
 /// where there is no visible Gaussian at all.
-fn owners(volume: &TruthVolume, grid: &Grid, at: &GaussiansAt) -> Result<Vec<(usize, u32)>, VoxelError> {
+fn owners(volume: &TruthVolume, grid: &Grid, at: &HostGaussians) -> Result<Vec<(usize, u32)>, VoxelError> {
     let opacity = at.opacity();
     let reached = label_voxels(&cloud(at, &opacity, &vec![REST; at.len()]), grid, &vote())?;
     let open: Vec<usize> = (0..reached.len()).filter(|&c| reached[c] == 0 && shows(volume.opacity[c])).collect();
@@ -154,7 +154,7 @@ struct Bell {
 
 impl Bell {
     /// `None` for those that do not vote either: invisible, or not finite.
-    fn new(at: &GaussiansAt, opacity: &[f32], i: usize, smallest: f64) -> Option<Self> {
+    fn new(at: &HostGaussians, opacity: &[f32], i: usize, smallest: f64) -> Option<Self> {
         let q = &at.rotations[4 * i..4 * i + 4];
         let q = DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into());
         let mean = DVec3::from_array(std::array::from_fn(|k| f64::from(at.means[3 * i + k])));

@@ -24,7 +24,7 @@ fn balls(place: DVec3) -> (u16, f32) {
     ball.map_or((0, 0.0), |b| (b as u16 + 1, 0.5))
 }
 
-fn add(at: &mut GaussiansAt, mean: DVec3, sigma: f64) {
+fn add(at: &mut HostGaussians, mean: DVec3, sigma: f64) {
     at.means.extend(mean.as_vec3().to_array());
     at.rotations.extend([1.0, 0.0, 0.0, 0.0]);
     at.log_scales.extend([sigma.ln() as f32; 3]);
@@ -32,12 +32,12 @@ fn add(at: &mut GaussiansAt, mean: DVec3, sigma: f64) {
     at.sh.extend([0.0; 3]);
 }
 
-fn nobody() -> GaussiansAt {
-    GaussiansAt { sh_stride: 1, ..GaussiansAt::default() }
+fn nobody() -> HostGaussians {
+    HostGaussians { sh_stride: 1, ..HostGaussians::default() }
 }
 
 /// A Gaussian in each cell of the balls for which `keep` holds, in the order of the cells, and which ball has it.
-fn filled(keep: impl Fn(DVec3) -> bool) -> (GaussiansAt, Vec<u16>) {
+fn filled(keep: impl Fn(DVec3) -> bool) -> (HostGaussians, Vec<u16>) {
     let truth = volume(balls);
     let (mut at, mut of) = (nobody(), Vec::new());
     for c in 0..truth.ids.len() {

@@ -108,7 +108,7 @@ pub fn train(
     }
     let mut trainer = Trainer::new(views, means, options)?;
     for step in 0..options.steps {
-        let mut rng = Rng::new(options.seed, step as u64 + 1, Purpose::GaussianFeatures as u64);
+        let mut rng = Rng::new(options.seed, step as u64 + 1, Purpose::GaussianFeatures);
         let view = rng.below(views.len());
         let batch = trainer.batch(view, &mut rng);
         let slopes = trainer.loss(&batch);

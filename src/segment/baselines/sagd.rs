@@ -18,7 +18,7 @@ mod cut;
 #[cfg(test)]
 mod tests;
 
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::segment::masks::Mask;
 use rayon::prelude::*;
 use volseggs_kernels::Camera;
@@ -71,7 +71,7 @@ pub struct SagdSegment {
     /// Indices of the M Gaussians kept, ascending.
     pub members: Vec<u32>,
     /// These Gaussians, `[M]`; those at edges are cut back.
-    pub gaussians: GaussiansAt,
+    pub gaussians: HostGaussians,
     /// Views with a mask over the prompt.
     pub voting: usize,
 }
@@ -105,7 +105,7 @@ pub enum SagdError {
 /// # Errors
 /// If there is no such Gaussian, or a mask is not of its camera's size.
 pub fn segment(
-    at: &GaussiansAt,
+    at: &HostGaussians,
     views: &[SagdView],
     clicked: u32,
     options: &SagdOptions,

@@ -29,7 +29,7 @@ pub fn cluster(
     seed: u64,
 ) -> Result<Vec<u32>, PointsError> {
     let features = field.features(&frame.encode(means), scale);
-    let mut rng = Rng::new(seed, 1, Purpose::Clusters as u64);
+    let mut rng = Rng::new(seed, 1, Purpose::Clusters);
     let mut uniform = || rng.uniform();
     match clustering {
         Clustering::Density => {

@@ -80,7 +80,7 @@ impl AffinityField {
     /// A field with random weights.
     #[must_use]
     pub fn new(seed: u64, device: &Device) -> Self {
-        let mut rng = Rng::new(seed, 0, Purpose::AffinityInit as u64);
+        let mut rng = Rng::new(seed, 0, Purpose::AffinityInit);
         let bias = |n: usize| Param::from_tensor(Tensor::zeros([n], device));
         Self {
             first_weight: xavier(&mut rng, ENCODED + 1, WIDTH, device),

@@ -9,7 +9,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::str::FromStr;
 use volseggs_kernels::contrast::{Repulsion, contrast};
-use volseggs_kernels::contributors::Contributors;
+use volseggs_kernels::splat::contributors::Contributors;
 
 /// At which scale a step asks the field, and which of the masks over a pixel counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -111,7 +111,7 @@ pub fn train(
     let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 });
     for step in 0..options.steps {
         // number 0 is the choice of the views' pixels
-        let mut rng = Rng::new(options.seed, step as u64, Purpose::AffinitySteps as u64 + 1000);
+        let mut rng = Rng::new(options.seed, step as u64, Purpose::AffinitySteps);
         let view = &views[rng.below(views.len())];
         let batch = Batch::draw(view, options, &mut rng);
         let (total, loss) = loss(&field, view, &batch, options);

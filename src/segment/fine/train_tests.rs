@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::device::DeviceName;
-use crate::model::{GaussiansAt, params};
+use crate::model::{HostGaussians, params};
 use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads};
 use crate::segment::click;
 use crate::segment::fine::extract::{Clustering, cluster, similar};
@@ -115,7 +115,7 @@ fn the_gradient_by_every_parameter_is_a_difference_quotient() {
 fn gradient(view: &FineView, options: &FineOptions) {
     let field = AffinityField::new(2, &device().autodiff());
     // at a scale at which there is something to repel
-    let mut draws = (0..).map(|step| Batch::draw(view, options, &mut Rng::new(1, step, 3)));
+    let mut draws = (0..).map(|step| Batch::draw(view, options, &mut Rng::new(1, step, Purpose::Custom(3))));
     let batch = draws.find(|b| [0, 1].iter().all(|m| b.masks.contains(m))).unwrap();
     let (total, loss) = loss(&field, view, &batch, options);
     let found = loss.backward();
@@ -152,7 +152,7 @@ fn by_its_own_scale_each_gaussian_is_asked_at_that_of_the_mask_it_gives_most_to(
     let (mut parted, mut joined) = (0, 0);
     for step in 0..40 {
         let view = &views[step % views.len()];
-        let batch = Batch::draw(view, &options, &mut Rng::new(1, step as u64, 3));
+        let batch = Batch::draw(view, &options, &mut Rng::new(1, step as u64, Purpose::Custom(3)));
         for (p, mask) in batch.masks.iter().enumerate() {
             let (indices, weights) = batch.pixels.row(p);
             let most = (0..indices.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
@@ -175,7 +175,7 @@ fn names_of_mask_scales_are_read() {
 
 /// A field trained on two balls.
 struct Trained {
-    at: GaussiansAt,
+    at: HostGaussians,
     frame: Frame,
     field: AffinityField,
     camera: volseggs_kernels::Camera,

@@ -2,13 +2,13 @@
 //! make them up, and the masks that cover them. Geometry does not move, so all of it is found once.
 
 use super::network::Frame;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
 use crate::segment::masks::{Mask, MaskReader, StoreError};
 use burn::tensor::Device;
 use volseggs_kernels::Camera;
-use volseggs_kernels::contributors::{Contributors, ContributorsError, contributors};
 use volseggs_kernels::splat::SplatSettings;
+use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
 /// Pixels kept of a view, at most.
 const PIXELS: usize = 16_384;
@@ -49,7 +49,7 @@ impl FineView {
     /// # Errors
     /// If the masks are not of the camera's size.
     pub fn new(
-        at: &GaussiansAt,
+        at: &HostGaussians,
         frame: &Frame,
         view: &MaskedView,
         number: u64,
@@ -63,7 +63,7 @@ impl FineView {
             }
         }
         let mut pixels: Vec<u32> = (0..covered.len() as u32).filter(|&p| covered[p as usize]).collect();
-        Rng::new(seed, number, Purpose::AffinitySteps as u64).shuffle(&mut pixels);
+        Rng::new(seed, number, Purpose::AffinityPixels).shuffle(&mut pixels);
         pixels.truncate(PIXELS);
         pixels.sort_unstable();
         if pixels.is_empty() {
@@ -115,7 +115,7 @@ impl FineView {
 /// If the file is damaged.
 pub fn read_views(
     masks: &MaskReader,
-    at: &GaussiansAt,
+    at: &HostGaussians,
     frame: &Frame,
     members: &[Vec<u32>],
     seed: u64,

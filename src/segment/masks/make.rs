@@ -6,7 +6,7 @@ use super::alpha::background_below;
 use super::source::{Found, Group, MaskSource, Seen, SourceError};
 use super::store::{Annotation, Header, MaskWriter, StoreError, View};
 use crate::data::Camera;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use crate::segment::pictures::{Picture, picture, share};
 use crate::segment::segmentation::members_key;
 use burn::tensor::Device;
@@ -39,7 +39,7 @@ impl Shot {
 #[derive(Clone, Copy, Debug)]
 pub struct MaskJob<'a> {
     /// All Gaussians of the scene at `time`.
-    pub at: &'a GaussiansAt,
+    pub at: &'a HostGaussians,
     /// Those drawn alone.
     pub groups: &'a [Group],
     /// From where, all of one size.

@@ -6,9 +6,9 @@ use crate::data::paths::{Lens, training_cameras};
 use crate::device::DeviceName;
 
 /// Three dense balls along x; the first hides the others from +x.
-fn scene() -> GaussiansAt {
+fn scene() -> HostGaussians {
     let n = 3;
-    GaussiansAt {
+    HostGaussians {
         means: vec![0.5, 0.0, 0.0, 0.0, 0.0, 0.0, -0.5, 0.0, 0.0],
         rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
         log_scales: vec![-2.0; 3 * n],

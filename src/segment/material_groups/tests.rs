@@ -1,10 +1,11 @@
 //! Clouds of known materials, shaded and with the noise of trained Gaussians.
 
-use crate::model::GaussiansAt;
-use crate::rng::Rng;
+use crate::model::HostGaussians;
+use crate::model::sh::{C0, basis};
+use crate::rng::{Purpose, Rng};
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
-use crate::segment::colour::{SH_C0, sh_basis};
 use std::f32::consts::PI;
+use volseggs_kernels::activation::logit;
 
 /// One material: its colour, where it lies, its size, how opaque it is and how many Gaussians it has.
 #[derive(Clone, Copy)]
@@ -32,9 +33,9 @@ const PLAIN: Light = Light { ambient: 0.3, diffuse: 0.6, specular: 0.1, rims: 0.
 
 /// Gaussians on spheres, and which body each belongs to; a tenth has a random colour. Light falls off with the square
 /// of the cosine, which harmonics of degree 2 hold exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
-fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
-    let mut rng = Rng::new(seed, 0, 0);
-    let (mut g, mut truth) = (GaussiansAt { sh_stride: 16, ..GaussiansAt::default() }, Vec::new());
+fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (HostGaussians, Vec<u32>) {
+    let mut rng = Rng::new(seed, 0, Purpose::Custom(0));
+    let (mut g, mut truth) = (HostGaussians { sh_stride: 16, ..HostGaussians::default() }, Vec::new());
     for (k, body) in bodies.iter().enumerate() {
         for _ in 0..body.count {
             let v = [rng.normal(), rng.normal(), rng.normal()];
@@ -43,7 +44,7 @@ fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
             g.means.extend((0..3).map(|a| body.centre[a] + body.radius * normal[a] + 0.01 * rng.normal()));
             g.log_scales.extend([-4.0; 3]);
             g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
-            let logit = (body.opacity / (1.0 - body.opacity)).ln() + 0.5 * rng.normal();
+            let logit = logit(body.opacity) + 0.5 * rng.normal();
             g.opacity_logits.push(logit);
             let lit = if rng.uniform() < light.rims { 0.2 + 0.5 * rng.uniform() } else { 1.0 };
             let stray = rng.uniform() < 0.1;
@@ -51,8 +52,8 @@ fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (GaussiansAt, Vec<u32>) {
             let mut sh = [[0f32; 3]; 16];
             for c in 0..3 {
                 let (flat, square) = (lit * base[c] * light.ambient, lit * (base[c] * light.diffuse + light.specular));
-                sh[0][c] = (flat + square / 3.0 - 0.5) / SH_C0;
-                for (m, y) in sh_basis(normal).iter().enumerate().take(9).skip(4) {
+                sh[0][c] = (flat + square / 3.0 - 0.5) / C0;
+                for (m, y) in basis(normal).iter().enumerate().take(9).skip(4) {
                     sh[m][c] = square * 8.0 * PI / 15.0 * y;
                 }
                 sh.iter_mut().for_each(|s| s[c] += light.noise * rng.normal());
@@ -208,7 +209,7 @@ const BASES: [[f32; 3]; 12] = [
 fn the_number_of_materials_is_found_on_most_random_clouds() {
     let (mut right, mut clouds) = (0, 0);
     for seed in 0..12u64 {
-        let mut rng = Rng::new(seed, 1, 0);
+        let mut rng = Rng::new(seed, 1, Purpose::Custom(0));
         let count = 1 + (seed % 6) as usize;
         let mut bases: Vec<usize> = Vec::new();
         while bases.len() < count {

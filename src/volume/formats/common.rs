@@ -133,7 +133,7 @@ pub fn map(path: &Path, offset: u64, len: u64) -> Result<Mmap, VolumeError> {
 /// # Errors
 /// Not enough memory.
 pub fn prepare(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeError> {
-    room(path, out, n)?;
+    reserve(path, out, n)?;
     out.resize(n, 0.0);
     Ok(())
 }
@@ -142,7 +142,7 @@ pub fn prepare(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeEr
 ///
 /// # Errors
 /// Not enough memory.
-pub fn room(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeError> {
+pub fn reserve(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeError> {
     out.clear();
     let more = product(&[n.saturating_sub(out.capacity()), size_of::<f32>()]);
     let refused = |problem: String| VolumeError::invalid(path, "size", problem, "or use a coarser volume");
@@ -181,7 +181,7 @@ mod tests {
     #[cfg(target_os = "linux")]
     fn a_step_that_does_not_fit_into_memory_is_refused_before_it_is_allocated() {
         // as f32, a volume of bytes takes four times its file
-        let told = room(Path::new("a.raw"), &mut Vec::new(), 1 << 44).unwrap_err().to_string();
+        let told = reserve(Path::new("a.raw"), &mut Vec::new(), 1 << 44).unwrap_err().to_string();
         assert!(told.contains("one step of 17592186044416 voxels") && told.contains("--memory"), "{told}");
         let mut out = vec![1.0; 3];
         prepare(Path::new("a.raw"), &mut out, 5).unwrap();

@@ -85,7 +85,7 @@ impl VolumeFile for Nifti {
             let hint = format!("the file has {} steps, counted from 0", self.header.steps);
             return Err(VolumeError::invalid(&self.path, "step", format!("no step {step}"), hint));
         }
-        common::room(&self.path, out, self.header.grid.len())?;
+        common::reserve(&self.path, out, self.header.grid.len())?;
         self.read_step(step, out).map_err(|e| read_error(&self.path, &format!("step {step}"), e))
     }
 }

@@ -76,7 +76,7 @@ impl VolumeFile for Vti {
             ));
         }
         let (file, _) = common::open_file(&self.path)?;
-        common::room(&self.path, out, self.layout.count)?;
+        common::reserve(&self.path, out, self.layout.count)?;
         data::read(file, &self.layout, out).map_err(|e| read_error(&self.path, &self.field, e))
     }
 }

@@ -5,7 +5,7 @@
 
 mod sample;
 
-use super::ops::{FieldGradients, FieldOps};
+use super::ops::{FieldBackwardOps, FieldGradients, FieldOps};
 use super::shape::FieldShape;
 use crate::cube::atomic::{AddF32, Exchange, Native};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, path, rows};
@@ -283,7 +283,9 @@ impl FieldOps for CubeBackend {
         );
         out
     }
+}
 
+impl FieldBackwardOps for CubeBackend {
     fn field_backward(
         planes: FloatTensor<Self>,
         lines: FloatTensor<Self>,

@@ -2,9 +2,10 @@
 
 use super::TILE;
 use super::bin::{Bins, GATHER, Order, RowLists, TileRow};
-use super::lanes::{any, exp2, wide};
+use super::lanes::{any, wide};
 use super::project::Splat2d;
-use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
+use super::rule::Rule;
+use crate::splat::SplatSettings;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -211,10 +212,7 @@ impl WithSimd for BlendTile<'_> {
         );
         let open = S::as_mut_simd_f32s(&mut left.0).0;
         let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
-        let threshold = simd.splat_f32s(ALPHA_MIN.log2());
-        let alpha_max = simd.splat_f32s(ALPHA_MAX);
-        let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
-        let zero = simd.splat_f32s(0.0);
+        let rule = Rule::new(simd);
 
         let mut used = self.tile.entries.len();
         self.tile.each(|n, s| {
@@ -231,23 +229,18 @@ impl WithSimd for BlendTile<'_> {
                 for v in 0..vectors {
                     let at = row * vectors + v;
                     let dx = simd.add_f32s(centres[v], offset);
-                    let power = simd.mul_add_e_f32s(simd.mul_add_e_f32s(qa, dx, qb), dx, constant);
+                    let power = rule.power(simd, dx, [qa, qb, constant]);
                     let t = open[at];
-                    let touched = simd
-                        .and_m32s(simd.greater_than_or_equal_f32s(power, threshold), simd.greater_than_f32s(t, zero));
+                    let touched = rule.touched(simd, power, t);
                     if !any(simd, touched) {
                         continue;
                     }
-                    let alpha = simd.min_f32s(exp2(simd, power), alpha_max);
-                    let weight = simd.mul_f32s(t, alpha);
-                    let after = simd.sub_f32s(t, weight);
-                    let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));
-                    let weight = simd.select_f32s(blended, weight, zero);
-                    red[at] = simd.mul_add_e_f32s(weight, colour[0], red[at]);
-                    green[at] = simd.mul_add_e_f32s(weight, colour[1], green[at]);
-                    blue[at] = simd.mul_add_e_f32s(weight, colour[2], blue[at]);
-                    open[at] = simd.select_f32s(blended, after, t);
-                    let done = simd.and_m32s(touched, simd.greater_than_or_equal_f32s(t_min, after));
+                    let met = rule.meet(simd, power, t, touched);
+                    red[at] = simd.mul_add_e_f32s(met.weight, colour[0], red[at]);
+                    green[at] = simd.mul_add_e_f32s(met.weight, colour[1], green[at]);
+                    blue[at] = simd.mul_add_e_f32s(met.weight, colour[2], blue[at]);
+                    open[at] = simd.select_f32s(met.blended, met.after, t);
+                    let done = rule.done(simd, &met, touched);
                     if any(simd, done) {
                         open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
                         if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {

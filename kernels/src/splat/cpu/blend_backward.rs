@@ -6,9 +6,10 @@
 //! tile and Gaussian; per-Gaussian sums are then merged in the order of the tiles.
 
 use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range, row_takes};
-use super::lanes::{any, exp2};
+use super::lanes::any;
+use super::rule::Rule;
 use super::{Saved, TILE};
-use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
+use crate::splat::{ALPHA_MAX, SplatSettings};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -104,9 +105,8 @@ impl WithSimd for BlendBackwardTile<'_> {
         let [v0, v1, v2, v3] = &self.pixels.v;
         let v = [v0, v1, v2, v3].map(|plane| S::as_simd_f32s(&plane.0).0);
         let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
-        let threshold = simd.splat_f32s(ALPHA_MIN.log2());
+        let rule = Rule::new(simd);
         let alpha_max = simd.splat_f32s(ALPHA_MAX);
-        let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
         let zero = simd.splat_f32s(0.0);
         let one = simd.splat_f32s(1.0);
         let sums = self.sums;
@@ -130,21 +130,16 @@ impl WithSimd for BlendBackwardTile<'_> {
                 for column in 0..vectors {
                     let at = row * vectors + column;
                     let dx = simd.add_f32s(centres[column], offset);
-                    let power = simd.mul_add_e_f32s(simd.mul_add_e_f32s(qa, dx, qb), dx, constant);
+                    let power = rule.power(simd, dx, [qa, qb, constant]);
                     let t = open[at];
-                    let touched = simd
-                        .and_m32s(simd.greater_than_or_equal_f32s(power, threshold), simd.greater_than_f32s(t, zero));
+                    let touched = rule.touched(simd, power, t);
                     if !any(simd, touched) {
                         continue;
                     }
                     row_hit = true;
-                    let unclamped = exp2(simd, power);
-                    let alpha = simd.min_f32s(unclamped, alpha_max);
-                    let weight = simd.mul_f32s(t, alpha);
-                    let after = simd.sub_f32s(t, weight);
-                    let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));
-                    let weight = simd.select_f32s(blended, weight, zero);
-                    let alpha = simd.select_f32s(blended, alpha, zero);
+                    let met = rule.meet(simd, power, t, touched);
+                    let weight = met.weight;
+                    let alpha = simd.select_f32s(met.blended, met.alpha, zero);
 
                     // V . (c, 1): the fourth channel is alpha, to which every Gaussian gives its whole weight
                     let vc = simd.mul_add_e_f32s(v[0][at], colour[0], v[3][at]);
@@ -153,7 +148,7 @@ impl WithSimd for BlendBackwardTile<'_> {
                     let rest = simd.sub_f32s(behind[at], simd.mul_f32s(weight, vc));
                     behind[at] = rest;
                     let d_alpha = simd.sub_f32s(simd.mul_f32s(t, vc), simd.div_f32s(rest, simd.sub_f32s(one, alpha)));
-                    let saturated = simd.greater_than_f32s(unclamped, alpha_max);
+                    let saturated = simd.greater_than_f32s(met.unclamped, alpha_max);
                     let u = simd.select_f32s(saturated, zero, simd.mul_f32s(alpha, d_alpha));
 
                     let ux = simd.mul_f32s(u, dx);
@@ -163,8 +158,8 @@ impl WithSimd for BlendBackwardTile<'_> {
                     for channel in 0..3 {
                         sum[6 + channel] = simd.mul_add_e_f32s(weight, v[channel][at], sum[6 + channel]);
                     }
-                    open[at] = simd.select_f32s(blended, after, t);
-                    let done = simd.and_m32s(touched, simd.greater_than_or_equal_f32s(t_min, after));
+                    open[at] = simd.select_f32s(met.blended, met.after, t);
+                    let done = rule.done(simd, &met, touched);
                     if any(simd, done) {
                         open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
                         if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {

@@ -10,11 +10,10 @@ mod blend_backward;
 pub(crate) mod lanes;
 pub(crate) mod project;
 mod project_backward;
-mod sh;
+pub(crate) mod rule;
 
-use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use super::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
 use crate::backend::CpuBackend;
-use crate::contributors::{Contributors, ContributorsError};
 use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
@@ -24,7 +23,7 @@ use std::sync::Arc;
 /// Tile side in pixels.
 pub(crate) const TILE: usize = 16;
 
-/// The five attribute arrays, row-major.
+/// The five attribute arrays, row-major, borrowed from the tensors of a backend.
 #[derive(Clone, Copy)]
 pub(crate) struct Attributes<'a> {
     /// `[N, 3]`
@@ -43,7 +42,10 @@ pub(crate) struct Attributes<'a> {
 
 impl<'a> Attributes<'a> {
     /// Views of the five arrays, in the order of the op's inputs.
-    fn new([means, rotations, log_scales, opacity_logits, sh]: &'a [Cow<'_, [f32]>; 5], sh_stride: usize) -> Self {
+    pub(crate) fn new(
+        [means, rotations, log_scales, opacity_logits, sh]: &'a [Cow<'_, [f32]>; 5],
+        sh_stride: usize,
+    ) -> Self {
         Self { means, rotations, log_scales, opacity_logits, sh, sh_stride }
     }
 
@@ -67,22 +69,6 @@ fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings
     let (image, bins) = blend::blend(&order, settings);
     let radii = splats.iter().map(|s| s.radius).collect();
     (image.clone(), radii, Saved { order, bins, image })
-}
-
-/// The contributors of chosen pixels, and radii; the five attribute arrays in the order of the op's inputs.
-pub(crate) fn contributors(
-    values: &[Cow<'_, [f32]>; 5],
-    sh_stride: usize,
-    offsets: &[f32],
-    settings: &SplatSettings,
-    pixels: &[u32],
-) -> (Result<Contributors, ContributorsError>, Vec<i32>) {
-    let splats = project::project(Attributes::new(values, sh_stride), offsets, settings);
-    let order = Order::new(&splats, settings.camera.height);
-    // blending finds where each tile ends, and so which Gaussians matter
-    let (_, bins) = blend::blend(&order, settings);
-    let lists = crate::contributors::cpu::contributors(&order, &bins, settings, pixels);
-    (lists, splats.iter().map(|s| s.radius).collect())
 }
 
 impl<B: CpuBackend> CpuSplat for B {}
@@ -147,7 +133,9 @@ macro_rules! bind {
             ) -> SplatForward<Self> {
                 Self::cpu_forward([means, rotations, log_scales, opacity_logits, sh], screen_offsets, settings)
             }
+        }
 
+        impl SplatBackwardOps for $backend {
             fn splat_backward(
                 means: FloatTensor<Self>,
                 rotations: FloatTensor<Self>,

@@ -1,9 +1,10 @@
 //! Per Gaussian: to the screen. Position, inverse covariance, opacity, colour, extent, depth.
 
+use super::Attributes;
 use super::lanes::{LOG2_E, wide};
-use super::{Attributes, sh};
-use crate::Camera;
+use crate::activation::sigmoid;
 use crate::splat::{ALPHA_MIN, DILATION, NEAR, SplatSettings};
+use crate::{Camera, sh};
 use rayon::prelude::*;
 
 /// A projected Gaussian, as blending reads it.
@@ -165,7 +166,7 @@ fn project_one(
 ) -> Option<Splat2d> {
     let camera = &settings.camera;
     let mean = row::<3>(a.means, i);
-    let opacity = 1.0 / (1.0 + (-a.opacity_logits[i]).exp());
+    let opacity = sigmoid(a.opacity_logits[i]);
     if opacity.is_nan() || opacity < ALPHA_MIN {
         return None;
     }

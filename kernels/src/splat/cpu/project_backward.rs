@@ -1,12 +1,12 @@
 //! Per Gaussian: gradients on screen back to means, rotations, log_scales, opacity_logits and sh.
 
+use super::Attributes;
 use super::bin::Order;
 use super::blend_backward::ScreenGradient;
 use super::lanes::wide;
 use super::project::{Projection, Splat2d, row, view_direction};
-use super::{Attributes, sh};
-use crate::Camera;
 use crate::splat::SplatSettings;
+use crate::{Camera, sh};
 use rayon::prelude::*;
 
 /// Gradients of every input, row-major.

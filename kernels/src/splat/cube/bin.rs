@@ -14,7 +14,7 @@ use burn_cubecl::cubecl::prelude::*;
 
 /// The entries of all tiles.
 #[derive(Clone, Debug)]
-pub(super) struct Bins {
+pub(in crate::splat) struct Bins {
     /// Gaussians by depth, `[N]`.
     pub order: Words,
     /// Where the entries of each place in `order` start, `[N + 1]`; the last is their number.

@@ -1,7 +1,8 @@
 //! Front-to-back blending: a cube a tile, a unit a pixel, Gaussians staged through shared memory.
 
+use super::rule::{clamped, log_alpha};
 use super::{BATCH, SEGMENT, TILE};
-use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
+use crate::splat::{ALPHA_MIN, TRANSMITTANCE_MIN};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
@@ -79,10 +80,9 @@ pub(super) fn blend(
                 let at = (k * 9u32) as usize;
                 let dx = px - staged[at];
                 let dy = py - staged[at + 1];
-                let power =
-                    (staged[at + 2] * dx + staged[at + 3] * dy) * dx + staged[at + 4] * dy * dy + staged[at + 5];
+                let power = log_alpha(dx, dy, staged[at + 2], staged[at + 3], staged[at + 4], staged[at + 5]);
                 if power >= comptime!(ALPHA_MIN.ln()) {
-                    let alpha = min(f32::exp(power), comptime!(ALPHA_MAX));
+                    let alpha = clamped(f32::exp(power));
                     let weight = left * alpha;
                     let after = left - weight;
                     if after > comptime!(TRANSMITTANCE_MIN) {

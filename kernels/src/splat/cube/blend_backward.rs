@@ -8,6 +8,7 @@
 //! As on the CPU, with V the gradient of a pixel, `S` starts as `V . C` of what has not been replayed and loses what
 //! each Gaussian added; then `dL/dalpha = T (V . c) - S / (1 - alpha)`.
 
+use super::rule::{clamped, log_alpha};
 use super::{LINE, SEGMENT, TILE};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 use burn_cubecl::cubecl;
@@ -119,10 +120,10 @@ pub(super) fn blend_backward(
                     if left > 0.0f32 {
                         let dx = f32::cast_from(x0 + p % size) + 0.5f32 - own[0];
                         let dy = f32::cast_from(y0 + p / size) + 0.5f32 - own[1];
-                        let power = (own[2] * dx + own[3] * dy) * dx + own[4] * dy * dy + own[5];
+                        let power = log_alpha(dx, dy, own[2], own[3], own[4], own[5]);
                         if power >= comptime!(ALPHA_MIN.ln()) {
                             let unclamped = f32::exp(power);
-                            let alpha = min(unclamped, comptime!(ALPHA_MAX));
+                            let alpha = clamped(unclamped);
                             let weight = left * alpha;
                             let after = left - weight;
                             if after > comptime!(TRANSMITTANCE_MIN) {

@@ -4,20 +4,20 @@
 //! the tiles' lists, a unit a Gaussian -> sum each Gaussian's entries -> back through the projection. Every sum has one
 //! order, so the same device gives the same bits each time.
 //!
-//! The one thing that the host must know is how many entries to make room for; see [`room`].
+//! The one thing that the host must know is how many entries to make room for; see [`mod@capacity`].
 // conditions known when a kernel is compiled stand apart from those of its units
 #![allow(clippy::collapsible_if)]
 
 mod bin;
 mod blend;
 mod blend_backward;
-mod contributors;
+mod capacity;
 mod project;
 mod project_backward;
-mod room;
+pub(super) mod rule;
 mod sh;
 
-use super::{SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use super::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
 use bin::Bins;
 use burn::backend::tensor::FloatTensor;
@@ -28,7 +28,7 @@ use burn_cubecl::tensor::CubeTensor;
 use std::sync::Arc;
 
 /// Tile side in pixels.
-const TILE: usize = 16;
+pub(super) const TILE: usize = 16;
 /// Entries that are staged through shared memory together.
 const BATCH: u32 = 256;
 /// Entries between two saved states of a tile's pixels; divides [`BATCH`].
@@ -47,18 +47,18 @@ struct Saved {
 }
 
 /// Gaussians on screen, sorted into tiles.
-struct Binned {
-    screen: Words,
-    radii: CubeTensor,
-    bins: Bins,
+pub(super) struct Binned {
+    pub(super) screen: Words,
+    pub(super) radii: CubeTensor,
+    pub(super) bins: Bins,
 }
 
-fn tiles(settings: &SplatSettings) -> [usize; 2] {
+pub(super) fn tiles(settings: &SplatSettings) -> [usize; 2] {
     [settings.camera.width.div_ceil(TILE), settings.camera.height.div_ceil(TILE)]
 }
 
-/// Projects and bins; with `patient`, the host waits to learn how many entries there are.
-fn binned(tensors: &[CubeTensor; 5], offsets: &CubeTensor, settings: &SplatSettings, patient: bool) -> Binned {
+/// Projects and bins; with `exact`, the host waits to learn how many entries there are.
+pub(super) fn binned(tensors: &[CubeTensor; 5], offsets: &CubeTensor, settings: &SplatSettings, exact: bool) -> Binned {
     let [means, rotations, log_scales, logits, sh] = tensors;
     let client = &means.client;
     let n = means.meta.shape()[0];
@@ -87,7 +87,7 @@ fn binned(tensors: &[CubeTensor; 5], offsets: &CubeTensor, settings: &SplatSetti
     );
     let tiles = tiles(settings);
     let (order, starts) = bin::order(client, &screen, keys, indices, n, tiles);
-    let capacity = room::capacity(client, &starts, n, settings, patient);
+    let capacity = capacity::capacity(client, &starts, n, settings, exact);
     let (needs, limit) = (4 * 9 * capacity as u64, client.properties().memory.max_page_size);
     assert!(
         needs <= limit,
@@ -154,7 +154,9 @@ impl SplatOps for CubeBackend {
         let saved = SplatSaved(Arc::new(Saved { screen, bins, used, states, image: image.clone() }));
         SplatForward { image, radii, saved }
     }
+}
 
+impl SplatBackwardOps for CubeBackend {
     fn splat_backward(
         means: FloatTensor<Self>,
         rotations: FloatTensor<Self>,

@@ -1,13 +1,8 @@
-//! Real spherical harmonics up to degree 3, as `cpu::sh`, in the order and with the signs of 3DGS.
+//! Real spherical harmonics up to degree 3, as [`crate::sh`], written out as the language of the kernels asks for it.
 
+use crate::sh::{C0, C1, C2, C3, C3E};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
-
-const C0: f32 = 0.282_094_79;
-const C1: f32 = 0.488_602_51;
-const C2: [f32; 3] = [1.092_548_4, 0.315_391_57, 0.546_274_2];
-const C3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_33];
-const C3E: f32 = 1.445_305_7;
 
 /// Values of the basis functions up to `degree` at the unit direction (x, y, z), into `b` `[16]`.
 #[cube]

@@ -235,7 +235,7 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
     })
 }
 
-/// Spherical harmonics from their definition, `(degree + 1)^2` values, in the order and signs of 3DGS.
+/// Spherical harmonics from their definition, on purpose not by the kernels' constants, `(degree + 1)^2` values, in the order and signs of 3DGS.
 fn sh_basis([x, y, z]: [f64; 3], degree: usize) -> Vec<f64> {
     use std::f64::consts::PI;
     let mut b = vec![0.5 * (1.0 / PI).sqrt()];

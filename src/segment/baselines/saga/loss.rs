@@ -4,6 +4,7 @@
 use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use volseggs_kernels::activation::sigmoid;
 
 /// Length of a feature.
 pub(super) const FEATURES: usize = 32;
@@ -28,7 +29,7 @@ impl Gate {
 
     /// Factors in (0, 1) at `scale`.
     pub(super) fn at(&self, scale: f32) -> Feature {
-        std::array::from_fn(|k| 1.0 / (1.0 + (-(self.weight[k] * scale + self.bias[k])).exp()))
+        std::array::from_fn(|k| sigmoid(self.weight[k] * scale + self.bias[k]))
     }
 }
 

@@ -5,7 +5,7 @@ use super::loss::{FEATURES, Feature, unit};
 use crate::points::PointsError;
 use crate::points::neighbours::Grid;
 use rayon::prelude::*;
-use volseggs_kernels::contributors::Contributors;
+use volseggs_kernels::splat::contributors::Contributors;
 
 /// The nearest neighbours of N Gaussians, itself first, near to far.
 #[derive(Clone, Debug)]

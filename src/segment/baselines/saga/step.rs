@@ -7,7 +7,7 @@ use super::{SagaError, SagaOptions};
 use crate::rng::{Purpose, Rng};
 use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
-use volseggs_kernels::contributors::Contributors;
+use volseggs_kernels::splat::contributors::Contributors;
 
 /// Decay of the moments of Adam, and its guard against division by zero.
 const BETAS: [f32; 2] = [0.9, 0.999];
@@ -81,7 +81,7 @@ impl<'a> Trainer<'a> {
         let n = means.len() / 3;
         let shown = views.iter().flat_map(|v| &v.globals).max();
         assert!(shown.is_none_or(|&g| (g as usize) < n), "a view shows Gaussian {shown:?} of {n}");
-        let mut rng = Rng::new(options.seed, 0, Purpose::GaussianFeatures as u64);
+        let mut rng = Rng::new(options.seed, 0, Purpose::GaussianFeatures);
         let features = (0..n).map(|_| Parameter::new(unit(std::array::from_fn(|_| rng.normal())).0)).collect();
         let gate = [0; 2].map(|_| Parameter::new(std::array::from_fn(|_| 2.0 * rng.uniform() - 1.0)));
         let facts = views.iter().map(Facts::of).collect();

@@ -39,7 +39,7 @@ fn gradients_agree_with_differences() {
     for (pixels, scales, alike, apart) in [(20, 8, 2.0, -1.0), (6, 1, 0.75, 0.5)] {
         let options = SagaOptions { pixels, scales, hard_alike: alike, hard_apart: apart, ..SagaOptions::default() };
         let mut trainer = Trainer::new(&views, &at.means, &options).unwrap();
-        let mut rng = Rng::new(1, 2, 3);
+        let mut rng = Rng::new(1, 2, Purpose::Custom(3));
         let batch = trainer.batch(1, &mut rng);
         let slopes = trainer.loss(&batch);
         let of_gate = vec![slopes.gate.weight, slopes.gate.bias];

@@ -1,7 +1,7 @@
 //! Cutting back Gaussians that reach over a mask's edge: the long axis is shortened to its part inside.
 
 use super::Chosen;
-use crate::model::GaussiansAt;
+use crate::model::HostGaussians;
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
@@ -13,8 +13,8 @@ const SHRINK: f32 = 0.8;
 const PIECES: usize = 32;
 
 /// Cuts each of the Gaussians back in one view after the other.
-pub(super) fn cut(gaussians: &mut GaussiansAt, chosen: &[Chosen<'_>]) {
-    let GaussiansAt { means, log_scales, rotations, .. } = gaussians;
+pub(super) fn cut(gaussians: &mut HostGaussians, chosen: &[Chosen<'_>]) {
+    let HostGaussians { means, log_scales, rotations, .. } = gaussians;
     let rows = means.par_chunks_exact_mut(3).zip(log_scales.par_chunks_exact_mut(3)).zip(rotations.par_chunks_exact(4));
     rows.for_each(|((mean, log_scale), rotation)| {
         for view in chosen {

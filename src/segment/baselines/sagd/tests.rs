@@ -20,8 +20,8 @@ fn left(end: usize) -> Mask {
     Mask::from_rows(100, 100, &(0..10_000).map(|p| p % 100 < end).collect::<Vec<_>>()).unwrap()
 }
 
-fn one(mean: [f32; 3], log_scales: [f32; 3]) -> GaussiansAt {
-    let mut at = GaussiansAt { sh_stride: 1, ..GaussiansAt::default() };
+fn one(mean: [f32; 3], log_scales: [f32; 3]) -> HostGaussians {
+    let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
     add(&mut at, mean, log_scales);
     at
 }

@@ -146,7 +146,7 @@ impl VolumeFile for Nrrd {
         }
         if steps.len() < all {
             let mut one = Vec::new();
-            common::room(&self.path, out, voxels.saturating_mul(steps.len()))?;
+            common::reserve(&self.path, out, voxels.saturating_mul(steps.len()))?;
             return steps.into_iter().try_for_each(|step| {
                 self.read(step, &mut one)?;
                 out.extend_from_slice(&one);
@@ -157,7 +157,7 @@ impl VolumeFile for Nrrd {
         let mut stored = Vec::new();
         common::prepare(&self.path, &mut stored, voxels.saturating_mul(all))?;
         self.data.read(Selection { first: 0, stride: 1, count: stored.len() }, &mut stored)?;
-        common::room(&self.path, out, voxels.saturating_mul(steps.len()))?;
+        common::reserve(&self.path, out, voxels.saturating_mul(steps.len()))?;
         out.extend(steps.flat_map(|step| stored.iter().skip(step).step_by(all)));
         Ok(())
     }

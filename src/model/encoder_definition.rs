@@ -1,8 +1,12 @@
 //! Space-time encoders.
 
 use crate::config::types::ModelConfig;
+use crate::registry::{NotRegistered, Registry};
 use crate::rng::Rng;
 use burn::tensor::{Device, Tensor, TensorData};
+use std::sync::Arc;
+
+pub(crate) static ENCODERS: Registry<dyn EncoderDefinition> = Registry::new("encoder");
 
 /// A learnt tensor of an encoder, as it starts.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,4 +90,12 @@ pub trait EncoderDefinition: Send + Sync {
     ///
     /// Must be differentiable by burn's tape, in the points too: the means move by these gradients.
     fn forward(&self, parameters: &Parameters, points: Tensor<2>, time: f32) -> Tensor<2>;
+}
+
+/// The encoder of that name.
+///
+/// # Errors
+/// [`NotRegistered`], which lists those that are.
+pub fn find_encoder(name: &str) -> Result<Arc<dyn EncoderDefinition>, NotRegistered> {
+    ENCODERS.get(name)
 }

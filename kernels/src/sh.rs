@@ -1,14 +1,24 @@
 //! Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS.
+//!
+//! The constants are those of the reference rasteriser, digit for digit; GPU kernels take them from here. Independent
+//! of these are the oracle `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main
+//! crate, which needs f64.
 
-const C0: f32 = 0.282_094_79;
-const C1: f32 = 0.488_602_51;
-const C2: [f32; 3] = [1.092_548_4, 0.315_391_57, 0.546_274_2];
-const C3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_33];
-const C3E: f32 = 1.445_305_7;
+/// The constant basis function, `1 / (2 sqrt(pi))`.
+pub const C0: f32 = 0.282_094_79;
+/// Band 1.
+pub const C1: f32 = 0.488_602_51;
+/// Band 2, for `xy`, `2 z^2 - x^2 - y^2` and `x^2 - y^2`.
+pub const C2: [f32; 3] = [1.092_548_4, 0.315_391_57, 0.546_274_2];
+/// Band 3, for `y (3 x^2 - y^2)`, `xyz`, `y (4 z^2 - x^2 - y^2)` and `z (2 z^2 - 3 x^2 - 3 y^2)`.
+pub const C3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_33];
+/// Band 3, for `z (x^2 - y^2)`.
+pub const C3E: f32 = 1.445_305_7;
 
 /// Values of the 16 basis functions at the unit direction `d`; those beyond `degree` are zero.
 #[inline(always)]
-pub(super) fn basis(d: [f32; 3], degree: usize) -> [f32; 16] {
+#[must_use]
+pub fn basis(d: [f32; 3], degree: usize) -> [f32; 16] {
     let [x, y, z] = d;
     let mut b = [0.0; 16];
     b[0] = C0;
@@ -39,7 +49,7 @@ pub(super) fn basis(d: [f32; 3], degree: usize) -> [f32; 16] {
 
 /// Derivatives of the basis functions with respect to x, y and z of the direction (not renormalised).
 #[inline(always)]
-pub(super) fn basis_derivative(d: [f32; 3], degree: usize) -> [[f32; 16]; 3] {
+pub(crate) fn basis_derivative(d: [f32; 3], degree: usize) -> [[f32; 16]; 3] {
     let [x, y, z] = d;
     let (mut dx, mut dy, mut dz) = ([0.0; 16], [0.0; 16], [0.0; 16]);
     if degree >= 1 {

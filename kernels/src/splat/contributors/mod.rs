@@ -2,10 +2,12 @@
 //!
 //! A rendered pixel is `sum_i w_i c_i` with `w_i = alpha_i T_i` (3DGS, Kerbl et al. 2023, eq. 3). Here the
 //! `w_i` themselves are listed, for chosen pixels and frozen geometry: for picking, for votes of masks and
-//! for training features on sampled pixels. This file holds the lists; how they are found is in `cpu`,
+//! for training features on sampled pixels. This file holds the lists; how they are found is in `cpu` and `cube`,
 //! products with them in `products`, the op on tensors in `ops`. Nothing here is differentiable with respect to the geometry.
 
-pub(crate) mod cpu;
+mod cpu;
+#[cfg(feature = "cube")]
+mod cube;
 mod ops;
 mod products;
 pub mod reference;

@@ -1,8 +1,10 @@
 //! The lists as an op of the backend: on the host from host memory, on a GPU by two walks along the tiles' lists.
 
+use super::cpu;
 use super::{Contributors, ContributorsError};
 use crate::backend::CpuBackend;
 use crate::splat::SplatSettings;
+use crate::splat::cpu::{Attributes, bin::Order, blend, project};
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, ExtensionType, TensorMetadata, backend_extension};
 
@@ -40,7 +42,12 @@ fn on_host<B: CpuBackend>(
     let device = tensors[0].device();
     let sh_stride = tensors[4].shape()[1];
     let values = tensors.each_ref().map(B::values);
-    let (lists, radii) = crate::splat::cpu::contributors(&values, sh_stride, &B::values(offsets), settings, pixels);
+    let splats = project::project(Attributes::new(&values, sh_stride), &B::values(offsets), settings);
+    let order = Order::new(&splats, settings.camera.height);
+    // blending finds where each tile ends, and so which Gaussians matter
+    let (_, bins) = blend::blend(&order, settings);
+    let lists = cpu::contributors(&order, &bins, settings, pixels);
+    let radii: Vec<i32> = splats.iter().map(|s| s.radius).collect();
     let n = radii.len();
     ContributorsOutput { lists, radii: B::int_tensor(radii, [n], &device) }
 }

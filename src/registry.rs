@@ -1,4 +1,4 @@
-//! Things by name, for the whole process.
+//! Things by name, for the whole process: what [`crate::extend`] fills and their users look up.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -24,23 +24,23 @@ fn registered(known: &[String]) -> String {
 }
 
 /// Things of one kind by name. Readers on other threads see a thing as soon as it is in.
-pub(super) struct Registry<T: ?Sized> {
+pub(crate) struct Registry<T: ?Sized> {
     kind: &'static str,
     entries: RwLock<BTreeMap<String, Arc<T>>>,
 }
 
 impl<T: ?Sized> Registry<T> {
-    pub(super) const fn new(kind: &'static str) -> Self {
+    pub(crate) const fn new(kind: &'static str) -> Self {
         Self { kind, entries: RwLock::new(BTreeMap::new()) }
     }
 
     /// Puts a thing in, in place of one that had its name.
-    pub(super) fn insert(&self, name: &str, thing: Arc<T>) {
+    pub(crate) fn insert(&self, name: &str, thing: Arc<T>) {
         // nothing runs under the lock that could leave the map half-changed
         self.entries.write().unwrap_or_else(PoisonError::into_inner).insert(plain(name), thing);
     }
 
-    pub(super) fn get(&self, name: &str) -> Result<Arc<T>, NotRegistered> {
+    pub(crate) fn get(&self, name: &str) -> Result<Arc<T>, NotRegistered> {
         let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
         entries.get(&plain(name)).cloned().ok_or_else(|| NotRegistered {
             kind: self.kind,
@@ -49,7 +49,7 @@ impl<T: ?Sized> Registry<T> {
         })
     }
 
-    pub(super) fn all(&self) -> Vec<(String, Arc<T>)> {
+    pub(crate) fn all(&self) -> Vec<(String, Arc<T>)> {
         let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
         entries.iter().map(|(name, thing)| (name.clone(), Arc::clone(thing))).collect()
     }

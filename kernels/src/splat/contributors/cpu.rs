@@ -1,14 +1,15 @@
 //! Finding the contributors on host memory: a task a tile, its pixels packed into SIMD lanes.
 //!
-//! The arithmetic is that of blending, operation for operation, so that the weights are bit for bit those
-//! the image was made of; a change of the compositing rule there must be made here too.
+//! The rule of compositing is that of blending, the same code, so that the weights are bit for bit those the image was
+//! made of.
 
 use super::{Contributors, ContributorsError};
+use crate::splat::SplatSettings;
 use crate::splat::cpu::TILE;
 use crate::splat::cpu::bin::{Bins, Order};
 use crate::splat::cpu::blend::{Tile, TileArea, row_range};
-use crate::splat::cpu::lanes::{any, exp2};
-use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
+use crate::splat::cpu::lanes::any;
+use crate::splat::cpu::rule::Rule;
 use pulp::{Simd, WithSimd, bytemuck};
 use rayon::prelude::*;
 
@@ -215,9 +216,7 @@ impl WithSimd for Walk<'_> {
         }
         let mut done = vec![false; vectors];
         let mut live = vectors;
-        let threshold = simd.splat_f32s(ALPHA_MIN.log2());
-        let alpha_max = simd.splat_f32s(ALPHA_MAX);
-        let t_min = simd.splat_f32s(TRANSMITTANCE_MIN);
+        let rule = Rule::new(simd);
 
         for &rank in entries.iter() {
             let s = &splats[rank as usize];
@@ -238,31 +237,25 @@ impl WithSimd for Walk<'_> {
                 let dy = simd.sub_f32s(ys[v], sy);
                 let (qb, qc) = (simd.mul_f32s(qb, dy), simd.mul_f32s(simd.mul_f32s(qc, dy), dy));
                 let dx = simd.add_f32s(columns[v], offset);
-                let inner = simd.mul_add_e_f32s(qa, dx, qb);
-                let power = simd.mul_add_e_f32s(inner, dx, simd.add_f32s(qc, lo));
+                let power = rule.power(simd, dx, [qa, qb, simd.add_f32s(qc, lo)]);
                 let t = open[v];
                 let in_rows = simd.and_m32s(
                     simd.greater_than_or_equal_f32s(rows[v], first),
                     simd.less_than_or_equal_f32s(rows[v], last),
                 );
-                let wanted = simd.and_m32s(in_rows, simd.greater_than_f32s(t, zero));
-                let touched = simd.and_m32s(simd.greater_than_or_equal_f32s(power, threshold), wanted);
+                let touched = simd.and_m32s(rule.touched(simd, power, t), in_rows);
                 if !any(simd, touched) {
                     continue;
                 }
-                let alpha = simd.min_f32s(exp2(simd, power), alpha_max);
-                let weight = simd.mul_f32s(t, alpha);
-                let after = simd.sub_f32s(t, weight);
-                let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, t_min));
-                let weight = simd.select_f32s(blended, weight, zero);
-                for (lane, &weight) in bytemuck::cast_slice::<S::f32s, f32>(&[weight]).iter().enumerate() {
+                let met = rule.meet(simd, power, t, touched);
+                for (lane, &weight) in bytemuck::cast_slice::<S::f32s, f32>(&[met.weight]).iter().enumerate() {
                     // a blended weight is at least 1e-4 / 255
                     if weight > 0.0 {
                         let index = indices[rank as usize];
                         events.push(Event { slot: (v * lanes + lane) as u32, index, weight });
                     }
                 }
-                let t = simd.select_f32s(touched, simd.select_f32s(blended, after, zero), t);
+                let t = simd.select_f32s(touched, simd.select_f32s(met.blended, met.after, zero), t);
                 open[v] = t;
                 if !any(simd, simd.greater_than_f32s(t, zero)) {
                     done[v] = true;

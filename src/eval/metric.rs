@@ -1,7 +1,10 @@
 //! Metrics of images.
 
+use crate::registry::Registry;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+
+pub(crate) static METRICS: Registry<dyn Metric> = Registry::new("metric");
 
 /// One view of an evaluation, on the host.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +29,12 @@ pub struct MetricInput<'a> {
 pub trait Metric: Send + Sync {
     /// The value for one view; what is not finite counts as not measured and is left out of the mean.
     fn value(&self, view: &MetricInput<'_>) -> f64;
+}
+
+/// All registered metrics by name, in the order of the names.
+#[must_use]
+pub fn registered() -> Vec<(String, Arc<dyn Metric>)> {
+    METRICS.all()
 }
 
 /// The values of one view by name, those that are not finite left out.

@@ -26,10 +26,10 @@ struct Seen {
 /// By image size and the power of two that holds the Gaussians.
 static SEEN: LazyLock<Mutex<HashMap<[usize; 3], Seen>>> = LazyLock::new(Mutex::default);
 
-/// Room for entries; `starts[n]` on the device is their number. With `patient` it is asked for.
-pub(super) fn capacity(client: &Client, starts: &Words, n: usize, settings: &SplatSettings, patient: bool) -> usize {
+/// Room for entries; `starts[n]` on the device is their number. With `exact` it is asked for.
+pub(super) fn capacity(client: &Client, starts: &Words, n: usize, settings: &SplatSettings, exact: bool) -> usize {
     let ask = || starts.read_at(client, n) as usize;
-    if patient {
+    if exact {
         return round(ask());
     }
     let key = [settings.camera.width, settings.camera.height, n.next_power_of_two()];

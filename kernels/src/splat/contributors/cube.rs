@@ -1,16 +1,19 @@
 //! Contributors on a GPU: a unit a pixel walks its tile's list twice, to count and to write. Only the lists come back.
+// conditions known when a kernel is compiled stand apart from those of its units
+#![allow(clippy::collapsible_if)]
 
-use super::{SplatSettings, TILE, binned, tiles};
-use crate::contributors::{Contributors, ContributorsOps, ContributorsOutput, check_pixels};
+use super::{Contributors, ContributorsOps, ContributorsOutput, check_pixels};
 use crate::cube::{UNITS, Words, cubes, rows, scan};
-use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
+use crate::splat::cube::rule::{clamped, log_alpha};
+use crate::splat::cube::{TILE, binned, tiles};
+use crate::splat::{ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
 use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Counts the contributions of each pixel into `starts`, or, with `write`, lists them from there on. The arithmetic is
-/// that of blending.
+/// Counts the contributions of each pixel into `starts`, or, with `write`, lists them from there on. The rule of
+/// compositing is that of blending.
 #[cube(launch)]
 fn walk(
     screen: &[f32],
@@ -46,10 +49,9 @@ fn walk(
             let from = gaussian as usize * 12;
             let dx = px - screen[from];
             let dy = py - screen[from + 1];
-            let power =
-                (screen[from + 2] * dx + screen[from + 3] * dy) * dx + screen[from + 4] * dy * dy + screen[from + 5];
+            let power = log_alpha(dx, dy, screen[from + 2], screen[from + 3], screen[from + 4], screen[from + 5]);
             if power >= comptime!(ALPHA_MIN.ln()) {
-                let alpha = min(f32::exp(power), comptime!(ALPHA_MAX));
+                let alpha = clamped(f32::exp(power));
                 let weight = left * alpha;
                 let after = left - weight;
                 if after > comptime!(TRANSMITTANCE_MIN) {

@@ -6,27 +6,20 @@
 //!
 //! A name is made of letters, digits, `-` and `_`; any other character becomes `_`. Registering a name again
 //! replaces what had it. The registry is one for the whole process: register before training or loading a scene.
+//!
+//! Here are the calls that register; each trait stands beside what uses it.
 
-mod encoder;
-mod loss;
-mod metric;
-mod registry;
-mod schedule;
+pub use crate::eval::metric::{Metric, MetricInput, registered as metrics};
+pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
+pub use crate::registry::NotRegistered;
+pub use crate::train::loss_term::{LossInput, LossTerm, find_loss_term};
+pub use crate::train::rate_schedule::{Schedule, find_schedule};
 
-pub use encoder::{EncoderDefinition, Parameter, Parameters};
-pub use loss::{LossInput, LossTerm};
-pub use metric::{Metric, MetricInput};
-pub(crate) use metric::{means, measure};
-pub use registry::NotRegistered;
-pub use schedule::Schedule;
-
-use registry::Registry;
+use crate::eval::metric::METRICS;
+use crate::model::encoder_definition::ENCODERS;
+use crate::train::loss_term::LOSS_TERMS;
+use crate::train::rate_schedule::SCHEDULES;
 use std::sync::Arc;
-
-static LOSS_TERMS: Registry<dyn LossTerm> = Registry::new("loss term");
-static ENCODERS: Registry<dyn EncoderDefinition> = Registry::new("encoder");
-static SCHEDULES: Registry<dyn Schedule> = Registry::new("schedule");
-static METRICS: Registry<dyn Metric> = Registry::new("metric");
 
 /// Registers a loss term; `loss.extra.NAME = WEIGHT` uses it.
 pub fn loss_term(name: &str, term: impl LossTerm + 'static) {
@@ -46,34 +39,4 @@ pub fn schedule(name: &str, schedule: impl Schedule + 'static) {
 /// Registers a metric; every evaluation takes it from then on. Its name should not be that of a built-in metric.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Arc::new(metric));
-}
-
-/// The loss term of that name.
-///
-/// # Errors
-/// [`NotRegistered`], which lists those that are.
-pub fn find_loss_term(name: &str) -> Result<Arc<dyn LossTerm>, NotRegistered> {
-    LOSS_TERMS.get(name)
-}
-
-/// The encoder of that name.
-///
-/// # Errors
-/// [`NotRegistered`], which lists those that are.
-pub fn find_encoder(name: &str) -> Result<Arc<dyn EncoderDefinition>, NotRegistered> {
-    ENCODERS.get(name)
-}
-
-/// The schedule of that name, if it is not one of the built-in ones.
-///
-/// # Errors
-/// [`NotRegistered`], which lists those that are.
-pub fn find_schedule(name: &str) -> Result<Arc<dyn Schedule>, NotRegistered> {
-    SCHEDULES.get(name)
-}
-
-/// All registered metrics by name, in the order of the names.
-#[must_use]
-pub fn metrics() -> Vec<(String, Arc<dyn Metric>)> {
-    METRICS.all()
 }

@@ -1,9 +1,14 @@
 //! Loss terms.
 
 use crate::data::Camera;
-use crate::model::{Deformed, Scene};
+use crate::model::Scene;
+use crate::registry::{NotRegistered, Registry};
 use crate::train::schedule::Stage;
 use burn::tensor::Tensor;
+use std::sync::Arc;
+use volseggs_kernels::splat::SplatInputs;
+
+pub(crate) static LOSS_TERMS: Registry<dyn LossTerm> = Registry::new("loss term");
 
 /// What a loss term sees of one training step. All tensors are on one device, those of the scene with gradients.
 #[derive(Clone, Copy, Debug)]
@@ -14,8 +19,9 @@ pub struct LossInput<'a> {
     pub target: &'a Tensor<3>,
     /// The canonical Gaussians (`scene.gaussians`), the deformation field (`scene.field`).
     pub scene: &'a Scene,
-    /// The N Gaussians at this time: means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]`, opacity logits `[N]`.
-    pub at: &'a Deformed,
+    /// The N Gaussians at this time: means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]`, opacity logits `[N]`,
+    /// coefficients of colours `[N, K, 3]`.
+    pub at: &'a SplatInputs,
     /// The view's camera.
     pub camera: &'a Camera,
     /// Warm-up (the canonical Gaussians are drawn at every time) or joint training, with the step within it.
@@ -34,4 +40,12 @@ pub struct LossInput<'a> {
 pub trait LossTerm: Send + Sync {
     /// The term's value before its weight, `[1]`.
     fn loss(&self, seen: &LossInput<'_>) -> Tensor<1>;
+}
+
+/// The loss term of that name.
+///
+/// # Errors
+/// [`NotRegistered`], which lists those that are.
+pub fn find_loss_term(name: &str) -> Result<Arc<dyn LossTerm>, NotRegistered> {
+    LOSS_TERMS.get(name)
 }

@@ -1,0 +1,25 @@
+//! The field's parameters and their gradients as slices. No sizes and no arithmetic.
+
+/// The three flat parameter buffers, laid out as [`FieldShape`](super::shape::FieldShape) says.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldParams<'a> {
+    /// Plane tensors.
+    pub planes: &'a [f32],
+    /// Line tensors.
+    pub lines: &'a [f32],
+    /// Time tensors.
+    pub times: &'a [f32],
+}
+
+/// Where [`backward`](super::cpu::backward) writes; every element is overwritten.
+#[derive(Debug)]
+pub struct FieldGrads<'a> {
+    /// Gradient of the plane buffer.
+    pub planes: &'a mut [f32],
+    /// Gradient of the line buffer.
+    pub lines: &'a mut [f32],
+    /// Gradient of the time buffer.
+    pub times: &'a mut [f32],
+    /// Gradient of the normalised points `[N, 3]`.
+    pub points: &'a mut [f32],
+}

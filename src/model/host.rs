@@ -1,0 +1,268 @@
+//! Gaussians on the host: the one type that training, segmentation, tracking, edits and files hand to each other.
+//!
+//! Which attributes a Gaussian has, in which order and how wide, is said here alone, by [`HostGaussians::columns`] and
+//! its counterpart that puts columns back together; whatever copies, picks, checks, counts or moves rows goes through
+//! these.
+
+use super::params::to_vec;
+use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::activation::sigmoid;
+use volseggs_kernels::splat::SplatInputs;
+
+/// Attributes of a Gaussian.
+const COLUMNS: usize = 5;
+
+/// Numbers of each attribute a Gaussian, with K = `sh_stride` coefficients.
+fn widths(sh_stride: usize) -> [usize; COLUMNS] {
+    [3, 4, 3, 1, 3 * sh_stride]
+}
+
+/// N Gaussians, canonical or at one time; flat and row-major.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct HostGaussians {
+    /// Positions `[N, 3]`, world units.
+    pub means: Vec<f32>,
+    /// Quaternions w, x, y, z `[N, 4]`, not necessarily of unit length.
+    pub rotations: Vec<f32>,
+    /// Natural logarithm of the standard deviations `[N, 3]`, world units.
+    pub log_scales: Vec<f32>,
+    /// Opacity before the sigmoid `[N]`.
+    pub opacity_logits: Vec<f32>,
+    /// Spherical-harmonics coefficients `[N, K, 3]`.
+    pub sh: Vec<f32>,
+    /// K: 1, 4, 9 or 16.
+    pub sh_stride: usize,
+}
+
+/// One attribute of all Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Column<'a> {
+    /// Its name: that of the field, and of the parameter within `gaussians.` in files.
+    pub name: &'static str,
+    /// Numbers a Gaussian.
+    pub width: usize,
+    /// `[N, width]`
+    pub values: &'a [f32],
+}
+
+impl Column<'_> {
+    /// The numbers of one Gaussian `[width]`.
+    ///
+    /// # Panics
+    /// If `i` is not below N.
+    #[must_use]
+    pub fn row(&self, i: usize) -> &[f32] {
+        &self.values[i * self.width..][..self.width]
+    }
+
+    /// The numbers of some Gaussians `[M, width]`, in the order of `rows`.
+    ///
+    /// # Panics
+    /// If a row is not below N.
+    pub fn gather(&self, rows: impl IntoIterator<Item = usize>) -> Vec<f32> {
+        rows.into_iter().flat_map(|i| self.row(i)).copied().collect()
+    }
+}
+
+impl HostGaussians {
+    /// The attributes, in the order in which the op of splatting takes them.
+    #[must_use]
+    pub fn columns(&self) -> [Column<'_>; COLUMNS] {
+        let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
+        [
+            Column { name: "means", width: means, values: &self.means },
+            Column { name: "rotations", width: rotations, values: &self.rotations },
+            Column { name: "log_scales", width: log_scales, values: &self.log_scales },
+            Column { name: "opacity_logits", width: opacity_logits, values: &self.opacity_logits },
+            Column { name: "sh", width: sh, values: &self.sh },
+        ]
+    }
+
+    /// Gaussians of these columns, in the order of [`HostGaussians::columns`].
+    fn from_columns(columns: [Vec<f32>; COLUMNS], sh_stride: usize) -> Self {
+        let [means, rotations, log_scales, opacity_logits, sh] = columns;
+        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride }
+    }
+
+    /// N Gaussians of K coefficients, every number 0.
+    #[must_use]
+    pub fn zeros(n: usize, sh_stride: usize) -> Self {
+        Self::from_columns(widths(sh_stride).map(|width| vec![0.0; n * width]), sh_stride)
+    }
+
+    /// New Gaussians with the same attributes, each made by `f` from the old one.
+    #[must_use]
+    pub fn map(&self, f: impl FnMut(Column<'_>) -> Vec<f32>) -> Self {
+        Self::from_columns(self.columns().map(f), self.sh_stride)
+    }
+
+    /// N.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.opacity_logits.len()
+    }
+
+    /// True without any Gaussian.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.opacity_logits.is_empty()
+    }
+
+    /// Spherical-harmonics degree that K stands for, 0 to 3.
+    #[must_use]
+    pub fn sh_degree(&self) -> usize {
+        self.sh_stride.isqrt().saturating_sub(1)
+    }
+
+    /// The first attribute that does not hold N rows of its width, as `(column, numbers it should hold)`.
+    #[must_use]
+    pub fn misshapen(&self) -> Option<(Column<'_>, usize)> {
+        let n = self.len();
+        self.columns().into_iter().map(|c| (c, n * c.width)).find(|(c, wanted)| c.values.len() != *wanted)
+    }
+
+    /// Whether every number of Gaussian `i` is finite.
+    ///
+    /// # Panics
+    /// If `i` is not below N.
+    #[must_use]
+    pub fn is_finite(&self, i: usize) -> bool {
+        self.columns().iter().all(|column| column.row(i).iter().all(|v| v.is_finite()))
+    }
+
+    /// Linear opacity `[N]`.
+    #[must_use]
+    pub fn opacity(&self) -> Vec<f32> {
+        (0..self.len()).map(|i| self.opacity_of(i)).collect()
+    }
+
+    /// Linear opacity of one Gaussian.
+    ///
+    /// # Panics
+    /// If `i` is not below N.
+    #[must_use]
+    pub fn opacity_of(&self, i: usize) -> f32 {
+        sigmoid(self.opacity_logits[i])
+    }
+
+    /// Means `[M, 3]` of what can be seen: opacity above 1 / 255.
+    #[must_use]
+    pub fn visible_means(&self) -> Vec<f32> {
+        let rows = self.means.chunks_exact(3).zip(self.opacity()).filter(|(_, o)| *o > 1.0 / 255.0);
+        rows.flat_map(|(m, _)| m).copied().collect()
+    }
+
+    /// Rows of `members` alone, in their order.
+    ///
+    /// # Panics
+    /// If a member is not below N.
+    #[must_use]
+    pub fn subset(&self, members: &[u32]) -> Self {
+        self.map(|column| column.gather(members.iter().map(|&i| i as usize)))
+    }
+
+    /// The same with quaternions of length 1, as other programs expect them; one of length 0 becomes no rotation.
+    #[must_use]
+    pub fn with_unit_rotations(mut self) -> Self {
+        for q in self.rotations.chunks_exact_mut(4) {
+            let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+            if norm > 1e-12 {
+                q.iter_mut().for_each(|v| *v /= norm);
+            } else {
+                q.copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
+            }
+        }
+        self
+    }
+
+    /// All of it on a device, as splatting takes it.
+    ///
+    /// # Panics
+    /// If the arrays disagree about N.
+    #[must_use]
+    pub fn to_splat(&self, device: &Device) -> SplatInputs {
+        self.clone().into_splat(device)
+    }
+
+    /// [`HostGaussians::to_splat`] without a copy on the host.
+    ///
+    /// # Panics
+    /// If the arrays disagree about N.
+    #[must_use]
+    pub fn into_splat(self, device: &Device) -> SplatInputs {
+        let (n, k) = (self.len(), self.sh_stride);
+        let [means, rotations, log_scales, ..] = widths(k);
+        let rows = |values: Vec<f32>, width| Tensor::<2>::from_data(TensorData::new(values, [n, width]), device);
+        SplatInputs {
+            means: rows(self.means, means),
+            rotations: rows(self.rotations, rotations),
+            log_scales: rows(self.log_scales, log_scales),
+            opacity_logits: Tensor::from_data(TensorData::new(self.opacity_logits, [n]), device),
+            sh: Tensor::from_data(TensorData::new(self.sh, [n, k, 3]), device),
+            screen_offsets: None,
+        }
+    }
+
+    /// Copies Gaussians from a device; offsets on the screen are no attribute and stay behind.
+    #[must_use]
+    pub fn from_splat(on_device: SplatInputs) -> Self {
+        Self {
+            sh_stride: on_device.sh.dims()[1],
+            means: to_vec(on_device.means),
+            rotations: to_vec(on_device.rotations),
+            log_scales: to_vec(on_device.log_scales),
+            opacity_logits: to_vec(on_device.opacity_logits),
+            sh: to_vec(on_device.sh),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_gives_back_what_it_got() {
+        let device = crate::device::DeviceName::all()[0].open().unwrap();
+        let all = three();
+        assert_eq!(HostGaussians::from_splat(all.to_splat(&device)), all);
+    }
+
+    fn three() -> HostGaussians {
+        let count = |n: usize, first: f32| (0..n).map(|i| first + i as f32).collect::<Vec<f32>>();
+        let columns = [count(9, 0.0), count(12, 100.0), count(9, 200.0), count(3, 300.0), count(36, 400.0)];
+        HostGaussians::from_columns(columns, 4)
+    }
+
+    #[test]
+    fn columns_are_all_there_is_and_go_back_together() {
+        let all = three();
+        assert_eq!((all.len(), all.sh_degree(), all.misshapen()), (3, 1, None));
+        assert_eq!(all.map(|column| column.values.to_vec()), all);
+        assert_eq!(all.map(|column| vec![0.0; column.values.len()]), HostGaussians::zeros(3, 4));
+        assert_eq!(all.columns().map(|c| c.name), ["means", "rotations", "log_scales", "opacity_logits", "sh"]);
+        assert_eq!(all.columns()[1].row(2), [108.0, 109.0, 110.0, 111.0]);
+        let some = all.subset(&[2, 0]);
+        assert_eq!((some.misshapen(), some.opacity_logits.as_slice()), (None, [302.0, 300.0].as_slice()));
+        assert_eq!(some.subset(&[1]), all.subset(&[0]));
+    }
+
+    #[test]
+    fn wrong_lengths_and_numbers_that_are_none_are_named() {
+        let mut all = three();
+        all.log_scales[4] = f32::NAN;
+        assert_eq!([0, 1, 2].map(|i| all.is_finite(i)), [true, false, true]);
+        all.log_scales.pop();
+        let (column, wanted) = all.misshapen().unwrap();
+        assert_eq!((column.name, column.values.len(), wanted), ("log_scales", 8, 9));
+    }
+
+    #[test]
+    fn rotations_get_length_one() {
+        let mut all = three();
+        all.rotations[..4].fill(0.0);
+        let unit = all.with_unit_rotations().rotations;
+        assert_eq!(unit[..4], [1.0, 0.0, 0.0, 0.0]);
+        assert!(unit.chunks_exact(4).all(|q| (q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-6));
+    }
+}
