@@ -35,6 +35,7 @@ impl DemoArgs {
         let (name, device) = self.common.device()?;
         let stop = stop_flag("stopping")?;
         let started = Instant::now();
+        let out = self.out.clone();
         let options = DemoOptions {
             out: self.out,
             scene: self.scene,
@@ -48,12 +49,14 @@ impl DemoArgs {
         })?;
         let s = &outcome.evaluation.summary;
         errln!(
-            "PSNR {:.2} dB, SSIM {:.4} on {} test views, {:.0} s in all\nopen {} in a browser",
+            "PSNR {:.2} dB, SSIM {:.4} on {} test views, {:.0} s in all\nopen {} in a browser; fly through it with \
+             `volseggs view {}`",
             s.psnr,
             s.ssim,
             s.views,
             started.elapsed().as_secs_f64(),
-            outcome.report.display()
+            outcome.report.display(),
+            out.join("run").display()
         );
         if self.common.json {
             let stages: serde_json::Map<String, serde_json::Value> =

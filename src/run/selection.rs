@@ -14,7 +14,7 @@ pub struct Selection {
     members: Option<Vec<u32>>,
     /// Left out, whatever the edits say.
     hidden: Vec<u32>,
-    /// Painted over.
+    /// What the others make way for.
     highlighted: Vec<u32>,
 }
 
@@ -75,7 +75,7 @@ impl Selection {
         self
     }
 
-    /// The same with these Gaussians in a colour that stands out.
+    /// The same with all others faint, if there are any of these.
     #[must_use]
     pub fn highlighting(mut self, members: Vec<u32>) -> Self {
         self.highlighted = members;
@@ -114,7 +114,9 @@ impl Selection {
         for &i in &self.hidden {
             at.opacity_logits[i as usize] = HIDDEN_LOGIT;
         }
-        highlight(&mut at, &self.highlighted);
+        if !self.highlighted.is_empty() {
+            highlight(&mut at, &self.highlighted);
+        }
         Ok(at)
     }
 

@@ -10,8 +10,6 @@ use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
 /// Pixels with less alpha have no depth worth showing.
 const MIN_ALPHA: f32 = 0.1;
-/// Colour of what was clicked: the yellow of Okabe and Ito, a little lighter.
-const HIGHLIGHT: [f32; 3] = [1.0, 0.92, 0.3];
 /// Colour of Gaussians in no segment.
 const NOBODY: [f32; 3] = [0.8; 3];
 /// What the opacity of Gaussians in no segment is multiplied by.
@@ -40,22 +38,24 @@ pub fn by_segment(mut gaussians: HostGaussians, all: &Segmentation) -> HostGauss
             colours[member as usize] = Some(segment.colour);
         }
     }
-    for (logit, _) in gaussians.opacity_logits.iter_mut().zip(&colours).filter(|(_, c)| c.is_none()) {
-        *logit = logit_f64(FAINT * sigmoid_f64((*logit).into())) as f32;
-    }
+    gaussians.opacity_logits.iter_mut().zip(&colours).filter(|(_, c)| c.is_none()).for_each(|(logit, _)| fade(logit));
     flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(NOBODY)))
 }
 
-/// Paints `members` in a colour that stands out against others, whatever they look like from any side.
+/// Multiplies an opacity by [`FAINT`].
+fn fade(logit: &mut f32) {
+    *logit = logit_f64(FAINT * sigmoid_f64(f64::from(*logit))) as f32;
+}
+
+/// Makes all but the `members` faint, so that they stand out whatever colours there are.
 ///
 /// # Panics
 /// If a member is not below N.
 pub fn highlight(gaussians: &mut HostGaussians, members: &[u32]) {
-    let stride = 3 * gaussians.sh_stride;
-    for &i in members {
-        let row = &mut gaussians.sh[i as usize * stride..][..stride];
-        row.fill(0.0);
-        row.iter_mut().zip(HIGHLIGHT).for_each(|(c, shade)| *c = (shade - 0.5) / C0);
+    let mut stays = vec![false; gaussians.len()];
+    members.iter().for_each(|&i| stays[i as usize] = true);
+    for (logit, _) in gaussians.opacity_logits.iter_mut().zip(stays).filter(|(_, stays)| !stays) {
+        fade(logit);
     }
 }
 

@@ -23,9 +23,10 @@ const CLIENTS: usize = 8;
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// What the page consists of.
-const FILES: [(&str, &str, &[u8]); 4] = [
+const FILES: [(&str, &str, &[u8]); 5] = [
     ("/", "text/html; charset=utf-8", include_bytes!("page/index.html")),
     ("/style.css", "text/css; charset=utf-8", include_bytes!("page/style.css")),
+    ("/icon.svg", "image/svg+xml", include_bytes!("page/icon.svg")),
     ("/app.js", "text/javascript; charset=utf-8", include_bytes!("page/app.js")),
     ("/camera.js", "text/javascript; charset=utf-8", include_bytes!("page/camera.js")),
 ];

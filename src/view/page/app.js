@@ -3,7 +3,7 @@ import { Camera } from "./camera.js";
 
 const $ = (id) => document.getElementById(id);
 const canvas = $("picture");
-const context = canvas.getContext("2d");
+const context = canvas.getContext("2d", { willReadFrequently: true });
 const HEADER = 32;
 
 let socket, welcome, camera;
@@ -86,17 +86,22 @@ function begin(message) {
 
 // --- what is seen ---
 
-// the size of the picture: as large as there is room, in the shape of the training images
+// the picture fills the stage
 function size() {
   const box = $("stage").getBoundingClientRect();
-  const shape = welcome.size[0] / welcome.size[1];
-  const width = Math.max(16, Math.min(box.width, box.height * shape, welcome.size[0]));
-  return [Math.round(width), Math.max(1, Math.round(width / shape))];
+  return [box.width, box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
+}
+
+// the field of view, so wide that what a training image shows is in the picture, whatever its shape
+function lens() {
+  const [width, height] = size();
+  const wider = Math.max(1, width / height / (welcome.size[0] / welcome.size[1]));
+  return 2 * Math.atan(Math.tan(camera.fov / 2) * wider);
 }
 
 function view(moving) {
   return {
-    ...camera.state(), size: size(), time: Number($("when").value), look: $("look").value,
+    ...camera.state(), fov: lens(), size: size(), time: Number($("when").value), look: $("look").value,
     alone, hidden: [...hidden], edits: $("edits-on").checked, moving,
   };
 }
@@ -173,7 +178,7 @@ canvas.addEventListener("pointermove", (e) => {
   const [dx, dy] = [e.clientX - drag.x, e.clientY - drag.y];
   Object.assign(drag, { x: e.clientX, y: e.clientY, moved: drag.moved + Math.abs(dx) + Math.abs(dy) });
   if (drag.moved < 4) return;
-  const width = canvas.clientWidth;
+  const width = Math.min(canvas.clientWidth, canvas.clientHeight);
   if (fingers.size === 2) {
     const after = [...fingers.values()];
     const apart = ([a, b]) => Math.hypot(a[0] - b[0], a[1] - b[1]);
@@ -362,7 +367,7 @@ function tree() {
     box.onchange = () => (box.checked ? checked.add(s.name) : checked.delete(s.name));
     const eye = document.createElement("button");
     const shown = () => {
-      eye.textContent = hidden.has(s.name) ? "–" : "👁";
+      eye.textContent = hidden.has(s.name) ? "○" : "●";
       eye.setAttribute("aria-pressed", hidden.has(s.name));
     };
     eye.setAttribute("aria-label", `Leave ${s.name} out of the picture`);
