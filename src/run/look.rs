@@ -57,27 +57,27 @@ pub struct Prepared(Shown);
 
 #[derive(Clone, Debug)]
 enum Shown {
-    /// In their colours; nothing if there are none.
-    Colours { inputs: Option<Box<SplatInputs>>, degree: usize },
+    /// In their colours; nothing if there are none. Whether the colours are the scene's own, which hold memory once.
+    Colours { inputs: Option<Box<SplatInputs>>, degree: usize, shared: bool },
     /// By depth, which no camera shares with another.
     Depth(HostGaussians),
 }
 
 impl Prepared {
-    fn of(at: &HostGaussians, degree: usize, device: &Device) -> Self {
+    /// Of Gaussians that are ready to be drawn.
+    pub(crate) fn of(at: &HostGaussians, degree: usize, device: &Device) -> Self {
         // not every backend can hold an empty tensor
-        Self(Shown::Colours { inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))), degree })
+        Self(Shown::Colours { inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))), degree, shared: false })
     }
 
-    /// Bytes of its arrays, about; those that the scene shares with it count not.
+    /// Bytes of its arrays, without those that it shares with the scene.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match &self.0 {
             Shown::Colours { inputs: None, .. } => 0,
-            Shown::Colours { inputs: Some(inputs), degree } => {
-                // those of the scene itself are of its degree and shared
-                let own = if *degree == 0 { 3 } else { 3 * (degree + 1).pow(2) };
-                inputs.means.dims()[0] * 4 * (11 + own)
+            Shown::Colours { inputs: Some(inputs), shared, .. } => {
+                let colours = if *shared { 0 } else { inputs.sh.dims().iter().product() };
+                4 * (11 * inputs.means.dims()[0] + colours)
             }
             Shown::Depth(at) => 4 * (at.len() * 11 + at.sh.len()),
         }
@@ -116,7 +116,7 @@ impl Look {
         let (shown, degree) = (&self.selection, scene.spec.sh_degree);
         Ok(match &mut self.kind {
             Kind::Colour if shown.is_plain() => {
-                Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree })
+                Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree, shared: true })
             }
             Kind::Colour => Prepared::of(&shown.at(scene, time)?, degree, device),
             Kind::Depth { .. } => Prepared(Shown::Depth(shown.at(scene, time)?)),
@@ -149,7 +149,7 @@ impl Look {
                 let [r, g, b] = background;
                 [r, g, b, 0.0].repeat(camera.width * camera.height)
             }
-            Shown::Colours { inputs: Some(inputs), degree } => {
+            Shown::Colours { inputs: Some(inputs), degree, .. } => {
                 let settings = SplatSettings { camera, background, sh_degree: *degree };
                 crate::model::params::to_vec(splat(*inputs.clone(), settings).image)
             }

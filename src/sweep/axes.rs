@@ -42,9 +42,10 @@ pub fn flatten(table: &Table) -> Settings {
 /// All variants of `file`, in order; the file's path is for messages.
 ///
 /// # Errors
-/// An axis without values, a range that cannot be, two variants of one name, or none at all.
+/// An axis without values, a range that cannot be, two variants of one name, none at all, or more than a sweep has at most.
 pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
+    check_count(file, 1, 1, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
     let mut found = vec![Variant { name: String::new(), settings: Settings::new() }];
     if !file.variant.is_empty() {
         let mut named = Vec::new();

@@ -95,4 +95,8 @@ fn more_runs_than_can_be_planned_are_refused_before_any_is_made() {
     let (key, problem) = check("", 50, 1_000_000).unwrap_err();
     assert!(key == "seeds" && problem.contains("--memory"), "{key}: {problem}");
     check("[grid]\n'a' = [1, 2]", 50, 8_000_000_000).unwrap();
+    // by whoever asks for variants, not for plans alone
+    let many = "[grid]\n'a' = [1, 2]\n'b' = [1, 2]\n[random]\nmethod = 'sobol'\ncount = 65536\n[random.keys]\n'c' = { low = 0, high = 1 }";
+    let error = variants(&file(many), Path::new("s.toml")).unwrap_err().to_string();
+    assert!(error.contains("262144 runs in all"), "{error}");
 }

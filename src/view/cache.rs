@@ -54,3 +54,33 @@ impl Cache {
         self.bytes = 0;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::DeviceName;
+    use crate::segment::balls::APART;
+
+    #[test]
+    fn what_was_used_least_lately_goes_first_and_never_more_is_held_than_allowed() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let one = Prepared::of(&APART.gaussians(), 0, &device);
+        let bytes = one.bytes();
+        assert!(bytes > 0);
+        let mut cache = Cache::new(2 * bytes + 1);
+        for key in ["a", "b"] {
+            cache.put(key.into(), one.clone());
+        }
+        assert!(cache.get("a").is_some());
+        cache.put("c".into(), one.clone());
+        assert!(cache.get("b").is_none(), "used longest ago");
+        assert!(cache.get("a").is_some() && cache.get("c").is_some());
+        cache.put("c".into(), one.clone());
+        assert_eq!(cache.bytes, 2 * bytes, "in its place");
+        cache.clear();
+        assert!(cache.get("a").is_none() && cache.bytes == 0);
+        let mut small = Cache::new(bytes - 1);
+        small.put("a".into(), one);
+        assert!(small.get("a").is_none(), "too large to be held");
+    }
+}

@@ -1,6 +1,6 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
-use super::hub::Outgoing;
+use super::hub::{ClientId, Outgoing};
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
 use super::workspace::Workspace;
@@ -13,12 +13,15 @@ use crate::segment::pick::{Meaning, PickOptions, Picked};
 use crate::track::velocity::Component;
 use glam::DVec3;
 use std::time::Instant;
-use tokio::sync::mpsc::UnboundedSender;
+use tokio::sync::mpsc::Sender;
 
 /// A client.
 #[derive(Debug)]
 pub struct Client {
-    out: UnboundedSender<Outgoing>,
+    id: ClientId,
+    out: Sender<Outgoing>,
+    /// It does not take what is sent, and is to be given up.
+    pub lost: bool,
     /// When to draw.
     pub pace: Pace,
     /// What it wants to see.
@@ -50,18 +53,19 @@ pub struct Clicked {
 
 impl Client {
     /// One that came just now.
-    pub fn new(out: UnboundedSender<Outgoing>) -> Self {
+    pub fn new(id: ClientId, out: Sender<Outgoing>) -> Self {
         let (view, look, clicking, clicked, legend) = (None, None, None, None, None);
-        Self { out, pace: Pace::new(Instant::now()), view, look, clicking, clicked, selections: 0, legend, frame: 0 }
+        let (pace, lost) = (Pace::new(Instant::now()), false);
+        Self { id, out, lost, pace, view, look, clicking, clicked, selections: 0, legend, frame: 0 }
     }
 
-    /// Sends something; one that left hears nothing.
-    pub fn send(&self, what: Outgoing) {
-        drop(self.out.send(what));
+    /// Sends something; one that left, or takes nothing for long, is lost.
+    pub fn send(&mut self, what: Outgoing) {
+        self.lost |= self.out.try_send(what).is_err();
     }
 
     /// Sends a text.
-    pub fn answer(&self, answer: Answer) {
+    pub fn answer(&mut self, answer: Answer) {
         self.send(Outgoing::Text(Box::new(answer)));
     }
 
@@ -98,7 +102,7 @@ impl Client {
     pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
         let members = self.clicked.as_ref().map(|c| &c.picked.members[..]).unwrap_or_default();
         let View { look, alone, hidden, edits, .. } = view;
-        let own = if members.is_empty() { String::new() } else { format!("{:p} {}", self, self.selections) };
+        let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
         let key = format!("{look} {alone:?} {hidden:?} {edits} {} {own}", space.revision());
         if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
             let all = space.segments().now();

@@ -4,7 +4,7 @@ use super::protocol::{Answer, FrameInfo, Request};
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::mpsc::UnboundedSender;
+use tokio::sync::mpsc::Sender;
 
 /// Messages that may wait, of all clients together; who says more waits.
 const WAITING: usize = 1024;
@@ -25,7 +25,7 @@ pub enum Outgoing {
 #[derive(Debug)]
 pub enum Event {
     /// A client came; its answers go there.
-    Came(UnboundedSender<Outgoing>),
+    Came(Sender<Outgoing>),
     /// It said something.
     Said(Box<Request>),
     /// It went.

@@ -50,13 +50,14 @@ impl Renderer {
                 self.look_at_files();
             }
             until = self.draw_next();
+            self.clients.retain(|_, client| !client.lost);
         }
     }
 
     fn handle(&mut self, id: ClientId, event: Event) {
         match event {
             Event::Came(out) => {
-                let client = Client::new(out);
+                let mut client = Client::new(id, out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
                 self.clients.insert(id, client);
@@ -66,7 +67,7 @@ impl Renderer {
                 // whatever goes wrong here, the others go on
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
                 let wrong = answered.unwrap_or_else(|_| Err((None, "the viewer failed at this; it goes on".into())));
-                if let (Err((number, message)), Some(client)) = (wrong, self.clients.get(&id)) {
+                if let (Err((number, message)), Some(client)) = (wrong, self.clients.get_mut(&id)) {
                     client.answer(Answer::Error { id: number, message });
                 }
             }
@@ -135,7 +136,7 @@ impl Renderer {
             self.tell_document();
         }
         done.map_err(|e| (Some(number), e.to_string()))?;
-        if let Some(client) = self.clients.get(&id) {
+        if let Some(client) = self.clients.get_mut(&id) {
             client.answer(Answer::Done { id: number });
         }
         Ok(())
@@ -156,7 +157,7 @@ impl Renderer {
             Ok(false) => {}
             Ok(true) => self.tell_document(),
             Err(error) => {
-                for client in self.clients.values() {
+                for client in self.clients.values_mut() {
                     client.answer(Answer::Error { id: None, message: error.to_string() });
                 }
             }

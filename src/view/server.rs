@@ -16,9 +16,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::sync::mpsc;
+use tokio::time::timeout;
 
 /// Clients at once.
 const CLIENTS: usize = 8;
+/// Messages that may wait for a client; one that lets more pile up is given up.
+const QUEUE: usize = 256;
+/// Longest time that a client may take for a message.
+const PATIENCE: Duration = Duration::from_secs(30);
 /// What a page may load, and from where: itself alone.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -117,7 +122,7 @@ impl Drop for Here {
 /// Passes messages on until the client leaves.
 async fn talk(mut socket: WebSocket, shared: &Shared) {
     let id: ClientId = shared.next.fetch_add(1, Ordering::SeqCst);
-    let (out, mut answers) = mpsc::unbounded_channel();
+    let (out, mut answers) = mpsc::channel(QUEUE);
     shared.hub.tell(id, Event::Came(out.clone()));
     loop {
         let go_on = tokio::select! {
@@ -127,7 +132,7 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
                 _ => false,
             },
             answer = answers.recv() => match answer {
-                Some(answer) => socket.send(message(answer)).await.is_ok(),
+                Some(answer) => matches!(timeout(PATIENCE, socket.send(message(answer))).await, Ok(Ok(()))),
                 None => false,
             },
         };
@@ -138,7 +143,7 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
     shared.hub.tell(id, Event::Left);
 }
 
-async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::UnboundedSender<Outgoing>) -> bool {
+async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outgoing>) -> bool {
     match serde_json::from_str::<Request>(text) {
         Ok(request) => {
             while shared.hub.is_full() {
@@ -148,7 +153,7 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::UnboundedSe
         }
         Err(error) => {
             let message = format!("not understood: {error}");
-            drop(out.send(Outgoing::Text(Box::new(Answer::Error { id: None, message }))));
+            return out.try_send(Outgoing::Text(Box::new(Answer::Error { id: None, message }))).is_ok();
         }
     }
     true

@@ -13,6 +13,8 @@ pub enum Need {
     Cuda,
     /// The programs of Slurm and munge.
     Slurm,
+    /// Chromium.
+    Browser,
     /// `timeout` of GNU coreutils.
     Coreutils,
     /// The Python package `vtk`.
@@ -31,10 +33,11 @@ pub enum Need {
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Gpu,
         Self::Cuda,
         Self::Slurm,
+        Self::Browser,
         Self::Coreutils,
         Self::Vtk,
         Self::VtkRendering,
@@ -51,6 +54,7 @@ impl Need {
             Self::Gpu => "VOLSEGGS_REQUIRE_GPU",
             Self::Cuda => "VOLSEGGS_REQUIRE_CUDA",
             Self::Slurm => "VOLSEGGS_REQUIRE_SLURM",
+            Self::Browser => "VOLSEGGS_REQUIRE_BROWSER",
             Self::Coreutils => "VOLSEGGS_REQUIRE_COREUTILS",
             Self::Vtk => "VOLSEGGS_REQUIRE_VTK",
             Self::VtkRendering => "VOLSEGGS_REQUIRE_VTK_RENDERING",

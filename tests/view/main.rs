@@ -2,6 +2,7 @@
 #![cfg(feature = "view")]
 #![allow(clippy::unwrap_used)]
 
+mod browser;
 #[path = "../common/mod.rs"]
 mod common;
 mod door;

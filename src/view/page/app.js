@@ -106,6 +106,12 @@ function view(moving) {
   };
 }
 
+// the picture is not what is to be seen any more; a new one will come
+function stale() {
+  last = null;
+  canvas.dataset.lossless = false;
+}
+
 let resting;
 function look(moving) {
   if (!camera || !welcome) return;
@@ -113,7 +119,7 @@ function look(moving) {
   const text = JSON.stringify(wanted);
   if (text === lastView) return;
   lastView = text;
-  last = null;
+  stale();
   send({ type: "view", ...wanted });
   clearTimeout(resting);
   resting = setTimeout(moving ? () => look(false) : toAddress, moving ? 200 : 300);
@@ -146,8 +152,8 @@ async function show(data) {
 
 function toAddress() {
   const { eye, target, up, fov } = camera.state();
-  const round = (v) => v.map((x) => Number(x.toPrecision(7))).join(",");
-  const of = new URLSearchParams({ eye: round(eye), target: round(target), up: round(up), fov: fov.toPrecision(7), t: $("when").value, look: $("look").value });
+  // every digit, so that the picture is the same to the bit
+  const of = new URLSearchParams({ eye: eye.join(","), target: target.join(","), up: up.join(","), fov, t: $("when").value, look: $("look").value });
   history.replaceState(null, "", `#${of}`);
 }
 
@@ -286,6 +292,7 @@ async function click(e) {
 
 function selected(message) {
   picked = message;
+  stale();
   say("");
   const names = message.segments.length ? ` in ${message.segments.join(", ")}` : "";
   $("selected").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${names} (${message.ms.toFixed(0)} ms)`;
@@ -317,6 +324,7 @@ $("cosine").oninput = byHand;
 
 function clear() {
   picked = null;
+  stale();
   $("marker").hidden = true;
   $("levels").replaceChildren();
   if (welcome?.clicks) $("selected").textContent = "Click on the picture to select. Shift-click adds, Alt-click removes.";
@@ -339,6 +347,7 @@ $("commit").onsubmit = async (e) => {
 
 function read(message) {
   doc = message;
+  stale();
   const names = new Set(doc.segments.map((s) => s.name));
   for (const set of [hidden, checked]) for (const name of set) if (!names.has(name)) set.delete(name);
   alone = alone.filter((name) => names.has(name));

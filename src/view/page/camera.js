@@ -68,7 +68,7 @@ export class Camera {
   }
 
   state() {
-    return { eye: this.eye, target: this.target, up: this.axes().up, fov: this.fov };
+    return { eye: this.eye, target: this.target, up: this.up, fov: this.fov };
   }
 
   restore({ eye, target, up, fov }) {

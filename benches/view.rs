@@ -1,0 +1,275 @@
+//! The viewer as a window sees it: frames a second, and how long an answer takes.
+//!
+//! `cargo bench --bench view -- RUN [--size 800]`: serves the run, opens a window on it over the loopback that
+//! acknowledges each frame at once, and prints a table. Clicks are measured where the run has an affinity field.
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+use serde_json::{Value, json};
+use std::net::{IpAddr, Ipv4Addr, TcpStream};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+use volseggs::device::DeviceName;
+use volseggs::run::OpenRun;
+use volseggs::run::look::{Look, Show};
+use volseggs::run::selection::Selection;
+use volseggs::view::client::Client;
+use volseggs::view::protocol::View;
+use volseggs::view::{ViewOptions, serve};
+
+/// How long each figure is measured.
+const SPAN: Duration = Duration::from_secs(6);
+
+struct Frame {
+    number: u32,
+    png: bool,
+    width: u16,
+    time: f32,
+    render_ms: f32,
+    encode_ms: f32,
+}
+
+struct Window {
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+    welcome: Value,
+    size: u32,
+}
+
+impl Window {
+    fn open(url: &str, size: u32) -> Self {
+        let rest = url.strip_prefix("http://").unwrap();
+        let (host, token) = rest.split_once("/?token=").unwrap();
+        let mut request = format!("ws://{host}/ws").into_client_request().unwrap();
+        let port = host.rsplit(':').next().unwrap();
+        request.headers_mut().insert("Origin", format!("http://{host}").parse().unwrap());
+        request.headers_mut().insert("Cookie", format!("volseggs-{port}={token}").parse().unwrap());
+        let stream = MaybeTlsStream::Plain(TcpStream::connect(("127.0.0.1", port.parse().unwrap())).unwrap());
+        let (socket, _) = tungstenite::client(request, stream).unwrap();
+        let mut window = Self { socket, welcome: Value::Null, size };
+        window.welcome = window.answer("welcome");
+        window
+    }
+
+    fn say(&mut self, message: &Value) {
+        self.socket.send(Message::text(message.to_string())).unwrap();
+    }
+
+    /// A view from `turn` (1 is once around), at a time.
+    fn view(&self, turn: f64, time: f64, moving: bool) -> Value {
+        let (centre, radius) = (self.welcome["centre"].clone(), self.welcome["radius"].as_f64().unwrap());
+        let at = |k: usize| centre[k].as_f64().unwrap();
+        let angle = std::f64::consts::TAU * turn;
+        let eye = [at(0) + radius * angle.cos(), at(1) + radius * angle.sin(), at(2) + 0.35 * radius];
+        json!({
+            "type": "view", "eye": eye, "target": centre, "up": [0, 0, 1], "fov": self.welcome["fov"],
+            "size": [self.size, self.size], "time": time, "look": "colour", "edits": true, "moving": moving,
+        })
+    }
+
+    /// The next frame, which is acknowledged; texts are passed over.
+    fn frame(&mut self) -> Frame {
+        loop {
+            if let Message::Binary(bytes) = self.socket.read().unwrap() {
+                let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+                let frame = Frame {
+                    number: word(4),
+                    png: bytes[1] == 1,
+                    width: u16::from_le_bytes([bytes[16], bytes[17]]),
+                    time: f32::from_bits(word(20)),
+                    render_ms: f32::from_bits(word(24)),
+                    encode_ms: f32::from_bits(word(28)),
+                };
+                self.say(&json!({ "type": "ack", "frame": frame.number }));
+                return frame;
+            }
+        }
+    }
+
+    /// The next text of a kind; frames before it are acknowledged.
+    fn answer(&mut self, kind: &str) -> Value {
+        loop {
+            match self.socket.read().unwrap() {
+                Message::Text(text) => {
+                    let value: Value = serde_json::from_str(text.as_str()).unwrap();
+                    assert!(value["type"] != "error", "{value}");
+                    if value["type"] == kind {
+                        return value;
+                    }
+                }
+                Message::Binary(bytes) => {
+                    let number = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
+                    self.say(&json!({ "type": "ack", "frame": number }));
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Until the picture is there without loss.
+    fn rest(&mut self) {
+        while !self.frame().png {}
+    }
+}
+
+/// Median and 95th percentile.
+fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
+    values.sort_by(f64::total_cmp);
+    [0.5, 0.95].map(|q| values[((values.len() - 1) as f64 * q).round() as usize])
+}
+
+fn line(what: &str, value: impl std::fmt::Display) {
+    println!("| {what} | {value} |");
+}
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).filter(|w| w != "--bench").collect();
+    let Some(run) = words.first().map(PathBuf::from) else {
+        println!("cargo bench --bench view -- RUN [--size 800]");
+        return;
+    };
+    let size = words.iter().position(|w| w == "--size").map_or(800, |i| words[i + 1].parse().unwrap());
+    let device = DeviceName::all()[0].open().unwrap();
+
+    // the same pictures without a server
+    let open = OpenRun::open(&run, &device).unwrap();
+    let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour).unwrap();
+    let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
+    let view = View {
+        eye: [open.surroundings().sphere.radius, 0.0, 1.0],
+        target: open.scene.spec.centre().to_array(),
+        up: [0.0, 0.0, 1.0],
+        fov: open.surroundings().lens.fov_x,
+        size: [size; 2],
+        time: 0.5,
+        look: "colour".into(),
+        alone: Vec::new(),
+        hidden: Vec::new(),
+        edits: true,
+        moving: true,
+    };
+    let camera = Client::camera(&view, 1.0).to_kernel();
+    let (started, mut bare) = (Instant::now(), 0);
+    while started.elapsed() < SPAN {
+        look.draw(&open.scene, &prepared, camera, &device);
+        bare += 1;
+    }
+    let bare = f64::from(bare) / started.elapsed().as_secs_f64();
+    println!(
+        "{} Gaussians, {size}x{size}, {} threads\n\n| | |\n|---|--:|",
+        open.scene.gaussians.count(),
+        rayon::current_num_threads()
+    );
+    line("bare drawing, time held, frames/s", format!("{bare:.1}"));
+    drop((open, look, prepared));
+
+    let stop = AtomicBool::new(false);
+    let (tell, told) = mpsc::channel();
+    std::thread::scope(|scope| {
+        let options = ViewOptions {
+            run,
+            device: device.clone(),
+            bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            port: 0,
+            hosts: Vec::new(),
+            read_only: true,
+            cache: 1 << 30,
+        };
+        let started = Instant::now();
+        let stop = &stop;
+        scope.spawn(move || serve(&options, stop, |serving| tell.send(serving.url.clone()).unwrap()).unwrap());
+        let mut window = Window::open(&told.recv().unwrap(), size);
+        let first = window.view(0.0, 0.5, false);
+        window.say(&first);
+        window.frame();
+        line("first frame after the start, s", format!("{:.2}", started.elapsed().as_secs_f64()));
+        window.rest();
+        moving(&mut window, bare);
+        playback(&mut window);
+        resting(&mut window);
+        if window.welcome["clicks"] == true {
+            clicks(&mut window);
+        }
+        drop(window);
+        stop.store(true, Ordering::Relaxed);
+    });
+}
+
+/// A view that turns, a new one as soon as a frame is there: frames a second, and from a view to its frame.
+fn moving(window: &mut Window, bare: f64) {
+    let (started, mut waits, mut widths, mut shares) = (Instant::now(), Vec::new(), Vec::new(), Vec::new());
+    let mut turn = 0.0;
+    while started.elapsed() < SPAN {
+        turn += 0.003;
+        let (view, asked) = (window.view(turn, 0.5, true), Instant::now());
+        window.say(&view);
+        let frame = window.frame();
+        waits.push(1e3 * asked.elapsed().as_secs_f64());
+        widths.push(f64::from(frame.width));
+        shares.push(f64::from(frame.encode_ms / (frame.render_ms + frame.encode_ms)));
+    }
+    let rate = waits.len() as f64 / started.elapsed().as_secs_f64();
+    let [median, late] = quantiles(waits);
+    line("turning, frames/s", format!("{rate:.1}"));
+    line("turning, median width, pixels", format!("{:.0}", quantiles(widths)[0]));
+    line("turning, input to frame, ms, median and 95th percentile", format!("{median:.0}, {late:.0}"));
+    line("encoding's share of a frame, %", format!("{:.0}", 100.0 * quantiles(shares)[0]));
+    line("frames/s beside bare drawing at full size", format!("{:.2}", rate / bare));
+    window.rest();
+}
+
+/// Two loops through 100 times.
+fn playback(window: &mut Window) {
+    for name in ["first", "second"] {
+        let started = Instant::now();
+        for step in 0..100 {
+            let view = window.view(0.0, f64::from(step) / 100.0, true);
+            window.say(&view);
+            while (window.frame().time - step as f32 / 100.0).abs() > 1e-4 {}
+        }
+        line(&format!("playback, {name} loop, frames/s"), format!("{:.1}", 100.0 / started.elapsed().as_secs_f64()));
+    }
+    window.rest();
+}
+
+/// From the last input to the picture without loss.
+fn resting(window: &mut Window) {
+    let mut waits = Vec::new();
+    for turn in 0..10 {
+        let view = window.view(0.1 + 0.02 * f64::from(turn), 0.5, true);
+        window.say(&view);
+        window.frame();
+        let asked = Instant::now();
+        let view = window.view(0.1 + 0.02 * f64::from(turn), 0.5, false);
+        window.say(&view);
+        window.rest();
+        waits.push(1e3 * asked.elapsed().as_secs_f64());
+    }
+    line("rest to lossless, ms", format!("{:.0}", quantiles(waits)[0]));
+}
+
+/// From a click to the picture that shows what it selects, and from a slider.
+fn clicks(window: &mut Window) {
+    let middle = window.size / 2;
+    for (name, message) in [
+        ("first click to highlight, ms", json!({ "type": "pick", "id": 1, "pixel": [middle, middle], "within": null })),
+        (
+            "another click to highlight, ms",
+            json!({ "type": "pick", "id": 2, "pixel": [middle, middle], "within": null }),
+        ),
+        (
+            "slider to highlight, ms",
+            json!({ "type": "adjust", "id": 3, "meaning": { "by": { "scale": 0.4, "threshold": 0.7 } } }),
+        ),
+    ] {
+        let asked = Instant::now();
+        window.say(&message);
+        window.answer("picked");
+        window.frame();
+        line(name, format!("{:.0}", 1e3 * asked.elapsed().as_secs_f64()));
+        window.rest();
+    }
+}

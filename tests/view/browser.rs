@@ -1,0 +1,281 @@
+//! The page in a real browser: Chromium without a window, driven by its own debugging protocol over a websocket, which
+//! needs neither a driver program nor another dependency.
+
+use crate::common::{run_json, volseggs};
+use crate::run;
+use crate::socket::Server;
+use base64::Engine;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use tungstenite::stream::MaybeTlsStream;
+use tungstenite::{Message, WebSocket};
+use volseggs_testing::{Need, skip};
+
+/// Longest wait for anything on the page.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Width and height of the window.
+const WINDOW: [u32; 2] = [1100, 760];
+
+/// Chromium.
+struct Browser {
+    child: Child,
+    socket: WebSocket<MaybeTlsStream<TcpStream>>,
+    calls: u64,
+    /// Errors and violations of the page's policy.
+    wrong: Vec<String>,
+    _profile: TempDir,
+}
+
+/// A tab of it.
+#[derive(Clone)]
+struct Tab(String);
+
+impl Browser {
+    /// Starts it; `None` where there is none, which has been said.
+    fn start() -> Option<Self> {
+        let profile = tempfile::tempdir().unwrap();
+        let started = ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|program| {
+            let mut command = Command::new(program);
+            command.args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-quic",
+                "--disable-sync",
+                "--disable-dev-shm-usage",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--no-first-run",
+                "--remote-debugging-port=0",
+            ]);
+            command.arg(format!("--window-size={},{}", WINDOW[0], WINDOW[1]));
+            command.arg(format!("--user-data-dir={}", profile.path().display())).arg("about:blank");
+            command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().ok()
+        });
+        let Some(mut child) = started else {
+            skip(Need::Browser, "there is no `chromium`");
+            return None;
+        };
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        let found = lines
+            .by_ref()
+            .map_while(Result::ok)
+            .find_map(|line| line.split_once("DevTools listening on ").map(|(_, url)| url.trim().to_owned()));
+        let Some(url) = found else {
+            drop(child.kill());
+            drop(child.wait());
+            skip(Need::Browser, "`chromium` does not start");
+            return None;
+        };
+        // what it goes on to say is of no matter, but must go somewhere
+        std::thread::spawn(move || lines.for_each(drop));
+        let (socket, _) = tungstenite::connect(&url).unwrap();
+        Some(Self { child, socket, calls: 0, wrong: Vec::new(), _profile: profile })
+    }
+
+    /// Calls a method of the protocol.
+    fn call(&mut self, tab: Option<&Tab>, method: &str, params: Value) -> Value {
+        self.calls += 1;
+        let mut message = json!({ "id": self.calls, "method": method, "params": params });
+        if let Some(Tab(session)) = tab {
+            message["sessionId"] = session.as_str().into();
+        }
+        self.socket.send(Message::text(message.to_string())).unwrap();
+        loop {
+            let Message::Text(text) = self.socket.read().unwrap() else { continue };
+            let answer: Value = serde_json::from_str(text.as_str()).unwrap();
+            if answer["id"] == self.calls {
+                assert!(answer["error"].is_null(), "{method}: {answer}");
+                return answer["result"].clone();
+            }
+            let of = &answer["params"];
+            match answer["method"].as_str() {
+                Some("Runtime.exceptionThrown") => self.wrong.push(of["exceptionDetails"].to_string()),
+                Some("Log.entryAdded") if of["entry"]["level"] == "error" => self.wrong.push(of["entry"].to_string()),
+                _ => {}
+            }
+        }
+    }
+
+    /// Opens a page in a tab of its own.
+    fn open(&mut self, url: &str) -> Tab {
+        let target = self.call(None, "Target.createTarget", json!({ "url": "about:blank" }));
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let tab = Tab(self.call(None, "Target.attachToTarget", attach)["sessionId"].as_str().unwrap().to_owned());
+        for domain in ["Page.enable", "Runtime.enable", "Log.enable"] {
+            self.call(Some(&tab), domain, json!({}));
+        }
+        self.call(Some(&tab), "Page.navigate", json!({ "url": url }));
+        tab
+    }
+
+    /// The value of an expression on the page.
+    fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
+        let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
+        let answer = self.call(Some(tab), "Runtime.evaluate", asked);
+        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
+        answer["result"]["value"].clone()
+    }
+
+    /// Waits until an expression is true.
+    fn wait(&mut self, tab: &Tab, expression: &str) {
+        let until = Instant::now() + PATIENCE;
+        // the page may not be there yet
+        let guarded = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
+        while self.eval(tab, &guarded) != true {
+            if Instant::now() > until {
+                let said = self.eval(tab, "document.body.innerText.slice(0, 600)");
+                panic!("not in {PATIENCE:?}: {expression}; wrong: {:?}; the page: {said}", self.wrong);
+            }
+            std::thread::sleep(Duration::from_millis(30));
+        }
+    }
+
+    /// Waits until the picture shows all that was asked for, without loss.
+    fn rests(&mut self, tab: &Tab) {
+        std::thread::sleep(Duration::from_millis(250));
+        self.wait(tab, "document.getElementById('picture').dataset.lossless === 'true'");
+    }
+
+    /// A number that tells the picture from others.
+    fn picture(&mut self, tab: &Tab) -> Value {
+        let pixels = "(() => { const c = document.getElementById('picture'); \
+                      const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
+                      let h = 0; for (let i = 0; i < d.length; i += 3) h = (h * 31 + d[i]) | 0; return h; })()";
+        self.eval(tab, pixels)
+    }
+
+    fn mouse(&mut self, tab: &Tab, kind: &str, [x, y]: [f64; 2]) {
+        let buttons = i32::from(kind != "mouseReleased");
+        let event = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1 });
+        self.call(Some(tab), "Input.dispatchMouseEvent", event);
+    }
+
+    fn click(&mut self, tab: &Tab, at: [f64; 2]) {
+        self.mouse(tab, "mousePressed", at);
+        self.mouse(tab, "mouseReleased", at);
+    }
+
+    /// Sets an input as a person would.
+    fn set(&mut self, tab: &Tab, id: &str, value: &str) {
+        let set = format!(
+            "(() => {{ const e = document.getElementById('{id}'); e.value = '{value}'; \
+             for (const n of ['input', 'change']) e.dispatchEvent(new Event(n, {{ bubbles: true }})); }})()"
+        );
+        self.eval(tab, &set);
+    }
+
+    /// Writes what is seen beside the build, to look at.
+    fn shoot(&mut self, tab: &Tab, name: &str) {
+        let shot = self.call(Some(tab), "Page.captureScreenshot", json!({}));
+        let png = base64::engine::general_purpose::STANDARD.decode(shot["data"].as_str().unwrap()).unwrap();
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-screens");
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(format!("{name}.png")), png).unwrap();
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// The middle of the picture, where something is, in the window.
+const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
+                      return [b.left + b.width / 2, b.top + b.height / 2]; })()";
+
+#[test]
+fn a_person_turns_scrubs_clicks_commits_edits_and_undoes() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let address = format!("http://localhost:{}/?token={}", server.port, server.token);
+    let tab = browser.open(&address);
+    browser.rests(&tab);
+    assert!(!browser.eval(&tab, "location.href").as_str().unwrap().contains(&server.token), "the secret is gone");
+    browser.shoot(&tab, "1-start");
+
+    // turn
+    let before = browser.picture(&tab);
+    let middle = browser.eval(&tab, MIDDLE);
+    let [x, y] = [0, 1].map(|k| middle[k].as_f64().unwrap());
+    browser.mouse(&tab, "mousePressed", [x, y]);
+    for k in 1..=10 {
+        browser.mouse(&tab, "mouseMoved", [x + 9.0 * f64::from(k), y + 3.0 * f64::from(k)]);
+    }
+    browser.mouse(&tab, "mouseReleased", [x + 90.0, y + 30.0]);
+    browser.rests(&tab);
+    assert_ne!(browser.picture(&tab), before, "a drag turns the scene");
+    browser.eval(&tab, "document.getElementById('reset').click()");
+    browser.rests(&tab);
+    assert_eq!(browser.picture(&tab), before, "and a button turns it back");
+
+    // time
+    browser.set(&tab, "when", "0.9");
+    browser.wait(&tab, "document.getElementById('picture').dataset.time === '0.9000'");
+    browser.rests(&tab);
+    assert_ne!(browser.picture(&tab), before);
+    browser.set(&tab, "when", "0.5");
+    browser.rests(&tab);
+    browser.eval(&tab, "document.getElementById('play').click()");
+    browser.wait(&tab, "Number(document.getElementById('picture').dataset.time) > 0.55");
+    browser.eval(&tab, "document.getElementById('play').click()");
+    browser.set(&tab, "when", "0.5");
+    browser.rests(&tab);
+
+    // a click, a level or slider, a segment
+    browser.click(&tab, [x, y]);
+    browser.wait(&tab, "/Gaussians/.test(document.getElementById('selected').textContent)");
+    browser.rests(&tab);
+    assert_ne!(browser.picture(&tab), before, "what was clicked stands out");
+    browser.shoot(&tab, "2-clicked");
+    let likeliest = browser.eval(&tab, "document.getElementById('selected').textContent");
+    browser.set(&tab, "cosine", "0.99");
+    browser.wait(&tab, &format!("document.getElementById('selected').textContent !== {likeliest}"));
+    browser.set(&tab, "name", "mine");
+    browser.eval(&tab, "document.getElementById('commit').requestSubmit()");
+    browser.wait(&tab, "document.getElementById('tree').textContent.includes('mine')");
+    let listed = run_json(root, &["segment", "list", "run"]);
+    let mine = listed["segments"].as_array().unwrap().iter().find(|s| s["name"] == "mine").unwrap().clone();
+    assert!(mine["origin"]["threshold"].as_f64().unwrap() > 0.98, "{mine}");
+
+    // another window sees it too, and the same picture at the same address
+    browser.rests(&tab);
+    std::thread::sleep(Duration::from_millis(500));
+    let here = browser.eval(&tab, "location.href");
+    let other = browser.open(here.as_str().unwrap());
+    browser.wait(&other, "document.getElementById('tree').textContent.includes('mine')");
+    browser.rests(&other);
+    assert_eq!(browser.picture(&other), browser.picture(&tab), "the address holds the view");
+
+    // an edit, seen by the command, then undone
+    let plain = browser.picture(&tab);
+    browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
+    browser.set(&tab, "factor", "0.2");
+    browser.eval(&tab, "document.getElementById('opacity').click()");
+    browser.wait(&tab, "document.querySelectorAll('#edits li').length === 1");
+    browser.rests(&tab);
+    assert_ne!(browser.picture(&tab), plain);
+    browser.shoot(&tab, "3-edited");
+    let edits = |root: &Path| run_json(root, &["edit", "list", "run"])["operations"].as_array().unwrap().len();
+    assert_eq!(edits(root), 1);
+    browser.eval(&tab, "document.getElementById('edits-undo').click()");
+    browser.wait(&tab, "document.querySelectorAll('#edits li').length === 0");
+    browser.rests(&tab);
+    assert_eq!((edits(root), browser.picture(&tab)), (0, plain));
+
+    // a command beside the viewer
+    volseggs().current_dir(root).args(["segment", "remove", "run", "mine"]).assert().success();
+    browser.wait(&other, "!document.getElementById('tree').textContent.includes('mine')");
+    assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+    drop(server);
+    browser.wait(&tab, "document.getElementById('message').textContent.includes('does not answer')");
+}
