@@ -37,7 +37,7 @@ fn impossible_axes_are_named() {
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2}").contains("low and high"));
     let many = |count: &str| format!("[random]\ncount={count}\n[random.keys]\n'a.b' = {{low=0, high=1}}");
     assert!(error(&many("65537")).contains("Sobol points are at most 65536"));
-    assert!(error(&many("9223372036854775807")).contains("100000 runs at most"));
+    assert!(error(&many("9223372036854775807")).contains("a sweep has 100000 at most"));
     let ends = |low: &str, high: &str| {
         format!("[random]\ncount=3\n[random.keys]\n'a.b' = {{low={low}, high={high}, integer=true}}")
     };
