@@ -175,8 +175,15 @@ impl Client {
         started: Instant,
     ) -> Result<Selected, ClickError> {
         let Some((_, clicking)) = &self.clicking else { return Err(ClickError::NoField) };
-        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, of), keep_strays: false, list: true };
+        // a slider asks again and again: the levels at the click stay what they are
+        let known =
+            self.clicked.as_ref().map(|c| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));
+        let list = known.is_none();
+        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, of), keep_strays: false, list };
         let mut picked = clicking.select(&hit, &options)?;
+        if let Some(levels) = known {
+            picked.levels.clone_from(levels);
+        }
         picked.members = combine(&before, std::mem::take(&mut picked.members));
         let told = Selected {
             id,
