@@ -150,7 +150,7 @@ pub fn commit(
     picked: &Picked,
     time: f64,
 ) -> Result<usize, RunError> {
-    let Picked { members, scale, threshold, .. } = picked.clone();
+    let Picked { members, scale, threshold, .. } = picked;
     if members.is_empty() {
         return Err(RunError::input(format!(
             "{name}: nothing but strays is like the click; choose another pixel, another --level or a lower \
@@ -160,9 +160,10 @@ pub fn commit(
     let count = members.len();
     let mut all = segments.now().clone();
     let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
-    let origin = Origin::Pick { scale, threshold };
+    let origin = Origin::Pick { scale: *scale, threshold: *threshold };
     let (segment, parent) = (name.clone(), hit.within.clone());
-    all.add(Segment { name: segment, parent, colour, time, origin, members }).map_err(RunError::input)?;
+    all.add(Segment { name: segment, parent, colour, time, origin, members: members.clone() })
+        .map_err(RunError::input)?;
     segments.change(format!("pick {name}"), all.segments);
     Ok(count)
 }

@@ -159,9 +159,10 @@ impl Client {
     /// # Errors
     /// If there was none.
     pub fn adjust(&mut self, id: u32, meaning: Option<Asked>) -> Result<Selected, ClickError> {
-        let Some(Clicked { hit, time, before, .. }) = self.clicked.clone() else {
+        let Some(Clicked { hit, time, before, .. }) = &self.clicked else {
             return Err(RunError::input("click on something first").into());
         };
+        let (hit, time, before) = (hit.clone(), *time, before.clone());
         self.select(id, hit, time, before, meaning, Instant::now())
     }
 
