@@ -1,6 +1,6 @@
 //! Differentiable operations for deformable Gaussian scenes, as burn backend extensions.
 //!
-//! One folder an op, each with the same rooms: `mod.rs` (the public function on tensors and the
+//! One folder an op, each with the same files: `mod.rs` (the public function on tensors and the
 //! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `autodiff.rs`
 //! (gradient registration), `cpu` (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels,
 //! with the feature `wgpu` or `cuda`). `contributors` lies in `splat`, whose rule of compositing it shares.
@@ -12,6 +12,7 @@ mod backend;
 mod camera;
 #[cfg(feature = "cube")]
 mod cube;
+mod tensors;
 
 pub mod activation;
 pub mod adam;

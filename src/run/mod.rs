@@ -1,9 +1,10 @@
 //! What can be done with a trained run, by a command or a viewer alike: opened, looked at, segmented, followed, edited,
 //! measured. Everything here reads and writes the files of the run folder, and prints nothing.
 //!
-//! [`OpenRun`] is the run; [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand for,
-//! [`frames`] writes pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field that [`affinity`] trains on [`masks`], [`edits`] changes the
-//! edits, [`follow`] tracks segments, and [`measure`] evaluates the run. `files::RunPaths` says where everything lies.
+//! [`OpenRun`] is the run; [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand
+//! for, [`frames`] writes pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
+//! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
+//! segments, and [`measure`] evaluates the run. `files::RunPaths` says where everything lies.
 
 pub mod affinity;
 pub mod cameras;
@@ -11,6 +12,7 @@ pub mod edits;
 mod error;
 pub mod follow;
 pub mod frames;
+pub mod labels;
 pub mod look;
 pub mod masks;
 pub mod measure;

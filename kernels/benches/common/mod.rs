@@ -7,7 +7,7 @@ use burn::backend::{Dispatch, TensorMetadata};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::time::Instant;
 use volseggs_kernels::activation::logit_f64;
-use volseggs_kernels::splat::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSettings};
+use volseggs_kernels::splat::{SplatBackwardOps, SplatForward, SplatInputs, SplatOps, SplatSettings, SplatTensors};
 use volseggs_kernels::{Camera, sh};
 
 /// Spherical-harmonics coefficients a Gaussian (degree 3).
@@ -99,12 +99,7 @@ pub fn camera(size: usize) -> Camera {
 
 /// A scene on a device, ready to be splatted without automatic differentiation.
 pub struct Splatter {
-    means: Tensor<2>,
-    rotations: Tensor<2>,
-    log_scales: Tensor<2>,
-    opacity_logits: Tensor<1>,
-    sh: Tensor<3>,
-    offsets: Tensor<2>,
+    inputs: SplatInputs,
     /// Camera, background, degree.
     pub settings: SplatSettings,
 }
@@ -114,43 +109,26 @@ impl Splatter {
     pub fn new(scene: &Scene, camera: Camera, device: &Device) -> Self {
         let n = scene.opacity_logits.len();
         let rows = |v: &[f32], d: usize| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, d]), device);
-        Self {
+        let inputs = SplatInputs {
             means: rows(&scene.means, 3),
             rotations: rows(&scene.rotations, 4),
             log_scales: rows(&scene.log_scales, 3),
             opacity_logits: Tensor::from_data(TensorData::new(scene.opacity_logits.clone(), [n]), device),
             sh: Tensor::from_data(TensorData::new(scene.sh.clone(), [n, SH_COEFFICIENTS, 3]), device),
-            offsets: Tensor::zeros([n, 2], device),
-            settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3 },
-        }
+            screen_offsets: Some(Tensor::zeros([n, 2], device)),
+        };
+        Self { inputs, settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3 } }
     }
 
     /// The forward pass alone.
     pub fn forward(&self) -> SplatForward<Dispatch> {
-        Dispatch::splat_forward(
-            self.means.clone().into_dispatch(),
-            self.rotations.clone().into_dispatch(),
-            self.log_scales.clone().into_dispatch(),
-            self.opacity_logits.clone().into_dispatch(),
-            self.sh.clone().into_dispatch(),
-            self.offsets.clone().into_dispatch(),
-            self.settings,
-            true,
-        )
+        Dispatch::splat_forward(self.inputs.clone().into_tensors(), self.settings, true)
     }
 
     /// The backward pass alone, for a gradient of the image `[H, W, 4]`.
-    pub fn backward(&self, forward: &SplatForward<Dispatch>, grad: &Tensor<3>) -> SplatGradients<Dispatch> {
-        Dispatch::splat_backward(
-            self.means.clone().into_dispatch(),
-            self.rotations.clone().into_dispatch(),
-            self.log_scales.clone().into_dispatch(),
-            self.opacity_logits.clone().into_dispatch(),
-            self.sh.clone().into_dispatch(),
-            grad.clone().into_dispatch(),
-            self.settings,
-            forward.saved.clone(),
-        )
+    pub fn backward(&self, forward: &SplatForward<Dispatch>, grad: &Tensor<3>) -> SplatTensors<Dispatch> {
+        let (grad, saved) = (grad.clone().into_dispatch(), forward.saved.clone());
+        Dispatch::splat_backward(self.inputs.clone().into_tensors(), grad, self.settings, saved)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The decoder on a GPU: three products forward, and backward the same two again (hidden layers are not kept) and six.
 //! The heads' output layers are one product with a matrix that is zero outside its blocks.
 
-use super::ops::{DecoderBackwardOps, DecoderGradients, DecoderOps};
+use super::ops::{DecoderBackwardOps, DecoderOps, DecoderTensors};
 use super::shape::DecoderShape;
 use crate::cube::gemm::{Finish, column_sums, product, transposed};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
@@ -86,17 +86,8 @@ impl Layers {
 }
 
 impl DecoderOps for CubeBackend {
-    fn decoder_forward(
-        x: FloatTensor<Self>,
-        w0: FloatTensor<Self>,
-        b0: FloatTensor<Self>,
-        w1: FloatTensor<Self>,
-        b1: FloatTensor<Self>,
-        w2: FloatTensor<Self>,
-        b2: FloatTensor<Self>,
-        shape: DecoderShape,
-    ) -> FloatTensor<Self> {
-        let inputs = [x, w0, b0, w1, b1, w2, b2].map(rows);
+    fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
+        let inputs = inputs.into_array().map(rows);
         let l = Layers::new(&inputs, &shape);
         let out = empty_f32(&inputs[0], [l.n, shape.outputs()]);
         let size = [l.n, shape.b1_len(), shape.outputs()];
@@ -107,17 +98,11 @@ impl DecoderOps for CubeBackend {
 
 impl DecoderBackwardOps for CubeBackend {
     fn decoder_backward(
-        x: FloatTensor<Self>,
-        w0: FloatTensor<Self>,
-        b0: FloatTensor<Self>,
-        w1: FloatTensor<Self>,
-        b1: FloatTensor<Self>,
-        w2: FloatTensor<Self>,
-        b2: FloatTensor<Self>,
+        inputs: DecoderTensors<Self>,
         grad: FloatTensor<Self>,
         shape: DecoderShape,
-    ) -> DecoderGradients<Self> {
-        let inputs = [x, w0, b0, w1, b1, w2, b2].map(rows);
+    ) -> DecoderTensors<Self> {
+        let inputs = inputs.into_array().map(rows);
         let l = Layers::new(&inputs, &shape);
         let (n, f, width, all, columns) = (l.n, shape.inputs, shape.width, shape.b1_len(), shape.outputs());
         let client = &l.client;
@@ -151,7 +136,6 @@ impl DecoderBackwardOps for CubeBackend {
         column_sums(client, &by_trunk, h0, [n, width]);
         product(client, &by_trunk, (&l.w0, true), &l.b2, &Words::of(gx), [n, width, f], Finish::Plain);
 
-        let [x, w0, b0, w1, b1, w2, b2] = out;
-        DecoderGradients { x, w0, b0, w1, b1, w2, b2 }
+        DecoderTensors::from(out)
     }
 }

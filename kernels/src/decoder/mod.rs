@@ -17,6 +17,6 @@ pub mod shape;
 mod tests;
 
 pub use cpu::{backward, forward};
-pub use ops::{DecoderBackwardOps, DecoderGradients, DecoderOps, DecoderWeights, decoder};
+pub use ops::{DecoderBackwardOps, DecoderOps, DecoderTensors, DecoderWeights, decoder};
 pub use params::{DecoderGrads, DecoderParams};
 pub use shape::{DecoderShape, DecoderShapeError};

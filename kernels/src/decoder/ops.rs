@@ -4,46 +4,39 @@ use super::cpu::{backward, forward};
 use super::params::{DecoderGrads, DecoderParams};
 use super::shape::DecoderShape;
 use crate::backend::CpuBackend;
+use crate::tensors::{op_tensors, register};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
+use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
 
-/// Gradients of every input of [`decoder`].
-#[derive(ExtensionType)]
-pub struct DecoderGradients<B: Backend> {
-    /// `[N, inputs]`
-    pub x: FloatTensor<B>,
-    /// `[inputs, width]`
-    pub w0: FloatTensor<B>,
-    /// `[width]`
-    pub b0: FloatTensor<B>,
-    /// `[width, heads * width]`
-    pub w1: FloatTensor<B>,
-    /// `[heads * width]`
-    pub b1: FloatTensor<B>,
-    /// `[width, outputs]`
-    pub w2: FloatTensor<B>,
-    /// `[outputs]`
-    pub b2: FloatTensor<B>,
+op_tensors! {
+    /// The inputs of [`decoder`] on a backend, or the gradient with respect to each of them.
+    DecoderTensors[7] {
+        /// `[N, inputs]`
+        x,
+        /// `[inputs, width]`
+        w0,
+        /// `[width]`
+        b0,
+        /// `[width, heads * width]`
+        w1,
+        /// `[heads * width]`
+        b1,
+        /// `[width, outputs]`
+        w2,
+        /// `[outputs]`
+        b2,
+    }
 }
 
 /// The backend side of [`decoder`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait DecoderOps: Backend {
-    /// `[N, outputs]` for `x` `[N, inputs]`.
-    fn decoder_forward(
-        x: FloatTensor<Self>,
-        w0: FloatTensor<Self>,
-        b0: FloatTensor<Self>,
-        w1: FloatTensor<Self>,
-        b1: FloatTensor<Self>,
-        w2: FloatTensor<Self>,
-        b2: FloatTensor<Self>,
-        shape: DecoderShape,
-    ) -> FloatTensor<Self>;
+    /// `[N, outputs]`.
+    fn decoder_forward(#[extension_type] inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self>;
 }
 
 /// The backward side of [`decoder`], of backends that compute. One that records gradients has none of its own: a second
@@ -51,19 +44,13 @@ pub trait DecoderOps: Backend {
 pub trait DecoderBackwardOps: Backend {
     /// Gradients for `grad` `[N, outputs]`.
     fn decoder_backward(
-        x: FloatTensor<Self>,
-        w0: FloatTensor<Self>,
-        b0: FloatTensor<Self>,
-        w1: FloatTensor<Self>,
-        b1: FloatTensor<Self>,
-        w2: FloatTensor<Self>,
-        b2: FloatTensor<Self>,
+        inputs: DecoderTensors<Self>,
         grad: FloatTensor<Self>,
         shape: DecoderShape,
-    ) -> DecoderGradients<Self>;
+    ) -> DecoderTensors<Self>;
 }
 
-/// The decoder's weights as tensors; shapes as in [`DecoderGradients`].
+/// The decoder's weights as tensors; shapes as in [`DecoderTensors`].
 #[derive(Clone, Debug)]
 pub struct DecoderWeights {
     /// Trunk `[inputs, width]` and `[width]`.
@@ -80,79 +67,63 @@ pub struct DecoderWeights {
 /// If a tensor does not fit `shape`.
 pub fn decoder(x: Tensor<2>, weights: DecoderWeights, shape: &DecoderShape) -> Tensor<2> {
     let DecoderWeights { trunk, hidden, output } = weights;
-    Tensor::from_dispatch(Dispatch::decoder_forward(
-        x.into_dispatch(),
-        trunk.0.into_dispatch(),
-        trunk.1.into_dispatch(),
-        hidden.0.into_dispatch(),
-        hidden.1.into_dispatch(),
-        output.0.into_dispatch(),
-        output.1.into_dispatch(),
-        shape.clone(),
-    ))
+    let inputs = DecoderTensors {
+        x: x.into_dispatch(),
+        w0: trunk.0.into_dispatch(),
+        b0: trunk.1.into_dispatch(),
+        w1: hidden.0.into_dispatch(),
+        b1: hidden.1.into_dispatch(),
+        w2: output.0.into_dispatch(),
+        b2: output.1.into_dispatch(),
+    };
+    Tensor::from_dispatch(Dispatch::decoder_forward(inputs, shape.clone()))
 }
 
-fn cpu_forward<B: CpuBackend>(inputs: &[FloatTensor<B>; 7], shape: &DecoderShape) -> FloatTensor<B> {
-    let n = inputs[0].shape()[0];
-    let [x, w0, b0, w1, b1, w2, b2] = inputs.each_ref().map(|t| B::values(t));
+fn cpu_forward<B: CpuBackend>(inputs: &DecoderTensors<B>, shape: &DecoderShape) -> FloatTensor<B> {
+    let n = inputs.x.shape()[0];
+    let [x, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
     let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
     let mut out = vec![0.0; n * shape.outputs()];
     forward(shape, params, &x, &mut out);
-    B::tensor(out, [n, shape.outputs()], &inputs[0].device())
+    B::tensor(out, [n, shape.outputs()], &inputs.x.device())
 }
 
 fn cpu_backward<B: CpuBackend>(
-    inputs: &[FloatTensor<B>; 7],
+    inputs: &DecoderTensors<B>,
     grad: &FloatTensor<B>,
     shape: &DecoderShape,
-) -> DecoderGradients<B> {
-    let device = inputs[0].device();
-    let mut grads = inputs.each_ref().map(|t| vec![0.0f32; t.shape().num_elements()]);
+) -> DecoderTensors<B> {
+    let device = inputs.x.device();
+    let mut grads = inputs.as_array().map(|t| vec![0.0f32; t.shape().num_elements()]);
     {
-        let [x, w0, b0, w1, b1, w2, b2] = inputs.each_ref().map(|t| B::values(t));
+        let [x, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
         let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
         let [gx, g0, h0, g1, h1, g2, h2] = &mut grads;
         let out = DecoderGrads { w0: g0, b0: h0, w1: g1, b1: h1, w2: g2, b2: h2, x: gx };
         backward(shape, params, &x, &B::values(grad), None, out);
     }
-    let mut k = 0;
-    let [x, w0, b0, w1, b1, w2, b2] = grads.map(|values| {
-        k += 1;
-        B::tensor(values, inputs[k - 1].shape(), &device)
-    });
-    DecoderGradients { x, w0, b0, w1, b1, w2, b2 }
+    let mut shapes = inputs.as_array().map(|t| t.shape()).into_iter();
+    DecoderTensors::from(grads.map(|values| {
+        let shape = shapes.next().expect("as many shapes as gradients");
+        B::tensor(values, shape, &device)
+    }))
 }
 
 macro_rules! bind {
     ($backend:ty) => {
         impl DecoderOps for $backend {
-            fn decoder_forward(
-                x: FloatTensor<Self>,
-                w0: FloatTensor<Self>,
-                b0: FloatTensor<Self>,
-                w1: FloatTensor<Self>,
-                b1: FloatTensor<Self>,
-                w2: FloatTensor<Self>,
-                b2: FloatTensor<Self>,
-                shape: DecoderShape,
-            ) -> FloatTensor<Self> {
-                cpu_forward::<Self>(&[x, w0, b0, w1, b1, w2, b2], &shape)
+            fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
+                cpu_forward::<Self>(&inputs, &shape)
             }
         }
 
         impl DecoderBackwardOps for $backend {
             fn decoder_backward(
-                x: FloatTensor<Self>,
-                w0: FloatTensor<Self>,
-                b0: FloatTensor<Self>,
-                w1: FloatTensor<Self>,
-                b1: FloatTensor<Self>,
-                w2: FloatTensor<Self>,
-                b2: FloatTensor<Self>,
+                inputs: DecoderTensors<Self>,
                 grad: FloatTensor<Self>,
                 shape: DecoderShape,
-            ) -> DecoderGradients<Self> {
-                cpu_backward::<Self>(&[x, w0, b0, w1, b1, w2, b2], &grad, &shape)
+            ) -> DecoderTensors<Self> {
+                cpu_backward::<Self>(&inputs, &grad, &shape)
             }
         }
     };
@@ -167,7 +138,7 @@ bind!(burn_tch::LibTorch);
 
 #[derive(Clone, Debug)]
 struct State<B: DecoderBackwardOps> {
-    inputs: [FloatTensor<B>; 7],
+    inputs: DecoderTensors<B>,
     shape: DecoderShape,
 }
 
@@ -179,38 +150,16 @@ impl<B: DecoderBackwardOps> Backward<B, 7> for DecoderBackward {
 
     fn backward(self, ops: Ops<Self::State, 7>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let grad = grads.consume::<B>(&ops.node);
-        let [x, w0, b0, w1, b1, w2, b2] = ops.state.inputs;
-        let g = B::decoder_backward(x, w0, b0, w1, b1, w2, b2, grad, ops.state.shape);
-        for (parent, grad) in ops.parents.into_iter().zip([g.x, g.w0, g.b0, g.w1, g.b1, g.w2, g.b2]) {
-            if let Some(node) = parent {
-                grads.register::<B>(node.id, grad);
-            }
-        }
+        let out = B::decoder_backward(ops.state.inputs, grad, ops.state.shape);
+        register::<B, 7>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
     }
 }
 
 impl<B: DecoderOps + DecoderBackwardOps, C: CheckpointStrategy> DecoderOps for Autodiff<B, C> {
-    fn decoder_forward(
-        x: FloatTensor<Self>,
-        w0: FloatTensor<Self>,
-        b0: FloatTensor<Self>,
-        w1: FloatTensor<Self>,
-        b1: FloatTensor<Self>,
-        w2: FloatTensor<Self>,
-        b2: FloatTensor<Self>,
-        shape: DecoderShape,
-    ) -> FloatTensor<Self> {
-        let (x, n0) = x.into_parts();
-        let (w0, n1) = w0.into_parts();
-        let (b0, n2) = b0.into_parts();
-        let (w1, n3) = w1.into_parts();
-        let (b1, n4) = b1.into_parts();
-        let (w2, n5) = w2.into_parts();
-        let (b2, n6) = b2.into_parts();
-        let inputs = [x, w0, b0, w1, b1, w2, b2];
-        let [x, w0, b0, w1, b1, w2, b2] = inputs.clone();
-        let out = B::decoder_forward(x, w0, b0, w1, b1, w2, b2, shape.clone());
-        match DecoderBackward.prepare::<C>([n0, n1, n2, n3, n4, n5, n6]).compute_bound().stateful() {
+    fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
+        let (inputs, nodes) = inputs.into_parts();
+        let out = B::decoder_forward(inputs.clone(), shape.clone());
+        match DecoderBackward.prepare::<C>(nodes).compute_bound().stateful() {
             OpsKind::Tracked(prep) => prep.finish(State { inputs, shape }, out),
             OpsKind::UnTracked(prep) => prep.finish(out),
         }

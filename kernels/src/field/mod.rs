@@ -35,6 +35,6 @@ pub mod shape;
 mod tests;
 
 pub use cpu::{backward, forward};
-pub use ops::{FieldBackwardOps, FieldGradients, FieldOps, field};
+pub use ops::{FieldBackwardOps, FieldOps, FieldTensors, field};
 pub use params::{FieldGrads, FieldParams};
 pub use shape::{FieldShape, FieldShapeError, LevelShape, TensorSpan};

@@ -22,6 +22,7 @@ mod cube;
 pub mod reference;
 
 use crate::Camera;
+use crate::tensors::op_tensors;
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
 use burn::tensor::{Int, Tensor};
@@ -71,21 +72,22 @@ pub struct SplatForward<B: Backend> {
     pub saved: SplatSaved,
 }
 
-/// Result of the backward pass on a backend: one gradient per input.
-#[derive(ExtensionType)]
-pub struct SplatGradients<B: Backend> {
-    /// `[N, 3]`
-    pub means: FloatTensor<B>,
-    /// `[N, 4]`
-    pub rotations: FloatTensor<B>,
-    /// `[N, 3]`
-    pub log_scales: FloatTensor<B>,
-    /// `[N]`
-    pub opacity_logits: FloatTensor<B>,
-    /// `[N, K, 3]`
-    pub sh: FloatTensor<B>,
-    /// `[N, 2]`
-    pub screen_offsets: FloatTensor<B>,
+op_tensors! {
+    /// The tensors of [`SplatInputs`] on a backend, or the gradient with respect to each of them.
+    SplatTensors[6] {
+        /// `[N, 3]`
+        means,
+        /// `[N, 4]`
+        rotations,
+        /// `[N, 3]`
+        log_scales,
+        /// `[N]`
+        opacity_logits,
+        /// `[N, K, 3]`
+        sh,
+        /// `[N, 2]`
+        screen_offsets,
+    }
 }
 
 /// The backend side of [`splat`].
@@ -93,12 +95,7 @@ pub struct SplatGradients<B: Backend> {
 pub trait SplatOps: Backend {
     /// Renders; shapes as in [`splat`]. With `save` a backward pass will follow.
     fn splat_forward(
-        means: FloatTensor<Self>,
-        rotations: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        opacity_logits: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
-        screen_offsets: FloatTensor<Self>,
+        #[extension_type] inputs: SplatTensors<Self>,
         settings: SplatSettings,
         save: bool,
     ) -> SplatForward<Self>;
@@ -110,15 +107,11 @@ pub trait SplatOps: Backend {
 pub trait SplatBackwardOps: Backend {
     /// Gradients of a loss whose gradient with respect to the image is `grad_image` `[H, W, 4]`.
     fn splat_backward(
-        means: FloatTensor<Self>,
-        rotations: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        opacity_logits: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
+        #[extension_type] inputs: SplatTensors<Self>,
         grad_image: FloatTensor<Self>,
         settings: SplatSettings,
         saved: SplatSaved,
-    ) -> SplatGradients<Self>;
+    ) -> SplatTensors<Self>;
 }
 
 /// A rendered view.
@@ -148,6 +141,21 @@ pub struct SplatInputs {
     pub screen_offsets: Option<Tensor<2>>,
 }
 
+impl SplatInputs {
+    /// The tensors as the backends take them.
+    pub fn into_tensors(self) -> SplatTensors<Dispatch> {
+        let zeros = || Tensor::zeros([self.opacity_logits.dims()[0], 2], &self.means.device());
+        SplatTensors {
+            screen_offsets: self.screen_offsets.unwrap_or_else(zeros).into_dispatch(),
+            means: self.means.into_dispatch(),
+            rotations: self.rotations.into_dispatch(),
+            log_scales: self.log_scales.into_dispatch(),
+            opacity_logits: self.opacity_logits.into_dispatch(),
+            sh: self.sh.into_dispatch(),
+        }
+    }
+}
+
 /// Renders Gaussians through a camera.
 ///
 /// # Panics
@@ -170,17 +178,9 @@ pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     let camera = settings.camera;
     assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
 
-    let offsets = inputs.screen_offsets.unwrap_or_else(|| Tensor::zeros([n, 2], &inputs.means.device()));
-    assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");
-    let out = Dispatch::splat_forward(
-        inputs.means.into_dispatch(),
-        inputs.rotations.into_dispatch(),
-        inputs.log_scales.into_dispatch(),
-        inputs.opacity_logits.into_dispatch(),
-        inputs.sh.into_dispatch(),
-        offsets.into_dispatch(),
-        settings,
-        false,
-    );
+    if let Some(offsets) = &inputs.screen_offsets {
+        assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");
+    }
+    let out = Dispatch::splat_forward(inputs.into_tensors(), settings, false);
     Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
 }

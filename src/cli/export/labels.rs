@@ -1,27 +1,20 @@
 //! `volseggs export` to NRRD and VTI: labels of segments on the voxels of the volume, and how well they agree with
 //! the truth.
 
-use super::super::shown::ShownArgs;
 use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
-use super::label_choice::{self, Choice};
-use super::label_grid::{choose, record};
 use super::output::Output;
-use super::truth::{Agreement, Truth, report};
 use super::{ExportArgs, Format};
-use crate::export::labels::{LabelVolume, LabelsError, NamedLabel, Space, write_nrrd, write_vti};
+use crate::export::labels::{LabelVolume, LabelsError, Space, write_nrrd, write_vti};
 use crate::log::progress;
-use crate::memory::{Budget, product};
 use crate::run::OpenRun;
+use crate::run::labels::{Agreement, LabelPlan, Labels, Truth};
 use crate::segment::dice::Confusion;
-use crate::segment::segmentation::Segmentation;
-use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
+use crate::volume::grid::Grid;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-
-/// Bytes that a voxel takes: the votes, the labels, the truth beside them, and what is written.
-const VOXEL_BYTES: usize = 24;
 
 /// Options of label volumes alone.
 #[derive(Debug, Args)]
@@ -62,6 +55,11 @@ enum SpaceName {
 }
 
 impl LabelArgs {
+    fn plan(&self, segments: Vec<String>) -> LabelPlan {
+        let Self { dims, threshold, edited, .. } = *self;
+        LabelPlan { segments, dims, like: self.like.clone(), data: self.data.clone(), threshold, edited }
+    }
+
     /// The first of these options that is given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let all = [
@@ -122,32 +120,16 @@ struct Written {
 /// Segments, voxels or a truth that cannot be used; a file that cannot be written.
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<(), CliError> {
     let options = &args.labels;
-    let all = run.segments()?;
-    let Choice { names, labels } = label_choice::choose(&all, &args.shown.segments).map_err(CliError::input)?;
-    if names.is_empty() {
-        let run = args.run.display();
-        return Err(CliError::input(format!("{run}: no segments yet; run `volseggs segment coarse {run}`")));
-    }
-    let listed = named(&names, &all)?;
-    let selection = ShownArgs { segments: args.shown.segments.clone(), no_edits: !options.edited }.select(run)?;
-    let data = options.data.as_deref();
-    let record = record(run, data)?;
-    let data = data.unwrap_or(&run.record.dataset);
-    let grid = choose(run, data, record.as_ref(), options.dims, options.like.as_deref())?;
-    let [x, y, z] = grid.file.dims;
-    let what = match &options.like {
-        Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
-        None => format!("--dims {x},{y},{z}"),
-    };
-    Budget::now().check(what, product(&[x, y, z, VOXEL_BYTES])).map_err(CliError::input)?;
-    let truth = if options.truth.is_empty() { None } else { Some(Truth::open(&options.truth, &grid, data)?) };
-    let vote = options.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
+    let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
+    let truth =
+        if options.truth.is_empty() { None } else { Some(Truth::open(&options.truth, &labels.grid, &labels.data)?) };
+    labels.assumed.iter().for_each(|note| errln!("note: {note}"));
     if !options.edited {
         tell_of_edits(run);
     }
 
     let times = args.times()?;
-    let mut needed = vec![run.path.as_path(), data];
+    let mut needed = vec![run.path.as_path(), labels.data.as_path()];
     needed.extend(options.like.as_deref());
     needed.extend(truth.iter().flat_map(Truth::files));
     let output = output(args, run, format, &needed)?;
@@ -155,16 +137,8 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
-        let at = selection.edited(&run.scene, time as f32)?;
-        let cloud = LabelledCloud {
-            means: &at.means,
-            rotations: &at.rotations,
-            log_scales: &at.log_scales,
-            opacity: &at.opacity(),
-            labels: &labels,
-        };
-        let ids = label_voxels(&cloud, &grid.scene, &vote).map_err(CliError::input)?;
-        let volume = LabelVolume { grid: grid.file, ids: &ids, names: &listed, edited: options.edited };
+        let ids = labels.at(time)?;
+        let volume = LabelVolume { grid: labels.grid.file, ids: &ids, names: &labels.listed, edited: options.edited };
         let (path, name) = output.place(i);
         let written = match format {
             Format::Vti => write_vti(&path, &volume),
@@ -177,18 +151,18 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
         let mut agreement = None;
         if let Some(truth) = &truth {
             let pairs = Confusion::new(&truth.at(time)?, &ids).map_err(CliError::failure)?;
-            agreement = Some(truth.agreement(&pairs, &names));
+            agreement = Some(truth.agreement(&pairs, &labels.names));
             whole.merge(&pairs);
         }
         let file = name.display().to_string();
-        volumes.push(Written { file, time, voxels: count(&ids, names.len()), agreement });
+        volumes.push(Written { file, time, voxels: count(&ids, labels.names.len()), agreement });
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output.finish(&args.record(run, format.extension(), &times, options.edited, &names), &needed)?;
-    let agreement = truth.map(|truth| truth.agreement(&whole, &names));
-    let labels = listed.into_iter().map(|l| Label { value: l.value, name: l.name }).collect();
-    let (dims, spacing, origin) = (grid.file.dims, grid.file.spacing, grid.file.origin);
+    output.finish(&args.record(run, format.extension(), &times, options.edited, &labels.names), &needed)?;
+    let agreement = truth.map(|truth| truth.agreement(&whole, &labels.names));
+    let Grid { dims, spacing, origin } = labels.grid.file;
+    let labels = labels.listed.iter().map(|l| Label { value: l.value, name: l.name.clone() }).collect();
     let found = Report { dims, spacing, origin, edited: options.edited, labels, volumes, agreement };
     if args.common.json { print_json(&found) } else { print(&found) }
 }
@@ -217,17 +191,6 @@ fn tell_of_edits(run: &OpenRun) {
              ({edits})"
         );
     }
-}
-
-fn named(names: &[String], all: &Segmentation) -> Result<Vec<NamedLabel>, CliError> {
-    let mut listed = Vec::with_capacity(names.len());
-    for (i, name) in names.iter().enumerate() {
-        let value = u16::try_from(i + 1)
-            .map_err(|_| CliError::input(format!("{} segments, at most 65535 fit a volume; name some", names.len())))?;
-        let colour = all.get(name).map_err(CliError::input)?.colour.map(|c| c.clamp(0.0, 1.0));
-        listed.push(NamedLabel { value, name: name.clone(), colour });
-    }
-    Ok(listed)
 }
 
 fn space(name: Option<SpaceName>) -> Space {
@@ -264,6 +227,28 @@ fn print(found: &Report) -> Result<(), CliError> {
             outln!("  mean Dice {mean:.4}");
         }
     }
-    found.agreement.iter().for_each(|agreement| out!("{}", report(agreement)));
+    found.agreement.iter().for_each(|agreement| out!("{}", table(agreement)));
     Ok(())
+}
+
+/// The scores as lines for the terminal.
+fn table(agreement: &Agreement) -> String {
+    let mut text = format!("{:<20} {:<20} {:>7} {:>7}   {}\n", "truth", "segment", "Dice", "IoU", "several together");
+    for s in &agreement.segments {
+        let segment = s.segment.as_deref().unwrap_or("-");
+        let set = if s.set.len() > 1 { format!("{:.4} {}", s.set_dice, s.set.join(" + ")) } else { String::new() };
+        // writing to a string cannot fail
+        let _ = writeln!(
+            text,
+            "{}",
+            format!("{:<20} {segment:<20} {:>7.4} {:>7.4}   {set}", s.truth, s.dice, s.iou).trim_end()
+        );
+    }
+    match (agreement.mean_dice, agreement.mean_dice_of_sets) {
+        (Some(one), Some(set)) => {
+            let _ = writeln!(text, "mean Dice {one:.4}; {set:.4} with several segments for one true label");
+        }
+        _ => text.push_str("the truth has no label\n"),
+    }
+    text
 }

@@ -1,11 +1,8 @@
 //! `volseggs export`: what every format shares; one file for each kind of output.
 
-mod label_choice;
-mod label_grid;
 mod labels;
 mod output;
 mod ply;
-mod truth;
 
 use super::shown::ShownArgs;
 use super::values::{count, fraction};

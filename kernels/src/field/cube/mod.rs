@@ -5,7 +5,7 @@
 
 mod sample;
 
-use super::ops::{FieldBackwardOps, FieldGradients, FieldOps};
+use super::ops::{FieldBackwardOps, FieldOps, FieldTensors};
 use super::shape::FieldShape;
 use crate::cube::atomic::{AddF32, Exchange, Native};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, path, rows};
@@ -253,15 +253,8 @@ fn zeros(like: &CubeTensor) -> CubeTensor {
 }
 
 impl FieldOps for CubeBackend {
-    fn field_forward(
-        planes: FloatTensor<Self>,
-        lines: FloatTensor<Self>,
-        times: FloatTensor<Self>,
-        points: FloatTensor<Self>,
-        shape: FieldShape,
-        time: f32,
-    ) -> FloatTensor<Self> {
-        let [planes, lines, times, points] = [planes, lines, times, points].map(rows);
+    fn field_forward(inputs: FieldTensors<Self>, shape: FieldShape, time: f32) -> FloatTensor<Self> {
+        let [planes, lines, times, points] = inputs.into_array().map(rows);
         let client = points.client.clone();
         let n = points.meta.shape()[0];
         let features = shape.features_len();
@@ -287,20 +280,18 @@ impl FieldOps for CubeBackend {
 
 impl FieldBackwardOps for CubeBackend {
     fn field_backward(
-        planes: FloatTensor<Self>,
-        lines: FloatTensor<Self>,
-        times: FloatTensor<Self>,
-        points: FloatTensor<Self>,
+        inputs: FieldTensors<Self>,
         grad: FloatTensor<Self>,
         shape: FieldShape,
         time: f32,
-    ) -> FieldGradients<Self> {
-        let [planes, lines, times, points, grad] = [planes, lines, times, points, grad].map(rows);
+    ) -> FieldTensors<Self> {
+        let [planes, lines, times, points] = inputs.into_array().map(rows);
+        let grad = rows(grad);
         let client = points.client.clone();
         let n = points.meta.shape()[0];
         let features = shape.features_len();
         let row = row_at(&client, &times, &shape, time);
-        let out = FieldGradients {
+        let out = FieldTensors {
             planes: zeros(&planes),
             lines: zeros(&lines),
             times: zeros(&times),

@@ -3,11 +3,10 @@
 #![allow(clippy::collapsible_if)]
 
 use super::{Contributors, ContributorsOps, ContributorsOutput, check_pixels};
-use crate::cube::{UNITS, Words, cubes, rows, scan};
+use crate::cube::{UNITS, Words, cubes, scan};
 use crate::splat::cube::rule::{clamped, log_alpha};
 use crate::splat::cube::{TILE, binned, tiles};
-use crate::splat::{ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
-use burn::backend::tensor::FloatTensor;
+use crate::splat::{ALPHA_MIN, SplatSettings, SplatTensors, TRANSMITTANCE_MIN};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
@@ -78,19 +77,9 @@ fn walk(
 }
 
 impl ContributorsOps for CubeBackend {
-    fn contributors(
-        means: FloatTensor<Self>,
-        rotations: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        opacity_logits: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
-        screen_offsets: FloatTensor<Self>,
-        settings: SplatSettings,
-        pixels: Vec<u32>,
-    ) -> ContributorsOutput<Self> {
-        let tensors = [means, rotations, log_scales, opacity_logits, sh].map(rows);
-        let binned = binned(&tensors, &rows(screen_offsets), &settings, true);
-        let client = tensors[0].client.clone();
+    fn contributors(inputs: SplatTensors<Self>, settings: SplatSettings, pixels: Vec<u32>) -> ContributorsOutput<Self> {
+        let client = inputs.means.client.clone();
+        let binned = binned(inputs, &settings, true);
         let (count, bins) = (pixels.len(), &binned.bins);
         let wanted = Words::u32s(&client, if pixels.is_empty() { &[0] } else { &pixels });
         let starts = Words::empty(&client, count + 1);

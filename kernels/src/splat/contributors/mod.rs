@@ -14,7 +14,6 @@ pub mod reference;
 
 use crate::splat::{SplatInputs, SplatSettings};
 use burn::backend::Dispatch;
-use burn::backend::tensor::FloatTensor;
 use burn::tensor::Tensor;
 use thiserror::Error;
 
@@ -58,22 +57,19 @@ pub fn contributors(
     settings: &SplatSettings,
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
-    fn plain<const D: usize>(tensor: &Tensor<D>) -> FloatTensor<Dispatch> {
+    fn plain<const D: usize>(tensor: &Tensor<D>) -> Tensor<D> {
         let tensor = tensor.clone();
-        if tensor.device().is_autodiff() { tensor.inner() } else { tensor }.into_dispatch()
+        if tensor.device().is_autodiff() { tensor.inner() } else { tensor }
     }
-    let zeros = || Tensor::zeros([inputs.opacity_logits.dims()[0], 2], &inputs.means.device());
-    let out = Dispatch::contributors(
-        plain(&inputs.means),
-        plain(&inputs.rotations),
-        plain(&inputs.log_scales),
-        plain(&inputs.opacity_logits),
-        plain(&inputs.sh),
-        plain(&inputs.screen_offsets.clone().unwrap_or_else(zeros)),
-        *settings,
-        pixels.to_vec(),
-    );
-    out.lists
+    let plain = SplatInputs {
+        means: plain(&inputs.means),
+        rotations: plain(&inputs.rotations),
+        log_scales: plain(&inputs.log_scales),
+        opacity_logits: plain(&inputs.opacity_logits),
+        sh: plain(&inputs.sh),
+        screen_offsets: inputs.screen_offsets.as_ref().map(plain),
+    };
+    Dispatch::contributors(plain.into_tensors(), *settings, pixels.to_vec()).lists
 }
 
 /// The first pixel that the image does not have, or too many of them.

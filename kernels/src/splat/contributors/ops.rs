@@ -3,9 +3,9 @@
 use super::cpu;
 use super::{Contributors, ContributorsError};
 use crate::backend::CpuBackend;
-use crate::splat::SplatSettings;
-use crate::splat::cpu::{Attributes, bin::Order, blend, project};
-use burn::backend::tensor::{FloatTensor, IntTensor};
+use crate::splat::cpu::{Values, bin::Order, blend, project};
+use crate::splat::{SplatSettings, SplatTensors};
+use burn::backend::tensor::IntTensor;
 use burn::backend::{Backend, ExtensionType, TensorMetadata, backend_extension};
 
 /// What a backend finds.
@@ -22,27 +22,17 @@ pub struct ContributorsOutput<B: Backend> {
 pub trait ContributorsOps: Backend {
     /// The lists of `pixels`.
     fn contributors(
-        means: FloatTensor<Self>,
-        rotations: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        opacity_logits: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
-        screen_offsets: FloatTensor<Self>,
+        #[extension_type] inputs: SplatTensors<Self>,
         settings: SplatSettings,
         pixels: Vec<u32>,
     ) -> ContributorsOutput<Self>;
 }
 
-fn on_host<B: CpuBackend>(
-    tensors: [FloatTensor<B>; 5],
-    offsets: &FloatTensor<B>,
-    settings: &SplatSettings,
-    pixels: &[u32],
-) -> ContributorsOutput<B> {
-    let device = tensors[0].device();
-    let sh_stride = tensors[4].shape()[1];
-    let values = tensors.each_ref().map(B::values);
-    let splats = project::project(Attributes::new(&values, sh_stride), &B::values(offsets), settings);
+fn on_host<B: CpuBackend>(inputs: &SplatTensors<B>, settings: &SplatSettings, pixels: &[u32]) -> ContributorsOutput<B> {
+    let device = inputs.means.device();
+    let values = Values::of::<B>(inputs);
+    let (attributes, offsets) = values.borrow();
+    let splats = project::project(attributes, offsets, settings);
     let order = Order::new(&splats, settings.camera.height);
     // blending finds where each tile ends, and so which Gaussians matter
     let (_, bins) = blend::blend(&order, settings);
@@ -56,16 +46,11 @@ macro_rules! bind {
     ($backend:ty) => {
         impl ContributorsOps for $backend {
             fn contributors(
-                means: FloatTensor<Self>,
-                rotations: FloatTensor<Self>,
-                log_scales: FloatTensor<Self>,
-                opacity_logits: FloatTensor<Self>,
-                sh: FloatTensor<Self>,
-                screen_offsets: FloatTensor<Self>,
+                inputs: SplatTensors<Self>,
                 settings: SplatSettings,
                 pixels: Vec<u32>,
             ) -> ContributorsOutput<Self> {
-                on_host::<Self>([means, rotations, log_scales, opacity_logits, sh], &screen_offsets, &settings, &pixels)
+                on_host::<Self>(&inputs, &settings, &pixels)
             }
         }
     };

@@ -12,7 +12,7 @@ pub(crate) mod project;
 mod project_backward;
 pub(crate) mod rule;
 
-use super::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use super::{SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::backend::CpuBackend;
 use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
@@ -23,7 +23,26 @@ use std::sync::Arc;
 /// Tile side in pixels.
 pub(crate) const TILE: usize = 16;
 
-/// The five attribute arrays, row-major, borrowed from the tensors of a backend.
+/// The values of a backend's tensors: attributes, and offsets on the screen.
+pub(crate) struct Values<'a> {
+    arrays: [Cow<'a, [f32]>; 6],
+    sh_stride: usize,
+}
+
+impl<'a> Values<'a> {
+    /// Borrowed where the tensors are contiguous.
+    pub(crate) fn of<B: CpuBackend>(inputs: &'a SplatTensors<B>) -> Self {
+        Self { arrays: inputs.as_array().map(B::values), sh_stride: inputs.sh.shape()[1] }
+    }
+
+    /// The attributes and the offsets `[N, 2]`.
+    pub(crate) fn borrow(&self) -> (Attributes<'_>, &[f32]) {
+        let [means, rotations, log_scales, opacity_logits, sh, offsets] = &self.arrays;
+        (Attributes { means, rotations, log_scales, opacity_logits, sh, sh_stride: self.sh_stride }, offsets)
+    }
+}
+
+/// The five attribute arrays, row-major.
 #[derive(Clone, Copy)]
 pub(crate) struct Attributes<'a> {
     /// `[N, 3]`
@@ -40,15 +59,7 @@ pub(crate) struct Attributes<'a> {
     pub sh_stride: usize,
 }
 
-impl<'a> Attributes<'a> {
-    /// Views of the five arrays, in the order of the op's inputs.
-    pub(crate) fn new(
-        [means, rotations, log_scales, opacity_logits, sh]: &'a [Cow<'_, [f32]>; 5],
-        sh_stride: usize,
-    ) -> Self {
-        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride }
-    }
-
+impl Attributes<'_> {
     fn len(&self) -> usize {
         self.opacity_logits.len()
     }
@@ -75,17 +86,12 @@ impl<B: CpuBackend> CpuSplat for B {}
 
 /// The op for any backend in host memory; the public trait is implemented by forwarding to this.
 trait CpuSplat: CpuBackend {
-    fn cpu_forward(
-        tensors: [FloatTensor<Self>; 5],
-        offsets: FloatTensor<Self>,
-        settings: SplatSettings,
-    ) -> SplatForward<Self> {
-        let device = tensors[0].device();
-        let n = tensors[0].shape()[0];
-        let sh_stride = tensors[4].shape()[1];
-        let values = tensors.each_ref().map(Self::values);
-        let attributes = Attributes::new(&values, sh_stride);
-        let (image, radii, saved) = forward(attributes, &Self::values(&offsets), &settings);
+    fn cpu_forward(inputs: &SplatTensors<Self>, settings: SplatSettings) -> SplatForward<Self> {
+        let device = inputs.means.device();
+        let n = inputs.means.shape()[0];
+        let values = Values::of::<Self>(inputs);
+        let (attributes, offsets) = values.borrow();
+        let (image, radii, saved) = forward(attributes, offsets, &settings);
         SplatForward {
             image: Self::tensor(image, [settings.camera.height, settings.camera.width, 4], &device),
             radii: Self::int_tensor(radii, [n], &device),
@@ -94,20 +100,20 @@ trait CpuSplat: CpuBackend {
     }
 
     fn cpu_backward(
-        tensors: [FloatTensor<Self>; 5],
-        grad_image: FloatTensor<Self>,
+        inputs: &SplatTensors<Self>,
+        grad_image: &FloatTensor<Self>,
         settings: SplatSettings,
         saved: SplatSaved,
-    ) -> SplatGradients<Self> {
-        let device = tensors[0].device();
-        let n = tensors[0].shape()[0];
-        let sh_stride = tensors[4].shape()[1];
-        let values = tensors.each_ref().map(Self::values);
-        let attributes = Attributes::new(&values, sh_stride);
+    ) -> SplatTensors<Self> {
+        let device = inputs.means.device();
+        let n = inputs.means.shape()[0];
+        let values = Values::of::<Self>(inputs);
+        let (attributes, _) = values.borrow();
+        let sh_stride = attributes.sh_stride;
         let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
-        let screen = blend_backward::blend_backward(saved, &Self::values(&grad_image), &settings);
+        let screen = blend_backward::blend_backward(saved, &Self::values(grad_image), &settings);
         let g = project_backward::project_backward(attributes, &saved.order, &screen, &settings);
-        SplatGradients {
+        SplatTensors {
             means: Self::tensor(g.means, [n, 3], &device),
             rotations: Self::tensor(g.rotations, [n, 4], &device),
             log_scales: Self::tensor(g.log_scales, [n, 3], &device),
@@ -121,32 +127,19 @@ trait CpuSplat: CpuBackend {
 macro_rules! bind {
     ($backend:ty) => {
         impl SplatOps for $backend {
-            fn splat_forward(
-                means: FloatTensor<Self>,
-                rotations: FloatTensor<Self>,
-                log_scales: FloatTensor<Self>,
-                opacity_logits: FloatTensor<Self>,
-                sh: FloatTensor<Self>,
-                screen_offsets: FloatTensor<Self>,
-                settings: SplatSettings,
-                _: bool,
-            ) -> SplatForward<Self> {
-                Self::cpu_forward([means, rotations, log_scales, opacity_logits, sh], screen_offsets, settings)
+            fn splat_forward(inputs: SplatTensors<Self>, settings: SplatSettings, _: bool) -> SplatForward<Self> {
+                Self::cpu_forward(&inputs, settings)
             }
         }
 
         impl SplatBackwardOps for $backend {
             fn splat_backward(
-                means: FloatTensor<Self>,
-                rotations: FloatTensor<Self>,
-                log_scales: FloatTensor<Self>,
-                opacity_logits: FloatTensor<Self>,
-                sh: FloatTensor<Self>,
+                inputs: SplatTensors<Self>,
                 grad_image: FloatTensor<Self>,
                 settings: SplatSettings,
                 saved: SplatSaved,
-            ) -> SplatGradients<Self> {
-                Self::cpu_backward([means, rotations, log_scales, opacity_logits, sh], grad_image, settings, saved)
+            ) -> SplatTensors<Self> {
+                Self::cpu_backward(&inputs, &grad_image, settings, saved)
             }
         }
     };

@@ -17,7 +17,7 @@ mod project_backward;
 pub(super) mod rule;
 mod sh;
 
-use super::{SplatBackwardOps, SplatForward, SplatGradients, SplatOps, SplatSaved, SplatSettings};
+use super::{SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
 use bin::Bins;
 use burn::backend::tensor::FloatTensor;
@@ -58,8 +58,8 @@ pub(super) fn tiles(settings: &SplatSettings) -> [usize; 2] {
 }
 
 /// Projects and bins; with `exact`, the host waits to learn how many entries there are.
-pub(super) fn binned(tensors: &[CubeTensor; 5], offsets: &CubeTensor, settings: &SplatSettings, exact: bool) -> Binned {
-    let [means, rotations, log_scales, logits, sh] = tensors;
+pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings, exact: bool) -> Binned {
+    let [means, rotations, log_scales, logits, sh, offsets] = &inputs.into_array().map(rows);
     let client = &means.client;
     let n = means.meta.shape()[0];
     let screen = Words::empty(client, n * project::SCREEN);
@@ -135,20 +135,10 @@ fn blend(client: &Client, binned: &Binned, image: &CubeTensor, settings: &SplatS
 }
 
 impl SplatOps for CubeBackend {
-    fn splat_forward(
-        means: FloatTensor<Self>,
-        rotations: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        opacity_logits: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
-        screen_offsets: FloatTensor<Self>,
-        settings: SplatSettings,
-        save: bool,
-    ) -> SplatForward<Self> {
-        let tensors = [means, rotations, log_scales, opacity_logits, sh].map(rows);
-        let binned = binned(&tensors, &rows(screen_offsets), &settings, !save);
-        let client = tensors[0].client.clone();
-        let image = empty_f32(&tensors[0], [settings.camera.height, settings.camera.width, 4]);
+    fn splat_forward(inputs: SplatTensors<Self>, settings: SplatSettings, save: bool) -> SplatForward<Self> {
+        let client = inputs.means.client.clone();
+        let image = empty_f32(&inputs.means, [settings.camera.height, settings.camera.width, 4]);
+        let binned = binned(inputs, &settings, !save);
         let [states, used] = blend(&client, &binned, &image, &settings, save);
         let Binned { screen, radii, bins } = binned;
         let saved = SplatSaved(Arc::new(Saved { screen, bins, used, states, image: image.clone() }));
@@ -158,16 +148,12 @@ impl SplatOps for CubeBackend {
 
 impl SplatBackwardOps for CubeBackend {
     fn splat_backward(
-        means: FloatTensor<Self>,
-        rotations: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        _: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
+        inputs: SplatTensors<Self>,
         grad_image: FloatTensor<Self>,
         settings: SplatSettings,
         saved: SplatSaved,
-    ) -> SplatGradients<Self> {
-        let [means, rotations, log_scales, sh] = [means, rotations, log_scales, sh].map(rows);
+    ) -> SplatTensors<Self> {
+        let [means, rotations, log_scales, _, sh, _] = inputs.into_array().map(rows);
         let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
         let client = means.client.clone();
         let n = means.meta.shape()[0];
@@ -193,7 +179,7 @@ impl SplatBackwardOps for CubeBackend {
             tiles_x as u32,
             (tiles_x * tiles_y) as u32,
         );
-        let out = SplatGradients {
+        let out = SplatTensors {
             means: empty_f32(&means, [n, 3]),
             rotations: empty_f32(&means, [n, 4]),
             log_scales: empty_f32(&means, [n, 3]),

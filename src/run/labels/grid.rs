@@ -1,9 +1,8 @@
 //! The voxels that labels fall on: where they lie in the scene, and what the file says of them. Labels themselves are
 //! in `labels`.
 
-use super::super::CliError;
+use super::super::{OpenRun, RunError};
 use crate::prepare::PrepareRecord;
-use crate::run::OpenRun;
 use crate::volume::formats;
 use crate::volume::grid::Grid;
 use crate::volume::placement::{Placement, published_side};
@@ -14,7 +13,7 @@ const TOLERANCE: f64 = 1e-3;
 
 /// One set of voxels in two systems of coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct LabelGrid {
+pub struct LabelGrid {
     /// In scene units, where the Gaussians are.
     pub scene: Grid,
     /// In the units of the volume file, where they are known; else as `scene`.
@@ -27,13 +26,13 @@ pub(super) struct LabelGrid {
 ///
 /// # Errors
 /// A record that cannot be read, or no folder at `data`.
-pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, CliError> {
+pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, RunError> {
     let folder = data.unwrap_or(&run.record.dataset);
     let path = folder.join("prepare.json");
-    let fault = |e: &dyn std::fmt::Display| CliError::input(format!("{}: {e}", path.display()));
+    let fault = |e: &dyn std::fmt::Display| RunError::input(format!("{}: {e}", path.display()));
     match std::fs::read_to_string(&path) {
         Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| fault(&e)),
-        Err(_) if data.is_some() && !folder.is_dir() => Err(CliError::input(format!(
+        Err(_) if data.is_some() && !folder.is_dir() => Err(RunError::input(format!(
             "--data {}: there is no such folder to look for prepare.json in",
             folder.display()
         ))),
@@ -43,7 +42,8 @@ pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<Prepar
 }
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
-/// `dims` voxels over the same box; else `dims` voxels over the box of the scene.
+/// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Beside them what had to be assumed, if
+/// anything had.
 ///
 /// # Errors
 /// A file that cannot be read or is of other proportions than the prepared volume; nothing that says how many voxels.
@@ -53,30 +53,27 @@ pub(super) fn choose(
     record: Option<&PrepareRecord>,
     dims: Option<[usize; 3]>,
     like: Option<&Path>,
-) -> Result<LabelGrid, CliError> {
+) -> Result<(LabelGrid, Option<String>), RunError> {
     let missing = || format!("{} has no prepare.json", data.display());
     if let Some(path) = like {
-        let file = formats::open(path).map_err(CliError::input)?.header().grid;
-        if record.is_none() {
-            errln!(
-                "note: {}: the volume is taken to be centred, its longest side half as wide as the frame",
-                missing()
-            );
-        }
-        return alike(file, record).map_err(|e| CliError::input(format!("--like {}: {e}", path.display())));
+        let file = formats::open(path).map_err(RunError::input)?.header().grid;
+        let centred =
+            || format!("{}: the volume is taken to be centred, its longest side half as wide as the frame", missing());
+        let grid = alike(file, record).map_err(|e| RunError::input(format!("--like {}: {e}", path.display())))?;
+        return Ok((grid, record.is_none().then(centred)));
     }
     if let Some(record) = record {
-        return Ok(prepared(record, dims));
+        return Ok((prepared(record, dims), None));
     }
     let Some(dims) = dims else {
-        return Err(CliError::input(format!(
+        return Err(RunError::input(format!(
             "{}, so its voxels are not known; name a volume that has them with --like VOLUME, or say how many with \
              --dims X,Y,Z (over the box of the scene)",
             missing()
         )));
     };
-    errln!("note: {}: labels fall on the box of the scene; give the volume with --like", missing());
-    Ok(around(run.scene.spec.centre, run.scene.spec.half_size, dims))
+    let assumed = format!("{}: labels fall on the box of the scene; give the volume with --like", missing());
+    Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), Some(assumed)))
 }
 
 fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String> {

@@ -1,18 +1,17 @@
 //! The truth about segments on voxels, from label volumes or a synthetic scene, and how well labels agree with it.
 //! The scores themselves are in `segment::dice`.
 
-use super::super::CliError;
-use super::label_grid::LabelGrid;
+use super::super::RunError;
+use super::grid::LabelGrid;
 use crate::data::truth::SegmentFile;
 use crate::segment::dice::{Confusion, Match, mean_dice};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
 use serde::Serialize;
-use std::fmt::Write as _;
 use std::path::Path;
 
 /// Where the true labels come from.
-pub(super) enum Truth {
+pub enum Truth {
     /// Label volumes, and the names of their labels as far as the dataset knows them.
     Files(Box<Series>, Vec<(u32, String)>),
     /// A synthetic scene on so many voxels.
@@ -21,7 +20,7 @@ pub(super) enum Truth {
 
 /// How well the labels agree with the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Agreement {
+pub struct Agreement {
     /// Mean Dice score over true labels, each with one segment; none where there is no true label.
     pub mean_dice: Option<f64>,
     /// The same where a true label may be put together of several segments.
@@ -32,7 +31,7 @@ pub(super) struct Agreement {
 
 /// A true label and what stands for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Score {
+pub struct Score {
     /// Name of the true label.
     pub truth: String,
     /// The segment that stands for it in the assignment with the highest sum of Dice scores; none if all are taken.
@@ -54,12 +53,12 @@ impl Truth {
     ///
     /// # Errors
     /// Files that cannot be read, or are not on the voxels of `grid`.
-    pub(super) fn open(inputs: &[String], grid: &LabelGrid, data: &Path) -> Result<Self, CliError> {
+    pub fn open(inputs: &[String], grid: &LabelGrid, data: &Path) -> Result<Self, RunError> {
         if let [name] = inputs
             && let Ok(scene) = name.parse::<Synthetic>()
         {
             if !grid.is_source {
-                return Err(CliError::input(format!(
+                return Err(RunError::input(format!(
                     "--truth {name}: a synthetic scene is known on the voxels that the dataset was prepared from; leave \
                      out --dims and --like, and point to the dataset with --data if it was moved"
                 )));
@@ -68,9 +67,9 @@ impl Truth {
         }
         // numbers may be missing: the truth need not be known at every step
         let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
-        let series = Series::open(inputs, &options).map_err(CliError::input)?;
+        let series = Series::open(inputs, &options).map_err(RunError::input)?;
         if series.grid().dims != grid.file.dims {
-            return Err(CliError::input(format!(
+            return Err(RunError::input(format!(
                 "--truth: {} has {:?} voxels, the labels {:?}; pass --like with one of the files of the truth",
                 series.name(0),
                 series.grid().dims,
@@ -86,7 +85,7 @@ impl Truth {
     }
 
     /// The files that are read.
-    pub(super) fn files(&self) -> Vec<&Path> {
+    pub fn files(&self) -> Vec<&Path> {
         match self {
             Self::Files(series, _) => series.files().iter().map(std::path::PathBuf::as_path).collect(),
             Self::Synthetic(..) => Vec::new(),
@@ -97,19 +96,19 @@ impl Truth {
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub(super) fn at(&self, time: f64) -> Result<Vec<u16>, CliError> {
+    pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
         match self {
             Self::Files(series, _) => {
                 let off = |step: &usize| (series.time(*step) - time).abs();
                 let nearest = (0..series.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
-                Ok(series.load_labels(nearest).map_err(CliError::input)?.ids)
+                Ok(series.load_labels(nearest).map_err(RunError::input)?.ids)
             }
             Self::Synthetic(scene, dims) => Ok(scene.sample(*dims, time).1.ids),
         }
     }
 
     /// Matches the true labels with the segments `names`, whose labels count from 1.
-    pub(super) fn agreement(&self, pairs: &Confusion, names: &[String]) -> Agreement {
+    pub fn agreement(&self, pairs: &Confusion, names: &[String]) -> Agreement {
         let segments = |m: &Match| -> Vec<String> {
             m.predicted.iter().filter_map(|p| names.get((*p as usize).checked_sub(1)?)).cloned().collect()
         };
@@ -137,26 +136,4 @@ impl Truth {
         };
         known.map_or_else(|| format!("label {label}"), ToOwned::to_owned)
     }
-}
-
-/// The scores as lines for the terminal.
-pub(super) fn report(agreement: &Agreement) -> String {
-    let mut text = format!("{:<20} {:<20} {:>7} {:>7}   {}\n", "truth", "segment", "Dice", "IoU", "several together");
-    for s in &agreement.segments {
-        let segment = s.segment.as_deref().unwrap_or("-");
-        let set = if s.set.len() > 1 { format!("{:.4} {}", s.set_dice, s.set.join(" + ")) } else { String::new() };
-        // writing to a string cannot fail
-        let _ = writeln!(
-            text,
-            "{}",
-            format!("{:<20} {segment:<20} {:>7.4} {:>7.4}   {set}", s.truth, s.dice, s.iou).trim_end()
-        );
-    }
-    match (agreement.mean_dice, agreement.mean_dice_of_sets) {
-        (Some(one), Some(set)) => {
-            let _ = writeln!(text, "mean Dice {one:.4}; {set:.4} with several segments for one true label");
-        }
-        _ => text.push_str("the truth has no label\n"),
-    }
-    text
 }

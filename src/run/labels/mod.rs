@@ -1,0 +1,117 @@
+//! Labels of a run's segments on the voxels of its volume: which segments count (`choice`), where the voxels lie (`grid`),
+//! and the truth to compare with (`truth`). How Gaussians vote for a voxel is in `segment::voxels`; the files are written
+//! by `export::labels`.
+
+mod choice;
+mod grid;
+mod truth;
+
+pub use grid::LabelGrid;
+pub use truth::{Agreement, Score, Truth};
+
+use super::selection::Selection;
+use super::{OpenRun, RunError};
+use crate::export::labels::NamedLabel;
+use crate::memory::{Budget, product};
+use crate::segment::segmentation::Segmentation;
+use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
+use choice::Choice;
+use std::path::{Path, PathBuf};
+
+/// Bytes that a voxel takes: the votes, the labels, the truth beside them, and what is written.
+const VOXEL_BYTES: usize = 24;
+
+/// Which labels are wanted, and where.
+#[derive(Debug, Clone, Default)]
+pub struct LabelPlan {
+    /// Names of segments; those that have no parts if there is none.
+    pub segments: Vec<String>,
+    /// Voxels along x, y, z; those of the prepared volume if not given.
+    pub dims: Option<[usize; 3]>,
+    /// Volume file whose voxels are taken.
+    pub like: Option<PathBuf>,
+    /// The run's dataset, where it is not at its place any more.
+    pub data: Option<PathBuf>,
+    /// Density of Gaussians above which a voxel belongs to a segment.
+    pub threshold: Option<f32>,
+    /// Labels of the scene as the edits of the run show it, not as trained.
+    pub edited: bool,
+}
+
+/// Labels of a run's segments, to be found at any time.
+pub struct Labels<'r> {
+    run: &'r OpenRun,
+    selection: Selection,
+    vote: Vote,
+    /// Label of each Gaussian, 0 for none.
+    labels: Vec<u32>,
+    /// Names of the segments, whose labels count from 1.
+    pub names: Vec<String>,
+    /// The same with values and colours, for files.
+    pub listed: Vec<NamedLabel>,
+    /// The voxels.
+    pub grid: LabelGrid,
+    /// The dataset that they were taken from.
+    pub data: PathBuf,
+    /// What had to be assumed about the voxels, if anything had.
+    pub assumed: Option<String>,
+}
+
+impl<'r> Labels<'r> {
+    /// Chooses segments and voxels.
+    ///
+    /// # Errors
+    /// A run without segments, or names it has not; voxels that are not known, do not fit the dataset or memory.
+    pub fn new(run: &'r OpenRun, plan: &LabelPlan) -> Result<Self, RunError> {
+        let all = run.segments()?;
+        let Choice { names, labels } = choice::choose(&all, &plan.segments).map_err(RunError::input)?;
+        if names.is_empty() {
+            let run = run.path.display();
+            return Err(RunError::input(format!("{run}: no segments yet; run `volseggs segment coarse {run}`")));
+        }
+        let listed = listed(&names, &all)?;
+        let selection = Selection::open(run, &plan.segments, plan.edited)?;
+        let record = grid::record(run, plan.data.as_deref())?;
+        let data = plan.data.clone().unwrap_or_else(|| run.record.dataset.clone());
+        let (grid, assumed) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
+        check_memory(&grid, plan.like.as_deref())?;
+        let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
+        Ok(Self { run, selection, vote, labels, names, listed, grid, data, assumed })
+    }
+
+    /// Labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.
+    ///
+    /// # Errors
+    /// An edit that cannot be applied, or more labels than a volume holds.
+    pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
+        let at = self.selection.edited(&self.run.scene, time as f32)?;
+        let cloud = LabelledCloud {
+            means: &at.means,
+            rotations: &at.rotations,
+            log_scales: &at.log_scales,
+            opacity: &at.opacity(),
+            labels: &self.labels,
+        };
+        label_voxels(&cloud, &self.grid.scene, &self.vote).map_err(RunError::input)
+    }
+}
+
+fn check_memory(grid: &LabelGrid, like: Option<&Path>) -> Result<(), RunError> {
+    let [x, y, z] = grid.file.dims;
+    let what = match like {
+        Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
+        None => format!("--dims {x},{y},{z}"),
+    };
+    Budget::now().check(what, product(&[x, y, z, VOXEL_BYTES])).map_err(RunError::input)
+}
+
+fn listed(names: &[String], all: &Segmentation) -> Result<Vec<NamedLabel>, RunError> {
+    let mut listed = Vec::with_capacity(names.len());
+    for (i, name) in names.iter().enumerate() {
+        let value = u16::try_from(i + 1)
+            .map_err(|_| RunError::input(format!("{} segments, at most 65535 fit a volume; name some", names.len())))?;
+        let colour = all.get(name).map_err(RunError::input)?.colour.map(|c| c.clamp(0.0, 1.0));
+        listed.push(NamedLabel { value, name: name.clone(), colour });
+    }
+    Ok(listed)
+}
