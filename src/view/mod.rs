@@ -10,6 +10,7 @@ pub mod cache;
 pub mod client;
 pub mod hub;
 pub mod pace;
+pub mod page;
 pub mod protocol;
 pub mod render;
 pub mod server;

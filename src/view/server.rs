@@ -2,6 +2,7 @@
 
 use super::auth::Guard;
 use super::hub::{ClientId, Event, Hub, Outgoing};
+use super::page::{FILES, MODULES, PageFile};
 use super::protocol::{Answer, LONGEST, Request};
 use axum::Router;
 use axum::body::Body;
@@ -27,15 +28,6 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// What a page may load, and from where: itself alone.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
-/// What the page consists of.
-const FILES: [(&str, &str, &[u8]); 5] = [
-    ("/", "text/html; charset=utf-8", include_bytes!("page/index.html")),
-    ("/style.css", "text/css; charset=utf-8", include_bytes!("page/style.css")),
-    ("/icon.svg", "image/svg+xml", include_bytes!("page/icon.svg")),
-    ("/app.js", "text/javascript; charset=utf-8", include_bytes!("page/app.js")),
-    ("/camera.js", "text/javascript; charset=utf-8", include_bytes!("page/camera.js")),
-];
-
 /// What all connections share.
 #[derive(Clone)]
 pub struct Shared {
@@ -55,7 +47,7 @@ impl Shared {
 /// The routes.
 pub fn router(shared: Shared) -> Router {
     let mut router = Router::new().route("/ws", get(socket));
-    for (path, kind, bytes) in FILES {
+    for PageFile { path, kind, bytes } in FILES.into_iter().chain(MODULES) {
         let file = move || async move { ([(header::CONTENT_TYPE, kind)], bytes) };
         router = router.route(path, get(file));
     }

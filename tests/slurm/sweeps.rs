@@ -154,9 +154,11 @@ fn a_cancelled_task(site: &Site) {
 }
 
 fn a_task_out_of_time(site: &Site) {
-    // as long as it takes: the warning comes within a minute
+    // as long as it takes: the warning comes a minute and a half before the limit, at the earliest
     let file = site.file("late", "[grid]\n'stages.joint_steps' = [1000000]");
-    let profile = site.profile("time = '1'\ngrace = 50\ncpus = 1");
+    // Slurm looks every 30 s and warns up to 30 s early: with a limit of one minute it may warn before the script runs, and
+    // then never again
+    let profile = site.profile("time = '2'\ngrace = 60\ncpus = 1");
     let job = site.submit(&file, &profile)[0]["job"].as_u64().unwrap();
     let requeued = || site.logs("late").matches("queued again").count();
     // on a busy machine the first warning may come before the first step

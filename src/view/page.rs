@@ -1,0 +1,73 @@
+//! What the page in the browser consists of, as it is embedded in the program.
+
+/// A file of the page.
+#[derive(Clone, Copy, Debug)]
+pub struct PageFile {
+    /// Where it is asked for.
+    pub path: &'static str,
+    /// Its media type.
+    pub kind: &'static str,
+    /// What is in it.
+    pub bytes: &'static [u8],
+}
+
+macro_rules! files {
+    ($($path:literal $kind:literal $file:literal,)*) => {
+        [$(PageFile { path: $path, kind: $kind, bytes: include_bytes!(concat!("page/", $file)) }),*]
+    };
+}
+
+macro_rules! modules {
+    ($($name:literal,)*) => {
+        [$(PageFile {
+            path: concat!("/", $name),
+            kind: "text/javascript; charset=utf-8",
+            bytes: include_bytes!(concat!("page/", $name)),
+        }),*]
+    };
+}
+
+/// Everything but the modules.
+pub const FILES: [PageFile; 3] = files![
+    "/" "text/html; charset=utf-8" "index.html",
+    "/style.css" "text/css; charset=utf-8" "style.css",
+    "/icon.svg" "image/svg+xml" "icon.svg",
+];
+
+/// The modules of its script.
+pub const MODULES: [PageFile; 12] = modules![
+    "address.js",
+    "app.js",
+    "camera.js",
+    "edits.js",
+    "input.js",
+    "looks.js",
+    "picture.js",
+    "segments.js",
+    "selection.js",
+    "socket.js",
+    "state.js",
+    "time.js",
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_is_small() {
+        let bytes: usize = FILES.iter().chain(&MODULES).map(|f| f.bytes.len()).sum();
+        assert!(bytes <= 250_000, "{bytes} bytes");
+    }
+
+    #[test]
+    fn each_module_that_another_imports_is_there() {
+        for file in MODULES {
+            let text = std::str::from_utf8(file.bytes).unwrap();
+            for line in text.lines().filter(|l| l.starts_with("import ")) {
+                let from = line.rsplit("\"./").next().unwrap().trim_end_matches("\";");
+                assert!(MODULES.iter().any(|m| m.path[1..] == *from), "{}: {line}", file.path);
+            }
+        }
+    }
+}

@@ -1,0 +1,24 @@
+// Edits of the checked segments.
+import { $, make, on, value } from "./state.js";
+import { change } from "./socket.js";
+import { chosen } from "./segments.js";
+
+const edit = (operation) => { const segments = chosen(); if (segments.length) change({ kind: "edit", segments, operation }); };
+
+$("edits-undo").onclick = () => change({ kind: "edits", undo: true });
+$("edits-redo").onclick = () => change({ kind: "edits", undo: false });
+$("recolour").onclick = () => {
+  const rgb = [1, 3, 5].map((k) => parseInt($("paint").value.slice(k, k + 2), 16) / 255);
+  edit({ recolour: { rgb, keep_shading: true } });
+};
+$("opacity").onclick = () => edit({ opacity: { factor: value("factor") } });
+$("hide").onclick = () => edit("hide");
+$("show").onclick = () => edit("show");
+$("move").onclick = () => edit({ translate: { by: [value("dx"), value("dy"), value("dz")] } });
+$("rotate").onclick = () => edit({ rotate: { axis: ["x", "y", "z"].map((a) => Number(a === $("axis").value)), degrees: value("degrees"), about: null } });
+$("enlarge").onclick = () => edit({ scale: { factor: value("size"), about: null } });
+
+on("document", (doc) => {
+  $("edits").replaceChildren(...doc.edits.map((textContent) => make("li", { textContent })));
+  [$("edits-undo").disabled, $("edits-redo").disabled] = doc.edit_steps.map((there) => !there);
+});

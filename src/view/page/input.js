@@ -1,0 +1,76 @@
+// Mouse, touch and keys on the picture.
+import { $, app, canvas } from "./state.js";
+import { change } from "./socket.js";
+import { look } from "./picture.js";
+import { nudge, play } from "./time.js";
+import { clear, click } from "./selection.js";
+import { save } from "./looks.js";
+
+let drag = null;
+const fingers = new Map();
+canvas.addEventListener("pointerdown", (e) => {
+  canvas.focus();
+  canvas.setPointerCapture(e.pointerId);
+  fingers.set(e.pointerId, [e.clientX, e.clientY]);
+  drag = { x: e.clientX, y: e.clientY, moved: 0, button: e.button, shift: e.shiftKey, ctrl: e.ctrlKey, alt: e.altKey };
+});
+canvas.addEventListener("pointermove", (e) => {
+  if (!drag || !fingers.has(e.pointerId)) return;
+  const before = [...fingers.values()];
+  fingers.set(e.pointerId, [e.clientX, e.clientY]);
+  const [dx, dy] = [e.clientX - drag.x, e.clientY - drag.y];
+  Object.assign(drag, { x: e.clientX, y: e.clientY, moved: drag.moved + Math.abs(dx) + Math.abs(dy) });
+  if (drag.moved < 4) return;
+  const width = Math.min(canvas.clientWidth, canvas.clientHeight);
+  if (fingers.size === 2) {
+    const after = [...fingers.values()];
+    const apart = ([a, b]) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+    app.camera.dolly(apart(before) / Math.max(apart(after), 1));
+    app.camera.pan(dx / width / 2, dy / width / 2);
+  } else if (drag.button === 2 || drag.ctrl) app.camera.dolly(Math.exp((2 * dy) / width));
+  else if (drag.button === 1 || drag.shift) app.camera.pan(dx / width, dy / width);
+  else app.camera.orbit(dx / width, dy / width);
+  look(true);
+});
+const release = (e) => {
+  fingers.delete(e.pointerId);
+  if (drag && e.type === "pointerup" && drag.moved < 4 && drag.button === 0) click(e);
+  else look(false);
+  if (!fingers.size) drag = null;
+};
+canvas.addEventListener("pointerup", release);
+canvas.addEventListener("pointercancel", release);
+canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+canvas.addEventListener("wheel", (e) => {
+  e.preventDefault();
+  app.camera.dolly(Math.exp(Math.sign(e.deltaY) * Math.min(Math.abs(e.deltaY), 200) / 800));
+  look(true);
+}, { passive: false });
+
+document.addEventListener("keydown", (e) => {
+  if (e.ctrlKey && e.key.toLowerCase() === "z") {
+    e.preventDefault();
+    return change({ kind: "edits", undo: !e.shiftKey });
+  }
+  if (e.key === "Escape") return clear();
+  if (/INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && document.activeElement.type !== "range") return;
+  if (e.ctrlKey || e.metaKey || !app.camera) return;
+  const turn = 0.03;
+  const keys = {
+    ArrowLeft: () => app.camera.orbit(-turn, 0), ArrowRight: () => app.camera.orbit(turn, 0),
+    ArrowUp: () => app.camera.orbit(0, -turn), ArrowDown: () => app.camera.orbit(0, turn),
+    "+": () => app.camera.dolly(0.9), "-": () => app.camera.dolly(1 / 0.9),
+    q: () => app.camera.roll(-0.05), e: () => app.camera.roll(0.05), r: () => app.camera.reset(),
+  };
+  if (document.activeElement?.type === "range" && e.key.startsWith("Arrow")) return;
+  if (keys[e.key]) {
+    e.preventDefault();
+    keys[e.key]();
+    return look(true);
+  }
+  if (e.key === " " && document.activeElement?.tagName !== "BUTTON") { e.preventDefault(); play(); }
+  if (e.key === ",") nudge(-1);
+  if (e.key === ".") nudge(1);
+  if (e.key === "s") save();
+  if (e.key === "Enter" && app.picked && document.activeElement === canvas) $("name").focus();
+});

@@ -1,0 +1,83 @@
+// The picture: what is to be seen is said to the server, and the frames that come are drawn.
+import { $, app, canvas, tell, value } from "./state.js";
+import { hear, send } from "./socket.js";
+
+const HEADER = 32;
+const context = canvas.getContext("2d", { willReadFrequently: true });
+let lastView = "";
+let frames = [];
+
+// the picture fills the stage
+export function size() {
+  const box = $("stage").getBoundingClientRect();
+  return [box.width, box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
+}
+
+// the field of view, so wide that what a training image shows is in the picture, whatever its shape
+function lens() {
+  const [width, height] = size();
+  const wider = Math.max(1, width / height / (app.welcome.size[0] / app.welcome.size[1]));
+  return 2 * Math.atan(Math.tan(app.camera.fov / 2) * wider);
+}
+
+export function view(moving) {
+  return {
+    ...app.camera.state(), fov: lens(), size: size(), time: value("when"), look: $("look").value,
+    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, moving,
+  };
+}
+
+// the picture is not what is to be seen any more; a new one will come
+export function stale() {
+  app.last = null;
+  canvas.dataset.lossless = false;
+}
+
+let resting;
+// asks for the picture as it is to be now; true if that is not what was asked for last
+export function look(moving) {
+  if (!app.camera || !app.welcome) return false;
+  const wanted = view(moving);
+  const text = JSON.stringify(wanted);
+  if (text === lastView) return false;
+  lastView = text;
+  stale();
+  send({ type: "view", ...wanted });
+  clearTimeout(resting);
+  resting = setTimeout(moving ? () => look(false) : () => tell("rested"), moving ? 200 : 300);
+  return true;
+}
+
+// whatever was asked for last is forgotten: the server does not know it
+export function again() {
+  lastView = "";
+  look(false);
+}
+
+async function show(data) {
+  const head = new DataView(data);
+  const frame = head.getUint32(4, true);
+  const [width, height] = [head.getUint16(16, true), head.getUint16(18, true)];
+  const png = head.getUint8(1) === 1;
+  const bytes = new Blob([new Uint8Array(data, HEADER)], { type: png ? "image/png" : "image/jpeg" });
+  const picture = await createImageBitmap(bytes);
+  send({ type: "ack", frame });
+  const [w, h] = size();
+  if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+  context.drawImage(picture, 0, 0, w, h);
+  picture.close();
+  app.last = png ? bytes : null;
+  canvas.dataset.frame = frame;
+  canvas.dataset.lossless = png;
+  canvas.dataset.revision = head.getUint32(8, true);
+  canvas.dataset.time = head.getFloat32(20, true).toFixed(4);
+  frames = [...frames.filter((t) => t > performance.now() - 1000), performance.now()];
+  const [render, encode] = [head.getFloat32(24, true), head.getFloat32(28, true)].map((v) => v.toFixed(0));
+  $("figures").textContent = `${width}×${height}${png ? ", lossless" : ""}, ${render} + ${encode} ms` + (app.playing ? `, ${frames.length} frames/s` : "");
+  tell("frame");
+}
+
+hear("frame", show);
+hear("legend", ({ legend }) => { $("legend").textContent = legend?.legend ?? ""; });
+$("edits-on").onchange = () => look(false);
+new ResizeObserver(() => look(false)).observe($("stage"));

@@ -1,0 +1,76 @@
+// Clicks: what is selected, its levels and sliders, and segments made of it.
+import { $, app, canvas, make, on, say, tell, value } from "./state.js";
+import { ask, hear, send } from "./socket.js";
+import { look, stale } from "./picture.js";
+
+export async function click(e) {
+  const box = canvas.getBoundingClientRect();
+  const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
+  const pixel = at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
+  const stage = $("stage").getBoundingClientRect();
+  Object.assign($("marker").style, { left: `${e.clientX - stage.left}px`, top: `${e.clientY - stage.top}px` });
+  $("marker").hidden = false;
+  look(false);
+  const combine = e.shiftKey ? "add" : e.altKey ? "remove" : "replace";
+  await ask({ type: "pick", pixel, within: null, meaning: null, combine }).catch((message) => say(message, true));
+}
+
+function selected(message) {
+  app.picked = message;
+  stale();
+  say("");
+  const names = message.segments.length ? ` in ${message.segments.join(", ")}` : "";
+  $("selected").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${names} (${message.ms.toFixed(0)} ms)`;
+  $("levels").replaceChildren(...message.levels.map((share, n) => {
+    const button = make("button", { textContent: `${n + 1}: ${(100 * share).toFixed(0)} %`, title: "Level, and its share of what is looked at" });
+    button.setAttribute("aria-pressed", n + 1 === message.level);
+    button.onclick = () => adjust({ level: n + 1 });
+    return button;
+  }));
+  $("scale").value = message.scale;
+  $("cosine").value = Math.max(0, message.threshold);
+}
+
+// latest wins: one adjustment is on its way at a time
+let adjusting = false, next = null;
+async function adjust(meaning) {
+  if (!app.picked) return;
+  if (adjusting) { next = meaning; return; }
+  adjusting = true;
+  await ask({ type: "adjust", meaning }).catch((message) => say(message, true));
+  adjusting = false;
+  if (next) { const m = next; next = null; adjust(m); }
+}
+const byHand = () => adjust({ by: { scale: value("scale"), threshold: value("cosine") } });
+$("scale").oninput = byHand;
+$("cosine").oninput = byHand;
+
+export function clear() {
+  app.picked = null;
+  stale();
+  $("marker").hidden = true;
+  $("levels").replaceChildren();
+  if (app.welcome?.clicks) $("selected").textContent = "Click on the picture to select. Shift-click adds, Alt-click removes.";
+  send({ type: "clear" });
+  tell("cleared");
+}
+$("clear").onclick = clear;
+$("commit").onsubmit = async (e) => {
+  e.preventDefault();
+  const name = $("name").value.trim();
+  if (!app.picked) return say("Click on something first.", true);
+  if (!name) return say("Give it a name.", true);
+  await ask({ type: "commit", base: app.doc.revision, name }).then(() => {
+    $("name").value = "";
+    clear();
+    say(`${name} is a segment now.`);
+  }).catch((message) => say(message, true));
+};
+
+hear("picked", (message) => {
+  selected(message);
+  tell("picked", message);
+});
+on("welcome", ({ clicks }) => {
+  if (!clicks) $("selected").textContent = "To select by clicks, make masks and train the affinity field first: volseggs segment coarse, masks, fine.";
+});

@@ -1,0 +1,44 @@
+// The websocket: what is said, and who hears the answers.
+import { app, say } from "./state.js";
+
+let socket;
+let number = 0;
+const waiting = new Map();
+const hearers = {};
+
+// who hears texts of a type; frames are of the type "frame"
+export const hear = (type, hearer) => { hearers[type] = hearer; };
+
+export function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
+  socket.binaryType = "arraybuffer";
+  socket.onmessage = ({ data }) => (typeof data === "string" ? listen(JSON.parse(data)) : hearers.frame(data));
+  socket.onclose = () => {
+    for (const { reject } of waiting.values()) reject("The viewer does not answer.");
+    waiting.clear();
+    say("The viewer does not answer; trying again …", true);
+    setTimeout(connect, 1000);
+  };
+}
+
+export const send = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(message));
+
+// a request that is answered; resolves to the answer or rejects with its message
+export function ask(message) {
+  const id = ++number;
+  return new Promise((resolve, reject) => {
+    waiting.set(id, { resolve, reject });
+    send({ ...message, id });
+  });
+}
+
+// a change of the document as this page knows it
+export const change = (what) => ask({ type: "change", base: app.doc.revision, change: what }).catch((e) => say(e, true));
+
+function listen(message) {
+  const asked = message.id != null ? waiting.get(message.id) : null;
+  waiting.delete(message.id);
+  if (message.type === "error") return asked ? asked.reject(message.message) : say(message.message, true);
+  hearers[message.type]?.(message);
+  asked?.resolve(message);
+}

@@ -1,0 +1,35 @@
+// What the parts of the page share, and how they hear of one another.
+
+export const $ = (id) => document.getElementById(id);
+export const canvas = $("picture");
+
+export const app = {
+  welcome: null, // what the server says of the run
+  camera: null,
+  doc: { revision: 0, segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
+  hidden: new Set(), // names of segments that are left out of the picture
+  checked: new Set(), // names of segments that are checked in the tree
+  alone: [], // names of segments that are shown alone
+  playing: null,
+  last: null, // the last lossless frame, if it shows what is to be seen
+  picked: null, // the last answer to a click
+};
+
+// news: "welcome", "document", "picked", "frame", "cleared"
+const listeners = {};
+export const on = (news, listener) => (listeners[news] ??= []).push(listener);
+export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));
+
+export function say(text, wrong = false) {
+  $("message").textContent = text;
+  $("message").classList.toggle("wrong", wrong);
+}
+
+export const value = (id) => Number($(id).value);
+
+// an element with properties and children
+export function make(kind, properties = {}, ...children) {
+  const element = Object.assign(document.createElement(kind), properties);
+  element.append(...children);
+  return element;
+}

@@ -1,0 +1,39 @@
+// Time: the slider, steps and playback.
+import { $, app, on, value } from "./state.js";
+import { look } from "./picture.js";
+
+const STEP = 0.01;
+export function setTime(t) {
+  $("when").value = t;
+  $("now").value = value("when").toFixed(3);
+}
+export function nudge(by) {
+  setTime(Math.min(1, Math.max(0, value("when") + by * STEP)));
+  look(true);
+}
+export function play() {
+  app.playing = app.playing ? null : { from: performance.now(), at: value("when") % 1 };
+  $("play").textContent = app.playing ? "⏸" : "▶";
+  $("play").setAttribute("aria-label", app.playing ? "Stop" : "Play");
+  if (app.playing) step();
+  else look(false);
+}
+// the time that is due now, asked for when a frame has come: a slow machine leaves times out, and keeps the speed
+function step() {
+  const passed = (performance.now() - app.playing.from) / 1000 / Math.max(1, Number($("speed").value) || 5);
+  let t = app.playing.at + passed;
+  if (t > 1 && !$("loop").checked) {
+    setTime(1);
+    return play();
+  }
+  // on a grid, so that the second loop finds what the first deformed
+  setTime(Math.round((t % 1) / STEP) * STEP);
+  if (!look(true)) setTimeout(() => app.playing && step(), 15);
+}
+$("play").onclick = play;
+$("back").onclick = () => nudge(-1);
+$("forth").onclick = () => nudge(1);
+$("when").oninput = () => { setTime($("when").value); look(true); };
+$("when").onchange = () => look(false);
+
+on("frame", () => app.playing && step());
