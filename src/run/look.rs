@@ -2,13 +2,14 @@
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
+use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Scene};
-use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, signed, sizes};
+use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, highlight, signed, sizes};
 use crate::segment::palette::hex;
 use crate::segment::pictures::picture;
 use crate::segment::segmentation::Segmentation;
 use crate::track::velocity::{Component, robust_size, velocities};
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor, TensorData};
 use serde::Serialize;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
@@ -121,7 +122,7 @@ impl Look {
             Kind::Colour => Prepared::of(&shown.at(scene, time)?, degree, device),
             Kind::Depth { .. } => Prepared(Shown::Depth(shown.at(scene, time)?)),
             Kind::Velocity { component, scale } => {
-                let all = velocities(|t| crate::model::params::to_vec(scene.at(t).means), time);
+                let all = velocities(|t| to_vec(scene.at(t).means), time);
                 let values = component.of(&all);
                 let at = shown.edited(scene, time)?;
                 let alone =
@@ -141,6 +142,29 @@ impl Look {
         })
     }
 
+    /// What this look prepared, with all but the `members` (indices below N, ascending) faint. Only opacities change, so it
+    /// costs next to nothing.
+    #[must_use]
+    pub fn highlight(&self, prepared: &Prepared, members: &[u32], device: &Device) -> Prepared {
+        let shown = self.selection.members();
+        let stays = |i: usize| {
+            let gaussian = shown.map_or(i as u32, |shown| shown[i]);
+            members.binary_search(&gaussian).is_ok()
+        };
+        let mut out = prepared.clone();
+        match &mut out.0 {
+            Shown::Colours { inputs: None, .. } => {}
+            Shown::Colours { inputs: Some(inputs), .. } => {
+                let mut logits = to_vec(inputs.opacity_logits.clone());
+                highlight(&mut logits, stays);
+                inputs.opacity_logits =
+                    Tensor::from_data(TensorData::new(logits, inputs.opacity_logits.dims()), device);
+            }
+            Shown::Depth(at) => highlight(&mut at.opacity_logits, stays),
+        }
+        out
+    }
+
     /// One frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
     pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera, device: &Device) -> Vec<f32> {
         let background = scene.spec.background;
@@ -151,7 +175,7 @@ impl Look {
             }
             Shown::Colours { inputs: Some(inputs), degree, .. } => {
                 let settings = SplatSettings { camera, background, sh_degree: *degree };
-                crate::model::params::to_vec(splat(*inputs.clone(), settings).image)
+                to_vec(splat(*inputs.clone(), settings).image)
             }
             Shown::Depth(at) => {
                 let picture = picture(at, camera, background, scene.spec.sh_degree, device);

@@ -9,13 +9,20 @@ use crate::data::Camera;
 use crate::model::HostGaussians;
 use crate::model::params::to_vec;
 use crate::name::Name;
+use crate::segment::candidates::{Candidates, Found};
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
+use crate::segment::levels::levels;
 use crate::segment::masks::sheet::distinct_colour;
-use crate::segment::pick::{Asked, PickOptions, Picked, meant, pick};
+use crate::segment::pick::{PickOptions, Picked, meant, pick};
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+/// Segments of which is kept what was found out about them.
+const KNOWN: usize = 32;
 
 /// Why a click selects nothing.
 #[derive(Debug, thiserror::Error)]
@@ -52,6 +59,8 @@ pub struct Clicking {
     field: Option<(AffinityField, AffinitySpec)>,
     /// Positions `[N, 3]` at the time that the field was trained at.
     places: Vec<f32>,
+    /// What was found out about the segments that were looked in.
+    known: RefCell<BTreeMap<Option<Name>, Found>>,
     device: Device,
 }
 
@@ -86,7 +95,22 @@ impl Clicking {
             Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
         };
-        Self { at, time, segments: segments.clone(), field: field.cloned(), places, device: device.clone() }
+        let (segments, field, device) = (segments.clone(), field.cloned(), device.clone());
+        Self { at, time, segments, field, places, known: RefCell::default(), device }
+    }
+
+    /// Finds out what the first click on any of the wholes would have to, so that it is answered at once. What cannot be
+    /// found out is left to that click, which says why.
+    pub fn prepare(&self) {
+        let Some((field, spec)) = &self.field else { return };
+        let wholes = self.segments.segments.iter().filter(|s| s.parent.is_none());
+        for whole in wholes.take(KNOWN) {
+            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &whole.members);
+            let clicked = whole.members.first().copied();
+            if clicked.is_some_and(|clicked| levels(&of, clicked).is_ok()) {
+                self.known.borrow_mut().insert(Some(whole.name.clone()), of.into_found());
+            }
+        }
     }
 
     /// The time of the scene.
@@ -134,8 +158,15 @@ impl Clicking {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
             None => (0..self.at.len() as u32).collect(),
         };
-        let asked = Asked { field, frame: &spec.frame, places: &self.places };
-        Ok(pick(&asked, &self.at, &candidates, hit.gaussian, options).map_err(RunError::failure)?)
+        let known = self.known.borrow_mut().remove(&hit.within).unwrap_or_default();
+        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates).knowing(known);
+        let picked = pick(&of, hit.gaussian, options);
+        let mut known = self.known.borrow_mut();
+        if known.len() >= KNOWN {
+            known.clear();
+        }
+        known.insert(hit.within.clone(), of.into_found());
+        Ok(picked.map_err(RunError::failure)?)
     }
 }
 

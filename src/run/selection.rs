@@ -3,7 +3,6 @@
 use super::{OpenRun, RunError};
 use crate::edit::{EditError, EditStack, HIDDEN_LOGIT, apply};
 use crate::model::{HostGaussians, Scene};
-use crate::segment::paint::highlight;
 use crate::segment::segmentation::Segmentation;
 
 /// What of a scene is shown, with its files read and its names checked.
@@ -14,8 +13,6 @@ pub struct Selection {
     members: Option<Vec<u32>>,
     /// Left out, whatever the edits say.
     hidden: Vec<u32>,
-    /// What the others make way for.
-    highlighted: Vec<u32>,
 }
 
 /// Refuses edits of segments that are not there any more.
@@ -65,20 +62,13 @@ impl Selection {
             all.dedup();
             Some(all)
         };
-        Ok(Self { segments, edits, members, hidden: Vec::new(), highlighted: Vec::new() })
+        Ok(Self { segments, edits, members, hidden: Vec::new() })
     }
 
     /// The same without these Gaussians: not an edit, but how one looks at it.
     #[must_use]
     pub fn hiding(mut self, members: Vec<u32>) -> Self {
         self.hidden = members;
-        self
-    }
-
-    /// The same with all others faint, if there are any of these.
-    #[must_use]
-    pub fn highlighting(mut self, members: Vec<u32>) -> Self {
-        self.highlighted = members;
         self
     }
 
@@ -91,10 +81,7 @@ impl Selection {
     /// True if it is the whole scene as trained.
     #[must_use]
     pub fn is_plain(&self) -> bool {
-        self.members.is_none()
-            && self.edits.operations.is_empty()
-            && self.hidden.is_empty()
-            && self.highlighted.is_empty()
+        self.members.is_none() && self.edits.operations.is_empty() && self.hidden.is_empty()
     }
 
     /// The indices shown, if not all.
@@ -113,9 +100,6 @@ impl Selection {
         apply(&self.edits, &members, &mut at).map_err(RunError::input)?;
         for &i in &self.hidden {
             at.opacity_logits[i as usize] = HIDDEN_LOGIT;
-        }
-        if !self.highlighted.is_empty() {
-            highlight(&mut at, &self.highlighted);
         }
         Ok(at)
     }

@@ -10,11 +10,8 @@
 //! that fits one scene and not the next. (Levels of a component tree are chosen so in images: maximally stable extremal
 //! regions.)
 
-use super::fine::extract::cosines;
-use super::pick::{Asked, PickError};
-use super::pieces::pieces;
-use crate::model::HostGaussians;
-use volseggs_kernels::activation::sigmoid_f64;
+use super::candidates::Candidates;
+use super::pick::PickError;
 
 /// Mask scales that are looked at.
 const SCALES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
@@ -53,22 +50,17 @@ pub struct Level {
 }
 
 /// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is
-/// one at least; the piece is among them where `within` is not the whole scene. Gaussians weigh what they show: opacity
-/// times the product of the two larger standard deviations, at the time of `at`.
+/// one at least; the piece is among them where the candidates are not the whole scene. Gaussians weigh what they show,
+/// see [`Candidates::shown`].
 ///
 /// # Errors
-/// If `clicked` is not among `within` (indices, ascending), or the arrays of `at` disagree.
+/// If `clicked` is not among the candidates, or the arrays of the Gaussians disagree.
 ///
 /// # Panics
-/// If a member of `within` is not below N.
-pub fn levels(
-    asked: &Asked<'_>,
-    at: &HostGaussians,
-    within: &[u32],
-    clicked: u32,
-) -> Result<(Vec<Level>, usize), PickError> {
-    let mut found = of_affinity(asked, at, within, clicked)?;
-    let Some(piece) = whole_piece(at, within, clicked)? else {
+/// If an index of a candidate is not below N.
+pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
+    let mut found = of_affinity(of, clicked)?;
+    let Some(piece) = whole_piece(of, clicked)? else {
         let likeliest = most_likely(&found);
         return Ok((found, likeliest));
     };
@@ -85,25 +77,23 @@ pub fn levels(
 ///
 /// # Panics
 /// As [`levels`].
-pub fn likeliest(asked: &Asked<'_>, at: &HostGaussians, within: &[u32], clicked: u32) -> Result<Level, PickError> {
-    if let Some(piece) = whole_piece(at, within, clicked)? {
+pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> {
+    if let Some(piece) = whole_piece(of, clicked)? {
         return Ok(piece);
     }
-    let mut found = of_affinity(asked, at, within, clicked)?;
+    let mut found = of_affinity(of, clicked)?;
     Ok(found.swap_remove(most_likely(&found)))
 }
 
 /// The plateaus of the affinity, from small to large; one at least.
-fn of_affinity(asked: &Asked<'_>, at: &HostGaussians, within: &[u32], clicked: u32) -> Result<Vec<Level>, PickError> {
-    let position = position(within, clicked)?;
-    let means: Vec<f32> = within.iter().flat_map(|&i| &asked.places[3 * i as usize..][..3]).copied().collect();
-    let encoded = asked.frame.encode(&means);
-    let weights: Vec<f64> = within.iter().map(|&i| shown(at, i as usize)).collect();
+fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
+    let (within, position) = (of.within, of.position(clicked)?);
+    let weights = of.shown();
     let total: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
     let mut found: Vec<Level> = Vec::new();
     for scale in SCALES {
-        let cosines = cosines(asked.field, &encoded, position, scale);
-        let sizes = sizes(&cosines, &weights, weights[position]);
+        let cosines = of.cosines(position, scale);
+        let sizes = sizes(&cosines, weights, weights[position]);
         for (k, stability) in plateaus(&sizes) {
             let threshold = cosine(k);
             let like = |(n, _): &(usize, &u32)| cosines[*n] >= threshold || *n == position;
@@ -121,34 +111,22 @@ fn of_affinity(asked: &Asked<'_>, at: &HostGaussians, within: &[u32], clicked: u
     Ok(found)
 }
 
-fn position(within: &[u32], clicked: u32) -> Result<usize, PickError> {
-    within.binary_search(&clicked).map_err(|_| PickError::Outside { clicked, count: within.len() })
-}
-
-/// Those `within` that hang together with the clicked one; `None` in a whole scene, or if it is nowhere.
-fn whole_piece(at: &HostGaussians, within: &[u32], clicked: u32) -> Result<Option<Level>, PickError> {
-    let position = position(within, clicked)?;
-    if within.len() == at.len() {
+/// The candidates that hang together with the clicked one; `None` in a whole scene, or if it is nowhere.
+fn whole_piece(of: &Candidates<'_>, clicked: u32) -> Result<Option<Level>, PickError> {
+    let position = of.position(clicked)?;
+    if of.within.len() == of.at.len() {
         return Ok(None);
     }
-    let pieces = pieces(at, within)?;
-    let mine = pieces.labels[position];
+    let labels = &of.pieces()?.labels;
+    let mine = labels[position];
     if mine == 0 {
         return Ok(None);
     }
-    let of = within.iter().zip(&pieces.labels).filter(|(_, label)| **label == mine);
-    let members: Vec<u32> = of.map(|(&i, _)| i).collect();
-    let sum = |of: &[u32]| of.iter().map(|&i| shown(at, i as usize)).sum::<f64>();
-    let share = (sum(&members) / sum(within).max(f64::MIN_POSITIVE)).min(1.0);
+    let members: Vec<u32> = of.within.iter().zip(labels).filter(|(_, l)| **l == mine).map(|(&i, _)| i).collect();
+    let weights = of.shown();
+    let weight: f64 = weights.iter().zip(labels).filter(|(_, l)| **l == mine).map(|(w, _)| w).sum();
+    let share = (weight / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).min(1.0);
     Ok(Some(Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members }))
-}
-
-/// What a Gaussian weighs; 0 for what is not finite.
-fn shown(at: &HostGaussians, i: usize) -> f64 {
-    let mut scales: [f64; 3] = std::array::from_fn(|k| f64::from(at.log_scales[3 * i + k]).exp());
-    scales.sort_by(f64::total_cmp);
-    let opacity = sigmoid_f64(at.opacity_logits[i].into());
-    Some(opacity * scales[1] * scales[2]).filter(|w| w.is_finite()).unwrap_or(0.0)
 }
 
 fn cosine(k: usize) -> f32 {
@@ -209,6 +187,7 @@ mod tests {
     use super::*;
     use crate::device::DeviceName;
     use crate::segment::balls::{APART, COUNT};
+    use crate::segment::fine::AffinityField;
     use crate::segment::fine::network::Frame;
     use crate::segment::fine::train::{FineOptions, train};
     use crate::segment::pick::{Meaning, PickOptions, pick};
@@ -221,19 +200,18 @@ mod tests {
         let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
         let field = train(&APART.prepared(&at), &options, &device, |_, _| true).unwrap();
         let frame = Frame::around(&at.means);
-        let asked = Asked { field: &field, frame: &frame, places: &at.means };
+        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within);
         let all: Vec<u32> = (0..at.len() as u32).collect();
         let balls = [&all[..COUNT], &all[COUNT..]];
         for clicked in [3, 31, COUNT as u32 + 7] {
             let mine = balls[usize::from(clicked as usize >= COUNT)];
-            let (found, likeliest) = levels(&asked, &at, &all, clicked).unwrap();
+            let (found, likeliest) = levels(&of(&all), clicked).unwrap();
             assert!(overlap(&found[likeliest].members, mine) > 0.9, "{:?}", found[likeliest]);
             assert!(found.iter().all(|l| l.members.binary_search(&clicked).is_ok()));
             assert!(found.is_sorted_by_key(|l| l.members.len()));
             let Level { scale, threshold, .. } = found[likeliest];
-            let take = |meaning, list| {
-                pick(&asked, &at, &all, clicked, &PickOptions { meaning, keep_strays: true, list }).unwrap()
-            };
+            let take =
+                |meaning, list| pick(&of(&all), clicked, &PickOptions { meaning, keep_strays: true, list }).unwrap();
             let by_hand = Meaning::By { scale, threshold };
             assert_eq!(take(by_hand, false).members, found[likeliest].members);
             assert_eq!(take(by_hand, true).levels, found);
@@ -243,22 +221,22 @@ mod tests {
             assert_eq!(picked.levels, found);
             assert_eq!(take(Meaning::Level(likeliest), false).members, found[likeliest].members);
             assert_eq!(take(Meaning::Level(99), false).level, Some(found.len() - 1), "there are no more");
-            assert_eq!(levels(&asked, &at, &all, clicked).unwrap(), (found, likeliest), "the same twice");
+            assert_eq!(levels(&of(&all), clicked).unwrap(), (found, likeliest), "the same twice");
         }
-        assert!(levels(&asked, &at, &all[1..], 0).is_err());
-        assert_eq!(levels(&asked, &at, &[5], 5).unwrap().0[0].members, [5], "alone");
+        assert!(levels(&of(&all[1..]), 0).is_err());
+        assert_eq!(levels(&of(&[5]), 5).unwrap().0[0].members, [5], "alone");
         // in a segment that holds the first ball and half of the second, the piece is the first ball
         let most = &all[..COUNT + COUNT / 2];
-        let (found, likeliest) = levels(&asked, &at, most, 31).unwrap();
+        let (found, likeliest) = levels(&of(most), 31).unwrap();
         assert!(
             found[likeliest].piece && overlap(&found[likeliest].members, balls[0]) > 0.95,
             "{:?}",
             found[likeliest]
         );
         let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true, list: true };
-        let picked = pick(&asked, &at, most, 31, &options).unwrap();
+        let picked = pick(&of(most), 31, &options).unwrap();
         assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
-        let alone = pick(&asked, &at, most, 31, &PickOptions { list: false, ..options }).unwrap();
+        let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
         assert_eq!(alone.members, picked.members, "the piece is found without the others");
     }
 
@@ -278,15 +256,13 @@ mod tests {
     fn poison_weighs_nothing_and_is_like_nothing() {
         let mut at = APART.gaussians();
         (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
-        assert_eq!(shown(&at, 0), 0.0);
-        assert!(shown(&at, 1) > 0.0 && shown(&at, 2) > 0.0);
         assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5)[0], 1.0);
         let device = DeviceName::all()[0].open().unwrap();
-        let (field, frame) = (crate::segment::fine::AffinityField::new(1, &device), Frame::around(&at.means));
+        let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
         at.means[30] = f32::NAN;
-        let asked = Asked { field: &field, frame: &frame, places: &at.means };
         let all: Vec<u32> = (0..at.len() as u32).collect();
-        let (found, likeliest) = levels(&asked, &at, &all, 10).unwrap();
+        let of = Candidates::new(&field, &frame, &at.means, &at, &all);
+        let (found, likeliest) = levels(&of, 10).unwrap();
         assert!(found[likeliest].members.contains(&10));
     }
 }

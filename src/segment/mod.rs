@@ -2,11 +2,12 @@
 //!
 //! Coarse by the colour of the [`material`] or the mean colour ([`coarse`]), fine by a field trained on 2D masks
 //! ([`masks`], [`mod@fine`]); a [`segmentation`] is what the commands after it read, [`history`] takes changes of it
-//! back; [`voxels`] carries labels back to a volume, [`dice`] compares label volumes; [`pick`] is what a click selects,
-//! [`pieces`] what hangs together; [`paint`] shows them in colour. Published methods to compare with are in
+//! back; [`voxels`] carries labels back to a volume, [`dice`] compares label volumes; [`pick`] is what a click selects of
+//! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together; [`paint`] shows them in colour. Published methods to compare with are in
 //! [`baselines`]. Nothing here knows what segments do over time (see `track`).
 
 pub mod baselines;
+pub mod candidates;
 pub mod click;
 pub mod coarse;
 pub mod colour;

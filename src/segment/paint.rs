@@ -47,16 +47,9 @@ fn fade(logit: &mut f32) {
     *logit = logit_f64(FAINT * sigmoid_f64(f64::from(*logit))) as f32;
 }
 
-/// Makes all but the `members` faint, so that they stand out whatever colours there are.
-///
-/// # Panics
-/// If a member is not below N.
-pub fn highlight(gaussians: &mut HostGaussians, members: &[u32]) {
-    let mut stays = vec![false; gaussians.len()];
-    members.iter().for_each(|&i| stays[i as usize] = true);
-    for (logit, _) in gaussians.opacity_logits.iter_mut().zip(stays).filter(|(_, stays)| !stays) {
-        fade(logit);
-    }
+/// Makes faint, by their `opacity_logits` `[M]`, all but those that stay, so that these stand out whatever colours there are.
+pub fn highlight(opacity_logits: &mut [f32], stays: impl Fn(usize) -> bool) {
+    opacity_logits.iter_mut().enumerate().filter(|(i, _)| !stays(*i)).for_each(|(_, logit)| fade(logit));
 }
 
 /// Signed `values` `[N]` as colours: red above 0, green below, black at 0, full brightness from `scale` on.

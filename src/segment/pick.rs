@@ -5,13 +5,10 @@
 //! that what is measured is what a user gets.
 
 use super::baselines::saga::SagaModel;
+use super::candidates::Candidates;
 use super::click::heaviest;
-use super::fine::AffinityField;
-use super::fine::extract::similar;
-use super::fine::network::Frame;
 use super::levels::{Level, levels, likeliest};
 use super::pieces::without_strays;
-use crate::model::HostGaussians;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
 
@@ -73,17 +70,6 @@ impl From<Level> for Picked {
     }
 }
 
-/// An affinity field with what it is asked about.
-#[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
-    /// The field.
-    pub field: &'a AffinityField,
-    /// The box of its positions.
-    pub frame: &'a Frame,
-    /// Positions `[N, 3]`, world units, of all Gaussians at the time that the field was trained at.
-    pub places: &'a [f32],
-}
-
 /// Why nothing can be selected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PickError {
@@ -119,36 +105,28 @@ pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Opti
     }
 }
 
-/// Those of the Gaussians `within` (indices, ascending) that are meant by a click on the `clicked` one. `at` has all
-/// Gaussians `[N]` at the time that is looked at.
+/// The candidates that are meant by a click on the Gaussian `clicked`.
 ///
 /// # Errors
-/// If `clicked` is not among them, or the arrays of `at` disagree.
+/// If it is not among them, or the arrays of the Gaussians disagree.
 ///
 /// # Panics
-/// If a member of `within` is not below N.
-pub fn pick(
-    asked: &Asked<'_>,
-    at: &HostGaussians,
-    within: &[u32],
-    clicked: u32,
-    options: &PickOptions,
-) -> Result<Picked, PickError> {
-    let position = within.binary_search(&clicked).map_err(|_| PickError::Outside { clicked, count: within.len() })?;
+/// If an index of a candidate is not below N.
+pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<Picked, PickError> {
+    let position = of.position(clicked)?;
     let by_hand = |(scale, threshold): (f32, f32)| {
-        let means: Vec<f32> = within.iter().flat_map(|&i| &asked.places[3 * i as usize..][..3]).copied().collect();
-        let like = similar(asked.field, asked.frame, &means, position, scale, threshold);
-        let members = within.iter().zip(like).filter(|(_, like)| *like).map(|(m, _)| *m).collect();
+        let like = of.alike(position, scale, threshold);
+        let members = of.within.iter().zip(like).filter(|(_, like)| *like).map(|(m, _)| *m).collect();
         Picked { members, scale, threshold, ..Picked::default() }
     };
     let mut picked = match options.meaning {
         Meaning::By { scale, threshold } => {
-            let found = if options.list { levels(asked, at, within, clicked)?.0 } else { Vec::new() };
+            let found = if options.list { levels(of, clicked)?.0 } else { Vec::new() };
             Picked { levels: found, ..by_hand((scale, threshold)) }
         }
-        Meaning::Likeliest if !options.list => likeliest(asked, at, within, clicked)?.into(),
+        Meaning::Likeliest if !options.list => likeliest(of, clicked)?.into(),
         Meaning::Likeliest | Meaning::Level(_) => {
-            let (found, likeliest) = levels(asked, at, within, clicked)?;
+            let (found, likeliest) = levels(of, clicked)?;
             let level = if let Meaning::Level(n) = options.meaning { n.min(found.len() - 1) } else { likeliest };
             let taken = Picked::from(found[level].clone());
             Picked { levels: found, level: Some(level), ..taken }
@@ -156,7 +134,7 @@ pub fn pick(
     };
     // a piece has none
     if !options.keep_strays && !picked.piece {
-        picked.members = without_strays(at, &picked.members)?;
+        picked.members = without_strays(of.at, &picked.members)?;
     }
     Ok(picked)
 }
@@ -202,6 +180,8 @@ mod tests {
     use super::*;
     use crate::device::DeviceName;
     use crate::segment::balls::{APART, COUNT};
+    use crate::segment::fine::AffinityField;
+    use crate::segment::fine::network::Frame;
 
     #[test]
     fn a_click_means_the_segment_that_makes_up_most_of_the_pixel_and_no_haze() {
@@ -219,16 +199,16 @@ mod tests {
         let device = DeviceName::all()[0].open().unwrap();
         let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
         let frame = Frame::around(&at.means);
-        let asked = Asked { field: &field, frame: &frame, places: &at.means };
+        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within);
         let within: Vec<u32> = (0..COUNT as u32).collect();
         let by =
             |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, keep_strays: true, list: false };
         let all = by(-1.0);
-        assert_eq!(pick(&asked, &at, &within, 5, &all).unwrap().members, within);
-        assert!(pick(&asked, &at, &within, 5, &by(1.0)).unwrap().members.contains(&5));
-        let error = pick(&asked, &at, &within, COUNT as u32, &all).unwrap_err();
+        assert_eq!(pick(&of(&within), 5, &all).unwrap().members, within);
+        assert!(pick(&of(&within), 5, &by(1.0)).unwrap().members.contains(&5));
+        let error = pick(&of(&within), COUNT as u32, &all).unwrap_err();
         assert_eq!(error, PickError::Outside { clicked: COUNT as u32, count: COUNT });
-        assert!(pick(&asked, &at, &[], 0, &all).is_err());
+        assert!(pick(&of(&[]), 0, &all).is_err());
     }
 
     #[test]

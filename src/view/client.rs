@@ -1,16 +1,18 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
-use super::hub::{ClientId, Outgoing};
+use super::clicks::Clicks;
+use super::hub::Outgoing;
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
 use super::workspace::Workspace;
 use crate::data::Camera;
 use crate::run::RunError;
-use crate::run::look::{Legend, Look, Show};
-use crate::run::pick::{ClickError, Clicking, Hit};
+use crate::run::look::{Legend, Look, Prepared, Show};
+use crate::run::pick::{ClickError, Hit};
 use crate::run::selection::Selection;
 use crate::segment::pick::{Meaning, PickOptions, Picked};
 use crate::track::velocity::Component;
+use burn::tensor::Device;
 use glam::DVec3;
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
@@ -18,7 +20,6 @@ use tokio::sync::mpsc::Sender;
 /// A client.
 #[derive(Debug)]
 pub struct Client {
-    id: ClientId,
     out: Sender<Outgoing>,
     /// It does not take what is sent, and is to be given up.
     pub lost: bool,
@@ -28,9 +29,11 @@ pub struct Client {
     pub view: Option<View>,
     /// What draws that, with the key by which it is known.
     look: Option<(String, Look)>,
-    /// The scene that it clicked on last, at which revision.
-    clicking: Option<(u64, Clicking)>,
+    /// The scene that it clicks on.
+    clicks: Option<Clicks>,
     clicked: Option<Clicked>,
+    /// What was prepared last with the selection standing out, with the key of the rest and the number of the selection.
+    highlighted: Option<(String, u64, Prepared)>,
     /// Grows with every change of what is selected.
     selections: u64,
     legend: Option<Legend>,
@@ -53,10 +56,10 @@ pub struct Clicked {
 
 impl Client {
     /// One that came just now.
-    pub fn new(id: ClientId, out: Sender<Outgoing>) -> Self {
-        let (view, look, clicking, clicked, legend) = (None, None, None, None, None);
+    pub fn new(out: Sender<Outgoing>) -> Self {
+        let (view, look, clicks, clicked, legend) = (None, None, None, None, None);
         let (pace, lost) = (Pace::new(Instant::now()), false);
-        Self { id, out, lost, pace, view, look, clicking, clicked, selections: 0, legend, frame: 0 }
+        Self { out, lost, pace, view, look, clicks, clicked, highlighted: None, selections: 0, legend, frame: 0 }
     }
 
     /// Sends something; one that left, or takes nothing for long, is lost.
@@ -83,7 +86,6 @@ impl Client {
     /// What is shown is to be drawn anew.
     pub fn changed(&mut self) {
         self.selections += 1;
-        self.look = None;
         self.pace.changes(Instant::now(), false);
     }
 
@@ -100,10 +102,8 @@ impl Client {
     /// # Errors
     /// A look or segment that nobody knows.
     pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
-        let members = self.clicked.as_ref().map(|c| &c.picked.members[..]).unwrap_or_default();
         let View { look, alone, hidden, edits, .. } = view;
-        let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
-        let key = format!("{look} {alone:?} {hidden:?} {edits} {} {own}", space.revision());
+        let key = format!("{look} {alone:?} {hidden:?} {edits} {}", space.revision());
         if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
             let all = space.segments().now();
             let mut away = Vec::new();
@@ -111,7 +111,7 @@ impl Client {
                 // one that is gone hides nothing
                 away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
             }
-            let selection = Selection::open(&space.run, alone, *edits)?.hiding(away).highlighting(members.to_vec());
+            let selection = Selection::open(&space.run, alone, *edits)?.hiding(away);
             self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
         }
         match &mut self.look {
@@ -120,12 +120,31 @@ impl Client {
         }
     }
 
+    /// What was prepared for the look, under `key`, with what is selected standing out.
+    pub fn highlighted(&mut self, key: &str, prepared: Prepared, device: &Device) -> Prepared {
+        let Some(members) = self.clicked.as_ref().map(|c| &c.picked.members) else { return prepared };
+        let Some((_, look)) = self.look.as_ref().filter(|_| !members.is_empty()) else { return prepared };
+        if self.highlighted.as_ref().is_none_or(|(k, s, _)| (k.as_str(), *s) != (key, self.selections)) {
+            let new = look.highlight(&prepared, members, device);
+            self.highlighted = Some((key.to_owned(), self.selections, new));
+        }
+        self.highlighted.as_ref().map_or(prepared, |(_, _, known)| known.clone())
+    }
+
     /// Tells the key to the colours, where it changed.
     pub fn tell_legend(&mut self) {
         let legend = self.look.as_ref().and_then(|(_, look)| look.legend());
         if legend != self.legend {
             self.legend.clone_from(&legend);
             self.answer(Answer::Legend { legend });
+        }
+    }
+
+    /// Makes the scene ready for clicks while nothing else is to be done. While something is selected, its sliders need
+    /// the scene that was clicked on.
+    pub fn prepare_clicks(&mut self, space: &Workspace, time: f64) {
+        if self.clicked.is_none() {
+            Clicks::prepare(&mut self.clicks, space, time);
         }
     }
 
@@ -143,12 +162,7 @@ impl Client {
     ) -> Result<Selected, ClickError> {
         let view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         let started = Instant::now();
-        if self.clicking.as_ref().is_none_or(|(r, c)| *r != space.revision() || c.time() != view.time) {
-            let all = space.segments().now();
-            let new = Clicking::new(&space.run, all, space.field(), view.time, &space.device);
-            self.clicking = Some((space.revision(), new));
-        }
-        let Some((_, clicking)) = &self.clicking else { return Err(ClickError::NoField) };
+        let clicking = Clicks::get(&mut self.clicks, space, view.time)?;
         let hit = clicking.hit(&Self::camera(&view, 1.0), pixel, within)?;
         let before = self.clicked.take().map(|c| c.picked.members).unwrap_or_default();
         self.select(id, hit, view.time, (before, combine), meaning, started)
@@ -175,7 +189,7 @@ impl Client {
         meaning: Option<Asked>,
         started: Instant,
     ) -> Result<Selected, ClickError> {
-        let Some((_, clicking)) = &self.clicking else { return Err(ClickError::NoField) };
+        let Some(clicking) = self.clicks.as_ref().and_then(Clicks::last) else { return Err(ClickError::NoField) };
         // a slider asks again and again: the levels at the click stay what they are
         let known =
             self.clicked.as_ref().map(|c| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));

@@ -7,6 +7,7 @@
 
 pub mod auth;
 pub mod cache;
+pub mod clicks;
 pub mod client;
 pub mod hub;
 pub mod pace;

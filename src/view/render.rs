@@ -57,7 +57,7 @@ impl Renderer {
     fn handle(&mut self, id: ClientId, event: Event) {
         match event {
             Event::Came(out) => {
-                let mut client = Client::new(id, out);
+                let mut client = Client::new(out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
                 self.clients.insert(id, client);
@@ -197,6 +197,9 @@ impl Renderer {
                 client.pace.sent(next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
                 client.send(Outgoing::Frame(info, bytes));
                 client.tell_legend();
+                if next == Next::Lossless {
+                    client.prepare_clicks(&self.space, view.time);
+                }
             }
             Err(error) => {
                 // not again before it changes
@@ -223,10 +226,12 @@ impl Renderer {
             Some(prepared) => prepared,
             None => {
                 let prepared = look.prepare(scene, view.time as f32, device)?;
-                self.cache.put(key, prepared.clone());
+                self.cache.put(key.clone(), prepared.clone());
                 prepared
             }
         };
+        let prepared = client.highlighted(&key, prepared, device);
+        let (look, _) = client.look(&self.space, view)?;
         let image = look.draw(scene, &prepared, camera.to_kernel(), device);
         let size = [camera.width, camera.height];
         let rgb = to_rgb8(&image, size[0] as usize, size[1] as usize);

@@ -7,8 +7,9 @@ use super::setting::Setting;
 use super::train::{Lifted, Trained};
 use crate::model::HostGaussians;
 use crate::segment::baselines::sagd;
+use crate::segment::candidates::Candidates;
 use crate::segment::coarse::Coarse;
-use crate::segment::pick::{Asked, meant, pick, pick_saga};
+use crate::segment::pick::{meant, pick, pick_saga};
 use std::time::Instant;
 
 /// Gaussians that a method selects.
@@ -102,7 +103,6 @@ impl Scenery<'_> {
             Setting::Field(options) => {
                 let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
                 let Lifted { field, frame } = field.as_ref().ok_or("the field was not trained beforehand")?;
-                let asked = Asked { field, frame, places: &self.at.means };
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in all if no colour holds what is there
@@ -112,7 +112,8 @@ impl Scenery<'_> {
                 let Some((clicked, within)) = on.or_else(|| Some((anything()?, all()))) else {
                     return Ok(Selected::default());
                 };
-                let picked = pick(&asked, self.at, &within, clicked, options).map_err(|e| e.to_string())?;
+                let of = Candidates::new(field, frame, &self.at.means, self.at, &within);
+                let picked = pick(&of, clicked, options).map_err(|e| e.to_string())?;
                 Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
             }
             Setting::Saga(options) => {

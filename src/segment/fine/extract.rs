@@ -1,10 +1,11 @@
-//! Segments of a trained affinity field: clusters of features at a scale, or all that is like a clicked Gaussian.
+//! Segments of a trained affinity field: clusters of features at a scale, and how alike features are.
 
 use super::network::{AffinityField, FEATURES, Frame};
 use crate::points::PointsError;
 use crate::points::hdbscan::{Assignment, DensityConfig, cluster_features};
 use crate::points::kmeans::{KMeansConfig, kmeans};
 use crate::rng::{Purpose, Rng};
+use rayon::prelude::*;
 
 /// How features become clusters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,34 +44,12 @@ pub fn cluster(
     }
 }
 
-/// Cosines `[M]` of the features of encoded positions `[M, 24]` with that of number `clicked`, at `scale` in [0, 1].
+/// Cosines `[M]` of unit `features` `[M, 16]` with that of number `clicked`.
 ///
 /// # Panics
 /// If `clicked` is not below M.
 #[must_use]
-pub fn cosines(field: &AffinityField, encoded: &[f32], clicked: usize, scale: f32) -> Vec<f32> {
-    let features = field.features(encoded, scale);
+pub fn cosines(features: &[f32], clicked: usize) -> Vec<f32> {
     let of = &features[clicked * FEATURES..][..FEATURES];
-    features.chunks_exact(FEATURES).map(|row| row.iter().zip(of).map(|(a, b)| a * b).sum()).collect()
-}
-
-/// Which of the Gaussians with `means` `[M, 3]` have a feature whose cosine with that of number `clicked` is at least
-/// `threshold`, at `scale` in [0, 1].
-///
-/// # Panics
-/// If `clicked` is not below M.
-#[must_use]
-pub fn similar(
-    field: &AffinityField,
-    frame: &Frame,
-    means: &[f32],
-    clicked: usize,
-    scale: f32,
-    threshold: f32,
-) -> Vec<bool> {
-    let cosines = cosines(field, &frame.encode(means), clicked, scale);
-    let mut like: Vec<bool> = cosines.into_iter().map(|cosine| cosine >= threshold).collect();
-    // rounding must not part the clicked one from itself
-    like[clicked] = true;
-    like
+    features.par_chunks_exact(FEATURES).map(|row| row.iter().zip(of).map(|(a, b)| a * b).sum()).collect()
 }

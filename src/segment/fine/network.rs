@@ -5,6 +5,7 @@ use crate::model::params::to_vec;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
+use rayon::prelude::*;
 pub use volseggs_kernels::contrast::FEATURES;
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 
@@ -62,16 +63,15 @@ impl Frame {
     /// Encodes `means` `[N, 3]` as `[N, 24]`.
     #[must_use]
     pub fn encode(&self, means: &[f32]) -> Vec<f32> {
-        let mut out = Vec::with_capacity(means.len() / 3 * ENCODED);
-        for p in means.chunks_exact(3) {
-            for k in 0..3 {
+        let mut out = vec![0.0; means.len() / 3 * ENCODED];
+        out.par_chunks_exact_mut(ENCODED).zip(means.par_chunks_exact(3)).for_each(|(row, p)| {
+            for (n, pair) in row.chunks_exact_mut(2).enumerate() {
+                let (k, octave) = (n / OCTAVES, n % OCTAVES);
                 let x = (p[k] - self.centre[k]) / self.side;
-                for octave in 0..OCTAVES {
-                    let (sin, cos) = (std::f32::consts::PI * (1 << octave) as f32 * x).sin_cos();
-                    out.extend([sin, cos]);
-                }
+                let (sin, cos) = (std::f32::consts::PI * (1 << octave) as f32 * x).sin_cos();
+                pair.copy_from_slice(&[sin, cos]);
             }
-        }
+        });
         out
     }
 }
@@ -125,10 +125,10 @@ impl AffinityField {
     #[must_use]
     pub fn features(&self, encoded: &[f32], scale: f32) -> Vec<f32> {
         let mut out = to_vec(self.forward(encoded, scale));
-        for row in out.chunks_exact_mut(FEATURES) {
+        out.par_chunks_exact_mut(FEATURES).for_each(|row| {
             let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
             row.iter_mut().for_each(|v| *v /= norm);
-        }
+        });
         out
     }
 }

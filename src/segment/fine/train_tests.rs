@@ -4,8 +4,9 @@ use super::*;
 use crate::device::DeviceName;
 use crate::model::{HostGaussians, params};
 use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads};
+use crate::segment::candidates::Candidates;
 use crate::segment::click;
-use crate::segment::fine::extract::{Clustering, cluster, similar};
+use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::{ENCODED, Frame};
 use rayon::prelude::*;
 use volseggs_kernels::contrast::reference as contrast_reference;
@@ -213,7 +214,9 @@ impl Trained {
     /// Intersection over union of what such a click selects at `scale` with that ball, and with both.
     fn selects(&self, ball: usize, scale: f32) -> [f64; 2] {
         let clicked = self.clicked(ball);
-        let found = similar(&self.field, &self.frame, &self.at.means, clicked, scale, THRESHOLD);
+        let all: Vec<u32> = (0..self.at.len() as u32).collect();
+        let of = Candidates::new(&self.field, &self.frame, &self.at.means, &self.at, &all);
+        let found = of.alike(clicked, scale, THRESHOLD);
         [iou(&found, |i| i / COUNT == ball), iou(&found, |_| true)]
     }
 }
@@ -288,7 +291,8 @@ fn poison_is_never_selected_and_bad_input_is_refused() {
     let views = APART.prepared(&at);
     let field = train(&views, &quick(5), &device(), |_, _| true).unwrap();
     let n = 2 * COUNT;
-    let found = similar(&field, &Frame::around(&at.means), &at.means, 0, 0.5, -1.0);
+    let (frame, all) = (Frame::around(&at.means), (0..at.len() as u32).collect::<Vec<_>>());
+    let found = Candidates::new(&field, &frame, &at.means, &at, &all).alike(0, 0.5, -1.0);
     assert_eq!(found[n - 1..], [true, false, false]);
     assert!(matches!(train(&[], &quick(5), &device(), |_, _| true), Err(FineError::NoMasks)));
     let wild = FineOptions { rate: f64::NAN, ..quick(5) };

@@ -1,0 +1,179 @@
+//! The Gaussians that a click may select, with what all clicks on them need: found when it is first needed, and kept, so
+//! that the next click and each move of a slider are answered at once.
+
+use super::fine::AffinityField;
+use super::fine::extract::cosines;
+use super::fine::network::Frame;
+use super::pick::PickError;
+use super::pieces::pieces;
+use crate::model::HostGaussians;
+use crate::points::PointsError;
+use crate::points::components::Components;
+use rayon::prelude::*;
+use std::cell::{OnceCell, RefCell};
+use std::sync::Arc;
+use volseggs_kernels::activation::sigmoid_f64;
+
+/// Scales whose features are kept: those at which levels are looked for, and that of a slider.
+const KEPT: usize = 6;
+
+/// What was found out about candidates, see [`Candidates::knowing`].
+#[derive(Debug, Default)]
+pub struct Found {
+    /// Encoded positions `[M, 24]`.
+    encoded: OnceCell<Vec<f32>>,
+    /// What each shows `[M]`.
+    shown: OnceCell<Vec<f64>>,
+    /// Unit features `[M, 16]` by scale, the latest last.
+    features: RefCell<Vec<(f32, Arc<Vec<f32>>)>>,
+    pieces: OnceCell<Components>,
+}
+
+/// The Gaussians that a click may select.
+#[derive(Debug)]
+pub struct Candidates<'a> {
+    field: &'a AffinityField,
+    frame: &'a Frame,
+    /// `[N, 3]`
+    places: &'a [f32],
+    /// All Gaussians `[N]` at the time that is looked at.
+    pub at: &'a HostGaussians,
+    /// Indices of the candidates `[M]`, ascending.
+    pub within: &'a [u32],
+    found: Found,
+}
+
+impl<'a> Candidates<'a> {
+    /// Those of the Gaussians `at` (`[N]`, at the time that is looked at) that `within` lists: indices `[M]`, ascending,
+    /// below N. The `field` is asked about `places` `[N, 3]`, world units, of the time that it was trained at; `frame` is
+    /// its box.
+    #[must_use]
+    pub fn new(
+        field: &'a AffinityField,
+        frame: &'a Frame,
+        places: &'a [f32],
+        at: &'a HostGaussians,
+        within: &'a [u32],
+    ) -> Self {
+        Self { field, frame, places, at, within, found: Found::default() }
+    }
+
+    /// The same with what [`Self::into_found`] gave for the very same arguments.
+    #[must_use]
+    pub fn knowing(mut self, found: Found) -> Self {
+        self.found = found;
+        self
+    }
+
+    /// What was found out meanwhile.
+    #[must_use]
+    pub fn into_found(self) -> Found {
+        self.found
+    }
+
+    /// Where the Gaussian `clicked` stands among them.
+    ///
+    /// # Errors
+    /// If it does not.
+    pub fn position(&self, clicked: u32) -> Result<usize, PickError> {
+        self.within.binary_search(&clicked).map_err(|_| PickError::Outside { clicked, count: self.within.len() })
+    }
+
+    /// Cosines `[M]` of the features with that of the candidate at `position`, at the mask `scale` in [0, 1].
+    ///
+    /// # Panics
+    /// If `position` is not below M, or an index not below N.
+    pub fn cosines(&self, position: usize, scale: f32) -> Vec<f32> {
+        cosines(&self.features(scale), position)
+    }
+
+    /// Which candidates `[M]` have a feature whose cosine with that at `position` is at least `threshold`. That one always
+    /// is among them: rounding must not part it from itself.
+    ///
+    /// # Panics
+    /// As [`Self::cosines`].
+    pub fn alike(&self, position: usize, scale: f32, threshold: f32) -> Vec<bool> {
+        let mut like: Vec<bool> = self.cosines(position, scale).into_iter().map(|cosine| cosine >= threshold).collect();
+        like[position] = true;
+        like
+    }
+
+    /// What each shows, `[M]`: opacity times the product of the two larger standard deviations; 0 for what is not finite.
+    pub fn shown(&self) -> &[f64] {
+        self.found.shown.get_or_init(|| self.within.par_iter().map(|&i| shown(self.at, i as usize)).collect())
+    }
+
+    /// What hangs together in space; labels `[M]` from 1, 0 for what is nowhere.
+    ///
+    /// # Errors
+    /// If the arrays of `at` disagree, or points are too far apart.
+    pub fn pieces(&self) -> Result<&Components, PointsError> {
+        if let Some(pieces) = self.found.pieces.get() {
+            return Ok(pieces);
+        }
+        let pieces = pieces(self.at, self.within)?;
+        Ok(self.found.pieces.get_or_init(|| pieces))
+    }
+
+    fn features(&self, scale: f32) -> Arc<Vec<f32>> {
+        let mut kept = self.found.features.borrow_mut();
+        if let Some(place) = kept.iter().position(|(s, _)| *s == scale) {
+            let latest = kept.remove(place);
+            kept.push(latest);
+        } else {
+            let encoded = self.found.encoded.get_or_init(|| {
+                let means: Vec<f32> =
+                    self.within.iter().flat_map(|&i| &self.places[3 * i as usize..][..3]).copied().collect();
+                self.frame.encode(&means)
+            });
+            if kept.len() == KEPT {
+                kept.remove(0);
+            }
+            kept.push((scale, Arc::new(self.field.features(encoded, scale))));
+        }
+        kept.last().map(|(_, features)| features.clone()).unwrap_or_default()
+    }
+}
+
+fn shown(at: &HostGaussians, i: usize) -> f64 {
+    let mut scales: [f64; 3] = std::array::from_fn(|k| f64::from(at.log_scales[3 * i + k]).exp());
+    scales.sort_by(f64::total_cmp);
+    let opacity = sigmoid_f64(at.opacity_logits[i].into());
+    Some(opacity * scales[1] * scales[2]).filter(|w| w.is_finite()).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::DeviceName;
+    use crate::segment::balls::{APART, COUNT};
+
+    #[test]
+    fn what_is_kept_answers_as_what_is_found_anew() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let at = APART.gaussians();
+        let field = AffinityField::new(3, &device);
+        let frame = Frame::around(&at.means);
+        let within: Vec<u32> = (0..at.len() as u32).filter(|i| i % 3 > 0).collect();
+        let new = || Candidates::new(&field, &frame, &at.means, &at, &within);
+        let mut found = Found::default();
+        // more scales than are kept
+        for n in 0..20 {
+            let scale = 0.1 * (n % 8) as f32;
+            let kept = new().knowing(found);
+            assert_eq!(kept.cosines(n, scale), new().cosines(n, scale), "{scale}");
+            assert_eq!(kept.shown(), new().shown());
+            assert_eq!(kept.pieces().unwrap(), new().pieces().unwrap());
+            found = kept.into_found();
+        }
+        assert_eq!(found.features.borrow().len(), KEPT);
+    }
+
+    #[test]
+    fn poison_shows_nothing() {
+        let mut at = APART.gaussians();
+        (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
+        let shown: Vec<f64> = (0..COUNT).map(|i| shown(&at, i)).collect();
+        assert!(shown[0] == 0.0 && shown[1] > 0.0 && shown[2] > 0.0);
+    }
+}

@@ -1,0 +1,73 @@
+//! The scene that a client clicks on: made ready beside the thread that draws while nobody clicks, so that a click is
+//! answered at once.
+
+use super::workspace::Workspace;
+use crate::run::RunError;
+use crate::run::pick::Clicking;
+use std::thread::JoinHandle;
+
+/// A scene to click on, at a revision of the document and a time.
+#[derive(Debug)]
+pub struct Clicks {
+    revision: u64,
+    time: f64,
+    state: State,
+}
+
+#[derive(Debug)]
+enum State {
+    Ready(Box<Clicking>),
+    /// Somebody is at it.
+    Soon(JoinHandle<Clicking>),
+}
+
+impl Clicks {
+    fn fits(&self, space: &Workspace, time: f64) -> bool {
+        self.revision == space.revision() && self.time == time
+    }
+
+    fn begin(space: &Workspace, time: f64) -> Clicking {
+        Clicking::new(&space.run, space.segments().now(), space.field(), time, &space.device)
+    }
+
+    /// Begins to make the scene at `time` ready, unless that was done, or an earlier one is still being made ready.
+    pub fn prepare(now: &mut Option<Self>, space: &Workspace, time: f64) {
+        let busy = |c: &Self| matches!(&c.state, State::Soon(thread) if !thread.is_finished());
+        if space.field().is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
+            return;
+        }
+        let clicking = Self::begin(space, time);
+        let thread = std::thread::Builder::new().name("clicks".into()).spawn(move || {
+            clicking.prepare();
+            clicking
+        });
+        // without a thread the click does it
+        *now = thread.ok().map(|thread| Self { revision: space.revision(), time, state: State::Soon(thread) });
+    }
+
+    /// The scene at `time`; waits for it, or makes it.
+    ///
+    /// # Errors
+    /// If the making failed.
+    pub fn get<'c>(now: &'c mut Option<Self>, space: &Workspace, time: f64) -> Result<&'c Clicking, RunError> {
+        let failed = || RunError::failure("the scene cannot be made ready for clicks");
+        let clicking = match now.take().filter(|c| c.fits(space, time)).map(|c| c.state) {
+            Some(State::Ready(clicking)) => clicking,
+            Some(State::Soon(thread)) => Box::new(thread.join().map_err(|_| failed())?),
+            None => Box::new(Self::begin(space, time)),
+        };
+        let ready = now.insert(Self { revision: space.revision(), time, state: State::Ready(clicking) });
+        match &ready.state {
+            State::Ready(clicking) => Ok(clicking),
+            State::Soon(_) => Err(failed()),
+        }
+    }
+
+    /// The scene that was clicked on last.
+    pub fn last(&self) -> Option<&Clicking> {
+        match &self.state {
+            State::Ready(clicking) => Some(clicking),
+            State::Soon(_) => None,
+        }
+    }
+}
