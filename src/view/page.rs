@@ -35,14 +35,16 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 12] = modules![
+pub const MODULES: [PageFile; 14] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "edits.js",
     "input.js",
+    "jobs.js",
     "looks.js",
     "picture.js",
+    "plot.js",
     "segments.js",
     "selection.js",
     "socket.js",

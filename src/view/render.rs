@@ -4,6 +4,7 @@
 use super::cache::Cache;
 use super::client::Client;
 use super::hub::{ClientId, Event, Hub, Outgoing};
+use super::jobs::Jobs;
 use super::pace::Next;
 use super::protocol::{Answer, Codec, FrameInfo, Request, View};
 use super::workspace::{ChangeError, Workspace};
@@ -13,6 +14,7 @@ use crate::run::pick::Hit;
 use jpeg_encoder::{ColorType, Encoder};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Quality of frames of a moving view, and of one at rest.
@@ -28,20 +30,23 @@ pub struct Renderer {
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
     last: ClientId,
+    jobs: Jobs,
+    hub: Arc<Hub>,
 }
 
 impl Renderer {
-    /// Draws `space`; what is deformed is kept, up to `cache` bytes.
+    /// Draws `space` for the clients of `hub`; what is deformed is kept, up to `cache` bytes.
     #[must_use]
-    pub fn new(space: Workspace, cache: usize) -> Self {
-        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0 }
+    pub fn new(space: Workspace, cache: usize, hub: Arc<Hub>) -> Self {
+        let jobs = Jobs::new(hub.clone());
+        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0, jobs, hub }
     }
 
     /// Works until the hub stops it.
-    pub fn run(mut self, hub: &Hub) {
+    pub fn run(mut self) {
         let mut looked = Instant::now();
         let mut until = Some(Instant::now());
-        while let Some(events) = hub.wait(until) {
+        while let Some(events) = self.hub.wait(until) {
             for (id, event) in events {
                 self.handle(id, event);
             }
@@ -49,6 +54,7 @@ impl Renderer {
                 looked = Instant::now();
                 self.look_at_files();
             }
+            self.tell_of_job();
             until = self.draw_next();
             self.clients.retain(|_, client| !client.lost);
         }
@@ -60,6 +66,9 @@ impl Renderer {
                 let mut client = Client::new(id, out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
+                if let Some(state) = self.jobs.state() {
+                    client.answer(Answer::Job(Box::new(state)));
+                }
                 self.clients.insert(id, client);
             }
             Event::Left => drop(self.clients.remove(&id)),
@@ -126,6 +135,21 @@ impl Renderer {
                 let done = self.space.change(base, &change);
                 self.ended(id, number, done)?;
             }
+            Request::Job { id: number, base, task } => {
+                let run = match self.space.for_work(base) {
+                    Ok(run) => run,
+                    Err(error) => return self.ended(id, number, Err(error)),
+                };
+                self.jobs.start(run, &self.space.device, task).map_err(|e| (Some(number), e))?;
+                client.answer(Answer::Done { id: number });
+            }
+            Request::Cancel { id: number, job } => {
+                if self.space.read_only() {
+                    return Err((Some(number), ChangeError::ReadOnly.to_string()));
+                }
+                self.jobs.cancel(job).map_err(|e| (Some(number), e))?;
+                client.answer(Answer::Done { id: number });
+            }
         }
         Ok(())
     }
@@ -151,16 +175,33 @@ impl Renderer {
         }
     }
 
-    /// Reads what commands wrote into the run.
+    /// Reads what commands and jobs wrote into the run.
     fn look_at_files(&mut self) {
+        let clicks = self.space.field().is_some();
         match self.space.refresh() {
             Ok(false) => {}
-            Ok(true) => self.tell_document(),
-            Err(error) => {
-                for client in self.clients.values_mut() {
-                    client.answer(Answer::Error { id: None, message: error.to_string() });
+            Ok(true) => {
+                if clicks != self.space.field().is_some() {
+                    self.tell_all(&self.welcome());
                 }
+                self.tell_document();
             }
+            Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
+        }
+    }
+
+    /// Tells how far a job has come, after what it made when it ended.
+    fn tell_of_job(&mut self) {
+        let Some(state) = self.jobs.news() else { return };
+        if state.end.is_some() {
+            self.look_at_files();
+        }
+        self.tell_all(&Answer::Job(Box::new(state)));
+    }
+
+    fn tell_all(&mut self, answer: &Answer) {
+        for client in self.clients.values_mut() {
+            client.answer(answer.clone());
         }
     }
 

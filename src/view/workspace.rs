@@ -158,6 +158,18 @@ impl Workspace {
         self.end(lock, Some(segments))
     }
 
+    /// The run for long work on another thread, which is to lock it, for a client that knows revision `base`.
+    ///
+    /// # Errors
+    /// If nothing may be changed, or the document has another revision by now.
+    pub fn for_work(&mut self, base: u64) -> Result<OpenRun, ChangeError> {
+        if self.read_only {
+            return Err(ChangeError::ReadOnly);
+        }
+        self.refresh()?;
+        if self.revision == base { Ok(self.run.share()) } else { Err(ChangeError::Stale) }
+    }
+
     /// Takes the lock, reads what others wrote, and checks that the client knows it.
     fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
         if self.read_only {
