@@ -97,6 +97,12 @@ impl OpenRun {
         Self { path, _lock: None, scene: scene.clone(), scene_path, record, config }
     }
 
+    /// Steps that the scene was trained for.
+    #[must_use]
+    pub fn step(&self) -> Option<usize> {
+        checkpoint::step_of(self.scene_path.parent()?)
+    }
+
     /// Name of the checkpoint that was opened, where it is not the newest of the run.
     #[must_use]
     pub fn older_step(&self) -> Option<String> {

@@ -111,7 +111,9 @@ impl Client {
                 // one that is gone hides nothing
                 away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
             }
-            let selection = Selection::open(&space.run, alone, *edits)?.hiding(away).highlighting(members.to_vec());
+            let selection = Selection::open(&space.run, alone, *edits && space.fault().is_none())?
+                .hiding(away)
+                .highlighting(members.to_vec());
             self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
         }
         match &mut self.look {

@@ -3,8 +3,8 @@
 //!
 //! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
 //! run ([`workspace`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
-//! lately. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`jobs`], on another
-//! thread.
+//! lately. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`jobs`] and
+//! [`tracks`], on other threads.
 
 pub mod auth;
 pub mod cache;
@@ -16,6 +16,8 @@ pub mod page;
 pub mod protocol;
 pub mod render;
 pub mod server;
+pub mod tracks;
+pub mod training;
 pub mod workspace;
 
 use auth::{Guard, Token};

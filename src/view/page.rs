@@ -35,7 +35,7 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 14] = modules![
+pub const MODULES: [PageFile; 16] = modules![
     "address.js",
     "app.js",
     "camera.js",
@@ -50,6 +50,8 @@ pub const MODULES: [PageFile; 14] = modules![
     "socket.js",
     "state.js",
     "time.js",
+    "tracks.js",
+    "training.js",
 ];
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 use super::jobs::board::JobState;
 use super::jobs::task::Task;
+use super::tracks::Track;
+use super::training::Training;
 use crate::edit::Operation;
 use crate::name::Name;
 use crate::run::look::Legend;
@@ -76,6 +78,15 @@ pub enum Request {
         base: u64,
         /// The work.
         task: Task,
+    },
+    /// What segments, several as one, are like over time.
+    Track {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Their names.
+        segments: Vec<String>,
+        /// Times, evenly spaced over [0, 1].
+        times: usize,
     },
     /// Stop long work.
     Cancel {
@@ -227,6 +238,8 @@ pub enum Answer {
         run: String,
         /// Fingerprint of its scene.
         scene: String,
+        /// Steps that it was trained for.
+        step: Option<usize>,
         /// Gaussians.
         gaussians: usize,
         /// What cameras look at.
@@ -255,6 +268,10 @@ pub enum Answer {
     },
     /// How far long work has come.
     Job(Box<JobState>),
+    /// What segments are like over time.
+    Track(Box<Track>),
+    /// How the training of the run has come on.
+    Training(Box<Training>),
     /// The key to the colours.
     Legend {
         /// The key; none where things have their own colours.

@@ -143,7 +143,7 @@ impl Browser {
     }
 
     /// A number that tells the picture from others.
-    fn picture(&mut self, tab: &Tab) -> Value {
+    pub fn picture(&mut self, tab: &Tab) -> Value {
         let pixels = "(() => { const c = document.getElementById('picture'); \
                       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
                       let h = 0; for (let i = 0; i < d.length; i += 3) h = (h * 31 + d[i]) | 0; return h; })()";

@@ -8,6 +8,8 @@ mod common;
 mod door;
 mod jobs;
 mod socket;
+mod tracks;
+mod watch;
 mod work;
 
 use common::{SIZE, copy, run_json, volseggs};

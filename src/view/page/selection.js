@@ -73,7 +73,11 @@ hear("picked", (message) => {
   selected(message);
   tell("picked", message);
 });
-on("welcome", ({ clicks }) => {
+let scene = null;
+on("welcome", (welcome) => {
+  // what was selected is of the scene before
+  if (app.picked && scene !== welcome.scene) clear();
+  scene = welcome.scene;
   if (app.picked) return;
-  $("selected").textContent = clicks ? HINT : "To select by clicks, make masks and train the field first (under Work).";
+  $("selected").textContent = welcome.clicks ? HINT : "To select by clicks, make masks and train the field first (under Work).";
 });
