@@ -211,3 +211,28 @@ fn follow(wanted: Wanted, stop: &AtomicBool) -> Result<Option<Track>, RunError> 
     let found = measure(&run, &segments, group.as_ref(), (&times, &asked), || !stop.load(Ordering::Acquire))?;
     Ok(found.and_then(|found| found.first().map(|f| Track::new(id, segments, f))))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::events::{Event, Tracking};
+
+    #[test]
+    fn what_goes_on_is_no_event() {
+        let event = |kind, parents: &[u32], children: &[u32]| Event {
+            time_from: 0.5,
+            time_to: 0.6,
+            kind,
+            parents: parents.to_vec(),
+            children: children.to_vec(),
+            parent_weights: Vec::new(),
+            child_weights: Vec::new(),
+        };
+        let events = vec![event(EventKind::Continue, &[1], &[1]), event(EventKind::Split, &[1], &[2, 3])];
+        let tracking = Tracking { events, points: Vec::new() };
+        let found = Followup { name: "a".into(), statistics: Vec::new(), tracking };
+        let track = Track::new(7, vec!["a".into()], &found);
+        assert_eq!(track.events, [TrackEvent { kind: EventKind::Split, from: 0.5, to: 0.6, parts: [1, 2] }]);
+        assert!(serde_json::to_string(&track).unwrap().contains(r#""kind":"split""#));
+    }
+}

@@ -115,7 +115,7 @@ fn a_person_watches_a_training() {
     browser.eval(&tab, "document.getElementById('training').open = true");
     browser.wait(
         &tab,
-        "/^running: .* steps; step .* is shown/.test(document.getElementById('training-figures').textContent)",
+        "/^Training: running, .* steps; step .* is shown/.test(document.getElementById('training-figures').textContent)",
     );
     browser.wait(&tab, "document.querySelectorAll('#training-loss .line').length === 1");
     browser.wait(&tab, &format!("document.getElementById('scene').textContent !== {first}"));

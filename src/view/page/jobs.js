@@ -56,10 +56,14 @@ hear("job", (message) => {
   if (job.all) Object.assign($("job-progress"), { max: job.all, value: job.done });
   else $("job-progress").removeAttribute("value");
   $("job-figures").textContent = figures();
-  $("job-loss").hidden = job.losses.length < 2;
+  $("job-loss").toggleAttribute("hidden", job.losses.length < 2);
   plot($("job-loss"), [{ points: job.losses }]);
   // said aloud once, not at every step
   if (begins && !job.end) $("job-news").textContent = `${job.title}: begun`;
   if (ends) $("job-news").textContent = `${job.title}: ${figures()}`;
 });
-on("welcome", ({ read_only: still }) => { $("work").disabled = still; });
+on("welcome", ({ read_only: still }) => {
+  $("work").disabled = still;
+  // a viewer that was started anew knows nothing of it; one that does says so at once
+  if (job && !job.end) $("job").hidden = true;
+});

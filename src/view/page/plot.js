@@ -10,7 +10,7 @@ export function draw(kind, attributes = {}, ...children) {
   return element;
 }
 
-const short = (v) => (v === 0 ? "0" : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(1) : Number(v.toPrecision(3)).toString());
+const short = (v) => (Number.isInteger(v) ? v.toLocaleString("en") : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(1) : Number(v.toPrecision(3)).toString());
 const label = (x, y, text, anchor = "start") => draw("text", { x, y, "text-anchor": anchor }, text);
 
 // where a value of the horizontal axis, which goes over span, stands in the plot, and the other way round
@@ -37,7 +37,9 @@ export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
       pen = "L";
       return step;
     });
-    return draw("path", { d: steps.join(""), class: `line ${look}` });
+    // a point alone is a dot
+    const d = steps.filter(Boolean).length === 1 ? `${steps.join("")}h0` : steps.join("");
+    return draw("path", { d, class: `line ${look}` });
   });
   const axis = draw("path", { d: `M${LEFT} ${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`, class: "axis" });
   svg.replaceChildren(

@@ -60,9 +60,10 @@ function mark() {
 $("chart-start").onclick = async () => {
   const segments = chosen();
   if (!segments.length) return;
-  $("chart-start").disabled = true;
+  const label = $("chart-start").textContent;
+  Object.assign($("chart-start"), { disabled: true, textContent: "measuring …" });
   await ask({ type: "track", segments, times: 51 }).catch((message) => say(message, true));
-  $("chart-start").disabled = false;
+  Object.assign($("chart-start"), { disabled: false, textContent: label });
 };
 hear("track", (message) => { track = message; show(); });
 

@@ -11,8 +11,8 @@ function show() {
   if (!training) return;
   const { status, steps, all, loss, train, test } = training;
   const shown = app.welcome?.step == null ? "" : `; step ${count(app.welcome.step)} is shown`;
-  $("training-figures").textContent = `${status}: ${count(steps)} of ${count(all)} steps${shown}`;
-  const span = [0, Math.max(all, steps)];
+  $("training-figures").textContent = `Training: ${status}, ${count(steps)} of ${count(all)} steps${shown}`;
+  const span = [0, steps];
   plot($("training-loss"), [{ points: loss }], { span });
   plot($("training-psnr"), [{ points: train, look: "one" }, { points: test, look: "two" }], { span, unit: " dB" });
   const last = test.length ? `, ${test.at(-1)[1].toFixed(2)} dB on test views` : "";
