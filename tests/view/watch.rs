@@ -1,9 +1,9 @@
 //! A run that is watched while another process trains it.
 
 use crate::browser::Browser;
-use crate::common::{BINARY, SIZE, dataset, train_arguments, volseggs};
+use crate::common::{BINARY, SIZE, dataset, run_json, train_arguments, volseggs};
 use crate::socket::{Server, Window};
-use crate::view;
+use crate::{run, view};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -128,4 +128,38 @@ fn a_person_watches_a_training() {
     browser.eval(&tab, "document.getElementById('training').scrollIntoView({ block: 'center' })");
     browser.shoot(&tab, "6-training");
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}
+
+#[test]
+fn segments_of_another_state_of_the_scene_are_left_out_and_kept() {
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let (mut window, welcome) = Window::open(&server);
+    let name = window.document["segments"][0]["name"].as_str().unwrap().to_owned();
+    run_json(root, &["edit", "hide", "run", "--segment", &name]);
+    let file = root.join("run/segments/segments.safetensors");
+    let before = std::fs::read(&file).unwrap();
+    let longer = ["train", "--resume", "run", "--set", "stages.joint_steps=70"];
+    volseggs().current_dir(root).args(longer).assert().success();
+
+    let newer = window.wait_for(|m| m["type"] == "welcome" && m["step"].as_u64() > welcome["step"].as_u64());
+    assert!(newer["note"].as_str().unwrap().contains("trained on since"), "{newer}");
+    assert_eq!(newer["clicks"], false, "the field is of the scene before");
+    let document = window.wait_for(|m| m["type"] == "document" && m["segments"].as_array().is_some_and(Vec::is_empty));
+    window.say(&view(&welcome, 0.3, "colour", false));
+    assert!(window.lossless().png, "it is drawn, without edits of what is not there");
+    let coarse = json!({ "kind": "coarse", "time": 0.5, "clusters": 2 });
+    window.say(&json!({ "type": "change", "id": 1, "base": document["revision"], "change": coarse }));
+    let refused = window.wait_for(|m| m["id"] == 1);
+    assert!(refused["message"].as_str().unwrap().contains("--replace"), "{refused}");
+    assert!(std::fs::read(&file).unwrap() == before, "the segments of before stay");
+
+    volseggs().current_dir(root).args(["edit", "undo", "run"]).assert().success();
+    run_json(root, &["segment", "coarse", "run", "--clusters", "2", "--replace"]);
+    let document =
+        window.wait_for(|m| m["type"] == "document" && m["segments"].as_array().is_some_and(|s| s.len() > 1));
+    let coarse = json!({ "kind": "coarse", "time": 0.4, "clusters": 3 });
+    window.say(&json!({ "type": "change", "id": 2, "base": document["revision"], "change": coarse }));
+    assert_eq!(window.wait_for(|m| m["id"] == 2)["type"], "done");
 }
