@@ -77,15 +77,18 @@ impl TrackArgs {
         };
         let followed = progress::bar(times.count(), "times followed");
         let drawn = progress::bar(times.count(), "times drawn");
-        let found = follow(&run, &request, &device, |stage| match stage {
-            Stage::Followed => followed.inc(1),
-            Stage::Drawn => {
-                followed.finish_and_clear();
-                drawn.inc(1);
+        let found = follow(&run, &request, &device, |stage| {
+            match stage {
+                Stage::Followed => followed.inc(1),
+                Stage::Drawn => {
+                    followed.finish_and_clear();
+                    drawn.inc(1);
+                }
             }
+            true
         })?;
         drawn.finish_and_clear();
-        self.print(&run, &camera, &found)
+        self.print(&run, &camera, &found.unwrap_or_default())
     }
 
     fn times(&self) -> Times {

@@ -18,6 +18,8 @@ pub struct Curves {
     pub test: Vec<(f64, f64)>,
     /// (step, PSNR on the view trained on).
     pub train: Vec<(f64, f64)>,
+    /// (step, loss on the view trained on).
+    pub loss: Vec<(f64, f64)>,
     /// (seconds of training, PSNR on a few test views).
     pub test_by_seconds: Vec<(f64, f64)>,
 }
@@ -28,6 +30,8 @@ struct Line {
     step: u64,
     #[serde(default)]
     seconds: Option<f64>,
+    #[serde(default)]
+    loss: Option<f64>,
     #[serde(default)]
     train_psnr: Option<f64>,
     #[serde(default)]
@@ -58,7 +62,8 @@ pub fn mean(runs: &[&Path]) -> Curves {
     let seconds: BTreeMap<u64, f64> = seconds.into_iter().collect();
     let test_by_seconds = test.iter().filter_map(|(step, psnr)| Some((*seconds.get(step)?, *psnr))).collect();
     let points = |curve: Vec<(u64, f64)>| curve.into_iter().map(|(step, v)| (step as f64, v)).collect();
-    Curves { test: points(test), train: points(steps(|line| line.train_psnr)), test_by_seconds }
+    let (train, loss) = (points(steps(|line| line.train_psnr)), points(steps(|line| line.loss)));
+    Curves { test: points(test), train, loss, test_by_seconds }
 }
 
 fn mean_by_step(runs: &[BTreeMap<u64, Line>], value: fn(&Line) -> Option<f64>) -> Vec<(u64, f64)> {

@@ -90,6 +90,12 @@ impl RunPaths<'_> {
         self.0.join("track")
     }
 
+    /// The folder of exported Gaussians that were given no other place.
+    #[must_use]
+    pub fn exported(self) -> PathBuf {
+        self.0.join("export")
+    }
+
     /// The folder of label volumes that were given no other place.
     #[must_use]
     pub fn labels(self) -> PathBuf {

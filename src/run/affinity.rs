@@ -115,7 +115,10 @@ pub fn fit(
         goes_on(Stage::Read { done, all: header.views.len() });
     })
     .map_err(RunError::input)?;
-    goes_on(Stage::Begins { views: views.len(), masks: spreads.len(), seconds: started.elapsed().as_secs_f64() });
+    let seconds = started.elapsed().as_secs_f64();
+    if !goes_on(Stage::Begins { views: views.len(), masks: spreads.len(), seconds }) {
+        return Ok(None);
+    }
 
     let (mut smooth, mut stopped) = (None, false);
     let started = Instant::now();

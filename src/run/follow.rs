@@ -90,7 +90,26 @@ pub enum Stage {
     Drawn,
 }
 
-/// Follows segments, and writes a folder of each into the run's folder of tracks.
+/// What a segment, or several as one, is like at `times`, and its events, on the scene as trained; nothing is written.
+/// `asked` is what set the number of times, see [`FollowRequest::asked`]. `None` if `goes_on`, asked at each time, stopped
+/// it.
+///
+/// # Errors
+/// A name that no segment has, or an empty segment.
+pub fn measure(
+    run: &OpenRun,
+    segments: &[String],
+    group: Option<&Name>,
+    (times, asked): (&Times, &str),
+    goes_on: impl FnMut() -> bool,
+) -> Result<Option<Vec<Followup>>, RunError> {
+    let wanted = wanted(run, segments, group)?;
+    check_memory(&wanted, times, asked)?;
+    follow_all(run, &wanted, &times.list(), goes_on)
+}
+
+/// Follows segments, and writes a folder of each into the run's folder of tracks; `None` if `goes_on`, asked at each time,
+/// stopped it, with the folders of before as they were.
 ///
 /// # Errors
 /// A name that no segment has, an empty segment, or results that cannot be written.
@@ -98,56 +117,71 @@ pub fn follow(
     run: &OpenRun,
     request: &FollowRequest<'_>,
     device: &Device,
-    mut progress: impl FnMut(Stage),
-) -> Result<Vec<Followup>, RunError> {
-    let wanted = wanted(run, request)?;
-    let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
-    // at each time every Gaussian of a segment has a part and an opacity
-    Budget::now().check(request.asked, product(&[request.times.count(), bytes])).map_err(RunError::input)?;
+    mut goes_on: impl FnMut(Stage) -> bool,
+) -> Result<Option<Vec<Followup>>, RunError> {
+    let wanted = wanted(run, request.segments, request.group)?;
+    check_memory(&wanted, request.times, request.asked)?;
     let times = &request.times.list()[..];
-    let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
     let shown = Selection::open(run, &[], request.edited)?;
 
     // begun before the work, so that what cannot be replaced is told of at once
     let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.paths().tracks(), name, request.pictures);
     let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
-    let scene = |time: f64| {
-        progress(Stage::Followed);
-        run.scene.host_at(time as f32)
-    };
-    let mut found = track::follow(scene, &segments, times, &FollowOptions::default()).map_err(RunError::input)?;
+    let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
+    let Some(mut found) = found else { return Ok(None) };
 
     let (camera, spec) = (request.camera, &run.scene.spec);
     for (i, &time) in times.iter().enumerate() {
         let at = shown.edited(&run.scene, time as f32)?;
         // one after the other: drawing one picture takes all threads
-        let alone =
-            |s: &Followed<'_>| draw(&at.subset(s.members), camera.to_kernel(), spec.background, spec.sh_degree, device);
-        let pictures: Vec<Vec<f32>> = segments.iter().map(alone).collect();
+        let alone = |(_, members): &(Name, Vec<u32>)| {
+            draw(&at.subset(members), camera.to_kernel(), spec.background, spec.sh_degree, device)
+        };
+        let pictures: Vec<Vec<f32>> = wanted.iter().map(alone).collect();
         let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
         let size = [camera.width as usize, camera.height as usize];
         let add = |(report, rgba): (&mut ReportFolder, &Vec<f32>)| report.add(rgba, size, label.clone());
         reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(report_error)?;
-        progress(Stage::Drawn);
+        if !goes_on(Stage::Drawn) {
+            return Ok(None);
+        }
     }
     for (report, followup) in reports.into_iter().zip(&mut found) {
         report.finish(followup).map_err(report_error)?;
     }
-    Ok(found)
+    Ok(Some(found))
+}
+
+/// Refuses more times than memory has room for.
+fn check_memory(wanted: &[(Name, Vec<u32>)], times: &Times, asked: &str) -> Result<(), RunError> {
+    let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
+    // at each time every Gaussian of a segment has a part and an opacity
+    Budget::now().check(asked, product(&[times.count(), bytes])).map_err(RunError::input)
+}
+
+fn follow_all(
+    run: &OpenRun,
+    wanted: &[(Name, Vec<u32>)],
+    times: &[f64],
+    mut goes_on: impl FnMut() -> bool,
+) -> Result<Option<Vec<Followup>>, RunError> {
+    let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
+    let scene = |time: f64| goes_on().then(|| run.scene.host_at(time as f32));
+    track::follow(scene, &segments, times, &FollowOptions::default()).map_err(RunError::input)
 }
 
 /// Names and members of what is followed.
-fn wanted(run: &OpenRun, request: &FollowRequest<'_>) -> Result<Vec<(Name, Vec<u32>)>, RunError> {
+fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Vec<(Name, Vec<u32>)>, RunError> {
     let all = run.segments()?;
     let mut wanted: Vec<(Name, Vec<u32>)> = Vec::new();
-    for name in request.segments {
+    for name in segments {
         if wanted.iter().any(|(n, _)| n == name) {
             continue;
         }
         let segment = all.get(name).map_err(RunError::input)?;
         wanted.push((segment.name.clone(), segment.members.clone()));
     }
-    if let Some(group) = request.group {
+    if let Some(group) = group {
         let mut members: Vec<u32> = wanted.iter().flat_map(|(_, m)| m).copied().collect();
         members.sort_unstable();
         members.dedup();

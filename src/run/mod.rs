@@ -4,12 +4,14 @@
 //! [`OpenRun`] is the run; [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand
 //! for, [`frames`] writes pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
 //! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
-//! segments, and [`measure`] evaluates the run. `files::RunPaths` says where everything lies.
+//! segments, [`export`] writes files of other programs, and [`measure`] evaluates the run. `files::RunPaths` says where
+//! everything lies.
 
 pub mod affinity;
 pub mod cameras;
 pub mod edits;
 mod error;
+pub mod export;
 pub mod follow;
 pub mod frames;
 pub mod labels;

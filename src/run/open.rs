@@ -89,6 +89,20 @@ impl OpenRun {
         }
     }
 
+    /// The same run once more, for work on another thread: the scene is shared and nothing is read. It holds no lock.
+    #[must_use]
+    pub fn share(&self) -> Self {
+        let Self { path, scene, scene_path, record, config, .. } = self;
+        let (path, scene_path, record, config) = (path.clone(), scene_path.clone(), record.clone(), config.clone());
+        Self { path, _lock: None, scene: scene.clone(), scene_path, record, config }
+    }
+
+    /// Steps that the scene was trained for.
+    #[must_use]
+    pub fn step(&self) -> Option<usize> {
+        checkpoint::step_of(self.scene_path.parent()?)
+    }
+
     /// Name of the checkpoint that was opened, where it is not the newest of the run.
     #[must_use]
     pub fn older_step(&self) -> Option<String> {

@@ -44,22 +44,23 @@ pub struct Followup {
     pub tracking: Tracking,
 }
 
-/// Follows `segments` over `times`, in their order, forward or backward. `scene` gives the Gaussians of a time.
+/// Follows `segments` over `times`, in their order, forward or backward. `scene` gives the Gaussians of a time; where it
+/// gives none, following stops, and gives none itself.
 ///
 /// # Errors
 /// If a member is no Gaussian of the scene, or an option is out of range.
 pub fn follow(
-    mut scene: impl FnMut(f64) -> HostGaussians,
+    mut scene: impl FnMut(f64) -> Option<HostGaussians>,
     segments: &[Followed<'_>],
     times: &[f64],
     options: &FollowOptions,
-) -> Result<Vec<Followup>, PointsError> {
+) -> Result<Option<Vec<Followup>>, PointsError> {
     let mut statistics = vec![Vec::with_capacity(times.len()); segments.len()];
     let mut frames: Vec<Vec<(Vec<u32>, Vec<f32>)>> = vec![Vec::with_capacity(times.len()); segments.len()];
     // one cell for all times, so that volumes compare
     let mut config = vec![StatisticsConfig::default(); segments.len()];
     for &time in times {
-        let at = scene(time);
+        let Some(at) = scene(time) else { return Ok(None) };
         let opacity = at.opacity();
         let all = Gaussians {
             means: &at.means,
@@ -94,7 +95,8 @@ pub fn follow(
             let tracking = find_events(&frames, &options.events)?;
             Ok(Followup { name: segment.name.into(), statistics, tracking })
         })
-        .collect()
+        .collect::<Result<Vec<_>, _>>()
+        .map(Some)
 }
 
 #[cfg(test)]
@@ -103,18 +105,18 @@ mod tests {
     use crate::track::events::EventKind;
 
     /// Two rods that lie end to end and move apart after half the time.
-    fn rods(time: f64) -> HostGaussians {
+    fn rods(time: f64) -> Option<HostGaussians> {
         let n = 40;
         let apart = (4.0 * (time - 0.5)).max(0.0) as f32;
         let place = |i: usize| 0.05 * i as f32 + if i < n / 2 { -apart } else { apart };
-        HostGaussians {
+        Some(HostGaussians {
             means: (0..n).flat_map(|i| [place(i), time as f32, 0.0]).collect(),
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
             log_scales: vec![0.04f32.ln(); 3 * n],
             opacity_logits: vec![1.0; n],
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
-        }
+        })
     }
 
     #[test]
@@ -125,7 +127,7 @@ mod tests {
         let forward: Vec<f64> = (0..21).map(|i| i as f64 / 20.0).collect();
         let backward: Vec<f64> = forward.iter().rev().copied().collect();
         let kinds = |times: &[f64]| {
-            let all = follow(rods, &segments, times, &FollowOptions::default()).unwrap();
+            let all = follow(rods, &segments, times, &FollowOptions::default()).unwrap().unwrap();
             let of = |k: usize| {
                 let found = all[k].tracking.events.iter().map(|e| e.kind);
                 found.filter(|k| *k != EventKind::Continue).collect::<Vec<_>>()
@@ -139,5 +141,7 @@ mod tests {
         assert!((velocity[1] - 1.0).abs() < 1e-4, "{velocity:?}");
         let cells: Vec<f64> = all[0].statistics.iter().map(|s| s.volume_cell).collect();
         assert!(cells.iter().all(|c| (c - cells[0]).abs() < 1e-6), "one cell for all times");
+        let stopped = follow(|t| rods(t).filter(|_| t < 0.5), &segments, &forward, &FollowOptions::default());
+        assert_eq!(stopped.unwrap(), None);
     }
 }

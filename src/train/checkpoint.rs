@@ -97,6 +97,12 @@ pub fn folder_name(step: usize) -> String {
     format!("step-{step:06}")
 }
 
+/// The step of the checkpoint in that folder, by its name.
+#[must_use]
+pub fn step_of(path: &Path) -> Option<usize> {
+    path.file_name()?.to_str()?.strip_prefix("step-")?.parse().ok()
+}
+
 /// Complete checkpoints in a run folder, oldest first; none where the folder cannot be read, see [`newest`].
 pub fn list(run: &Path) -> Vec<(usize, PathBuf)> {
     let mut found = folders(run).unwrap_or_default();
@@ -115,9 +121,8 @@ fn folders(run: &Path) -> Result<Vec<(usize, PathBuf)>, CheckpointError> {
     let mut found = Vec::new();
     for entry in entries {
         let entry = entry.map_err(wrong)?;
-        let name = entry.file_name();
-        let step = name.to_str().and_then(|n| n.strip_prefix("step-")).and_then(|n| n.parse().ok());
-        found.extend(step.map(|step| (step, entry.path())));
+        let path = entry.path();
+        found.extend(step_of(&path).map(|step| (step, path)));
     }
     found.sort();
     Ok(found)
@@ -169,8 +174,7 @@ pub fn advice(path: &Path) -> String {
         read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
             && [RunPaths::SCENE, "optimizer.safetensors"].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
     };
-    let step = |p: &Path| p.file_name()?.to_str()?.strip_prefix("step-")?.parse::<usize>().ok();
-    let before = step(path).unwrap_or(usize::MAX);
+    let before = step_of(path).unwrap_or(usize::MAX);
     let older = list(run).into_iter().rev().filter(|(step, _)| *step < before).map(|(_, p)| p);
     match older.into_iter().find(|p| whole(p)) {
         Some(older) => format!(

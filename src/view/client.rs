@@ -111,7 +111,8 @@ impl Client {
                 // one that is gone hides nothing
                 away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
             }
-            let selection = Selection::open(&space.run, alone, *edits)?.hiding(away);
+            let edits = *edits && space.fault().is_none();
+            let selection = Selection::open(&space.run, alone, edits)?.hiding(away);
             self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
         }
         match &mut self.look {

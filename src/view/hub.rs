@@ -36,6 +36,7 @@ pub enum Event {
 struct Inbox {
     events: VecDeque<(ClientId, Event)>,
     stop: bool,
+    woken: bool,
 }
 
 /// The inbox of the thread that draws.
@@ -58,6 +59,12 @@ impl Hub {
         self.inbox().events.len() >= WAITING
     }
 
+    /// Has the thread that draws look around, without anything to tell.
+    pub fn wake(&self) {
+        self.inbox().woken = true;
+        self.news.notify_one();
+    }
+
     /// Ends the thread that draws.
     pub fn stop(&self) {
         self.inbox().stop = true;
@@ -69,9 +76,10 @@ impl Hub {
         let mut inbox = self.inbox();
         let longest = Duration::from_millis(500);
         let wait = until.map_or(longest, |until| until.saturating_duration_since(Instant::now()).min(longest));
-        if inbox.events.is_empty() && !inbox.stop && !wait.is_zero() {
+        if inbox.events.is_empty() && !inbox.stop && !inbox.woken && !wait.is_zero() {
             inbox = self.news.wait_timeout(inbox, wait).unwrap_or_else(PoisonError::into_inner).0;
         }
+        inbox.woken = false;
         if inbox.stop { None } else { Some(inbox.events.drain(..).collect()) }
     }
 

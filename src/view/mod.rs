@@ -3,18 +3,22 @@
 //!
 //! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
 //! run ([`workspace`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
-//! lately. What is done to a run is done by [`crate::run`], as the commands do it.
+//! lately. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`jobs`] and
+//! [`tracks`], on other threads.
 
 pub mod auth;
 pub mod cache;
 pub mod clicks;
 pub mod client;
 pub mod hub;
+pub mod jobs;
 pub mod pace;
 pub mod page;
 pub mod protocol;
 pub mod render;
 pub mod server;
+pub mod tracks;
+pub mod training;
 pub mod workspace;
 
 use auth::{Guard, Token};
@@ -103,7 +107,7 @@ pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Servi
     let router = router(Shared::new(Guard::new(token, address.port(), hosts), hub.clone()));
     std::thread::scope(|scope| {
         let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {
-            Renderer::new(space, options.cache).run(&hub);
+            Renderer::new(space, options.cache, hub.clone()).run();
         });
         drawing.map_err(ViewError::System)?;
         ready(&Serving { address, url });

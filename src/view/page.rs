@@ -35,19 +35,23 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 12] = modules![
+pub const MODULES: [PageFile; 16] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "edits.js",
     "input.js",
+    "jobs.js",
     "looks.js",
     "picture.js",
+    "plot.js",
     "segments.js",
     "selection.js",
     "socket.js",
     "state.js",
     "time.js",
+    "tracks.js",
+    "training.js",
 ];
 
 #[cfg(test)]

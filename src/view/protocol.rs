@@ -1,5 +1,9 @@
 //! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
 
+use super::jobs::board::JobState;
+use super::jobs::task::Task;
+use super::tracks::Track;
+use super::training::Training;
 use crate::edit::Operation;
 use crate::name::Name;
 use crate::run::look::Legend;
@@ -65,6 +69,31 @@ pub enum Request {
         base: u64,
         /// The change.
         change: Change,
+    },
+    /// Start long work.
+    Job {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Revision of the document that the client knows.
+        base: u64,
+        /// The work.
+        task: Task,
+    },
+    /// What segments, several as one, are like over time.
+    Track {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Their names.
+        segments: Vec<String>,
+        /// Times, evenly spaced over [0, 1].
+        times: usize,
+    },
+    /// Stop long work.
+    Cancel {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Number of the job.
+        job: u64,
     },
 }
 
@@ -201,7 +230,7 @@ pub enum Change {
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "type", rename_all = "kebab-case")]
 pub enum Answer {
-    /// First of all.
+    /// First of all, and again when the scene or whether there is an affinity field changed.
     Welcome {
         /// Version of the program.
         version: &'static str,
@@ -209,6 +238,8 @@ pub enum Answer {
         run: String,
         /// Fingerprint of its scene.
         scene: String,
+        /// Steps that it was trained for.
+        step: Option<usize>,
         /// Gaussians.
         gaussians: usize,
         /// What cameras look at.
@@ -235,6 +266,12 @@ pub enum Answer {
         /// Its number.
         id: u32,
     },
+    /// How far long work has come.
+    Job(Box<JobState>),
+    /// What segments are like over time.
+    Track(Box<Track>),
+    /// How the training of the run has come on.
+    Training(Box<Training>),
     /// The key to the colours.
     Legend {
         /// The key; none where things have their own colours.

@@ -4,8 +4,11 @@
 use super::cache::Cache;
 use super::client::Client;
 use super::hub::{ClientId, Event, Hub, Outgoing};
+use super::jobs::Jobs;
 use super::pace::Next;
 use super::protocol::{Answer, Codec, FrameInfo, Request, View};
+use super::tracks::{Tracks, Wanted};
+use super::training::Watch;
 use super::workspace::{ChangeError, Workspace};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::run::RunError;
@@ -13,6 +16,7 @@ use crate::run::pick::Hit;
 use jpeg_encoder::{ColorType, Encoder};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Quality of frames of a moving view, and of one at rest.
@@ -28,27 +32,38 @@ pub struct Renderer {
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
     last: ClientId,
+    jobs: Jobs,
+    tracks: Tracks,
+    watch: Watch,
+    /// What clients were told of the scene: its step, and whether there is an affinity field.
+    told: (Option<usize>, bool),
+    hub: Arc<Hub>,
 }
 
 impl Renderer {
-    /// Draws `space`; what is deformed is kept, up to `cache` bytes.
+    /// Draws `space` for the clients of `hub`; what is deformed is kept, up to `cache` bytes.
     #[must_use]
-    pub fn new(space: Workspace, cache: usize) -> Self {
-        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0 }
+    pub fn new(space: Workspace, cache: usize, hub: Arc<Hub>) -> Self {
+        let (jobs, tracks) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()));
+        let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
+        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0, jobs, tracks, watch, told, hub }
     }
 
     /// Works until the hub stops it.
-    pub fn run(mut self, hub: &Hub) {
+    pub fn run(mut self) {
         let mut looked = Instant::now();
         let mut until = Some(Instant::now());
-        while let Some(events) = hub.wait(until) {
+        while let Some(events) = self.hub.wait(until) {
             for (id, event) in events {
                 self.handle(id, event);
             }
             if looked.elapsed() > LOOK {
                 looked = Instant::now();
                 self.look_at_files();
+                self.tell_of_training();
             }
+            self.tell_of_job();
+            self.tell_of_tracks();
             until = self.draw_next();
             self.clients.retain(|_, client| !client.lost);
         }
@@ -60,9 +75,18 @@ impl Renderer {
                 let mut client = Client::new(out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
+                if let Some(training) = self.watch.now() {
+                    client.answer(Answer::Training(Box::new(training.clone())));
+                }
+                if let Some(state) = self.jobs.state() {
+                    client.answer(Answer::Job(Box::new(state)));
+                }
                 self.clients.insert(id, client);
             }
-            Event::Left => drop(self.clients.remove(&id)),
+            Event::Left => {
+                self.tracks.forget(id);
+                self.clients.remove(&id);
+            }
             Event::Said(request) => {
                 // whatever goes wrong here, the others go on
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
@@ -81,6 +105,7 @@ impl Renderer {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
             scene: run.scene.fingerprint(),
+            step: run.step(),
             gaussians: run.scene.gaussians.count(),
             centre: run.scene.spec.centre().to_array(),
             radius: around.sphere.radius,
@@ -88,7 +113,7 @@ impl Renderer {
             size: [around.lens.width, around.lens.height],
             clicks: self.space.field().is_some(),
             read_only: self.space.read_only(),
-            note: around.note,
+            note: around.note.or_else(|| self.space.fault().map(str::to_owned)),
         }
     }
 
@@ -126,6 +151,25 @@ impl Renderer {
                 let done = self.space.change(base, &change);
                 self.ended(id, number, done)?;
             }
+            Request::Job { id: number, base, task } => {
+                let run = match self.space.for_work(base) {
+                    Ok(run) => run,
+                    Err(error) => return self.ended(id, number, Err(error)),
+                };
+                self.jobs.start(run, &self.space.device, task).map_err(|e| (Some(number), e))?;
+                client.answer(Answer::Done { id: number });
+            }
+            Request::Track { id: number, segments, times } => {
+                let wanted = Wanted { client: id, id: number, segments, times, run: self.space.run.share() };
+                self.tracks.ask(wanted).map_err(|e| (Some(number), e))?;
+            }
+            Request::Cancel { id: number, job } => {
+                if self.space.read_only() {
+                    return Err((Some(number), ChangeError::ReadOnly.to_string()));
+                }
+                self.jobs.cancel(job).map_err(|e| (Some(number), e))?;
+                client.answer(Answer::Done { id: number });
+            }
         }
         Ok(())
     }
@@ -144,6 +188,14 @@ impl Renderer {
 
     fn tell_document(&mut self) {
         self.cache.clear();
+        let now = (self.space.run.step(), self.space.field().is_some());
+        if now != self.told {
+            let newer = now.0 != self.told.0;
+            self.told = now;
+            self.tell_all(&self.welcome());
+            // what was selected is of the scene before
+            self.clients.values_mut().filter(|_| newer).for_each(Client::clear);
+        }
         let document = self.space.document();
         for client in self.clients.values_mut() {
             client.changed();
@@ -151,16 +203,46 @@ impl Renderer {
         }
     }
 
-    /// Reads what commands wrote into the run.
+    /// Reads what commands and jobs wrote into the run.
     fn look_at_files(&mut self) {
         match self.space.refresh() {
             Ok(false) => {}
             Ok(true) => self.tell_document(),
-            Err(error) => {
-                for client in self.clients.values_mut() {
-                    client.answer(Answer::Error { id: None, message: error.to_string() });
-                }
-            }
+            Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
+        }
+    }
+
+    /// Tells how the training of the run has come on.
+    fn tell_of_training(&mut self) {
+        if let Some(training) = self.watch.look(&self.space.run) {
+            let news = Answer::Training(Box::new(training.clone()));
+            self.tell_all(&news);
+        }
+    }
+
+    /// Tells how far a job has come, after what it made when it ended.
+    fn tell_of_job(&mut self) {
+        let Some(state) = self.jobs.news() else { return };
+        if state.end.is_some() {
+            self.look_at_files();
+        }
+        self.tell_all(&Answer::Job(Box::new(state)));
+    }
+
+    /// Sends tracks to those who asked for them.
+    fn tell_of_tracks(&mut self) {
+        while let Some((id, found)) = self.tracks.news() {
+            let Some(client) = self.clients.get_mut(&id) else { continue };
+            client.answer(match found {
+                Ok(track) => Answer::Track(Box::new(track)),
+                Err((number, message)) => Answer::Error { id: Some(number), message },
+            });
+        }
+    }
+
+    fn tell_all(&mut self, answer: &Answer) {
+        for client in self.clients.values_mut() {
+            client.answer(answer.clone());
         }
     }
 

@@ -2,6 +2,7 @@
 //! run meanwhile.
 
 use super::protocol::{Change, Document, SegmentRow};
+use super::training::{Stamp, stamp};
 use crate::edit::{Edit, EditStack};
 use crate::files::{RunLock, Work};
 use crate::run::segments::{RunSegments, Towards};
@@ -10,9 +11,9 @@ use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::pick::Picked;
+use crate::train::checkpoint;
 use burn::tensor::Device;
-use std::path::Path;
-use std::time::SystemTime;
+use std::path::{Path, PathBuf};
 
 /// What others are told of who holds the run.
 const COMMAND: &str = "volseggs view";
@@ -38,7 +39,13 @@ pub struct Workspace {
     pub run: OpenRun,
     /// Its device.
     pub device: Device,
+    /// Whether newer checkpoints take its place: the run was opened, not one of its checkpoints.
+    follows: bool,
+    /// The newest checkpoint that was seen.
+    newest: Option<PathBuf>,
     segments: RunSegments,
+    /// Why the segments on the disk cannot be used with this scene, if they cannot.
+    fault: Option<String>,
     edits: EditStack,
     field: Option<(AffinityField, AffinitySpec)>,
     revision: u64,
@@ -47,26 +54,35 @@ pub struct Workspace {
     read_only: bool,
 }
 
-/// When the files of segments, edits and affinity field were written, and how long they are.
-type Seen = [Option<(SystemTime, u64)>; 3];
+/// Stamps of the files of segments, edits and affinity field.
+type Seen = [Stamp; 3];
 
 impl Workspace {
-    /// Opens a run.
+    /// Opens a run, which may be training: its newest checkpoint is shown. Segments of another state of its scene are left
+    /// out.
     ///
     /// # Errors
     /// If the run or a file of it cannot be used.
     pub fn open(path: &Path, device: &Device, read_only: bool) -> Result<Self, RunError> {
         let run = OpenRun::open(path, device)?;
         let seen = seen(&run);
-        let (segments, edits) = (RunSegments::open(&run)?, run.edits()?);
-        let field = field(&run, device);
-        Ok(Self { run, device: device.clone(), segments, edits, field, revision: 1, seen, read_only })
+        let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
+        let (fault, field) = (fault.map(|e| e.to_string()), field(&run, device));
+        let (device, follows) = (device.clone(), checkpoint::locate(path).0 == path);
+        let newest = run.scene_path.parent().map(Path::to_owned);
+        Ok(Self { run, device, follows, newest, segments, fault, edits, field, revision: 1, seen, read_only })
     }
 
     /// Grows with every change of segments or edits.
     #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision
+    }
+
+    /// Why the segments on the disk are not there, if they cannot be used; nothing can be changed then.
+    #[must_use]
+    pub fn fault(&self) -> Option<&str> {
+        self.fault.as_deref()
     }
 
     /// Whether nothing may be changed.
@@ -87,11 +103,18 @@ impl Workspace {
         &self.segments
     }
 
-    /// Reads what commands wrote meanwhile; whether there was any. What cannot be read leaves all as it was.
+    /// Reads what commands and a training wrote meanwhile; whether there was any. What cannot be read leaves all as it was.
     ///
     /// # Errors
     /// If a file is damaged now.
     pub fn refresh(&mut self) -> Result<bool, RunError> {
+        let newest = if self.follows { checkpoint::list(&self.run.path).pop().map(|(_, path)| path) } else { None };
+        if newest.is_some() && newest != self.newest {
+            // one that cannot be read is told of once
+            self.newest = newest;
+            self.reload()?;
+            return Ok(true);
+        }
         let now = seen(&self.run);
         if now == self.seen {
             return Ok(false);
@@ -99,9 +122,24 @@ impl Workspace {
         // told once, not at every look at the files
         self.seen = now;
         (self.segments, self.edits) = (RunSegments::open(&self.run)?, self.run.edits()?);
+        self.fault = None;
         self.field = field(&self.run, &self.device);
         self.revision += 1;
         Ok(true)
+    }
+
+    /// Shows the newest checkpoint in place of the one that is shown. Checkpoints appear whole, by a change of their name, so
+    /// that none is read half.
+    fn reload(&mut self) -> Result<(), RunError> {
+        let run = OpenRun::open(&self.run.path, &self.device)?;
+        let (seen, edits) = (seen(&run), run.edits()?);
+        let (segments, fault) = RunSegments::replacing(&run);
+        self.field = field(&run, &self.device);
+        self.newest = run.scene_path.parent().map(Path::to_owned);
+        (self.run, self.seen, self.edits, self.segments) = (run, seen, edits, segments);
+        self.fault = fault.map(|e| e.to_string());
+        self.revision += 1;
+        Ok(())
     }
 
     /// Carries out a change of a client that knows revision `base`.
@@ -158,14 +196,36 @@ impl Workspace {
         self.end(lock, Some(segments))
     }
 
+    /// The run for long work on another thread, which is to lock it, for a client that knows revision `base`.
+    ///
+    /// # Errors
+    /// If nothing may be changed, or the document has another revision by now.
+    pub fn for_work(&mut self, base: u64) -> Result<OpenRun, ChangeError> {
+        if self.read_only {
+            return Err(ChangeError::ReadOnly);
+        }
+        self.check(base)?;
+        Ok(self.run.share())
+    }
+
     /// Takes the lock, reads what others wrote, and checks that the client knows it.
     fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
         if self.read_only {
             return Err(ChangeError::ReadOnly);
         }
         let lock = self.run.lock(COMMAND, Work::Short)?;
+        self.check(base)?;
+        Ok(lock)
+    }
+
+    /// Reads what others wrote, and refuses a client that does not know it.
+    fn check(&mut self, base: u64) -> Result<(), ChangeError> {
         self.refresh()?;
-        if self.revision == base { Ok(lock) } else { Err(ChangeError::Stale) }
+        match &self.fault {
+            _ if self.revision != base => Err(ChangeError::Stale),
+            Some(fault) => Err(RunError::input(fault).into()),
+            None => Ok(()),
+        }
     }
 
     fn end(&mut self, lock: RunLock, segments: Option<RunSegments>) -> Result<(), ChangeError> {
@@ -202,10 +262,7 @@ impl Workspace {
 
 fn seen(run: &OpenRun) -> Seen {
     let paths = run.paths();
-    [paths.segments(), paths.edits(), paths.affinity()].map(|path| {
-        let found = std::fs::metadata(path).ok()?;
-        Some((found.modified().ok()?, found.len()))
-    })
+    [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
 }
 
 /// A field that cannot be used is none: the viewer then says how to make one.

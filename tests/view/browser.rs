@@ -22,22 +22,22 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const WINDOW: [u32; 2] = [1100, 760];
 
 /// Chromium.
-struct Browser {
+pub struct Browser {
     child: Child,
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     calls: u64,
     /// Errors and violations of the page's policy.
-    wrong: Vec<String>,
+    pub wrong: Vec<String>,
     _profile: TempDir,
 }
 
 /// A tab of it.
 #[derive(Clone)]
-struct Tab(String);
+pub struct Tab(String);
 
 impl Browser {
     /// Starts it; `None` where there is none, which has been said.
-    fn start() -> Option<Self> {
+    pub fn start() -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let started = ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|program| {
             let mut command = Command::new(program);
@@ -79,7 +79,7 @@ impl Browser {
     }
 
     /// Calls a method of the protocol.
-    fn call(&mut self, tab: Option<&Tab>, method: &str, params: Value) -> Value {
+    pub fn call(&mut self, tab: Option<&Tab>, method: &str, params: Value) -> Value {
         self.calls += 1;
         let mut message = json!({ "id": self.calls, "method": method, "params": params });
         if let Some(Tab(session)) = tab {
@@ -103,7 +103,7 @@ impl Browser {
     }
 
     /// Opens a page in a tab of its own.
-    fn open(&mut self, url: &str) -> Tab {
+    pub fn open(&mut self, url: &str) -> Tab {
         let target = self.call(None, "Target.createTarget", json!({ "url": "about:blank" }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
         let tab = Tab(self.call(None, "Target.attachToTarget", attach)["sessionId"].as_str().unwrap().to_owned());
@@ -115,7 +115,7 @@ impl Browser {
     }
 
     /// The value of an expression on the page.
-    fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
+    pub fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
         let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let answer = self.call(Some(tab), "Runtime.evaluate", asked);
         assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
@@ -123,7 +123,7 @@ impl Browser {
     }
 
     /// Waits until an expression is true.
-    fn wait(&mut self, tab: &Tab, expression: &str) {
+    pub fn wait(&mut self, tab: &Tab, expression: &str) {
         let until = Instant::now() + PATIENCE;
         // the page may not be there yet
         let guarded = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
@@ -137,13 +137,13 @@ impl Browser {
     }
 
     /// Waits until the picture shows all that was asked for, without loss.
-    fn rests(&mut self, tab: &Tab) {
+    pub fn rests(&mut self, tab: &Tab) {
         std::thread::sleep(Duration::from_millis(250));
         self.wait(tab, "document.getElementById('picture').dataset.lossless === 'true'");
     }
 
     /// A number that tells the picture from others.
-    fn picture(&mut self, tab: &Tab) -> Value {
+    pub fn picture(&mut self, tab: &Tab) -> Value {
         let pixels = "(() => { const c = document.getElementById('picture'); \
                       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
                       let h = 0; for (let i = 0; i < d.length; i += 3) h = (h * 31 + d[i]) | 0; return h; })()";
@@ -156,13 +156,13 @@ impl Browser {
         self.call(Some(tab), "Input.dispatchMouseEvent", event);
     }
 
-    fn click(&mut self, tab: &Tab, at: [f64; 2]) {
+    pub fn click(&mut self, tab: &Tab, at: [f64; 2]) {
         self.mouse(tab, "mousePressed", at);
         self.mouse(tab, "mouseReleased", at);
     }
 
     /// Sets an input as a person would.
-    fn set(&mut self, tab: &Tab, id: &str, value: &str) {
+    pub fn set(&mut self, tab: &Tab, id: &str, value: &str) {
         let set = format!(
             "(() => {{ const e = document.getElementById('{id}'); e.value = '{value}'; \
              for (const n of ['input', 'change']) e.dispatchEvent(new Event(n, {{ bubbles: true }})); }})()"
@@ -171,7 +171,7 @@ impl Browser {
     }
 
     /// Writes what is seen beside the build, to look at.
-    fn shoot(&mut self, tab: &Tab, name: &str) {
+    pub fn shoot(&mut self, tab: &Tab, name: &str) {
         let shot = self.call(Some(tab), "Page.captureScreenshot", json!({}));
         let png = base64::engine::general_purpose::STANDARD.decode(shot["data"].as_str().unwrap()).unwrap();
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-screens");

@@ -6,7 +6,11 @@ mod browser;
 #[path = "../common/mod.rs"]
 mod common;
 mod door;
+mod jobs;
 mod socket;
+mod tracks;
+mod watch;
+mod work;
 
 use common::{SIZE, copy, run_json, volseggs};
 use serde_json::{Value, json};

@@ -3,11 +3,11 @@
 
 use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
-use super::output::Output;
 use super::{ExportArgs, Format};
-use crate::export::labels::{LabelVolume, LabelsError, Space, write_nrrd, write_vti};
+use crate::export::labels::Space;
 use crate::log::progress;
 use crate::run::OpenRun;
+use crate::run::export::{LabelFormat, Output, write_labels};
 use crate::run::labels::{Agreement, LabelPlan, Labels, Truth};
 use crate::segment::dice::Confusion;
 use crate::volume::grid::Grid;
@@ -134,20 +134,16 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
     needed.extend(truth.iter().flat_map(Truth::files));
     let output = output(args, run, format, &needed)?;
     let bar = progress::bar(times.len(), "times");
+    let written_as = match format {
+        Format::Vti => LabelFormat::Vti,
+        Format::Nrrd | Format::Ply => LabelFormat::Nrrd(space(options.space)),
+    };
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
         let ids = labels.at(time)?;
-        let volume = LabelVolume { grid: labels.grid.file, ids: &ids, names: &labels.listed, edited: options.edited };
         let (path, name) = output.place(i);
-        let written = match format {
-            Format::Vti => write_vti(&path, &volume),
-            Format::Nrrd | Format::Ply => write_nrrd(&path, &volume, space(options.space)),
-        };
-        written.map_err(|e| match e {
-            LabelsError::Replace(e) => e.into(),
-            e => CliError::failure(e),
-        })?;
+        write_labels(&path, &labels, &ids, options.edited, written_as)?;
         let mut agreement = None;
         if let Some(truth) = &truth {
             let pairs = Confusion::new(&truth.at(time)?, &ids).map_err(CliError::failure)?;
@@ -170,16 +166,12 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
 /// The place that was named, or one in `RUN/labels`, which is made.
 fn output(args: &ExportArgs, run: &OpenRun, format: Format, needed: &[&Path]) -> Result<Output, CliError> {
     let extension = format.extension();
-    let named = |out: &Path| match args.frames {
-        Some(_) => Output::folder(out, extension, needed),
-        None => Output::file(out, extension),
-    };
-    if let Some(out) = &args.out {
-        return named(out);
-    }
-    let folder = run.paths().labels();
-    std::fs::create_dir_all(&folder).map_err(|e| CliError::failure(format!("{}: {e}", folder.display())))?;
-    named(&if args.frames.is_some() { folder.join("frames") } else { folder.join(format!("labels.{extension}")) })
+    let many = args.frames.is_some();
+    Ok(match &args.out {
+        Some(out) if many => Output::folder(out, extension, needed)?,
+        Some(out) => Output::file(out, extension)?,
+        None => Output::within(&run.paths().labels(), "labels", extension, many, needed)?,
+    })
 }
 
 /// Says that edits are left out, where there are any. A file of edits that cannot be read is of no matter here.

@@ -1,7 +1,6 @@
 //! `volseggs export`: what every format shares; one file for each kind of output.
 
 mod labels;
-mod output;
 mod ply;
 
 use super::shown::ShownArgs;
@@ -10,9 +9,9 @@ use super::{CliError, Common, command_line};
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
+use crate::run::export::Record;
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
-use output::Record;
 use std::path::{Path, PathBuf};
 
 /// Bytes that the list of files takes for each.

@@ -7,12 +7,16 @@ import { fromAddress } from "./address.js";
 import "./input.js";
 import "./segments.js";
 import "./edits.js";
+import "./jobs.js";
+import "./tracks.js";
+import "./training.js";
 
 hear("welcome", (message) => {
   app.welcome = message;
   say(message.note ?? "");
   $("run").textContent = message.run;
-  $("scene").textContent = `${message.gaussians.toLocaleString("en")} Gaussians` + (message.read_only ? ", read only" : "");
+  const step = message.step == null ? "" : `, step ${message.step.toLocaleString("en")}`;
+  $("scene").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${step}${message.read_only ? ", read only" : ""}`;
   document.title = `${message.run} – volseggs`;
   if (!app.camera) {
     app.camera = new Camera(message.centre, message.radius, message.fov);

@@ -3,6 +3,8 @@ import { $, app, canvas, make, on, say, tell, value } from "./state.js";
 import { ask, hear, send } from "./socket.js";
 import { look, stale } from "./picture.js";
 
+const HINT = "Click on the picture to select. Shift-click adds, Alt-click removes.";
+
 export async function click(e) {
   const box = canvas.getBoundingClientRect();
   const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
@@ -50,7 +52,7 @@ export function clear() {
   stale();
   $("marker").hidden = true;
   $("levels").replaceChildren();
-  if (app.welcome?.clicks) $("selected").textContent = "Click on the picture to select. Shift-click adds, Alt-click removes.";
+  if (app.welcome?.clicks) $("selected").textContent = HINT;
   send({ type: "clear" });
   tell("cleared");
 }
@@ -71,6 +73,11 @@ hear("picked", (message) => {
   selected(message);
   tell("picked", message);
 });
-on("welcome", ({ clicks }) => {
-  if (!clicks) $("selected").textContent = "To select by clicks, make masks and train the affinity field first: volseggs segment coarse, masks, fine.";
+let scene = null;
+on("welcome", (welcome) => {
+  // what was selected is of the scene before
+  if (app.picked && scene !== welcome.scene) clear();
+  scene = welcome.scene;
+  if (app.picked) return;
+  $("selected").textContent = welcome.clicks ? HINT : "To select by clicks, make masks and train the field first (under Work).";
 });

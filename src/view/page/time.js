@@ -11,6 +11,10 @@ export function nudge(by) {
   setTime(Math.min(1, Math.max(0, value("when") + by * STEP)));
   look(true);
 }
+export function goTo(t) {
+  setTime(t);
+  look(false);
+}
 export function play() {
   app.playing = app.playing ? null : { from: performance.now(), at: value("when") % 1 };
   $("play").textContent = app.playing ? "⏸" : "▶";

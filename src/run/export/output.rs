@@ -1,6 +1,6 @@
 //! Where exported files go: one file that a person named, or a folder of one file for each time.
 
-use super::super::CliError;
+use super::super::RunError;
 use crate::files::{AtomicDir, FolderKind, check_file};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -17,10 +17,12 @@ const KIND: FolderKind = FolderKind {
 
 /// What a folder of exported files holds.
 #[derive(Debug, Serialize)]
-pub(super) struct Record<'a> {
+pub struct Record<'a> {
+    /// Version of the program.
     pub version: &'static str,
     /// Folder of the run.
     pub run: String,
+    /// Its ending.
     pub format: &'static str,
     /// Time of each file in [0, 1], in their order.
     pub times: &'a [f64],
@@ -31,7 +33,8 @@ pub(super) struct Record<'a> {
 }
 
 /// The place of the files. A folder appears when all of them are in it.
-pub(super) struct Output {
+#[derive(Debug)]
+pub struct Output {
     path: PathBuf,
     extension: &'static str,
     folder: Option<AtomicDir>,
@@ -42,7 +45,7 @@ impl Output {
     ///
     /// # Errors
     /// Something else stands there, or its folder is missing.
-    pub(super) fn file(path: &Path, extension: &'static str) -> Result<Self, CliError> {
+    pub fn file(path: &Path, extension: &'static str) -> Result<Self, RunError> {
         check_file(path)?;
         Ok(Self { path: path.to_owned(), extension, folder: None })
     }
@@ -51,13 +54,39 @@ impl Output {
     ///
     /// # Errors
     /// Something other than an older export stands there, or it holds something of `needed`.
-    pub(super) fn folder(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, CliError> {
+    pub fn folder(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, RunError> {
         let folder = AtomicDir::create_replacing(path, &KIND, needed)?;
         Ok(Self { path: path.to_owned(), extension, folder: Some(folder) })
     }
 
+    /// A place in the `folder` of the run, which is made: the file `name`, or the folder `frames` where there are `many`.
+    ///
+    /// # Errors
+    /// As [`Output::file`] and [`Output::folder`]; if the folder cannot be made.
+    pub fn within(
+        folder: &Path,
+        name: &str,
+        extension: &'static str,
+        many: bool,
+        needed: &[&Path],
+    ) -> Result<Self, RunError> {
+        std::fs::create_dir_all(folder).map_err(|e| RunError::failure(format!("{}: {e}", folder.display())))?;
+        if many {
+            Self::folder(&folder.join("frames"), extension, needed)
+        } else {
+            Self::file(&folder.join(format!("{name}.{extension}")), extension)
+        }
+    }
+
+    /// The file or folder itself.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Where the file of time `i` is written to, and how it will be called in the end.
-    pub(super) fn place(&self, i: usize) -> (PathBuf, PathBuf) {
+    #[must_use]
+    pub fn place(&self, i: usize) -> (PathBuf, PathBuf) {
         match &self.folder {
             None => (self.path.clone(), self.path.clone()),
             Some(folder) => {
@@ -71,11 +100,11 @@ impl Output {
     ///
     /// # Errors
     /// Something else stands there by now, or the file system says no.
-    pub(super) fn finish(self, record: &Record<'_>, needed: &[&Path]) -> Result<(), CliError> {
+    pub fn finish(self, record: &Record<'_>, needed: &[&Path]) -> Result<(), RunError> {
         let Some(folder) = self.folder else { return Ok(()) };
-        let json = serde_json::to_vec_pretty(record).map_err(CliError::failure)?;
+        let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;
         std::fs::write(folder.dir().join(RECORD), json)
-            .map_err(|e| CliError::failure(format!("{}: {e}", self.path.display())))?;
+            .map_err(|e| RunError::failure(format!("{}: {e}", self.path.display())))?;
         Ok(folder.commit_replacing(&KIND, needed)?)
     }
 }

@@ -1,0 +1,75 @@
+//! A run's Gaussians and the labels of its segments as files of other programs.
+
+mod output;
+
+pub use output::{Output, Record};
+
+use super::labels::Labels;
+use super::selection::Selection;
+use super::{OpenRun, RunError};
+use crate::export::labels::{LabelVolume, LabelsError, Space, write_nrrd, write_vti};
+use crate::export::ply::{self, PlyError};
+use std::path::Path;
+
+/// The format of a label volume.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LabelFormat {
+    /// For 3D Slicer and others; where its axes point to.
+    Nrrd(Space),
+    /// For VTK and ParaView.
+    Vti,
+}
+
+/// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, those of the segments alone, without
+/// those that edits hide. Gives how many Gaussians each file holds; `None` if `goes_on`, asked after each, stopped it.
+///
+/// # Errors
+/// If nothing is left to be written, an edit cannot be applied, or a file cannot be written.
+pub fn write_plys(
+    run: &OpenRun,
+    shown: &Selection,
+    times: &[f64],
+    output: &Output,
+    mut goes_on: impl FnMut() -> bool,
+) -> Result<Option<usize>, RunError> {
+    // what is hidden is so at every time
+    let count = shown.visible(&run.scene, 0.0)?.len();
+    if count == 0 {
+        return Err(RunError::input(
+            "nothing to write: no Gaussian is left; see `volseggs edit list`, or pass --no-edits",
+        ));
+    }
+    for (i, time) in times.iter().enumerate() {
+        let at = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
+        ply::write(&at, &output.place(i).0).map_err(|e| match e {
+            PlyError::Replace(e) => e.into(),
+            e => RunError::failure(e),
+        })?;
+        if !goes_on() {
+            return Ok(None);
+        }
+    }
+    Ok(Some(count))
+}
+
+/// Writes the label of each voxel, as [`Labels::at`] gives them, to `path`; `edited` says of which scene they are.
+///
+/// # Errors
+/// If something else stands there, or it cannot be written.
+pub fn write_labels(
+    path: &Path,
+    labels: &Labels<'_>,
+    ids: &[u16],
+    edited: bool,
+    format: LabelFormat,
+) -> Result<(), RunError> {
+    let volume = LabelVolume { grid: labels.grid.file, ids, names: &labels.listed, edited };
+    let written = match format {
+        LabelFormat::Vti => write_vti(path, &volume),
+        LabelFormat::Nrrd(space) => write_nrrd(path, &volume, space),
+    };
+    written.map_err(|e| match e {
+        LabelsError::Replace(e) => e.into(),
+        e => RunError::failure(e),
+    })
+}

@@ -1,0 +1,188 @@
+//! How far a job has come: written by its own thread, read by the one that draws.
+
+use super::super::hub::Hub;
+use serde::Serialize;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Losses that are kept at most, evenly spaced.
+const LOSSES: usize = 200;
+/// The thread that draws is not woken more often than that.
+const PAUSE: Duration = Duration::from_millis(250);
+
+/// What clients are told of a job.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JobState {
+    /// Its number, by which it is cancelled.
+    pub number: u64,
+    /// What it does, in words.
+    pub title: String,
+    /// What is counted, such as `pictures`.
+    pub unit: &'static str,
+    /// So many of them are done.
+    pub done: usize,
+    /// Of so many; 0 if that is not known.
+    pub all: usize,
+    /// Seconds since it began.
+    pub seconds: f64,
+    /// Seconds until all of the unit are done, as the pace so far says.
+    pub left: Option<f64>,
+    /// Step and smoothed loss of a training, evenly spaced.
+    pub losses: Vec<[f64; 2]>,
+    /// Whether it was asked to stop.
+    pub stopping: bool,
+    /// How it ended, if it has.
+    pub end: Option<JobEnd>,
+}
+
+/// How a job ended.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum JobEnd {
+    /// All is done; what was made, and where it is.
+    Done(String),
+    /// It was stopped; all is as before.
+    Stopped,
+    /// It failed; why.
+    Failed(String),
+}
+
+/// The state of a job between two threads.
+#[derive(Debug)]
+pub struct Board {
+    state: Mutex<JobState>,
+    began: Instant,
+    stop: AtomicBool,
+    /// Grows with every change.
+    version: AtomicU64,
+}
+
+impl Board {
+    /// Of a job that begins now.
+    #[must_use]
+    pub fn new(number: u64, title: String) -> Self {
+        let (losses, left, end) = (Vec::new(), None, None);
+        let state =
+            JobState { number, title, unit: "", done: 0, all: 0, seconds: 0.0, left, losses, stopping: false, end };
+        Self {
+            state: Mutex::new(state),
+            began: Instant::now(),
+            stop: AtomicBool::new(false),
+            version: AtomicU64::new(1),
+        }
+    }
+
+    /// The state of now.
+    #[must_use]
+    pub fn state(&self) -> JobState {
+        let mut state = self.lock().clone();
+        if state.end.is_none() {
+            state.seconds = self.began.elapsed().as_secs_f64();
+        }
+        state
+    }
+
+    /// A number that grows with every change.
+    #[must_use]
+    pub fn version(&self) -> u64 {
+        self.version.load(Ordering::Acquire)
+    }
+
+    /// Asks the job to stop.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Release);
+        self.change(|state| state.stopping = true);
+    }
+
+    /// The job is over.
+    pub fn end(&self, end: JobEnd) {
+        let seconds = self.began.elapsed().as_secs_f64();
+        self.change(|state| (state.end, state.left, state.seconds) = (Some(end), None, seconds));
+    }
+
+    fn change(&self, change: impl FnOnce(&mut JobState)) {
+        change(&mut self.lock());
+        self.version.fetch_add(1, Ordering::AcqRel);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, JobState> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What a job reports to, and asks whether to go on.
+#[derive(Debug)]
+pub struct Reporter {
+    board: Arc<Board>,
+    hub: Arc<Hub>,
+    /// When the first of the unit was begun.
+    since: Instant,
+    woke: Instant,
+    /// Of so many losses one is kept.
+    every: usize,
+}
+
+impl Reporter {
+    /// Writes on `board`, and wakes the thread that draws.
+    #[must_use]
+    pub fn new(board: Arc<Board>, hub: Arc<Hub>) -> Self {
+        Self { board, hub, since: Instant::now(), woke: Instant::now(), every: 1 }
+    }
+
+    /// Whether nobody asked the job to stop.
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        !self.board.stop.load(Ordering::Acquire)
+    }
+
+    /// So many of `all` of a `unit` are done, with this loss; whether to go on.
+    pub fn at(&mut self, unit: &'static str, done: usize, all: usize, loss: Option<f64>) -> bool {
+        self.board.change(|state| {
+            if state.unit != unit {
+                self.since = Instant::now();
+            }
+            let pace = self.since.elapsed().as_secs_f64() / done.max(1) as f64;
+            state.left = (done > 0).then(|| pace * all.saturating_sub(done) as f64);
+            (state.unit, state.done, state.all) = (unit, done, all);
+            let Some(loss) = loss.filter(|_| done.is_multiple_of(self.every)) else { return };
+            state.losses.push([done as f64, loss]);
+            if state.losses.len() >= LOSSES {
+                self.every *= 2;
+                let every = self.every;
+                state.losses.retain(|[step, _]| (*step as usize).is_multiple_of(every));
+            }
+        });
+        if self.woke.elapsed() > PAUSE {
+            self.woke = Instant::now();
+            self.hub.wake();
+        }
+        self.goes_on()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_training_keeps_few_losses_and_the_pace_tells_what_is_left() {
+        let board = Arc::new(Board::new(1, "training".into()));
+        let mut reporter = Reporter::new(board.clone(), Arc::new(Hub::default()));
+        assert!(reporter.at("views", 3, 3, None));
+        for step in 1..=10_000 {
+            assert!(reporter.at("steps", step, 20_000, Some(1.0 / step as f64)));
+        }
+        let state = board.state();
+        assert_eq!((state.unit, state.done, state.all, state.end), ("steps", 10_000, 20_000, None));
+        assert!((LOSSES / 2 - 1..LOSSES).contains(&state.losses.len()), "{}", state.losses.len());
+        assert!(state.losses.windows(2).all(|w| w[1][0] - w[0][0] == state.losses[0][0]), "evenly spaced");
+        let left = state.left.unwrap();
+        assert!(left > 0.0 && left <= state.seconds * 1.1, "half of it is done: {left} of {}", state.seconds);
+        let version = board.version();
+        board.stop();
+        assert!(!reporter.at("steps", 10_001, 20_000, None) && board.state().stopping);
+        board.end(JobEnd::Stopped);
+        assert!(board.version() > version && board.state().end == Some(JobEnd::Stopped));
+    }
+}

@@ -1,0 +1,126 @@
+//! Long work that a client starts: one job at a time, on a thread of its own beside the one that draws. It holds the run
+//! as a command would, so that commands are refused meanwhile, and goes on when the client who started it leaves.
+
+pub mod board;
+pub mod task;
+
+use super::hub::Hub;
+use crate::files::Work;
+use crate::run::{OpenRun, RunError};
+use board::{Board, JobEnd, JobState, Reporter};
+use burn::tensor::Device;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use task::Task;
+
+/// Clients are not told of a job more often than that.
+const PAUSE: Duration = Duration::from_millis(200);
+
+/// The job of now, or the last one.
+#[derive(Debug)]
+pub struct Jobs {
+    hub: Arc<Hub>,
+    board: Option<Arc<Board>>,
+    thread: Option<JoinHandle<()>>,
+    number: u64,
+    /// What was told last, and when.
+    told: (u64, Instant),
+}
+
+impl Jobs {
+    /// None yet; `hub` wakes the thread that draws.
+    #[must_use]
+    pub fn new(hub: Arc<Hub>) -> Self {
+        Self { hub, board: None, thread: None, number: 0, told: (0, Instant::now()) }
+    }
+
+    /// Starts one on `run`, which holds no lock.
+    ///
+    /// # Errors
+    /// If one is under way, or the task is none that can be done.
+    pub fn start(&mut self, run: OpenRun, device: &Device, task: Task) -> Result<(), String> {
+        task.check()?;
+        if let Some(JobState { title, end: None, .. }) = self.state() {
+            return Err(format!("{title}: is under way; wait until it ends, or cancel it"));
+        }
+        self.join();
+        let number = self.number + 1;
+        let board = Arc::new(Board::new(number, task.to_string()));
+        let mut report = Reporter::new(board.clone(), self.hub.clone());
+        let (shared, hub, device) = (board.clone(), self.hub.clone(), device.clone());
+        let work = move || {
+            // whatever goes wrong here, the viewer goes on
+            let done = catch_unwind(AssertUnwindSafe(|| carry_out(&task, &run, &device, &mut report)));
+            shared.end(match done {
+                Ok(Ok(Some(made))) => JobEnd::Done(made),
+                Ok(Ok(None)) => JobEnd::Stopped,
+                Ok(Err(error)) => JobEnd::Failed(error.to_string()),
+                Err(_) => JobEnd::Failed("the viewer failed at this; it goes on".into()),
+            });
+            hub.wake();
+        };
+        let thread = std::thread::Builder::new().name("job".into()).spawn(work);
+        self.thread = Some(thread.map_err(|e| format!("no thread for this: {e}"))?);
+        (self.number, self.board, self.told.0) = (number, Some(board), 0);
+        Ok(())
+    }
+
+    /// Asks job `number` to stop.
+    ///
+    /// # Errors
+    /// If it is not under way.
+    pub fn cancel(&self, number: u64) -> Result<(), String> {
+        match (&self.board, self.state()) {
+            (Some(board), Some(JobState { number: now, end: None, .. })) if now == number => {
+                board.stop();
+                Ok(())
+            }
+            _ => Err("this job is over".into()),
+        }
+    }
+
+    /// The job of now, or how the last one ended.
+    #[must_use]
+    pub fn state(&self) -> Option<JobState> {
+        self.board.as_ref().map(|board| board.state())
+    }
+
+    /// The state, if clients are to be told of it now: it changed, and not a moment ago.
+    pub fn news(&mut self) -> Option<JobState> {
+        let board = self.board.as_ref()?;
+        let (version, (told, when)) = (board.version(), self.told);
+        if version == told {
+            return None;
+        }
+        let state = board.state();
+        if told != 0 && state.end.is_none() && when.elapsed() < PAUSE {
+            return None;
+        }
+        self.told = (version, Instant::now());
+        Some(state)
+    }
+
+    fn join(&mut self) {
+        if let Some(thread) = self.thread.take() {
+            // it catches its own panics
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A viewer that closes leaves nothing half written.
+impl Drop for Jobs {
+    fn drop(&mut self) {
+        if let Some(board) = &self.board {
+            board.stop();
+        }
+        self.join();
+    }
+}
+
+fn carry_out(task: &Task, run: &OpenRun, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
+    let _lock = run.lock(&format!("volseggs view: {task}"), Work::Long)?;
+    task.carry_out(run, device, report)
+}

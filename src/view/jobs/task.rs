@@ -1,0 +1,384 @@
+//! What can be started from the page: the work of the commands that take long, done by the same functions on the same
+//! files.
+
+use super::board::Reporter;
+use crate::export::labels::Space;
+use crate::name::Name;
+use crate::run::cameras::check_lens;
+use crate::run::export::{LabelFormat, Output, Record, write_labels, write_plys};
+use crate::run::follow::{FollowRequest, SHEET, Stage as FollowStage, Times, follow};
+use crate::run::labels::{LabelPlan, Labels};
+use crate::run::masks::{MaskPlan, MaskRequest, make};
+use crate::run::segments::{RunSegments, write_picture};
+use crate::run::selection::Selection;
+use crate::run::split::{SplitOptions, sheet, split};
+use crate::run::{OpenRun, RunError, affinity};
+use crate::segment::fine::train::FineOptions;
+use crate::segment::masks::origin::MaskKind;
+use crate::track::report::{PictureOptions, SHEET_CELL};
+use burn::tensor::Device;
+use serde::Deserialize;
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+/// Views of masks, and times, that a client may ask for.
+const MOST: usize = 1000;
+/// Steps that a client may ask for.
+const STEPS: RangeInclusive<usize> = 1..=1_000_000;
+/// Least alpha of a pixel of the mask whose area is tracked.
+const MASK_ALPHA: f32 = 0.5;
+
+/// Long work.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Task {
+    /// Masks of segments, as `segment masks`.
+    Masks {
+        /// Which; all that are no part of another if empty.
+        segments: Vec<String>,
+        /// What finds them.
+        source: Source,
+        /// Views; as many as the command takes if not given.
+        views: Option<usize>,
+        /// Width of the pictures in pixels; that of the training images if not given.
+        size: Option<u32>,
+        /// Whether masks that are there give way.
+        replace: bool,
+    },
+    /// The affinity field, as `segment fine`.
+    Fine {
+        /// Steps.
+        steps: usize,
+    },
+    /// Parts of a segment, as `segment split`.
+    Split {
+        /// The segment.
+        segment: String,
+        /// Mask scale in [0, 1].
+        scale: f32,
+        /// Into so many parts; as many as show if not given.
+        clusters: Option<usize>,
+        /// Whether segments picked in the parts of an earlier split may go.
+        replace: bool,
+    },
+    /// Segments through time, as `track`.
+    Track {
+        /// Which.
+        segments: Vec<String>,
+        /// Follow them as one, under this name.
+        group: Option<Name>,
+        /// Times, evenly spaced over [0, 1].
+        frames: usize,
+    },
+    /// Files of other programs, as `export`, in the run folder.
+    Export {
+        /// Which kind.
+        format: FileFormat,
+        /// Segments alone; all if empty.
+        segments: Vec<String>,
+        /// Whether the edits apply.
+        edited: bool,
+        /// Time in [0, 1].
+        time: f64,
+        /// So many times, evenly spaced over [0, 1], in place of the one.
+        frames: Option<usize>,
+    },
+}
+
+/// What finds masks without another program or a download.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// Regions of the pictures.
+    Regions,
+    /// Label images of the dataset.
+    Labels,
+}
+
+/// A kind of file.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum FileFormat {
+    /// Gaussians.
+    Ply,
+    /// Labels on voxels, for 3D Slicer.
+    Nrrd,
+    /// Labels on voxels, for VTK.
+    Vti,
+}
+
+impl FileFormat {
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Nrrd => "nrrd",
+            Self::Vti => "vti",
+        }
+    }
+}
+
+/// What is done, in words.
+impl fmt::Display for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |names: &[String]| if names.is_empty() { "all segments".to_owned() } else { names.join(", ") };
+        match self {
+            Self::Masks { segments, .. } => write!(f, "masks of {}", list(segments)),
+            Self::Fine { steps } => write!(f, "training the affinity field, {steps} steps"),
+            Self::Split { segment, .. } => write!(f, "split of {segment}"),
+            Self::Track { segments, group, .. } => match group {
+                Some(group) => write!(f, "track of {} as {group}", list(segments)),
+                None => write!(f, "track of {}", list(segments)),
+            },
+            Self::Export { format, segments, .. } if segments.is_empty() => {
+                write!(f, "export to {}", format.extension())
+            }
+            Self::Export { format, segments, .. } => {
+                write!(f, "export of {} to {}", list(segments), format.extension())
+            }
+        }
+    }
+}
+
+impl Task {
+    /// Refuses numbers out of range; names are checked where they are looked up.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn check(&self) -> Result<(), String> {
+        let within = |what: &str, value: usize, range: RangeInclusive<usize>| {
+            if range.contains(&value) { Ok(()) } else { Err(format!("{what}: {} to {}", range.start(), range.end())) }
+        };
+        let unit = |what: &str, value: f64| {
+            if (0.0..=1.0).contains(&value) { Ok(()) } else { Err(format!("{what}: between 0 and 1")) }
+        };
+        match self {
+            Self::Masks { source: Source::Labels, size: Some(_), .. } => {
+                Err("size: label images have a size of their own".into())
+            }
+            Self::Masks { views, size, .. } => {
+                views.map_or(Ok(()), |n| within("views", n, 1..=MOST))?;
+                size.map_or(Ok(()), |n| within("size", n as usize, 16..=4096))
+            }
+            Self::Fine { steps } => within("steps", *steps, STEPS),
+            Self::Split { scale, clusters, .. } => {
+                unit("scale", f64::from(*scale))?;
+                clusters.map_or(Ok(()), |n| within("parts", n, 1..=MOST))
+            }
+            Self::Track { segments, frames, .. } => {
+                if segments.is_empty() {
+                    return Err("segments: name at least one to track".into());
+                }
+                within("times", *frames, 2..=MOST)
+            }
+            Self::Export { time, frames, .. } => {
+                unit("time", *time)?;
+                frames.map_or(Ok(()), |n| within("times", n, 1..=MOST))
+            }
+        }
+    }
+
+    /// Does it, on a run whose lock is held; what was made, in words. `None` if `report` stopped it: all is then as it was.
+    ///
+    /// # Errors
+    /// As the functions of [`crate::run`].
+    pub fn carry_out(&self, run: &OpenRun, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
+        match self {
+            Self::Masks { segments, source, views, size, replace } => {
+                let kind = match source {
+                    Source::Regions => MaskKind::Regions,
+                    Source::Labels => MaskKind::Labels,
+                };
+                let request = MaskRequest { segments, kind: &kind, views: *views, time: None, data: None };
+                masks(run, &request, *size, *replace, device, report)
+            }
+            Self::Fine { steps } => fine(run, *steps, device, report),
+            Self::Split { segment, scale, clusters, replace } => {
+                let (scale, clusters, replace) = (*scale, *clusters, *replace);
+                let options = SplitOptions { scale, clusters, keep_strays: false, seed: 0, replace };
+                parts(run, segment, &options, device, report)
+            }
+            Self::Track { segments, group, frames } => track(run, segments, group.as_ref(), *frames, device, report),
+            Self::Export { format, segments, edited, time, frames } => {
+                let times = match *frames {
+                    Some(n) => (0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect(),
+                    None => vec![*time],
+                };
+                export(run, *format, segments, *edited, (&times, frames.is_some()), report)
+            }
+        }
+    }
+}
+
+fn masks(
+    run: &OpenRun,
+    request: &MaskRequest<'_>,
+    size: Option<u32>,
+    replace: bool,
+    device: &Device,
+    report: &mut Reporter,
+) -> Result<Option<String>, RunError> {
+    let path = run.paths().masks();
+    if path.exists() && !replace {
+        let path = path.display();
+        return Err(RunError::input(format!("{path}: masks are there already; say that they may be replaced")));
+    }
+    let mut around = run.surroundings();
+    if let Some(size) = size {
+        around = around.sized(size);
+        check_lens(&format!("size {size}"), around.lens)?;
+    }
+    let plan = MaskPlan::new(run, &around, request)?;
+    let all = plan.pictures();
+    let mut done = 0;
+    let made = make(run, &plan, device, || {
+        done += 1;
+        report.at("pictures", done, all, None)
+    })?;
+    let note = plan.note.as_ref().map(|note| format!("; {note}")).unwrap_or_default();
+    Ok(made.map(|made| {
+        let (segments, views) = (plan.groups.len(), plan.shots.len());
+        format!("{} masks of {segments} segments in {views} views{note}", made.masks)
+    }))
+}
+
+fn fine(run: &OpenRun, steps: usize, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
+    let options = FineOptions { steps, ..FineOptions::default() };
+    let trained = affinity::fit(run, &options, device, |stage| match stage {
+        affinity::Stage::Read { done, all } => report.at("views", done, all, None),
+        affinity::Stage::Begins { .. } => report.at("steps", 0, steps, None),
+        affinity::Stage::Step { done, loss } => report.at("steps", done, steps, Some(loss)),
+    })?;
+    Ok(trained.map(|t| format!("the affinity field is trained, loss {:.4}: click to select", t.loss)))
+}
+
+fn parts(
+    run: &OpenRun,
+    segment: &str,
+    options: &SplitOptions,
+    device: &Device,
+    report: &Reporter,
+) -> Result<Option<String>, RunError> {
+    let mut segments = RunSegments::open(run)?;
+    let parts = split(run, &mut segments, segment, options, device)?;
+    // clusters are found in one piece; nothing is written yet
+    if !report.goes_on() {
+        return Ok(None);
+    }
+    segments.save()?;
+    let picture = sheet(run, &run.surroundings(), &parts, device);
+    write_picture(&run.paths().segment_sheet(segment), &picture)?;
+    Ok(Some(format!("{segment} has {} parts", parts.names.len())))
+}
+
+fn track(
+    run: &OpenRun,
+    segments: &[String],
+    group: Option<&Name>,
+    frames: usize,
+    device: &Device,
+    report: &mut Reporter,
+) -> Result<Option<String>, RunError> {
+    let full = run.surroundings();
+    let width = full.lens.width.min(SHEET_CELL);
+    let camera = full.sized(width).orbit(SHEET).swap_remove(0);
+    let times = Times::Even { from: 0.0, to: 1.0, frames };
+    let asked = format!("{frames} times");
+    let pictures = PictureOptions { keep: false, mask_alpha: MASK_ALPHA };
+    let request =
+        FollowRequest { segments, group, times: &times, asked: &asked, camera: &camera, edited: true, pictures };
+    let mut done = [0, 0];
+    let found = follow(run, &request, device, |stage| {
+        let (k, unit) = match stage {
+            FollowStage::Followed => (0, "times followed"),
+            FollowStage::Drawn => (1, "times drawn"),
+        };
+        done[k] += 1;
+        report.at(unit, done[k], frames, None)
+    })?;
+    let folder = run.paths().tracks();
+    Ok(found.map(|found| {
+        let names: Vec<&str> = found.iter().map(|f| f.name.as_str()).collect();
+        format!("tables and pictures of {}: {}", names.join(", "), folder.display())
+    }))
+}
+
+fn export(
+    run: &OpenRun,
+    format: FileFormat,
+    segments: &[String],
+    edited: bool,
+    (times, many): (&[f64], bool),
+    report: &mut Reporter,
+) -> Result<Option<String>, RunError> {
+    let paths = run.paths();
+    let mut done = 0;
+    let mut one_more = || {
+        done += 1;
+        report.at("times", done, times.len(), None)
+    };
+    let record = |run: &OpenRun, segments| {
+        let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
+        Record { version, run, format: format.extension(), times, edited, segments }
+    };
+    let place = |folder: &Path, name| Output::within(folder, name, format.extension(), many, &[]);
+    let written_as = match format {
+        FileFormat::Ply => {
+            let shown = Selection::open(run, segments, edited)?;
+            let output = place(&paths.exported(), "scene")?;
+            let Some(count) = write_plys(run, &shown, times, &output, one_more)? else { return Ok(None) };
+            let said = format!("{count} Gaussians: {}", output.path().display());
+            output.finish(&record(run, segments), &[])?;
+            return Ok(Some(said));
+        }
+        FileFormat::Nrrd => LabelFormat::Nrrd(Space::default()),
+        FileFormat::Vti => LabelFormat::Vti,
+    };
+    let labels = Labels::new(run, &LabelPlan { segments: segments.to_vec(), edited, ..LabelPlan::default() })?;
+    let output = place(&paths.labels(), "labels")?;
+    for (i, &time) in times.iter().enumerate() {
+        write_labels(&output.place(i).0, &labels, &labels.at(time)?, edited, written_as)?;
+        if !one_more() {
+            return Ok(None);
+        }
+    }
+    let said = format!("labels of {}: {}", labels.names.join(", "), output.path().display());
+    output.finish(&record(run, &labels.names), &[])?;
+    Ok(Some(said))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_task_is_read_named_and_checked() {
+        let read = |text: &str| serde_json::from_str::<Task>(text);
+        let masks = |size: &str, views: &str| {
+            format!(
+                r#"{{"kind":"masks","segments":[],"source":"labels","views":{views},"size":{size},"replace":false}}"#
+            )
+        };
+        let task = read(&masks("null", "5")).unwrap();
+        assert_eq!((task.to_string().as_str(), task.check()), ("masks of all segments", Ok(())));
+        assert!(read(&masks("64", "5")).unwrap().check().unwrap_err().starts_with("size"));
+        assert!(read(&masks("null", "0")).unwrap().check().unwrap_err().starts_with("views: 1 to 1000"));
+        let group = r#"{"kind":"track","segments":["a","b"],"group":"pair","frames":51}"#;
+        assert_eq!(read(group).unwrap().to_string(), "track of a, b as pair");
+        for bad in [
+            r#"{"kind":"track","segments":[],"group":null,"frames":51}"#,
+            r#"{"kind":"track","segments":["a"],"group":null,"frames":1}"#,
+            r#"{"kind":"fine","steps":0}"#,
+            r#"{"kind":"split","segment":"a","scale":1.5,"clusters":null,"replace":false}"#,
+            r#"{"kind":"export","format":"ply","segments":[],"edited":true,"time":2.0,"frames":null}"#,
+        ] {
+            assert!(read(bad).unwrap().check().is_err(), "{bad}");
+        }
+        for bad in [
+            r#"{"kind":"track","segments":["a"],"group":"../a","frames":51}"#,
+            r#"{"kind":"export","format":"ply","segments":[],"edited":true,"time":0.5,"frames":null,"out":"/tmp/x"}"#,
+        ] {
+            assert!(read(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,69 @@
+// Long work: what is started, how far it has come, and how it ended.
+import { $, app, on, say, value } from "./state.js";
+import { ask, hear } from "./socket.js";
+import { chosen } from "./segments.js";
+import { plot } from "./plot.js";
+
+let job = null; // the last that was told of one
+
+const number = (id) => ($(id).value === "" ? null : Math.round(value(id)));
+
+// starts work; what it is may be null if something was missing, which was said
+function start(task) {
+  if (!task) return;
+  ask({ type: "job", base: app.doc.revision, task }).catch((message) => say(message, true));
+}
+
+const masks = () => ({ kind: "masks", segments: [...app.checked], source: $("mask-source").value, views: number("mask-views"), size: null, replace: $("mask-replace").checked });
+const fine = () => ({ kind: "fine", steps: number("fine-steps") ?? 5000 });
+function split() {
+  const segments = chosen();
+  if (segments.length > 1) return say("Check the one segment that is to be split.", true);
+  return segments.length ? { kind: "split", segment: segments[0], scale: value("split-scale"), clusters: number("split-parts"), replace: false } : null;
+}
+function track() {
+  const segments = chosen();
+  return segments.length ? { kind: "track", segments, group: null, frames: number("track-times") ?? 51 } : null;
+}
+const exported = () => ({ kind: "export", format: $("export-format").value, segments: [...app.checked], edited: $("edits-on").checked, time: value("when"), frames: null });
+
+for (const [id, task] of Object.entries({ masks, fine, split, track, export: exported })) $(`${id}-start`).onclick = () => start(task());
+$("job-cancel").onclick = () => job && ask({ type: "cancel", job: job.number }).catch((message) => say(message, true));
+
+const span = (seconds) => (seconds < 90 ? `${seconds.toFixed(0)} s` : seconds < 5400 ? `${(seconds / 60).toFixed(1)} min` : `${(seconds / 3600).toFixed(1)} h`);
+
+function figures() {
+  if (!job.end) {
+    const counted = job.all ? `${job.done} of ${job.all} ${job.unit}, ` : "";
+    const left = job.left === null ? "" : `, ${span(job.left)} left`;
+    const loss = job.losses.length ? `, loss ${job.losses.at(-1)[1].toFixed(4)}` : "";
+    return `${counted}${span(job.seconds)}${left}${loss}`;
+  }
+  if (job.end === "stopped") return `cancelled after ${span(job.seconds)}; all is as before`;
+  return job.end.done ? `${job.end.done} (${span(job.seconds)})` : job.end.failed;
+}
+
+hear("job", (message) => {
+  const begins = job?.number !== message.number;
+  const ends = message.end && !(job?.end && !begins);
+  job = message;
+  $("job").hidden = false;
+  $("job").dataset.end = !job.end ? "" : job.end === "stopped" ? "stopped" : Object.keys(job.end)[0];
+  $("job-title").textContent = job.stopping && !job.end ? `${job.title}: stopping` : job.title;
+  $("job-progress").hidden = Boolean(job.end);
+  $("job-cancel").hidden = Boolean(job.end);
+  $("job-cancel").disabled = job.stopping || app.welcome?.read_only;
+  if (job.all) Object.assign($("job-progress"), { max: job.all, value: job.done });
+  else $("job-progress").removeAttribute("value");
+  $("job-figures").textContent = figures();
+  $("job-loss").toggleAttribute("hidden", job.losses.length < 2);
+  plot($("job-loss"), [{ points: job.losses }]);
+  // said aloud once, not at every step
+  if (begins && !job.end) $("job-news").textContent = `${job.title}: begun`;
+  if (ends) $("job-news").textContent = `${job.title}: ${figures()}`;
+});
+on("welcome", ({ read_only: still }) => {
+  $("work").disabled = still;
+  // a viewer that was started anew knows nothing of it; one that does says so at once
+  if (job && !job.end) $("job").hidden = true;
+});

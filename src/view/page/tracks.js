@@ -1,0 +1,90 @@
+// Charts of the checked segments through time: volume, centroid and speed, with what happened to their parts.
+import { $, make, on, say, value } from "./state.js";
+import { ask, hear } from "./socket.js";
+import { chosen } from "./segments.js";
+import { goTo, nudge } from "./time.js";
+import { draw, place, plot, upright, valueAt } from "./plot.js";
+
+const CHARTS = ["chart-volume", "chart-centroid", "chart-speed"];
+const SPAN = [0, 1];
+const LETTERS = { appear: "A", vanish: "V", split: "S", merge: "M", segment_appear: "A", segment_vanish: "V" };
+
+let track = null;
+let nows = [];
+
+function words({ kind, parts: [before, after] }) {
+  if (kind === "split") return `a part becomes ${after}`;
+  if (kind === "merge") return `${before} parts become one`;
+  const what = kind.startsWith("segment") ? "the whole" : "a part";
+  return `${what} ${kind.endsWith("vanish") ? "vanishes" : "appears"}`;
+}
+const middle = ({ from, to }) => (from + to) / 2;
+
+// the events of a chart, and the present time
+function marks() {
+  const events = track.events.flatMap((event) => {
+    const letter = draw("text", { x: place(SPAN, middle(event)).toFixed(1), y: 10, "text-anchor": "middle" }, LETTERS[event.kind]);
+    return [upright(SPAN, middle(event), "event"), letter];
+  });
+  const now = upright(SPAN, value("when"), "now");
+  nows.push(now);
+  return [...events, now];
+}
+
+function show() {
+  nows = [];
+  const line = (values, look) => ({ points: track.times.map((t, k) => [t, values[k]]), look });
+  const axis = (k) => track.centroid.map((c) => c?.[k] ?? null);
+  plot($("chart-volume"), [line(track.volume, "one")], { span: SPAN, marks: marks() });
+  plot($("chart-centroid"), [line(axis(0), "one"), line(axis(1), "two"), line(axis(2), "three")], { span: SPAN, marks: marks() });
+  plot($("chart-speed"), [line(track.speed, "one")], { span: SPAN, marks: marks() });
+  $("chart-title").textContent = track.segments.join(" + ");
+  $("events").replaceChildren(...track.events.map((event) => {
+    const button = make("button", { textContent: `${event.to.toFixed(2)} ${words(event)}`, title: "Go to this time" });
+    button.onclick = () => goTo(event.to);
+    return make("li", {}, button);
+  }));
+  $("chart").hidden = false;
+  mark();
+}
+
+// the present time on the charts
+function mark() {
+  if (!track) return;
+  const time = value("when");
+  for (const now of nows) now.setAttribute("d", upright(SPAN, time, "").getAttribute("d"));
+  $("chart-time").setAttribute("aria-valuenow", time.toFixed(3));
+  $("chart-time").setAttribute("aria-valuetext", `time ${time.toFixed(3)}`);
+}
+
+$("chart-start").onclick = async () => {
+  const segments = chosen();
+  if (!segments.length) return;
+  const label = $("chart-start").textContent;
+  Object.assign($("chart-start"), { disabled: true, textContent: "measuring …" });
+  await ask({ type: "track", segments, times: 51 }).catch((message) => say(message, true));
+  Object.assign($("chart-start"), { disabled: false, textContent: label });
+};
+hear("track", (message) => { track = message; show(); });
+
+for (const id of CHARTS) {
+  $(id).onclick = (e) => {
+    const box = $(id).getBoundingClientRect();
+    goTo(valueAt(SPAN, (e.clientX - box.left) / box.width));
+  };
+}
+$("chart-time").onkeydown = (e) => {
+  const keys = { ArrowLeft: () => nudge(-1), ArrowDown: () => nudge(-1), ArrowRight: () => nudge(1), ArrowUp: () => nudge(1), Home: () => goTo(0), End: () => goTo(1) };
+  if (!keys[e.key]) return;
+  // these keys turn the scene elsewhere
+  e.preventDefault();
+  e.stopPropagation();
+  keys[e.key]();
+  mark();
+};
+on("frame", mark);
+on("document", ({ segments }) => {
+  if (!track || track.segments.every((name) => segments.some((s) => s.name === name))) return;
+  track = null;
+  $("chart").hidden = true;
+});

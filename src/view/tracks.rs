@@ -1,0 +1,238 @@
+//! Segments through time, for the charts of the page: measured on a thread of its own, so that neither frames nor long work
+//! wait for it. Nothing is written.
+
+use super::hub::{ClientId, Hub};
+use crate::name::Name;
+use crate::run::follow::{Times, measure};
+use crate::run::{OpenRun, RunError};
+use crate::track::events::EventKind;
+use crate::track::follow::Followup;
+use serde::Serialize;
+use std::ops::RangeInclusive;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+
+/// Times that a client may ask for.
+const TIMES: RangeInclusive<usize> = 2..=501;
+/// Name of several segments as one, in messages alone.
+const TOGETHER: &str = "together";
+
+/// What a segment, or several as one, is like over time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Track {
+    /// Number of the request.
+    pub id: u32,
+    /// The segments.
+    pub segments: Vec<String>,
+    /// Times in [0, 1].
+    pub times: Vec<f64>,
+    /// Volume at each, cubic world units.
+    pub volume: Vec<f64>,
+    /// Centroid at each, world units; none where nothing shows.
+    pub centroid: Vec<Option<[f64; 3]>>,
+    /// Speed of the centroid at each, world units per unit of time.
+    pub speed: Vec<Option<f64>>,
+    /// What happened to its parts.
+    pub events: Vec<TrackEvent>,
+}
+
+/// Something that happened.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TrackEvent {
+    /// What.
+    pub kind: EventKind,
+    /// Last time before it.
+    pub from: f64,
+    /// First time after it.
+    pub to: f64,
+    /// How many parts before and after.
+    pub parts: [usize; 2],
+}
+
+impl Track {
+    fn new(id: u32, segments: Vec<String>, found: &Followup) -> Self {
+        let rows = &found.statistics;
+        let events = found.tracking.events.iter().filter(|e| e.kind != EventKind::Continue);
+        let speed = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        Self {
+            id,
+            segments,
+            times: rows.iter().map(|r| r.time).collect(),
+            volume: rows.iter().map(|r| r.volume).collect(),
+            centroid: rows.iter().map(|r| r.centroid).collect(),
+            speed: rows.iter().map(|r| r.velocity.map(speed)).collect(),
+            events: events
+                .map(|e| TrackEvent {
+                    kind: e.kind,
+                    from: e.time_from,
+                    to: e.time_to,
+                    parts: [e.parents.len(), e.children.len()],
+                })
+                .collect(),
+        }
+    }
+}
+
+/// A request for a track.
+#[derive(Debug)]
+pub struct Wanted {
+    /// Who wants it.
+    pub client: ClientId,
+    /// Number by which the answer is known.
+    pub id: u32,
+    /// Names of segments; several are followed as one.
+    pub segments: Vec<String>,
+    /// Times, evenly spaced over [0, 1].
+    pub times: usize,
+    /// The run, which is not locked.
+    pub run: OpenRun,
+}
+
+/// An answer: the track, or why there is none, with the number of the request.
+type Found = Result<Track, (u32, String)>;
+
+/// The thread that measures, and who waits for it: of each client its newest request.
+#[derive(Debug)]
+pub struct Tracks {
+    hub: Arc<Hub>,
+    waiting: Vec<Wanted>,
+    /// Answers to requests that never began.
+    refused: Vec<(ClientId, Found)>,
+    running: Option<(ClientId, Arc<AtomicBool>, JoinHandle<()>)>,
+    out: Sender<(ClientId, Found)>,
+    found: Receiver<(ClientId, Found)>,
+}
+
+impl Tracks {
+    /// Nobody waits; `hub` wakes the thread that draws.
+    #[must_use]
+    pub fn new(hub: Arc<Hub>) -> Self {
+        let (out, found) = channel();
+        Self { hub, waiting: Vec::new(), refused: Vec::new(), running: None, out, found }
+    }
+
+    /// Measures what is wanted, in the place of what this client wanted before.
+    ///
+    /// # Errors
+    /// Times or segments that cannot be followed.
+    pub fn ask(&mut self, wanted: Wanted) -> Result<(), String> {
+        if !TIMES.contains(&wanted.times) {
+            return Err(format!("times: {} to {}", TIMES.start(), TIMES.end()));
+        }
+        if wanted.segments.is_empty() {
+            return Err("segments: name at least one".into());
+        }
+        if let Some(old) = self.forget(wanted.client) {
+            self.refused.push((old.client, Err((old.id, replaced()))));
+        }
+        self.waiting.push(wanted);
+        self.next();
+        Ok(())
+    }
+
+    /// The client wants nothing any more; what had not begun.
+    pub fn forget(&mut self, client: ClientId) -> Option<Wanted> {
+        if let Some((of, stop, _)) = &self.running
+            && *of == client
+        {
+            stop.store(true, Ordering::Release);
+        }
+        let at = self.waiting.iter().position(|w| w.client == client)?;
+        Some(self.waiting.remove(at))
+    }
+
+    /// The next answer that is there.
+    pub fn news(&mut self) -> Option<(ClientId, Found)> {
+        if let Some(refused) = self.refused.pop() {
+            return Some(refused);
+        }
+        // what a thread sends is the last that it does
+        let news = self.found.try_recv().ok()?;
+        self.join();
+        self.next();
+        Some(news)
+    }
+
+    fn next(&mut self) {
+        if self.running.is_some() || self.waiting.is_empty() {
+            return;
+        }
+        let wanted = self.waiting.remove(0);
+        let (client, id, stop) = (wanted.client, wanted.id, Arc::new(AtomicBool::new(false)));
+        let (out, hub, stopped) = (self.out.clone(), self.hub.clone(), stop.clone());
+        let work = move || {
+            let found = catch_unwind(AssertUnwindSafe(|| follow(wanted, &stopped)));
+            let found = match found {
+                Ok(Ok(Some(track))) => Ok(track),
+                Ok(Ok(None)) => Err((id, replaced())),
+                Ok(Err(error)) => Err((id, error.to_string())),
+                Err(_) => Err((id, "the viewer failed at this; it goes on".into())),
+            };
+            // nobody listens any more where the viewer closes
+            let _ = out.send((client, found));
+            hub.wake();
+        };
+        let thread = std::thread::Builder::new().name("tracks".into()).spawn(work);
+        match thread {
+            Ok(thread) => self.running = Some((client, stop, thread)),
+            Err(error) => self.refused.push((client, Err((id, format!("no thread for this: {error}"))))),
+        }
+    }
+
+    fn join(&mut self) {
+        if let Some((_, _, thread)) = self.running.take() {
+            // it catches its own panics
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Tracks {
+    fn drop(&mut self) {
+        if let Some((_, stop, _)) = &self.running {
+            stop.store(true, Ordering::Release);
+        }
+        self.join();
+    }
+}
+
+fn replaced() -> String {
+    "something else was asked for meanwhile".into()
+}
+
+fn follow(wanted: Wanted, stop: &AtomicBool) -> Result<Option<Track>, RunError> {
+    let Wanted { id, segments, times, run, .. } = wanted;
+    let group = (segments.len() > 1).then(|| Name::new(TOGETHER)).transpose().map_err(RunError::failure)?;
+    let times = Times::Even { from: 0.0, to: 1.0, frames: times };
+    let asked = format!("{} times", times.count());
+    let found = measure(&run, &segments, group.as_ref(), (&times, &asked), || !stop.load(Ordering::Acquire))?;
+    Ok(found.and_then(|found| found.first().map(|f| Track::new(id, segments, f))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::track::events::{Event, Tracking};
+
+    #[test]
+    fn what_goes_on_is_no_event() {
+        let event = |kind, parents: &[u32], children: &[u32]| Event {
+            time_from: 0.5,
+            time_to: 0.6,
+            kind,
+            parents: parents.to_vec(),
+            children: children.to_vec(),
+            parent_weights: Vec::new(),
+            child_weights: Vec::new(),
+        };
+        let events = vec![event(EventKind::Continue, &[1], &[1]), event(EventKind::Split, &[1], &[2, 3])];
+        let tracking = Tracking { events, points: Vec::new() };
+        let found = Followup { name: "a".into(), statistics: Vec::new(), tracking };
+        let track = Track::new(7, vec!["a".into()], &found);
+        assert_eq!(track.events, [TrackEvent { kind: EventKind::Split, from: 0.5, to: 0.6, parts: [1, 2] }]);
+        assert!(serde_json::to_string(&track).unwrap().contains(r#""kind":"split""#));
+    }
+}

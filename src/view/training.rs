@@ -1,0 +1,93 @@
+//! What the page shows of a run's training, be it over or still going on in another process: the curves of its log, and how
+//! far it has come.
+
+use crate::compare::curves::{self, smooth};
+use crate::files::{RunPaths, read_text};
+use crate::run::OpenRun;
+use crate::train::run::RunRecord;
+use serde::Serialize;
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime};
+
+/// The log is not read more often than that.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// The training of a run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Training {
+    /// `running`, `interrupted` or `complete`, as the run's record says.
+    pub status: String,
+    /// Steps that are logged.
+    pub steps: usize,
+    /// All steps of the run.
+    pub all: usize,
+    /// (step, loss), smoothed.
+    pub loss: Vec<(f64, f64)>,
+    /// (step, PSNR on the views trained on, decibels), smoothed.
+    pub train: Vec<(f64, f64)>,
+    /// (step, PSNR on a few test views, decibels).
+    pub test: Vec<(f64, f64)>,
+}
+
+/// When a file was written, and how long it is.
+pub type Stamp = Option<(SystemTime, u64)>;
+
+/// The stamp of a file; none if it is not there.
+#[must_use]
+pub fn stamp(path: &Path) -> Stamp {
+    let found = std::fs::metadata(path).ok()?;
+    Some((found.modified().ok()?, found.len()))
+}
+
+/// Watches the log of a run.
+#[derive(Debug, Default)]
+pub struct Watch {
+    seen: Option<[Stamp; 2]>,
+    looked: Option<Instant>,
+    now: Option<Training>,
+}
+
+impl Watch {
+    /// What is known of the training.
+    #[must_use]
+    pub fn now(&self) -> Option<&Training> {
+        self.now.as_ref()
+    }
+
+    /// Looks at the log; what is known now, if that is news.
+    pub fn look(&mut self, run: &OpenRun) -> Option<&Training> {
+        if self.looked.is_some_and(|when| when.elapsed() < PAUSE) {
+            return None;
+        }
+        self.looked = Some(Instant::now());
+        let paths = run.paths();
+        let stamps = [paths.metrics(), paths.record()].map(|path| stamp(&path));
+        if self.seen == Some(stamps) {
+            return None;
+        }
+        self.seen = Some(stamps);
+        let now = read(run);
+        if self.now.as_ref() == Some(&now) {
+            return None;
+        }
+        self.now = Some(now);
+        self.now.as_ref()
+    }
+}
+
+/// A picture of a run: what cannot be read is left out.
+fn read(run: &OpenRun) -> Training {
+    let curves = curves::read(&run.path);
+    let text = read_text(&RunPaths(&run.path).record()).ok();
+    let record = text.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
+    let record = record.as_ref().unwrap_or(&run.record);
+    let stages = &run.config.stages;
+    Training {
+        status: record.status.clone(),
+        steps: curves.loss.last().map_or(record.steps, |(step, _)| *step as usize),
+        all: stages.warmup_steps + stages.joint_steps,
+        loss: smooth(&curves.loss),
+        train: smooth(&curves.train),
+        test: curves.test,
+    }
+}

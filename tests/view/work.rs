@@ -1,0 +1,38 @@
+//! What takes long, on the page in a browser: work is started, watched and cancelled.
+
+use crate::browser::Browser;
+use crate::run;
+use crate::socket::Server;
+
+#[test]
+fn a_person_trains_cancels_and_splits() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let address = format!("http://localhost:{}/?token={}", server.port, server.token);
+    let tab = browser.open(&address);
+    browser.rests(&tab);
+    browser.set(&tab, "fine-steps", "1000000");
+    browser.eval(&tab, "document.getElementById('fine-start').click()");
+    browser.wait(&tab, "/steps.*left, loss/.test(document.getElementById('job-figures').textContent)");
+    browser.wait(&tab, "document.querySelectorAll('#job-loss .line').length === 1");
+    browser.wait(&tab, "document.getElementById('job-progress').value > 20");
+    browser.eval(&tab, "document.getElementById('job').scrollIntoView({ block: 'end' })");
+    browser.shoot(&tab, "4-work");
+
+    // it goes on without the tab, and another is told of it
+    browser.call(Some(&tab), "Page.close", serde_json::json!({}));
+    let tab = browser.open(&address);
+    browser.wait(&tab, "/loss/.test(document.getElementById('job-figures').textContent)");
+    browser.eval(&tab, "document.getElementById('job-cancel').click()");
+    browser.wait(&tab, "document.getElementById('job').dataset.end === 'stopped'");
+    assert_eq!(browser.eval(&tab, "document.getElementById('job-cancel').hidden"), true);
+
+    browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
+    browser.set(&tab, "split-parts", "2");
+    browser.eval(&tab, "document.getElementById('split-start').click()");
+    browser.wait(&tab, "document.getElementById('job').dataset.end === 'done'");
+    browser.wait(&tab, "document.getElementById('tree').textContent.includes('.1')");
+    assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}
