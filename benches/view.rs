@@ -149,6 +149,7 @@ fn main() {
         alone: Vec::new(),
         hidden: Vec::new(),
         edits: true,
+        preview: None,
         moving: true,
     };
     let camera = Client::camera(&view, 1.0).to_kernel();

@@ -14,7 +14,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use apply::apply;
+pub use apply::{apply, centre};
 pub use error::EditError;
 pub use operation::{Edit, Operation};
 pub use sh::ShRotation;

@@ -1,5 +1,6 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
+use super::gizmo::Preview;
 use super::hub::{ClientId, Outgoing};
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
@@ -101,7 +102,7 @@ impl Client {
     /// A look or segment that nobody knows.
     pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
         let members = self.clicked.as_ref().map(|c| &c.picked.members[..]).unwrap_or_default();
-        let View { look, alone, hidden, edits, .. } = view;
+        let View { look, alone, hidden, edits, preview, .. } = view;
         let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
         let key = format!("{look} {alone:?} {hidden:?} {edits} {} {own}", space.revision());
         if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
@@ -115,7 +116,13 @@ impl Client {
             self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
         }
         match &mut self.look {
-            Some((_, look)) => Ok((look, key)),
+            Some((_, look)) => {
+                // the look stays while a handle is dragged: it holds what every step of that begins with
+                let preview = Preview::on(preview.as_ref(), space.revision());
+                let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
+                look.preview(&space.run, preview)?;
+                Ok((look, key))
+            }
             None => Err(RunError::failure("no look")),
         }
     }

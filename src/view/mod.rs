@@ -8,7 +8,9 @@
 pub mod auth;
 pub mod cache;
 pub mod client;
+pub mod gizmo;
 pub mod hub;
+pub mod order;
 pub mod pace;
 pub mod page;
 pub mod protocol;

@@ -35,11 +35,12 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 12] = modules![
+pub const MODULES: [PageFile; 13] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "edits.js",
+    "gizmo.js",
     "input.js",
     "looks.js",
     "picture.js",

@@ -1,5 +1,6 @@
 //! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
 
+use super::gizmo::Preview;
 use crate::edit::Operation;
 use crate::name::Name;
 use crate::run::look::Legend;
@@ -48,6 +49,15 @@ pub enum Request {
     },
     /// Forget what was selected.
     Clear,
+    /// Where segments are: their opacity-weighted centre.
+    Centre {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Which.
+        segments: Vec<String>,
+        /// Time in [0, 1].
+        time: f64,
+    },
     /// Make a segment of what was selected.
     Commit {
         /// Number by which the answer is known.
@@ -94,6 +104,9 @@ pub struct View {
     pub hidden: Vec<String>,
     /// Whether the edits apply.
     pub edits: bool,
+    /// Edits that are not saved and apply after those.
+    #[serde(default)]
+    pub preview: Option<Preview>,
     /// Whether more is to come at once.
     pub moving: bool,
 }
@@ -123,7 +136,7 @@ impl View {
         if !(0.0..=1.0).contains(&self.time) {
             return Err("time: between 0 and 1".into());
         }
-        Ok(())
+        self.preview.as_ref().map_or(Ok(()), Preview::check)
     }
 }
 
@@ -195,6 +208,11 @@ pub enum Change {
         /// Whether to undo; to redo if not.
         undo: bool,
     },
+    /// Undo or redo what was changed last, segments or edits.
+    Last {
+        /// Whether to undo; to redo if not.
+        undo: bool,
+    },
 }
 
 /// What the server says.
@@ -234,6 +252,13 @@ pub enum Answer {
     Done {
         /// Its number.
         id: u32,
+    },
+    /// Where something is.
+    Place {
+        /// Number of the request.
+        id: u32,
+        /// World units.
+        at: [f64; 3],
     },
     /// The key to the colours.
     Legend {
@@ -362,6 +387,7 @@ mod tests {
             alone: Vec::new(),
             hidden: Vec::new(),
             edits: true,
+            preview: None,
             moving: false,
         }
     }

@@ -112,6 +112,10 @@ impl Renderer {
                 client.answer(Answer::Picked(Box::new(picked)));
             }
             Request::Clear => client.clear(),
+            Request::Centre { id, segments, time } => {
+                let at = self.space.centre(&segments, time).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Place { id, at });
+            }
             Request::Commit { id: number, base, name } => {
                 let nothing = || (Some(number), "click on something first".to_owned());
                 let clicked = client.clicked().cloned().ok_or_else(nothing)?;
@@ -223,7 +227,10 @@ impl Renderer {
             Some(prepared) => prepared,
             None => {
                 let prepared = look.prepare(scene, view.time as f32, device)?;
-                self.cache.put(key, prepared.clone());
+                if view.preview.is_none() {
+                    // nobody comes back to a step of a drag
+                    self.cache.put(key, prepared.clone());
+                }
                 prepared
             }
         };

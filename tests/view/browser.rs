@@ -22,22 +22,22 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const WINDOW: [u32; 2] = [1100, 760];
 
 /// Chromium.
-struct Browser {
+pub struct Browser {
     child: Child,
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     calls: u64,
     /// Errors and violations of the page's policy.
-    wrong: Vec<String>,
+    pub wrong: Vec<String>,
     _profile: TempDir,
 }
 
 /// A tab of it.
 #[derive(Clone)]
-struct Tab(String);
+pub struct Tab(String);
 
 impl Browser {
     /// Starts it; `None` where there is none, which has been said.
-    fn start() -> Option<Self> {
+    pub fn start() -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let started = ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|program| {
             let mut command = Command::new(program);
@@ -79,7 +79,7 @@ impl Browser {
     }
 
     /// Calls a method of the protocol.
-    fn call(&mut self, tab: Option<&Tab>, method: &str, params: Value) -> Value {
+    pub fn call(&mut self, tab: Option<&Tab>, method: &str, params: Value) -> Value {
         self.calls += 1;
         let mut message = json!({ "id": self.calls, "method": method, "params": params });
         if let Some(Tab(session)) = tab {
@@ -103,7 +103,7 @@ impl Browser {
     }
 
     /// Opens a page in a tab of its own.
-    fn open(&mut self, url: &str) -> Tab {
+    pub fn open(&mut self, url: &str) -> Tab {
         let target = self.call(None, "Target.createTarget", json!({ "url": "about:blank" }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
         let tab = Tab(self.call(None, "Target.attachToTarget", attach)["sessionId"].as_str().unwrap().to_owned());
@@ -115,7 +115,7 @@ impl Browser {
     }
 
     /// The value of an expression on the page.
-    fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
+    pub fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
         let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let answer = self.call(Some(tab), "Runtime.evaluate", asked);
         assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
@@ -123,7 +123,7 @@ impl Browser {
     }
 
     /// Waits until an expression is true.
-    fn wait(&mut self, tab: &Tab, expression: &str) {
+    pub fn wait(&mut self, tab: &Tab, expression: &str) {
         let until = Instant::now() + PATIENCE;
         // the page may not be there yet
         let guarded = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
@@ -137,32 +137,54 @@ impl Browser {
     }
 
     /// Waits until the picture shows all that was asked for, without loss.
-    fn rests(&mut self, tab: &Tab) {
+    pub fn rests(&mut self, tab: &Tab) {
         std::thread::sleep(Duration::from_millis(250));
         self.wait(tab, "document.getElementById('picture').dataset.lossless === 'true'");
     }
 
     /// A number that tells the picture from others.
-    fn picture(&mut self, tab: &Tab) -> Value {
+    pub fn picture(&mut self, tab: &Tab) -> Value {
         let pixels = "(() => { const c = document.getElementById('picture'); \
                       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
                       let h = 0; for (let i = 0; i < d.length; i += 3) h = (h * 31 + d[i]) | 0; return h; })()";
         self.eval(tab, pixels)
     }
 
-    fn mouse(&mut self, tab: &Tab, kind: &str, [x, y]: [f64; 2]) {
+    pub fn mouse(&mut self, tab: &Tab, kind: &str, [x, y]: [f64; 2]) {
         let buttons = i32::from(kind != "mouseReleased");
         let event = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1 });
         self.call(Some(tab), "Input.dispatchMouseEvent", event);
     }
 
-    fn click(&mut self, tab: &Tab, at: [f64; 2]) {
+    pub fn click(&mut self, tab: &Tab, at: [f64; 2]) {
         self.mouse(tab, "mousePressed", at);
         self.mouse(tab, "mouseReleased", at);
     }
 
+    /// Presses and releases a key, with Ctrl (2) or Shift (8) held down.
+    pub fn key(&mut self, tab: &Tab, key: &str, modifiers: u32) {
+        for kind in ["keyDown", "keyUp"] {
+            let mut event = json!({ "type": kind, "key": key, "modifiers": modifiers });
+            if key.len() == 1 {
+                event["windowsVirtualKeyCode"] = u32::from(key.to_ascii_uppercase().as_bytes()[0]).into();
+            }
+            if kind == "keyDown" && modifiers & 2 == 0 {
+                // what makes a button or a form act on it
+                match key {
+                    "Enter" => event["text"] = "\r".into(),
+                    _ if key.len() == 1 => event["text"] = key.into(),
+                    _ => {}
+                }
+            }
+            if key == "Tab" {
+                event["windowsVirtualKeyCode"] = 9.into();
+            }
+            self.call(Some(tab), "Input.dispatchKeyEvent", event);
+        }
+    }
+
     /// Sets an input as a person would.
-    fn set(&mut self, tab: &Tab, id: &str, value: &str) {
+    pub fn set(&mut self, tab: &Tab, id: &str, value: &str) {
         let set = format!(
             "(() => {{ const e = document.getElementById('{id}'); e.value = '{value}'; \
              for (const n of ['input', 'change']) e.dispatchEvent(new Event(n, {{ bubbles: true }})); }})()"
@@ -171,7 +193,7 @@ impl Browser {
     }
 
     /// Writes what is seen beside the build, to look at.
-    fn shoot(&mut self, tab: &Tab, name: &str) {
+    pub fn shoot(&mut self, tab: &Tab, name: &str) {
         let shot = self.call(Some(tab), "Page.captureScreenshot", json!({}));
         let png = base64::engine::general_purpose::STANDARD.decode(shot["data"].as_str().unwrap()).unwrap();
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-screens");
@@ -188,7 +210,7 @@ impl Drop for Browser {
 }
 
 /// The middle of the picture, where something is, in the window.
-const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
+pub const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
                       return [b.left + b.width / 2, b.top + b.height / 2]; })()";
 
 #[test]

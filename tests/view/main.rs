@@ -6,6 +6,7 @@ mod browser;
 #[path = "../common/mod.rs"]
 mod common;
 mod door;
+mod gizmo;
 mod socket;
 
 use common::{SIZE, copy, run_json, volseggs};

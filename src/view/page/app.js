@@ -7,6 +7,7 @@ import { fromAddress } from "./address.js";
 import "./input.js";
 import "./segments.js";
 import "./edits.js";
+import "./gizmo.js";
 
 hear("welcome", (message) => {
   app.welcome = message;

@@ -48,9 +48,11 @@ canvas.addEventListener("wheel", (e) => {
 }, { passive: false });
 
 document.addEventListener("keydown", (e) => {
-  if (e.ctrlKey && e.key.toLowerCase() === "z") {
+  const typing = /INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && !/range|checkbox|color/.test(document.activeElement.type);
+  if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing) {
     e.preventDefault();
-    return change({ kind: "edits", undo: !e.shiftKey });
+    // segments or edits, whichever changed last
+    return change({ kind: "last", undo: !e.shiftKey });
   }
   if (e.key === "Escape") return clear();
   if (/INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && document.activeElement.type !== "range") return;

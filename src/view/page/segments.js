@@ -5,6 +5,8 @@ import { look, stale } from "./picture.js";
 
 function read(message) {
   app.doc = message;
+  // it was of another document
+  app.preview = null;
   stale();
   const names = new Set(app.doc.segments.map((s) => s.name));
   for (const set of [app.hidden, app.checked]) for (const name of set) if (!names.has(name)) set.delete(name);
@@ -26,7 +28,7 @@ function tree() {
     row.style.paddingLeft = `${s.depth}em`;
     const box = make("input", { type: "checkbox", checked: app.checked.has(s.name) });
     box.setAttribute("aria-label", `Choose ${s.name}`);
-    box.onchange = () => (box.checked ? app.checked.add(s.name) : app.checked.delete(s.name));
+    box.onchange = () => { box.checked ? app.checked.add(s.name) : app.checked.delete(s.name); tell("checked"); };
     const eye = make("button");
     const shown = () => {
       eye.textContent = app.hidden.has(s.name) ? "○" : "●";
