@@ -8,7 +8,7 @@ use super::workspace::Workspace;
 use crate::data::Camera;
 use crate::run::RunError;
 use crate::run::look::{Legend, Look, Show};
-use crate::run::pick::{ClickError, Clicking, Hit};
+use crate::run::pick::{ClickError, Clicking, Hit, place};
 use crate::run::selection::Selection;
 use crate::segment::pick::{Meaning, PickOptions, Picked};
 use crate::track::velocity::Component;
@@ -106,13 +106,7 @@ impl Client {
         let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
         let key = format!("{look} {alone:?} {hidden:?} {edits} {} {own}", space.revision());
         if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
-            let all = space.segments().now();
-            let mut away = Vec::new();
-            for name in hidden {
-                // one that is gone hides nothing
-                away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
-            }
-            let selection = Selection::open(&space.run, alone, *edits)?.hiding(away).highlighting(members.to_vec());
+            let selection = shown(space, view)?.highlighting(members.to_vec());
             self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
         }
         match &mut self.look {
@@ -159,6 +153,16 @@ impl Client {
         let hit = clicking.hit(&Self::camera(&view, 1.0), pixel, within)?;
         let before = self.clicked.take().map(|c| c.picked.members).unwrap_or_default();
         self.select(id, hit, view.time, (before, combine), meaning, started)
+    }
+
+    /// Where that is, in world units, which a pixel shows of the view that was asked for last.
+    ///
+    /// # Errors
+    /// If nothing is there.
+    pub fn point(&self, space: &Workspace, pixel: [u32; 2]) -> Result<[f64; 3], ClickError> {
+        let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
+        let at = shown(space, view)?.at(&space.run.scene, view.time as f32)?;
+        place(&at, &Self::camera(view, 1.0), pixel, view.time, &space.device)
     }
 
     /// The last click once more, with another meaning.
@@ -208,6 +212,17 @@ impl Client {
         self.changed();
         Ok(told)
     }
+}
+
+/// What of the scene a view shows, whatever is clicked.
+fn shown(space: &Workspace, view: &View) -> Result<Selection, RunError> {
+    let all = space.segments().now();
+    let mut away = Vec::new();
+    for name in &view.hidden {
+        // one that is gone hides nothing
+        away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
+    }
+    Ok(Selection::open(&space.run, &view.alone, view.edits)?.hiding(away))
 }
 
 fn of(asked: Asked) -> Meaning {

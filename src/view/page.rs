@@ -35,7 +35,7 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 13] = modules![
+pub const MODULES: [PageFile; 14] = modules![
     "address.js",
     "app.js",
     "camera.js",
@@ -44,6 +44,7 @@ pub const MODULES: [PageFile; 13] = modules![
     "input.js",
     "looks.js",
     "picture.js",
+    "row.js",
     "segments.js",
     "selection.js",
     "socket.js",

@@ -49,6 +49,13 @@ pub enum Request {
     },
     /// Forget what was selected.
     Clear,
+    /// Where that is which a pixel of the view shows that the client asked for last.
+    Point {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Column and row, in pixels of the full size.
+        pixel: [u32; 2],
+    },
     /// Where segments are: their opacity-weighted centre.
     Centre {
         /// Number by which the answer is known.
@@ -186,6 +193,23 @@ pub enum Change {
         /// Its segments.
         segments: Vec<String>,
     },
+    /// Give a segment another name.
+    Rename {
+        /// What it is called.
+        segment: String,
+        /// What it is to be called.
+        name: Name,
+    },
+    /// Part a segment by its affinity features.
+    Split {
+        /// Which.
+        segment: String,
+        /// Mask scale in [0, 1], from small parts to large ones.
+        scale: f32,
+        /// Whether segments that were picked in the parts of an earlier split may go.
+        #[serde(default)]
+        replace: bool,
+    },
     /// Remove segments with their parts.
     Remove {
         /// Which.
@@ -302,6 +326,12 @@ pub struct SegmentRow {
     pub gaussians: usize,
     /// Time at which it was found.
     pub time: f64,
+    /// The last colour that an edit gave it, sRGB in [0, 1].
+    pub rgb: Option<[f32; 3]>,
+    /// What edits multiply its opacity by.
+    pub opacity: f32,
+    /// Whether an edit hides it.
+    pub hidden: bool,
 }
 
 /// What is selected.

@@ -112,6 +112,10 @@ impl Renderer {
                 client.answer(Answer::Picked(Box::new(picked)));
             }
             Request::Clear => client.clear(),
+            Request::Point { id, pixel } => {
+                let at = client.point(&self.space, pixel).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Place { id, at });
+            }
             Request::Centre { id, segments, time } => {
                 let at = self.space.centre(&segments, time).map_err(|e| (Some(id), e.to_string()))?;
                 client.answer(Answer::Place { id, at });

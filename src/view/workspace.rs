@@ -3,10 +3,11 @@
 
 use super::order::{Order, Stack, Steps};
 use super::protocol::{Change, Document, SegmentRow};
-use crate::edit::{Edit, EditStack};
+use crate::edit::{Edit, EditStack, Total};
 use crate::files::{RunLock, Work};
 use crate::run::segments::{RunSegments, Towards};
 use crate::run::selection::Selection;
+use crate::run::split::{SplitOptions, split};
 use crate::run::{OpenRun, RunError, affinity, edits, pick};
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::AffinityField;
@@ -150,6 +151,14 @@ impl Workspace {
                 }
             }
             Change::Group { name, segments: of } => segments.group(name, of)?,
+            Change::Rename { segment, name } => segments.rename(&self.run, segment, name)?,
+            Change::Split { segment, scale, replace } => {
+                if !(0.0..=1.0).contains(scale) {
+                    return Err(RunError::input("scale: between 0 and 1").into());
+                }
+                let options = SplitOptions { scale: *scale, replace: *replace, ..SplitOptions::default() };
+                drop(split(&self.run, &mut segments, segment, &options, &self.device)?);
+            }
             Change::Remove { segments: of } => drop(segments.remove(of)?),
             Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
             Change::Last { .. } => {}
@@ -187,9 +196,11 @@ impl Workspace {
 
     /// Ends a change, before which there were these `steps`.
     fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
-        if let Some(segments) = segments {
+        if let Some(mut segments) = segments {
             segments.save()?;
             self.segments = segments;
+            // those of a segment that has another name now followed
+            self.edits = self.run.edits()?;
         }
         let before = std::mem::replace(&mut self.seen, seen(&self.run));
         self.note(steps, before);
@@ -212,7 +223,9 @@ impl Workspace {
         let mut changed = [(Stack::Segments, 0, segments, now[0]), (Stack::Edits, 1, edits, now[1])];
         changed.sort_by_key(|(_, file, ..)| self.seen[*file]);
         for (stack, file, before_it, after_it) in changed {
-            if self.seen[file] != before[file] {
+            // edits that only follow a new name are no change of theirs
+            let only_names = stack == Stack::Edits && before_it == after_it;
+            if self.seen[file] != before[file] && !only_names {
                 self.order.saw(stack, before_it, after_it);
             }
         }
@@ -247,12 +260,10 @@ impl Workspace {
     /// What clients are told.
     #[must_use]
     pub fn document(&self) -> Document {
-        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| SegmentRow {
-            name: s.name.to_string(),
-            depth,
-            colour: s.colour,
-            gaussians: s.members.len(),
-            time: s.time,
+        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| {
+            let Total { rgb, opacity, hidden } = self.edits.total(&s.name);
+            let (name, gaussians) = (s.name.to_string(), s.members.len());
+            SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
         };
         let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
         Document {

@@ -8,6 +8,7 @@ mod common;
 mod door;
 mod gizmo;
 mod socket;
+mod tree;
 
 use common::{SIZE, copy, run_json, volseggs};
 use serde_json::{Value, json};

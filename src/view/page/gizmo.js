@@ -214,7 +214,7 @@ function draw() {
     }
     // begins after the hidden half, so that what is left is one line
     const gap = points.lastIndexOf(null);
-    const line = gap < 0 ? points : [...points.slice(gap + 1), ...points.slice(1)].slice(0, points.filter(Boolean).length);
+    const line = gap < 0 ? points : [...points.slice(gap + 1), ...points.slice(1, gap + 1)];
     const text = line.filter(Boolean).map((p) => p.map((v) => v.toFixed(1)).join(",")).join(" ");
     for (const part of [grip, mark]) part.setAttribute("points", text);
   }

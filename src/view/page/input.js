@@ -3,10 +3,11 @@ import { $, app, canvas } from "./state.js";
 import { change } from "./socket.js";
 import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
-import { clear, click } from "./selection.js";
+import { centreOn, clear, click } from "./selection.js";
 import { save } from "./looks.js";
 
 let drag = null;
+let clicked = { at: 0, place: [0, 0], before: false, done: null }; // the last click, which may be the first of two
 const fingers = new Map();
 canvas.addEventListener("pointerdown", (e) => {
   canvas.focus();
@@ -32,9 +33,20 @@ canvas.addEventListener("pointermove", (e) => {
   else app.camera.orbit(dx / width, dy / width);
   look(true);
 });
+// a click selects at once; a second soon after it, at the same place, means another thing: see dblclick
+function tap(e) {
+  const near = Math.hypot(e.clientX - clicked.place[0], e.clientY - clicked.place[1]) < 6;
+  if (near && e.timeStamp - clicked.at < 400) return;
+  clicked = { at: e.timeStamp, place: [e.clientX, e.clientY], before: Boolean(app.picked), done: click(e) };
+}
+canvas.addEventListener("dblclick", async (e) => {
+  await clicked.done;
+  if (!clicked.before) clear();
+  centreOn(e);
+});
 const release = (e) => {
   fingers.delete(e.pointerId);
-  if (drag && e.type === "pointerup" && drag.moved < 4 && drag.button === 0) click(e);
+  if (drag && e.type === "pointerup" && drag.moved < 4 && drag.button === 0) tap(e);
   else look(false);
   if (!fingers.size) drag = null;
 };
