@@ -35,12 +35,13 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 14] = modules![
+pub const MODULES: [PageFile; 15] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "edits.js",
     "gizmo.js",
+    "help.js",
     "input.js",
     "looks.js",
     "picture.js",

@@ -176,8 +176,9 @@ impl Browser {
                     _ => {}
                 }
             }
-            if key == "Tab" {
-                event["windowsVirtualKeyCode"] = 9.into();
+            // what the browser itself does with a key goes by this number
+            if let Some((_, code)) = [("Tab", 9), ("Enter", 13), ("Escape", 27)].iter().find(|(name, _)| *name == key) {
+                event["windowsVirtualKeyCode"] = (*code).into();
             }
             self.call(Some(tab), "Input.dispatchKeyEvent", event);
         }

@@ -8,6 +8,7 @@ import "./input.js";
 import "./segments.js";
 import "./edits.js";
 import "./gizmo.js";
+import "./help.js";
 
 hear("welcome", (message) => {
   app.welcome = message;

@@ -5,6 +5,7 @@ import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
 import { centreOn, clear, click } from "./selection.js";
 import { save } from "./looks.js";
+import { helping } from "./help.js";
 
 let drag = null;
 let clicked = { at: 0, place: [0, 0], before: false, done: null }; // the last click, which may be the first of two
@@ -60,6 +61,7 @@ canvas.addEventListener("wheel", (e) => {
 }, { passive: false });
 
 document.addEventListener("keydown", (e) => {
+  if (helping()) return;
   const typing = /INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && !/range|checkbox|color/.test(document.activeElement.type);
   if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing) {
     e.preventDefault();
