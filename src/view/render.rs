@@ -101,7 +101,7 @@ impl Renderer {
                 client.pace.changes(Instant::now(), view.moving);
                 client.view = Some(view);
             }
-            Request::Ack { frame } => client.pace.acknowledges(frame),
+            Request::Ack { frame } => client.pace.acknowledges(Instant::now(), frame),
             Request::Pick { id, pixel, within, meaning, combine } => {
                 let picked = client.pick(&self.space, id, pixel, within.as_deref(), (meaning, combine));
                 let picked = picked.map_err(|e| (Some(id), e.to_string()))?;
@@ -202,7 +202,7 @@ impl Renderer {
             Ok((info, bytes)) => {
                 client.frame = info.number;
                 let pixels = (info.size[0] * info.size[1]) as usize;
-                client.pace.sent(next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
+                client.pace.sent(Instant::now(), next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
                 client.send(Outgoing::Frame(info, bytes));
                 client.tell_legend();
             }

@@ -1,5 +1,5 @@
 // Keys and mouse habits, on request.
-import { $ } from "./state.js";
+import { $, typing } from "./state.js";
 
 export const helping = () => $("help").open;
 const open = () => $("help").showModal();
@@ -7,6 +7,5 @@ $("help-open").onclick = open;
 $("help-close").onclick = () => $("help").close();
 
 document.addEventListener("keydown", (e) => {
-  const typing = /INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && !/range|checkbox|color/.test(document.activeElement.type);
-  if (e.key === "?" && !typing && !helping()) open();
+  if (e.key === "?" && !typing() && !helping()) open();
 });

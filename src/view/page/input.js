@@ -1,5 +1,5 @@
 // Mouse, touch and keys on the picture.
-import { $, app, canvas } from "./state.js";
+import { $, app, canvas, typing } from "./state.js";
 import { change } from "./socket.js";
 import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
@@ -62,14 +62,13 @@ canvas.addEventListener("wheel", (e) => {
 
 document.addEventListener("keydown", (e) => {
   if (helping()) return;
-  const typing = /INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && !/range|checkbox|color/.test(document.activeElement.type);
-  if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing) {
+  if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing()) {
     e.preventDefault();
     // segments or edits, whichever changed last
     return change({ kind: "last", undo: !e.shiftKey });
   }
   if (e.key === "Escape") return clear();
-  if (/INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && document.activeElement.type !== "range") return;
+  if (typing()) return;
   if (e.ctrlKey || e.metaKey || !app.camera) return;
   const turn = 0.03;
   const keys = {

@@ -26,6 +26,12 @@ export function say(text, wrong = false) {
   $("message").classList.toggle("wrong", wrong);
 }
 
+// whether keys are text now
+export const typing = () => {
+  const at = document.activeElement;
+  return /INPUT|SELECT|TEXTAREA/.test(at?.tagName) && !/range|checkbox|color/.test(at.type);
+};
+
 export const value = (id) => Number($(id).value);
 
 // an element with properties and children
