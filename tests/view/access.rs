@@ -96,6 +96,14 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
     );
     assert!(missed.is_empty(), "Tab does not come to {what}");
 
+    // Space is that of what has the focus
+    browser.eval(&tab, "document.getElementById('loop').focus()");
+    browser.key(&tab, " ", 0);
+    assert_eq!(
+        browser.eval(&tab, "[document.getElementById('loop').checked, document.getElementById('play').ariaLabel]"),
+        json!([false, "Play"])
+    );
+
     // the picture itself by keys
     browser.eval(&tab, "document.getElementById('picture').focus()");
     let mut before = browser.picture(&tab);

@@ -83,7 +83,8 @@ document.addEventListener("keydown", (e) => {
     keys[e.key]();
     return look(true);
   }
-  if (e.key === " " && document.activeElement?.tagName !== "BUTTON") { e.preventDefault(); play(); }
+  // on a button, a box or a colour it does what it does there
+  if (e.key === " " && !document.activeElement?.matches("button, [type=checkbox], [type=color]")) { e.preventDefault(); play(); }
   if (e.key === ",") nudge(-1);
   if (e.key === ".") nudge(1);
   if (e.key === "s") save();
