@@ -1,10 +1,15 @@
 //! The viewer as a window sees it: frames a second, and how long an answer takes.
 //!
 //! `cargo bench --bench view -- RUN [--size 800]`: serves the run, opens a window on it over the loopback that
-//! acknowledges each frame at once, and prints a table. Clicks are measured where the run has an affinity field.
+//! acknowledges each frame at once, and prints a table. Clicks are measured where the run has an affinity field. At the end
+//! the same over a line of 2 Mbit/s with 100 ms of delay either way.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+#[path = "view/slow.rs"]
+mod slow;
+
 use serde_json::{Value, json};
+use slow::{Lags, proxy};
 use std::net::{IpAddr, Ipv4Addr, TcpStream};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -40,14 +45,14 @@ struct Window {
 }
 
 impl Window {
-    fn open(url: &str, size: u32) -> Self {
-        let rest = url.strip_prefix("http://").unwrap();
-        let (host, token) = rest.split_once("/?token=").unwrap();
-        let mut request = format!("ws://{host}/ws").into_client_request().unwrap();
-        let port = host.rsplit(':').next().unwrap();
-        request.headers_mut().insert("Origin", format!("http://{host}").parse().unwrap());
+    /// One on the server at `url`, whose port is reached as `via` if that is given.
+    fn open(url: &str, size: u32, via: Option<u16>) -> Self {
+        let (port, token) = parts(url);
+        let via = via.unwrap_or(port);
+        let mut request = format!("ws://localhost:{via}/ws").into_client_request().unwrap();
+        request.headers_mut().insert("Origin", format!("http://localhost:{via}").parse().unwrap());
         request.headers_mut().insert("Cookie", format!("volseggs-{port}={token}").parse().unwrap());
-        let stream = MaybeTlsStream::Plain(TcpStream::connect(("127.0.0.1", port.parse().unwrap())).unwrap());
+        let stream = MaybeTlsStream::Plain(TcpStream::connect(("127.0.0.1", via)).unwrap());
         let (socket, _) = tungstenite::client(request, stream).unwrap();
         let mut window = Self { socket, welcome: Value::Null, size };
         window.welcome = window.answer("welcome");
@@ -73,7 +78,24 @@ impl Window {
     /// The next frame, which is acknowledged; texts are passed over.
     fn frame(&mut self) -> Frame {
         loop {
-            if let Message::Binary(bytes) = self.socket.read().unwrap() {
+            if let Some(frame) = self.frame_within(Duration::from_secs(600)) {
+                return frame;
+            }
+        }
+    }
+
+    /// The next frame if one comes in time.
+    fn frame_within(&mut self, wait: Duration) -> Option<Frame> {
+        let until = Instant::now() + wait;
+        loop {
+            let left = until.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
+            let MaybeTlsStream::Plain(stream) = self.socket.get_mut() else { unreachable!() };
+            stream.set_read_timeout(Some(left)).unwrap();
+            let message = match self.socket.read() {
+                Err(tungstenite::Error::Io(_)) => return None,
+                message => message.unwrap(),
+            };
+            if let Message::Binary(bytes) = message {
                 let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
                 let frame = Frame {
                     number: word(4),
@@ -84,7 +106,10 @@ impl Window {
                     encode_ms: f32::from_bits(word(28)),
                 };
                 self.say(&json!({ "type": "ack", "frame": frame.number }));
-                return frame;
+                return Some(frame);
+            }
+            if Instant::now() >= until {
+                return None;
             }
         }
     }
@@ -113,6 +138,12 @@ impl Window {
     fn rest(&mut self) {
         while !self.frame().png {}
     }
+}
+
+/// Port and token of a server's address.
+fn parts(url: &str) -> (u16, &str) {
+    let (host, token) = url.split_once("/?token=").unwrap();
+    (host.rsplit(':').next().unwrap().parse().unwrap(), token)
 }
 
 /// Median and 95th percentile.
@@ -149,6 +180,7 @@ fn main() {
         alone: Vec::new(),
         hidden: Vec::new(),
         edits: true,
+        preview: None,
         moving: true,
     };
     let camera = Client::camera(&view, 1.0).to_kernel();
@@ -181,7 +213,8 @@ fn main() {
         let started = Instant::now();
         let stop = &stop;
         scope.spawn(move || serve(&options, stop, |serving| tell.send(serving.url.clone()).unwrap()).unwrap());
-        let mut window = Window::open(&told.recv().unwrap(), size);
+        let url = told.recv().unwrap();
+        let mut window = Window::open(&url, size, None);
         let first = window.view(0.0, 0.5, false);
         window.say(&first);
         window.frame();
@@ -194,6 +227,7 @@ fn main() {
             clicks(&mut window);
         }
         drop(window);
+        far_away(&url, size);
         stop.store(true, Ordering::Relaxed);
     });
 }
@@ -233,6 +267,34 @@ fn playback(window: &mut Window) {
         line(&format!("playback, {name} loop, frames/s"), format!("{:.1}", 100.0 / started.elapsed().as_secs_f64()));
     }
     window.rest();
+}
+
+/// A playback that asks for a time every 33 ms, whatever comes back, over a slow line: frames a second, and how much later
+/// they are than what they show, at the beginning and at the end.
+fn far_away(url: &str, size: u32) {
+    let via = proxy(parts(url).0, 2e6 / 8.0, Duration::from_millis(100));
+    let mut window = Window::open(url, size, Some(via));
+    let (started, mut lags, mut late, mut widths) = (Instant::now(), Lags::default(), Vec::new(), Vec::new());
+    for step in 0.. {
+        let (at, time) = (started + step * Duration::from_millis(33), f64::from(step % 100) / 100.0);
+        while let Some(left) = at.checked_duration_since(Instant::now()) {
+            let Some(frame) = window.frame_within(left) else { continue };
+            late.extend(lags.came(frame.time));
+            widths.push(f64::from(frame.width));
+        }
+        if started.elapsed() > 3 * SPAN {
+            break;
+        }
+        let view = window.view(0.0, time, true);
+        window.say(&view);
+        lags.asked(time as f32);
+    }
+    let rate = late.len() as f64 / started.elapsed().as_secs_f64();
+    let (first, last) = (late[..late.len() / 3].to_vec(), late[late.len() - late.len() / 3..].to_vec());
+    line("2 Mbit/s with 100 ms either way, frames/s", format!("{rate:.1}"));
+    line("the same, median width, pixels", format!("{:.0}", quantiles(widths)[0]));
+    let [first, last] = [first, last].map(|part| quantiles(part)[0]);
+    line("the same, lag in the first and the last third, ms", format!("{first:.0}, {last:.0}"));
 }
 
 /// From the last input to the picture without loss.

@@ -233,3 +233,32 @@ fn numbers_that_no_command_can_use_are_refused() {
     let centre = format!("{x},{y},{z}");
     refused_and_unchanged(root, &[&pick[..], &[&centre]].concat(), &["--camera", "is at the centre"]);
 }
+
+#[test]
+fn a_segment_gets_another_name_and_edits_follow_it() {
+    let folder = two_colours(&["--stop-after", "40"]);
+    let root = folder.path();
+    let colours = listed(root);
+    let (one, two) = (colours[0].as_str(), colours[1].as_str());
+    run_json(root, &["edit", "hide", "run", "--segment", one]);
+    let made = run_json(root, &["segment", "rename", "run", one, "core"]);
+    assert_eq!(made, serde_json::json!({ "old": one, "name": "core", "segments": ["core", two] }));
+    let edits = |root: &Path| run_json(root, &["edit", "list", "run"])["operations"][0]["segments"][0].clone();
+    assert_eq!(edits(root), "core");
+    let (out, _) = segment(root, &["undo", "run"]);
+    assert_eq!((out, edits(root)), (format!("undone: rename {one} core\n"), one.into()));
+    segment(root, &["redo", "run"]);
+    assert_eq!((listed(root), edits(root)), (vec!["core".to_owned(), two.to_owned()], "core".into()));
+
+    refused_and_unchanged(root, &["rename", "run", one, "x"], &["no segment", one]);
+    refused_and_unchanged(root, &["rename", "run", "core", two], &["there is one of that name"]);
+    refused_and_unchanged(root, &["rename", "run", "core", "../x"], &["cannot be a name"]);
+    std::fs::create_dir_all(root.join("run/track").join(two)).unwrap();
+    refused_and_unchanged(root, &["rename", "run", two, "x"], &["track", two]);
+    // an edit that was undone still has the name of one that is gone
+    run_json(root, &["segment", "group", "run", "both", "core", two]);
+    run_json(root, &["edit", "hide", "run", "--segment", "both"]);
+    run_json(root, &["edit", "undo", "run"]);
+    run_json(root, &["segment", "remove", "run", "both"]);
+    refused_and_unchanged(root, &["rename", "run", "core", "both"], &["both", "edits.json"]);
+}

@@ -109,6 +109,14 @@ impl Camera {
         (p.z > 1e-9).then(|| (DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy), p.z))
     }
 
+    /// The world point that [`Camera::project`] takes to this continuous pixel and depth.
+    #[must_use]
+    pub fn unproject(&self, pixel: DVec2, depth: f64) -> DVec3 {
+        let (rotation, translation) = self.world_to_camera_opencv();
+        let p = DVec3::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy, 1.0) * depth;
+        rotation.transpose() * (p - translation)
+    }
+
     /// The same camera for an image made smaller by the integer `factor` (0 counts as 1) in both axes.
     ///
     /// Exact where `factor` divides the size, which loading images insists on; otherwise the odd pixels at the

@@ -50,6 +50,16 @@ pub fn apply<'s>(
     Ok(())
 }
 
+/// The opacity-weighted mean of the finite positions of `members` in `now`, world units: the centre about which an edit of
+/// them turns and scales. The weights are the opacities of `before`, the same Gaussians with no edit applied, as
+/// [`apply`] weights. `None` if no position is finite.
+#[must_use]
+pub fn centre(before: &HostGaussians, now: &HostGaussians, members: &[u32]) -> Option<[f64; 3]> {
+    let weights: Vec<f64> = before.opacity_logits.iter().map(|&logit| sigmoid_f64(logit.into())).collect();
+    let own: Vec<usize> = members.iter().map(|i| *i as usize).collect();
+    weighted_mean(&own, &weights, |i| triple(&now.means, 3 * i)).map(|c| c.to_array())
+}
+
 fn resolve<'s>(
     edit: &Edit,
     segments: &dyn Fn(&str) -> Option<&'s [u32]>,

@@ -14,9 +14,9 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-pub use apply::apply;
+pub use apply::{apply, centre};
 pub use error::EditError;
 pub use operation::{Edit, Operation};
 pub use sh::ShRotation;
-pub use stack::{EditStack, VERSION};
+pub use stack::{EditStack, Total, VERSION};
 pub use state::HIDDEN_LOGIT;

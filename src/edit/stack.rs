@@ -1,7 +1,7 @@
 //! The ordered edits with undo and redo. Nothing is applied here; files are read and written in `file`.
 
 use super::error::EditError;
-use super::operation::Edit;
+use super::operation::{Edit, Operation};
 use serde::{Deserialize, Serialize};
 
 /// The version of `edits.json` that this program writes, and the newest it reads.
@@ -17,6 +17,24 @@ pub struct EditStack {
     pub operations: Vec<Edit>,
     /// The edits undone, the last undone at the end.
     pub undone: Vec<Edit>,
+}
+
+/// What edits by one segment name come to. Those of wholes that it is a part of, of its parts, and of other segments with
+/// the same Gaussians are not in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Total {
+    /// The last colour that it was given, RGB in [0, 1].
+    pub rgb: Option<[f32; 3]>,
+    /// What its linear opacity is multiplied by.
+    pub opacity: f32,
+    /// Whether it is hidden.
+    pub hidden: bool,
+}
+
+impl Default for Total {
+    fn default() -> Self {
+        Self { rgb: None, opacity: 1.0, hidden: false }
+    }
 }
 
 impl Default for EditStack {
@@ -49,6 +67,39 @@ impl EditStack {
         self.operations.last()
     }
 
+    /// Puts the segment name `new` in the place of `old` everywhere; whether that changed anything.
+    pub fn rename(&mut self, old: &str, new: &str) -> bool {
+        let mut changed = false;
+        let edits = self.operations.iter_mut().chain(&mut self.undone);
+        for name in edits.flat_map(|e| &mut e.segments).filter(|name| *name == old) {
+            new.clone_into(name);
+            changed = true;
+        }
+        changed
+    }
+
+    /// Whether an edit names the segment, one that was undone too.
+    #[must_use]
+    pub fn names(&self, segment: &str) -> bool {
+        self.operations.iter().chain(&self.undone).any(|e| e.segments.iter().any(|name| name == segment))
+    }
+
+    /// What the edits by this segment name come to.
+    #[must_use]
+    pub fn total(&self, segment: &str) -> Total {
+        let mut total = Total::default();
+        for edit in self.operations.iter().filter(|e| e.segments.iter().any(|name| name == segment)) {
+            match edit.operation {
+                Operation::Recolour { rgb, .. } => total.rgb = Some(rgb),
+                Operation::Opacity { factor: 0.0 } | Operation::Hide => total.hidden = true,
+                Operation::Opacity { factor } => total.opacity *= factor,
+                Operation::Show => total.hidden = false,
+                _ => {}
+            }
+        }
+        total
+    }
+
     /// A line for each edit, numbered from 1; those undone follow in the order in which redo brings them back.
     #[must_use]
     pub fn list(&self) -> Vec<String> {
@@ -69,5 +120,32 @@ impl EditStack {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edits_follow_a_new_name_and_come_to_a_total() {
+        let edit =
+            |names: &[&str], operation| Edit { segments: names.iter().map(|n| (*n).into()).collect(), operation };
+        let mut stack = EditStack::default();
+        let recolour = Operation::Recolour { rgb: [1.0, 0.5, 0.0], keep_shading: true };
+        for operation in
+            [recolour, Operation::Opacity { factor: 0.5 }, Operation::Hide, Operation::Opacity { factor: 0.5 }]
+        {
+            stack.push(edit(&["a", "b"], operation)).unwrap();
+        }
+        stack.push(edit(&["b"], Operation::Show)).unwrap();
+        stack.undo();
+        let total = Total { rgb: Some([1.0, 0.5, 0.0]), opacity: 0.25, hidden: true };
+        assert_eq!((stack.total("a"), stack.total("c")), (total, Total::default()));
+        assert!(stack.rename("b", "c") && !stack.rename("b", "d"));
+        assert!(!stack.names("b") && stack.names("c"));
+        assert_eq!(stack.undone[0].segments, ["c"]);
+        stack.redo();
+        assert_eq!(stack.total("c"), Total { hidden: false, ..total });
     }
 }

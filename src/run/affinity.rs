@@ -97,11 +97,18 @@ pub fn fit(
     let at = run.scene.host_at(header.time as f32);
     let frame = Frame::around(&at.visible_means());
     let again = format!("run `volseggs segment masks {} --replace`", run.path.display());
-    let of = |name: &String| {
-        let found = all.get(name).map(|s| s.members.clone());
-        found.map_err(|e| RunError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))
+    let of = |(i, name): (usize, &String)| {
+        // one that has another name by now still has its Gaussians
+        let renamed = || {
+            let key = header.members.get(i)?;
+            all.segments.iter().find(|s| members_key(&s.members) == *key)
+        };
+        let found = all.get(name).or_else(|e| renamed().ok_or(e));
+        found
+            .map(|s| s.members.clone())
+            .map_err(|e| RunError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))
     };
-    let members = header.segments.iter().map(of).collect::<Result<Vec<_>, RunError>>()?;
+    let members = header.segments.iter().enumerate().map(of).collect::<Result<Vec<_>, RunError>>()?;
     let mut keys = header.segments.iter().zip(&header.members).zip(&members);
     if let Some(((name, _), _)) = keys.find(|((_, key), members)| **key != members_key(members)) {
         return Err(RunError::input(format!(

@@ -66,7 +66,10 @@ fn save(run: &OpenRun, stack: EditStack) -> Result<EditStack, RunError> {
 }
 
 /// Refuses names that no segment has, and segments without Gaussians.
-fn check_names(all: &Segmentation, edit: &Edit) -> Result<(), RunError> {
+///
+/// # Errors
+/// The first of them.
+pub(super) fn check_names(all: &Segmentation, edit: &Edit) -> Result<(), RunError> {
     for name in &edit.segments {
         let segment = all.get(name).map_err(|e| RunError::input(format!("cannot {edit}: {e}")))?;
         if segment.members.is_empty() {

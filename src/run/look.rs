@@ -2,6 +2,7 @@
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
+use crate::edit::Edit;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Scene};
 use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, highlight, signed, sizes};
@@ -42,6 +43,8 @@ pub struct Legend {
 pub struct Look {
     selection: Selection,
     kind: Kind,
+    /// The Gaussians at the time of the last preview without any edit: a drag asks for the same again and again.
+    still: Option<(f32, HostGaussians)>,
 }
 
 #[derive(Debug)]
@@ -106,7 +109,15 @@ impl Look {
                 Kind::Segments(all)
             }
         };
-        Ok(Self { selection, kind })
+        Ok(Self { selection, kind, still: None })
+    }
+
+    /// As [`Selection::preview`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn preview(&mut self, run: &OpenRun, edits: Vec<Edit>) -> Result<(), RunError> {
+        self.selection.preview(run, edits)
     }
 
     /// What is shown at `time` in [0, 1].
@@ -114,17 +125,18 @@ impl Look {
     /// # Errors
     /// If an edit cannot be applied.
     pub fn prepare(&mut self, scene: &Scene, time: f32, device: &Device) -> Result<Prepared, RunError> {
-        let (shown, degree) = (&self.selection, scene.spec.sh_degree);
+        let Self { selection: shown, still, .. } = self;
+        let (shown, degree) = (&*shown, scene.spec.sh_degree);
         Ok(match &mut self.kind {
             Kind::Colour if shown.is_plain() => {
                 Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree, shared: true })
             }
-            Kind::Colour => Prepared::of(&shown.at(scene, time)?, degree, device),
-            Kind::Depth { .. } => Prepared(Shown::Depth(shown.at(scene, time)?)),
+            Kind::Colour => Prepared::of(&shown.cut(edited(shown, still, scene, time)?), degree, device),
+            Kind::Depth { .. } => Prepared(Shown::Depth(shown.cut(edited(shown, still, scene, time)?))),
             Kind::Velocity { component, scale } => {
                 let all = velocities(|t| to_vec(scene.at(t).means), time);
                 let values = component.of(&all);
-                let at = shown.edited(scene, time)?;
+                let at = edited(shown, still, scene, time)?;
                 let alone =
                     |v: &[f32]| shown.members().map_or(v.to_vec(), |m| m.iter().map(|&i| v[i as usize]).collect());
                 *scale = scale.or_else(|| robust_size(&alone(&values), &alone(&at.opacity())));
@@ -136,7 +148,7 @@ impl Look {
                 Prepared::of(&shown.cut(painted), 0, device)
             }
             Kind::Segments(all) => {
-                let painted = by_segment(shown.edited(scene, time)?, all);
+                let painted = by_segment(edited(shown, still, scene, time)?, all);
                 Prepared::of(&shown.cut(painted), 0, device)
             }
         })
@@ -222,6 +234,26 @@ impl Look {
             }
         })
     }
+}
+
+/// As [`Selection::edited`], with the scene at the time of a preview from `still` or kept there.
+fn edited(
+    shown: &Selection,
+    still: &mut Option<(f32, HostGaussians)>,
+    scene: &Scene,
+    time: f32,
+) -> Result<HostGaussians, RunError> {
+    if !shown.has_preview() {
+        *still = None;
+        return shown.edited(scene, time);
+    }
+    let at = match still.take() {
+        Some((then, at)) if then == time => at,
+        _ => scene.host_at(time),
+    };
+    let edited = shown.edit(at.clone());
+    *still = Some((time, at));
+    edited
 }
 
 /// A number above 0 with four digits that count.

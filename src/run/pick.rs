@@ -18,6 +18,7 @@ use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::{PickOptions, Picked, meant, pick};
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
+use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
@@ -168,6 +169,30 @@ impl Clicking {
         known.insert(hit.within.clone(), of.into_found());
         Ok(picked.map_err(RunError::failure)?)
     }
+}
+
+/// Where the surface is that a pixel (column, row) of the camera's picture shows of the Gaussians `at` a `time`: on the
+/// pixel's ray, as deep as the Gaussian that makes up most of the pixel. World units.
+///
+/// # Errors
+/// [`ClickError::Outside`] or [`ClickError::Nothing`].
+pub fn place(
+    at: &HostGaussians,
+    camera: &Camera,
+    pixel: [u32; 2],
+    time: f64,
+    device: &Device,
+) -> Result<[f64; 3], ClickError> {
+    let (width, height) = (camera.width, camera.height);
+    // not every backend can hold an empty tensor
+    let beneath = if at.is_empty() { Ok(Vec::new()) } else { under(at, camera.to_kernel(), pixel, device) };
+    let beneath = beneath.map_err(|_| ClickError::Outside { width, height })?;
+    let nothing = ClickError::Nothing { time };
+    let Some(hit) = heaviest(&beneath, |_| true) else { return Err(nothing) };
+    let mean = DVec3::from_array([0, 1, 2].map(|k| at.means[3 * hit as usize + k].into()));
+    let Some((_, depth)) = camera.project(mean) else { return Err(nothing) };
+    let middle = DVec2::new(f64::from(pixel[0]) + 0.5, f64::from(pixel[1]) + 0.5);
+    Ok(camera.unproject(middle, depth).to_array())
 }
 
 /// Makes a segment `name` of what a click at `time` selected.

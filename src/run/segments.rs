@@ -3,6 +3,7 @@
 use super::cameras::Surroundings;
 use super::{OpenRun, RunError};
 use crate::draw::views::view_sheet;
+use crate::edit::EditStack;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
 use crate::memory::Budget;
@@ -45,6 +46,10 @@ impl Towards {
 pub struct RunSegments {
     path: PathBuf,
     found: History,
+    /// The file of edits, whose names follow.
+    edits: PathBuf,
+    /// Old and new names that the edits do not know yet, in turn.
+    renamed: Vec<[Name; 2]>,
 }
 
 impl RunSegments {
@@ -55,11 +60,11 @@ impl RunSegments {
     pub fn open(run: &OpenRun) -> Result<Self, RunError> {
         let path = run.paths().segments();
         if !path.exists() {
-            return Ok(Self { path, found: History::new(run.segments()?) });
+            return Ok(Self::of(run, History::new(run.segments()?)));
         }
         let found = History::load(&path).map_err(RunError::input)?;
         run.check_segments(found.now())?;
-        Ok(Self { path, found })
+        Ok(Self::of(run, found))
     }
 
     /// The same to put others in their place: a file that cannot be used is no reason to stop, but is told.
@@ -67,11 +72,12 @@ impl RunSegments {
     pub fn replacing(run: &OpenRun) -> (Self, Option<RunError>) {
         match Self::open(run) {
             Ok(segments) => (segments, None),
-            Err(error) => {
-                let none = History::new(run.no_segments());
-                (Self { path: run.paths().segments(), found: none }, Some(error))
-            }
+            Err(error) => (Self::of(run, History::new(run.no_segments())), Some(error)),
         }
+    }
+
+    fn of(run: &OpenRun, found: History) -> Self {
+        Self { path: run.paths().segments(), found, edits: run.paths().edits(), renamed: Vec::new() }
     }
 
     /// The segments of now.
@@ -85,12 +91,24 @@ impl RunSegments {
         self.found.change(change, segments);
     }
 
-    /// Writes the file.
+    /// Writes the file, and that of the edits where those name a segment that has another name now.
     ///
     /// # Errors
-    /// If it cannot be written; it is then as it was.
-    pub fn save(&self) -> Result<(), RunError> {
-        self.found.save(&self.path).map_err(RunError::failure)
+    /// If it cannot be written; it is then as it was. If the edits cannot be read, or not be written: in the last case
+    /// [`RunSegments::step`] back gives the segment the name by which they know it.
+    pub fn save(&mut self) -> Result<(), RunError> {
+        let mut edits = None;
+        if !self.renamed.is_empty() && self.edits.exists() {
+            let mut found = EditStack::load(&self.edits).map_err(RunError::input)?;
+            let changed = self.renamed.iter().map(|[old, new]| found.rename(old, new)).filter(|c| *c).count();
+            edits = (changed > 0).then_some(found);
+        }
+        self.found.save(&self.path).map_err(RunError::failure)?;
+        if let Some(edits) = edits {
+            edits.save(&self.edits).map_err(RunError::failure)?;
+        }
+        self.renamed.clear();
+        Ok(())
     }
 
     /// Changes that can be undone or redone, the next one first.
@@ -108,11 +126,42 @@ impl RunSegments {
     /// If there are fewer.
     pub fn step(&mut self, towards: Towards, count: usize) -> Result<Vec<String>, RunError> {
         check_count(towards, count, self.steps(towards).len(), &self.path)?;
-        let step = |_| match towards {
-            Towards::Undo => self.found.undo(),
-            Towards::Redo => self.found.redo(),
-        };
-        Ok((0..count).filter_map(step).collect())
+        let mut done = Vec::with_capacity(count);
+        for _ in 0..count {
+            let (renames, step) = match towards {
+                Towards::Undo => (self.found.undo_renames(), self.found.undo()),
+                Towards::Redo => (self.found.redo_renames(), self.found.redo()),
+            };
+            self.renamed.extend(renames);
+            done.extend(step);
+        }
+        Ok(done)
+    }
+
+    /// Calls the segment `old` `new`. Its parts stay its parts, and edits of it follow when this is saved; masks know it by
+    /// its Gaussians.
+    ///
+    /// # Errors
+    /// If there is no such segment, the name is taken, edits of a segment that was removed have it, or a track is called
+    /// after the segment.
+    pub fn rename(&mut self, run: &OpenRun, old: &str, new: &Name) -> Result<(), RunError> {
+        let old = self.now().get(old).map_err(RunError::input)?.name.clone();
+        let track = run.paths().tracks().join(&old);
+        if track.exists() {
+            return Err(RunError::input(format!(
+                "{old}: its track {} is called after it; rename or remove that folder first",
+                track.display()
+            )));
+        }
+        if run.edits()?.names(new) {
+            return Err(RunError::input(format!(
+                "{new}: edits of a segment that was removed, or such as were undone, have that name in {}; choose another",
+                self.edits.display()
+            )));
+        }
+        self.found.rename(&old, new).map_err(RunError::input)?;
+        self.renamed.push([old, new.clone()]);
+        Ok(())
     }
 
     /// Several segments as one under a name of its own; they stay as they are.

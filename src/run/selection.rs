@@ -1,7 +1,8 @@
 //! Which Gaussians are shown: all or some segments, with or without the edits of the run.
 
+use super::edits::check_names;
 use super::{OpenRun, RunError};
-use crate::edit::{EditError, EditStack, HIDDEN_LOGIT, apply};
+use crate::edit::{Edit, EditError, EditStack, HIDDEN_LOGIT, apply, centre};
 use crate::model::{HostGaussians, Scene};
 use crate::segment::segmentation::Segmentation;
 
@@ -10,6 +11,8 @@ use crate::segment::segmentation::Segmentation;
 pub struct Selection {
     segments: Segmentation,
     edits: EditStack,
+    /// Edits after those, which no file holds.
+    preview: Vec<Edit>,
     members: Option<Vec<u32>>,
     /// Left out, whatever the edits say.
     hidden: Vec<u32>,
@@ -62,7 +65,7 @@ impl Selection {
             all.dedup();
             Some(all)
         };
-        Ok(Self { segments, edits, members, hidden: Vec::new() })
+        Ok(Self { segments, edits, preview: Vec::new(), members, hidden: Vec::new() })
     }
 
     /// The same without these Gaussians: not an edit, but how one looks at it.
@@ -70,6 +73,29 @@ impl Selection {
     pub fn hiding(mut self, members: Vec<u32>) -> Self {
         self.hidden = members;
         self
+    }
+
+    /// Applies `edits` too, after those of the run and in the place of an earlier preview: to see what they would do. No file
+    /// changes.
+    ///
+    /// # Errors
+    /// A value out of range, a name that no segment has, or a segment without Gaussians.
+    pub fn preview(&mut self, run: &OpenRun, edits: Vec<Edit>) -> Result<(), RunError> {
+        if self.segments.segments.is_empty() && !edits.is_empty() {
+            self.segments = run.segments()?;
+        }
+        for edit in &edits {
+            edit.validate().map_err(RunError::input)?;
+            check_names(&self.segments, edit)?;
+        }
+        self.preview = edits;
+        Ok(())
+    }
+
+    /// Whether there is a preview.
+    #[must_use]
+    pub fn has_preview(&self) -> bool {
+        !self.preview.is_empty()
     }
 
     /// How many edits are applied.
@@ -81,7 +107,7 @@ impl Selection {
     /// True if it is the whole scene as trained.
     #[must_use]
     pub fn is_plain(&self) -> bool {
-        self.members.is_none() && self.edits.operations.is_empty() && self.hidden.is_empty()
+        self.members.is_none() && self.edits.operations.is_empty() && self.preview.is_empty() && self.hidden.is_empty()
     }
 
     /// The indices shown, if not all.
@@ -95,9 +121,18 @@ impl Selection {
     /// # Errors
     /// If an edit cannot be applied.
     pub fn edited(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
-        let mut at = scene.host_at(time);
+        self.edit(scene.host_at(time))
+    }
+
+    /// The same of the Gaussians `at` a time, as no edit changed them yet.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub fn edit(&self, mut at: HostGaussians) -> Result<HostGaussians, RunError> {
         let members = |name: &str| self.segments.get(name).ok().map(|s| s.members.as_slice());
-        apply(&self.edits, &members, &mut at).map_err(RunError::input)?;
+        let mut edits = self.edits.clone();
+        edits.operations.extend_from_slice(&self.preview);
+        apply(&edits, &members, &mut at).map_err(RunError::input)?;
         for &i in &self.hidden {
             at.opacity_logits[i as usize] = HIDDEN_LOGIT;
         }
@@ -110,6 +145,20 @@ impl Selection {
     /// If an edit cannot be applied.
     pub fn at(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
         Ok(self.cut(self.edited(scene, time)?))
+    }
+
+    /// The opacity-weighted centre of what is selected at `time` in [0, 1], edits applied, in world units: about it an edit
+    /// turns and scales a segment. None if nothing is selected.
+    ///
+    /// # Errors
+    /// If an edit cannot be applied.
+    pub fn centre(&self, scene: &Scene, time: f32) -> Result<Option<[f64; 3]>, RunError> {
+        let before = scene.host_at(time);
+        let now = self.edit(before.clone())?;
+        Ok(match &self.members {
+            Some(members) => centre(&before, &now, members),
+            None => centre(&before, &now, &(0..before.len() as u32).collect::<Vec<_>>()),
+        })
     }
 
     /// Of all N Gaussians those of the segments alone.
@@ -127,7 +176,7 @@ impl Selection {
     /// If an edit cannot be applied.
     pub fn visible(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
         let at = self.at(scene, time)?;
-        if self.edits.operations.is_empty() {
+        if self.edits.operations.is_empty() && self.preview.is_empty() {
             return Ok(at);
         }
         let kept: Vec<u32> =

@@ -3,6 +3,7 @@
 
 use super::segmentation::file::{Past, Step, Steps, key, read, write};
 use super::segmentation::{Segment, Segmentation, SegmentationError};
+use crate::name::Name;
 use std::path::Path;
 
 /// Changes that are remembered at most.
@@ -60,6 +61,33 @@ impl History {
         self.steps.undo.drain(..over);
     }
 
+    /// Calls the segment `old` `new`, as a change that can be taken back.
+    ///
+    /// # Errors
+    /// If there is no such segment, or the new name is taken.
+    pub fn rename(&mut self, old: &Name, new: &Name) -> Result<(), SegmentationError> {
+        let mut all = self.now.clone();
+        all.rename(old, new)?;
+        self.change(format!("rename {old} {new}"), all.segments);
+        if let Some(step) = self.steps.undo.last_mut() {
+            step.renamed = Some([old.clone(), new.clone()]);
+        }
+        Ok(())
+    }
+
+    /// The name that the next [`History::undo`] takes from a segment, and that which it gives back.
+    #[must_use]
+    pub fn undo_renames(&self) -> Option<[Name; 2]> {
+        let [old, new] = self.steps.undo.last()?.renamed.clone()?;
+        Some([new, old])
+    }
+
+    /// The name that the next [`History::redo`] takes from a segment, and that which it gives.
+    #[must_use]
+    pub fn redo_renames(&self) -> Option<[Name; 2]> {
+        self.steps.redo.last()?.renamed.clone()
+    }
+
     /// Takes the last change back and says what it was; `None` if there is none.
     pub fn undo(&mut self) -> Option<String> {
         let step = self.steps.undo.pop()?;
@@ -95,7 +123,8 @@ impl History {
             |past: Past| Segment { members: members.get(&past.members).cloned().unwrap_or_default(), ..past.segment };
         let segments = step.segments.into_iter().map(of).collect();
         let before = std::mem::replace(&mut self.now.segments, segments);
-        (step.change.clone(), self.put_away(step.change, before))
+        let back = Step { renamed: step.renamed, ..self.put_away(step.change.clone(), before) };
+        (step.change, back)
     }
 
     fn put_away(&mut self, change: String, segments: Vec<Segment>) -> Step {
@@ -105,7 +134,7 @@ impl History {
             self.steps.members.entry(key.clone()).or_insert(members);
             Past { segment, members: key }
         };
-        Step { change, segments: segments.into_iter().map(&mut put).collect() }
+        Step { change, segments: segments.into_iter().map(&mut put).collect(), renamed: None }
     }
 }
 
@@ -181,6 +210,26 @@ mod tests {
         let before = history.clone();
         history.change("group pair", vec![segment("pair", &[1])]);
         assert_eq!(history, before, "what changes nothing is no step");
+    }
+
+    #[test]
+    fn a_new_name_is_taken_back_and_given_again_also_from_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("segments.safetensors");
+        let [blue, sky] = ["blue", "sky"].map(|n| Name::new(n).unwrap());
+        let mut history = two_changes();
+        history.undo();
+        history.undo();
+        history.rename(&blue, &sky).unwrap();
+        assert_eq!((names(&history), history.undoable()[0]), (vec!["red", "sky"], "rename blue sky"));
+        history.save(&path).unwrap();
+        let mut history = History::load(&path).unwrap();
+        assert_eq!(history.undo_renames(), Some([sky.clone(), blue.clone()]));
+        history.undo();
+        assert_eq!((names(&history), history.undo_renames()), (vec!["red", "blue"], None));
+        assert_eq!(history.redo_renames(), Some([blue.clone(), sky.clone()]));
+        history.redo();
+        assert_eq!(history.undo_renames(), Some([sky, blue]));
     }
 
     #[test]

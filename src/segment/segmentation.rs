@@ -105,17 +105,40 @@ impl Segmentation {
     /// # Errors
     /// If the name is taken.
     pub fn add(&mut self, mut segment: Segment) -> Result<(), SegmentationError> {
-        let fail = |reason| Err(SegmentationError::Name { name: segment.name.clone(), reason });
-        if self.get(&segment.name).is_ok() {
-            return fail("there is one of that name; remove it first or choose another");
-        }
-        // both are keys of the header of a tensor file
-        if [DIGEST, "__metadata__"].contains(&segment.name.as_str()) {
-            return fail("the file of segments needs that name for itself; choose another");
-        }
+        self.check_free(&segment.name)?;
         segment.members.sort_unstable();
         segment.members.dedup();
         self.segments.push(segment);
+        Ok(())
+    }
+
+    /// Calls the segment `old` `new`; its parts stay its parts, under their own names.
+    ///
+    /// # Errors
+    /// If there is no such segment, or the new name is taken.
+    pub fn rename(&mut self, old: &str, new: &Name) -> Result<(), SegmentationError> {
+        self.get(old)?;
+        self.check_free(new)?;
+        for segment in &mut self.segments {
+            if segment.name == *old {
+                segment.name = new.clone();
+            }
+            if segment.parent.as_deref() == Some(old) {
+                segment.parent = Some(new.clone());
+            }
+        }
+        Ok(())
+    }
+
+    fn check_free(&self, name: &Name) -> Result<(), SegmentationError> {
+        let fail = |reason| Err(SegmentationError::Name { name: name.clone(), reason });
+        if self.get(name).is_ok() {
+            return fail("there is one of that name; remove it first or choose another");
+        }
+        // both are keys of the header of a tensor file
+        if [DIGEST, "__metadata__"].contains(&name.as_str()) {
+            return fail("the file of segments needs that name for itself; choose another");
+        }
         Ok(())
     }
 
@@ -316,6 +339,20 @@ mod tests {
         assert_eq!(all.free_part(&red, 1).unwrap(), (Name::new("red.1").unwrap(), 1));
         assert_eq!(all.free_part(&red, 2).unwrap().1, 3, "red.2 is taken");
         assert!(all.free_part(&Name::new("x".repeat(99)).unwrap(), 1).is_err());
+    }
+
+    #[test]
+    fn a_segment_keeps_all_but_its_name_when_it_is_renamed() {
+        let mut all = three();
+        all.rename("red", &Name::new("core").unwrap()).unwrap();
+        let told: Vec<_> = all.segments.iter().map(|s| (s.name.as_str(), s.parent.as_deref())).collect();
+        assert_eq!(told, [("core", None), ("red.1", Some("core")), ("blue", None)]);
+        assert_eq!(all.get("core").unwrap().members, [1, 3, 5]);
+        let before = all.clone();
+        for (old, new) in [("red", "x"), ("core", "blue"), ("core", "core"), ("blue", DIGEST)] {
+            all.rename(old, &Name::new(new).unwrap()).unwrap_err();
+        }
+        assert_eq!(all, before);
     }
 
     #[test]

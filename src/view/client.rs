@@ -1,6 +1,7 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
 use super::clicks::Clicks;
+use super::gizmo::Preview;
 use super::hub::Outgoing;
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
@@ -8,7 +9,7 @@ use super::workspace::Workspace;
 use crate::data::Camera;
 use crate::run::RunError;
 use crate::run::look::{Legend, Look, Prepared, Show};
-use crate::run::pick::{ClickError, Hit};
+use crate::run::pick::{ClickError, Hit, place};
 use crate::run::selection::Selection;
 use crate::segment::pick::{Meaning, PickOptions, Picked};
 use crate::track::velocity::Component;
@@ -102,21 +103,20 @@ impl Client {
     /// # Errors
     /// A look or segment that nobody knows.
     pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
-        let View { look, alone, hidden, edits, .. } = view;
+        let View { look, alone, hidden, edits, preview, .. } = view;
         let key = format!("{look} {alone:?} {hidden:?} {edits} {}", space.revision());
         if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
-            let all = space.segments().now();
-            let mut away = Vec::new();
-            for name in hidden {
-                // one that is gone hides nothing
-                away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
-            }
-            let edits = *edits && space.fault().is_none();
-            let selection = Selection::open(&space.run, alone, edits)?.hiding(away);
+            let selection = shown(space, view)?;
             self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
         }
         match &mut self.look {
-            Some((_, look)) => Ok((look, key)),
+            Some((_, look)) => {
+                // the look stays while a handle is dragged: it holds what every step of that begins with
+                let preview = Preview::on(preview.as_ref(), space.revision());
+                let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
+                look.preview(&space.run, preview)?;
+                Ok((look, key))
+            }
             None => Err(RunError::failure("no look")),
         }
     }
@@ -169,6 +169,16 @@ impl Client {
         self.select(id, hit, view.time, (before, combine), meaning, started)
     }
 
+    /// Where that is, in world units, which a pixel shows of the view that was asked for last.
+    ///
+    /// # Errors
+    /// If nothing is there.
+    pub fn point(&self, space: &Workspace, pixel: [u32; 2]) -> Result<[f64; 3], ClickError> {
+        let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
+        let at = shown(space, view)?.at(&space.run.scene, view.time as f32)?;
+        place(&at, &Self::camera(view, 1.0), pixel, view.time, &space.device)
+    }
+
     /// The last click once more, with another meaning.
     ///
     /// # Errors
@@ -216,6 +226,19 @@ impl Client {
         self.changed();
         Ok(told)
     }
+}
+
+/// What of the scene a view shows, whatever is clicked.
+fn shown(space: &Workspace, view: &View) -> Result<Selection, RunError> {
+    let all = space.segments().now();
+    let mut away = Vec::new();
+    for name in &view.hidden {
+        // one that is gone hides nothing
+        away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
+    }
+    // while the segments on the disk cannot be used, edits of them cannot either
+    let edits = view.edits && space.fault().is_none();
+    Ok(Selection::open(&space.run, &view.alone, edits)?.hiding(away))
 }
 
 fn of(asked: Asked) -> Meaning {

@@ -1,6 +1,7 @@
 //! How often and how large a client is drawn for: never more frames on their way than it has taken, smaller ones while it
 //! moves, and the full picture once it rests.
 
+use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// Frames that a client may not have acknowledged yet.
@@ -9,6 +10,10 @@ const AHEAD: usize = 2;
 pub const REST: Duration = Duration::from_millis(150);
 /// A frame of a moving view takes about this long at most.
 const BUDGET_MS: f64 = 33.0;
+/// And it keeps the connection busy for about this long at most, so that a slow one still carries several a second.
+const LINE_MS: f64 = 100.0;
+/// Measurements of the connection that count.
+const SAMPLES: usize = 4;
 /// Sides of a picture of a moving view, as parts of the full ones.
 const LADDER: [f64; 4] = [1.0, 0.75, 0.5, 1.0 / 3.0];
 /// How much a new measurement counts.
@@ -41,8 +46,13 @@ enum Drawn {
 /// The pace of one client.
 #[derive(Clone, Debug)]
 pub struct Pace {
-    /// Numbers of the frames that were sent and not acknowledged.
-    on_their_way: Vec<u32>,
+    /// Number and pixels of the frames that were sent and not acknowledged, and when that was; 0 pixels if it is no measure
+    /// of others.
+    on_their_way: Vec<(u32, usize, Instant)>,
+    /// When the last acknowledgement came.
+    heard: Option<Instant>,
+    /// Milliseconds for each pixel that the connection was busy with the last frames, or less busy than that.
+    line: VecDeque<f64>,
     /// When the view changed last, and whether the client says that it goes on.
     changed: Instant,
     moving: bool,
@@ -55,7 +65,8 @@ impl Pace {
     /// Of a client that has seen nothing.
     #[must_use]
     pub fn new(now: Instant) -> Self {
-        Self { on_their_way: Vec::new(), changed: now, moving: false, drawn: Drawn::Nothing, ms_per_pixel: None }
+        let (on_their_way, line) = (Vec::new(), VecDeque::new());
+        Self { on_their_way, heard: None, line, changed: now, moving: false, drawn: Drawn::Nothing, ms_per_pixel: None }
     }
 
     /// The view changed; `moving` if more is to come.
@@ -64,13 +75,26 @@ impl Pace {
     }
 
     /// The client drew frame `number`, and with it all before it.
-    pub fn acknowledges(&mut self, number: u32) {
-        self.on_their_way.retain(|n| *n > number);
+    pub fn acknowledges(&mut self, now: Instant, number: u32) {
+        let (arrived, left): (Vec<_>, Vec<_>) = self.on_their_way.iter().partition(|(n, ..)| *n <= number);
+        self.on_their_way = left;
+        // of two that were on their way together, the second comes after the first by as long as the connection takes for
+        // it, or later
+        if let ([(_, pixels @ 1.., sent)], Some(heard)) = (&arrived[..], self.heard)
+            && heard > *sent
+        {
+            self.line.push_back(1e3 * (now - heard).as_secs_f64() / *pixels as f64);
+            self.line.drain(..self.line.len().saturating_sub(SAMPLES));
+        }
+        if !arrived.is_empty() {
+            self.heard = Some(now);
+        }
     }
 
     /// Frame `number` of `pixels` was sent as `next` asked, and took `ms` to draw and encode.
-    pub fn sent(&mut self, next: Next, number: u32, pixels: usize, ms: f64) {
-        self.on_their_way.push(number);
+    pub fn sent(&mut self, now: Instant, next: Next, number: u32, pixels: usize, ms: f64) {
+        let measures = if next == Next::Lossless { 0 } else { pixels };
+        self.on_their_way.push((number, measures, now));
         self.drawn = match next {
             Next::Moving(part) if part < 1.0 => Drawn::Reduced,
             Next::Moving(_) | Next::Full => Drawn::Full,
@@ -103,10 +127,17 @@ impl Pace {
         }
     }
 
-    /// The largest part of the sides at which a frame keeps to the budget; full size until something was measured.
+    /// The largest part of the sides at which a frame keeps to the budgets; full size until something was measured.
     fn part(&self, pixels: usize) -> f64 {
         let Some(ms) = self.ms_per_pixel else { return 1.0 };
-        let fits = |part: &f64| ms * pixels as f64 * part * part <= BUDGET_MS;
+        // below are those that were noted late together, above those that found the connection idle
+        let mut line: Vec<f64> = self.line.iter().copied().collect();
+        line.sort_by(f64::total_cmp);
+        let line = line.get(line.len().saturating_sub(1) / 2).copied().unwrap_or_default();
+        let fits = |part: &f64| {
+            let pixels = pixels as f64 * part * part;
+            ms * pixels <= BUDGET_MS && line * pixels <= LINE_MS
+        };
         LADDER.into_iter().find(fits).unwrap_or(LADDER[LADDER.len() - 1])
     }
 }
@@ -126,12 +157,12 @@ mod tests {
             pace.changes(start, true);
             let next = pace.next(start, PIXELS);
             if next != Next::Wait {
-                pace.sent(next, number, PIXELS, 10.0);
+                pace.sent(start, next, number, PIXELS, 10.0);
                 sent += 1;
             }
         }
         assert_eq!((sent, pace.next(start, PIXELS)), (2, Next::Wait));
-        pace.acknowledges(0);
+        pace.acknowledges(start, 0);
         assert!(matches!(pace.next(start, PIXELS), Next::Moving(_)), "one more");
     }
 
@@ -141,22 +172,22 @@ mod tests {
         let mut pace = Pace::new(start);
         pace.changes(start, true);
         // a slow machine: the first frame shows that the next must be small
-        pace.sent(pace.next(start, PIXELS), 0, PIXELS, 200.0);
-        pace.acknowledges(0);
+        pace.sent(start, pace.next(start, PIXELS), 0, PIXELS, 200.0);
+        pace.acknowledges(start, 0);
         pace.changes(start, true);
         let next = pace.next(start, PIXELS);
         assert_eq!(next, Next::Moving(1.0 / 3.0));
-        pace.sent(next, 1, PIXELS / 9, 22.0);
-        pace.acknowledges(1);
+        pace.sent(start, next, 1, PIXELS / 9, 22.0);
+        pace.acknowledges(start, 1);
         assert_eq!(pace.next(start, PIXELS), Next::WaitUntil(start + REST));
         let later = start + REST;
         assert_eq!(pace.next(later, PIXELS), Next::Full);
-        pace.sent(Next::Full, 2, PIXELS, 200.0);
+        pace.sent(start, Next::Full, 2, PIXELS, 200.0);
         assert_eq!(pace.next(later, PIXELS), Next::Wait, "until the full one has arrived");
-        pace.acknowledges(2);
+        pace.acknowledges(start, 2);
         assert_eq!(pace.next(later, PIXELS), Next::Lossless);
-        pace.sent(Next::Lossless, 3, PIXELS, 260.0);
-        pace.acknowledges(3);
+        pace.sent(start, Next::Lossless, 3, PIXELS, 260.0);
+        pace.acknowledges(start, 3);
         assert_eq!(pace.next(later, PIXELS), Next::Wait, "all is shown");
     }
 
@@ -166,9 +197,45 @@ mod tests {
         let mut pace = Pace::new(start);
         pace.changes(start, false);
         assert_eq!(pace.next(start, PIXELS), Next::Full);
-        pace.sent(Next::Full, 0, PIXELS, 20.0);
-        pace.acknowledges(0);
+        pace.sent(start, Next::Full, 0, PIXELS, 20.0);
+        pace.acknowledges(start, 0);
         pace.changes(start, true);
         assert_eq!(pace.next(start, PIXELS), Next::Moving(1.0));
+    }
+
+    /// Frames a second of a moving view, and the part of the sides that they come to, over a connection with 100 ms of delay
+    /// either way that is busy for `ms` with a full frame.
+    fn far_away(ms: f64) -> (f64, f64) {
+        let start = Instant::now();
+        let at = |ms: f64| start + Duration::from_secs_f64(1e-3 * ms);
+        let (mut pace, mut now, mut free, mut part) = (Pace::new(start), 0.0_f64, 0.0_f64, 1.0);
+        let mut acknowledgements = VecDeque::new();
+        for number in 0..200 {
+            pace.changes(at(now), true);
+            while pace.next(at(now), PIXELS) == Next::Wait {
+                let (when, number) = acknowledgements.pop_front().unwrap();
+                now = now.max(when);
+                pace.acknowledges(at(now), number);
+            }
+            let next = pace.next(at(now), PIXELS);
+            let Next::Moving(of) = next else { panic!("{next:?}") };
+            part = of;
+            now += 10.0;
+            free = free.max(now) + ms * part * part;
+            acknowledgements.push_back((free + 200.0, number));
+            pace.sent(at(now), next, number, (PIXELS as f64 * part * part) as usize, 10.0 * part * part);
+        }
+        (200.0 / (1e-3 * now), part)
+    }
+
+    #[test]
+    fn a_slow_connection_gets_smaller_frames_and_enough_of_them() {
+        // 10, 40 and 95 kB over 2 Mbit/s
+        for (ms, least) in [(40.0, 1.0), (160.0, 0.75), (380.0, 0.5)] {
+            let (rate, part) = far_away(ms);
+            assert!(rate >= 5.0 && part == least, "{ms} ms a full frame: {rate} frames/s, {part}");
+        }
+        let (rate, part) = far_away(1.0);
+        assert!(rate > 8.0 && part == 1.0, "the delay alone makes no frame smaller: {rate} {part}");
     }
 }

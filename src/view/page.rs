@@ -35,16 +35,19 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 16] = modules![
+pub const MODULES: [PageFile; 19] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "edits.js",
+    "gizmo.js",
+    "help.js",
     "input.js",
     "jobs.js",
     "looks.js",
     "picture.js",
     "plot.js",
+    "row.js",
     "segments.js",
     "selection.js",
     "socket.js",

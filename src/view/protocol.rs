@@ -1,5 +1,6 @@
 //! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
 
+use super::gizmo::Preview;
 use super::jobs::board::JobState;
 use super::jobs::task::Task;
 use super::tracks::Track;
@@ -52,6 +53,22 @@ pub enum Request {
     },
     /// Forget what was selected.
     Clear,
+    /// Where that is which a pixel of the view shows that the client asked for last.
+    Point {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Column and row, in pixels of the full size.
+        pixel: [u32; 2],
+    },
+    /// Where segments are: their opacity-weighted centre.
+    Centre {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Which.
+        segments: Vec<String>,
+        /// Time in [0, 1].
+        time: f64,
+    },
     /// Make a segment of what was selected.
     Commit {
         /// Number by which the answer is known.
@@ -123,6 +140,9 @@ pub struct View {
     pub hidden: Vec<String>,
     /// Whether the edits apply.
     pub edits: bool,
+    /// Edits that are not saved and apply after those.
+    #[serde(default)]
+    pub preview: Option<Preview>,
     /// Whether more is to come at once.
     pub moving: bool,
 }
@@ -152,7 +172,7 @@ impl View {
         if !(0.0..=1.0).contains(&self.time) {
             return Err("time: between 0 and 1".into());
         }
-        Ok(())
+        self.preview.as_ref().map_or(Ok(()), Preview::check)
     }
 }
 
@@ -202,6 +222,23 @@ pub enum Change {
         /// Its segments.
         segments: Vec<String>,
     },
+    /// Give a segment another name.
+    Rename {
+        /// What it is called.
+        segment: String,
+        /// What it is to be called.
+        name: Name,
+    },
+    /// Part a segment by its affinity features.
+    Split {
+        /// Which.
+        segment: String,
+        /// Mask scale in [0, 1], from small parts to large ones.
+        scale: f32,
+        /// Whether segments that were picked in the parts of an earlier split may go.
+        #[serde(default)]
+        replace: bool,
+    },
     /// Remove segments with their parts.
     Remove {
         /// Which.
@@ -221,6 +258,11 @@ pub enum Change {
     },
     /// Undo or redo an edit.
     Edits {
+        /// Whether to undo; to redo if not.
+        undo: bool,
+    },
+    /// Undo or redo what was changed last, segments or edits.
+    Last {
         /// Whether to undo; to redo if not.
         undo: bool,
     },
@@ -272,6 +314,13 @@ pub enum Answer {
     Track(Box<Track>),
     /// How the training of the run has come on.
     Training(Box<Training>),
+    /// Where something is.
+    Place {
+        /// Number of the request.
+        id: u32,
+        /// World units.
+        at: [f64; 3],
+    },
     /// The key to the colours.
     Legend {
         /// The key; none where things have their own colours.
@@ -314,6 +363,12 @@ pub struct SegmentRow {
     pub gaussians: usize,
     /// Time at which it was found.
     pub time: f64,
+    /// The last colour that an edit gave it, sRGB in [0, 1].
+    pub rgb: Option<[f32; 3]>,
+    /// What edits multiply its opacity by.
+    pub opacity: f32,
+    /// Whether an edit hides it.
+    pub hidden: bool,
 }
 
 /// What is selected.
@@ -399,6 +454,7 @@ mod tests {
             alone: Vec::new(),
             hidden: Vec::new(),
             edits: true,
+            preview: None,
             moving: false,
         }
     }

@@ -126,7 +126,7 @@ impl Renderer {
                 client.pace.changes(Instant::now(), view.moving);
                 client.view = Some(view);
             }
-            Request::Ack { frame } => client.pace.acknowledges(frame),
+            Request::Ack { frame } => client.pace.acknowledges(Instant::now(), frame),
             Request::Pick { id, pixel, within, meaning, combine } => {
                 let picked = client.pick(&self.space, id, pixel, within.as_deref(), (meaning, combine));
                 let picked = picked.map_err(|e| (Some(id), e.to_string()))?;
@@ -137,6 +137,14 @@ impl Renderer {
                 client.answer(Answer::Picked(Box::new(picked)));
             }
             Request::Clear => client.clear(),
+            Request::Point { id, pixel } => {
+                let at = client.point(&self.space, pixel).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Place { id, at });
+            }
+            Request::Centre { id, segments, time } => {
+                let at = self.space.centre(&segments, time).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Place { id, at });
+            }
             Request::Commit { id: number, base, name } => {
                 let nothing = || (Some(number), "click on something first".to_owned());
                 let clicked = client.clicked().cloned().ok_or_else(nothing)?;
@@ -276,7 +284,7 @@ impl Renderer {
             Ok((info, bytes)) => {
                 client.frame = info.number;
                 let pixels = (info.size[0] * info.size[1]) as usize;
-                client.pace.sent(next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
+                client.pace.sent(Instant::now(), next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
                 client.send(Outgoing::Frame(info, bytes));
                 client.tell_legend();
                 if next == Next::Lossless {
@@ -308,7 +316,10 @@ impl Renderer {
             Some(prepared) => prepared,
             None => {
                 let prepared = look.prepare(scene, view.time as f32, device)?;
-                self.cache.put(key.clone(), prepared.clone());
+                if view.preview.is_none() {
+                    // nobody comes back to a step of a drag
+                    self.cache.put(key.clone(), prepared.clone());
+                }
                 prepared
             }
         };

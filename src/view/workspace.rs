@@ -1,11 +1,14 @@
 //! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
 //! run meanwhile.
 
+use super::order::{Order, Stack, Steps};
 use super::protocol::{Change, Document, SegmentRow};
 use super::training::{Stamp, stamp};
-use crate::edit::{Edit, EditStack};
+use crate::edit::{Edit, EditStack, Total};
 use crate::files::{RunLock, Work};
 use crate::run::segments::{RunSegments, Towards};
+use crate::run::selection::Selection;
+use crate::run::split::{SplitOptions, split};
 use crate::run::{OpenRun, RunError, affinity, edits, pick};
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::AffinityField;
@@ -49,6 +52,8 @@ pub struct Workspace {
     edits: EditStack,
     field: Option<(AffinityField, AffinitySpec)>,
     revision: u64,
+    /// Which of segments and edits changed last.
+    order: Order,
     /// What the files looked like when they were read.
     seen: Seen,
     read_only: bool,
@@ -70,7 +75,8 @@ impl Workspace {
         let (fault, field) = (fault.map(|e| e.to_string()), field(&run, device));
         let (device, follows) = (device.clone(), checkpoint::locate(path).0 == path);
         let newest = run.scene_path.parent().map(Path::to_owned);
-        Ok(Self { run, device, follows, newest, segments, fault, edits, field, revision: 1, seen, read_only })
+        let order = Order::default();
+        Ok(Self { run, device, follows, newest, segments, fault, edits, field, revision: 1, order, seen, read_only })
     }
 
     /// Grows with every change of segments or edits.
@@ -120,8 +126,10 @@ impl Workspace {
             return Ok(false);
         }
         // told once, not at every look at the files
-        self.seen = now;
+        let before = std::mem::replace(&mut self.seen, now);
+        let steps = self.steps();
         (self.segments, self.edits) = (RunSegments::open(&self.run)?, self.run.edits()?);
+        self.note(steps, before);
         self.fault = None;
         self.field = field(&self.run, &self.device);
         self.revision += 1;
@@ -149,16 +157,25 @@ impl Workspace {
     pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
         let lock = self.begin(base)?;
         let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
+        let steps = self.steps();
         let mut segments = self.segments.clone();
+        let last;
+        let change = match change {
+            Change::Last { undo } => {
+                last = self.last(*undo)?;
+                &last
+            }
+            other => other,
+        };
         match change {
             Change::Edit { segments, operation } => {
                 let edit = Edit { segments: segments.clone(), operation: operation.clone() };
                 self.edits = edits::push(&self.run, edit)?;
-                return self.end(lock, None);
+                return self.end(lock, steps, None);
             }
             Change::Edits { undo } => {
                 self.edits = edits::step(&self.run, towards(*undo), 1)?;
-                return self.end(lock, None);
+                return self.end(lock, steps, None);
             }
             Change::Coarse { time, clusters } => {
                 if !(0.0..=1.0).contains(time) {
@@ -172,10 +189,19 @@ impl Workspace {
                 }
             }
             Change::Group { name, segments: of } => segments.group(name, of)?,
+            Change::Rename { segment, name } => segments.rename(&self.run, segment, name)?,
+            Change::Split { segment, scale, replace } => {
+                if !(0.0..=1.0).contains(scale) {
+                    return Err(RunError::input("scale: between 0 and 1").into());
+                }
+                let options = SplitOptions { scale: *scale, replace: *replace, ..SplitOptions::default() };
+                drop(split(&self.run, &mut segments, segment, &options, &self.device)?);
+            }
             Change::Remove { segments: of } => drop(segments.remove(of)?),
             Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
+            Change::Last { .. } => {}
         }
-        self.end(lock, Some(segments))
+        self.end(lock, steps, Some(segments))
     }
 
     /// Makes a segment of what clicks selected, for a client that knows revision `base`.
@@ -191,9 +217,9 @@ impl Workspace {
         time: f64,
     ) -> Result<(), ChangeError> {
         let lock = self.begin(base)?;
-        let mut segments = self.segments.clone();
+        let (steps, mut segments) = (self.steps(), self.segments.clone());
         pick::commit(&mut segments, name, hit, picked, time)?;
-        self.end(lock, Some(segments))
+        self.end(lock, steps, Some(segments))
     }
 
     /// The run for long work on another thread, which is to lock it, for a client that knows revision `base`.
@@ -228,26 +254,76 @@ impl Workspace {
         }
     }
 
-    fn end(&mut self, lock: RunLock, segments: Option<RunSegments>) -> Result<(), ChangeError> {
-        if let Some(segments) = segments {
+    /// Ends a change, before which there were these `steps`.
+    fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
+        if let Some(mut segments) = segments {
             segments.save()?;
             self.segments = segments;
+            // those of a segment that has another name now followed
+            self.edits = self.run.edits()?;
         }
-        self.seen = seen(&self.run);
+        let before = std::mem::replace(&mut self.seen, seen(&self.run));
+        self.note(steps, before);
         self.revision += 1;
         drop(lock);
         Ok(())
     }
 
+    /// Steps to undo and redo of segments and edits.
+    fn steps(&self) -> [Steps; 2] {
+        let of = |towards| self.segments.steps(towards).len();
+        let segments = Steps { undo: of(Towards::Undo), redo: of(Towards::Redo) };
+        [segments, Steps { undo: self.edits.operations.len(), redo: self.edits.undone.len() }]
+    }
+
+    /// Notes which of the two histories changed since there were these steps and the files looked like `before`; of both
+    /// the one whose file was written first.
+    fn note(&mut self, [segments, edits]: [Steps; 2], before: Seen) {
+        let now = self.steps();
+        let mut changed = [(Stack::Segments, 0, segments, now[0]), (Stack::Edits, 1, edits, now[1])];
+        changed.sort_by_key(|(_, file, ..)| self.seen[*file]);
+        for (stack, file, before_it, after_it) in changed {
+            // edits that only follow a new name are no change of theirs
+            let only_names = stack == Stack::Edits && before_it == after_it;
+            if self.seen[file] != before[file] && !only_names {
+                self.order.saw(stack, before_it, after_it);
+            }
+        }
+    }
+
+    /// The change that undoes or redoes what was changed last.
+    fn last(&self, undo: bool) -> Result<Change, RunError> {
+        let [segments, edits] = self.steps();
+        let found = if undo { self.order.to_undo(segments, edits) } else { self.order.to_redo(segments, edits) };
+        match found {
+            Some(Stack::Segments) => Ok(Change::Segments { undo }),
+            Some(Stack::Edits) => Ok(Change::Edits { undo }),
+            None => Err(RunError::input(if undo { "nothing to undo" } else { "nothing to redo" })),
+        }
+    }
+
+    /// Where segments are at `time` in [0, 1], edits applied: their opacity-weighted centre in world units.
+    ///
+    /// # Errors
+    /// A time out of range, no segments, a name that none has, or segments that hold no Gaussians.
+    pub fn centre(&self, segments: &[String], time: f64) -> Result<[f64; 3], RunError> {
+        if !(0.0..=1.0).contains(&time) {
+            return Err(RunError::input("time: between 0 and 1"));
+        }
+        if segments.is_empty() {
+            return Err(RunError::input("segments: name at least one"));
+        }
+        let centre = Selection::open(&self.run, segments, true)?.centre(&self.run.scene, time as f32)?;
+        centre.ok_or_else(|| RunError::input(format!("{}: no Gaussians", segments.join(", "))))
+    }
+
     /// What clients are told.
     #[must_use]
     pub fn document(&self) -> Document {
-        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| SegmentRow {
-            name: s.name.to_string(),
-            depth,
-            colour: s.colour,
-            gaussians: s.members.len(),
-            time: s.time,
+        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| {
+            let Total { rgb, opacity, hidden } = self.edits.total(&s.name);
+            let (name, gaussians) = (s.name.to_string(), s.members.len());
+            SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
         };
         let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
         Document {

@@ -150,7 +150,7 @@ impl Browser {
         self.eval(tab, pixels)
     }
 
-    fn mouse(&mut self, tab: &Tab, kind: &str, [x, y]: [f64; 2]) {
+    pub fn mouse(&mut self, tab: &Tab, kind: &str, [x, y]: [f64; 2]) {
         let buttons = i32::from(kind != "mouseReleased");
         let event = json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1 });
         self.call(Some(tab), "Input.dispatchMouseEvent", event);
@@ -159,6 +159,29 @@ impl Browser {
     pub fn click(&mut self, tab: &Tab, at: [f64; 2]) {
         self.mouse(tab, "mousePressed", at);
         self.mouse(tab, "mouseReleased", at);
+    }
+
+    /// Presses and releases a key, with Ctrl (2) or Shift (8) held down.
+    pub fn key(&mut self, tab: &Tab, key: &str, modifiers: u32) {
+        for kind in ["keyDown", "keyUp"] {
+            let mut event = json!({ "type": kind, "key": key, "modifiers": modifiers });
+            if key.len() == 1 {
+                event["windowsVirtualKeyCode"] = u32::from(key.to_ascii_uppercase().as_bytes()[0]).into();
+            }
+            if kind == "keyDown" && modifiers & 2 == 0 {
+                // what makes a button or a form act on it
+                match key {
+                    "Enter" => event["text"] = "\r".into(),
+                    _ if key.len() == 1 => event["text"] = key.into(),
+                    _ => {}
+                }
+            }
+            // what the browser itself does with a key goes by this number
+            if let Some((_, code)) = [("Tab", 9), ("Enter", 13), ("Escape", 27)].iter().find(|(name, _)| *name == key) {
+                event["windowsVirtualKeyCode"] = (*code).into();
+            }
+            self.call(Some(tab), "Input.dispatchKeyEvent", event);
+        }
     }
 
     /// Sets an input as a person would.
@@ -188,7 +211,7 @@ impl Drop for Browser {
 }
 
 /// The middle of the picture, where something is, in the window.
-const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
+pub const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
                       return [b.left + b.width / 2, b.top + b.height / 2]; })()";
 
 #[test]

@@ -1,14 +1,31 @@
 //! `volseggs view` over its own network: who is let in, what is drawn, and that what is done there is what commands do.
+//!
+//! Some tests have a short form, an ordinary part of `cargo test`, and a long one, which is the same code with more rounds:
+//!
+//! | variable | what | if not given |
+//! |---|---|---|
+//! | `VOLSEGGS_VIEW_MESSAGES` | malformed messages | 2,000 |
+//! | `VOLSEGGS_VIEW_SEED` | their seed | 1 |
+//! | `VOLSEGGS_VIEW_CHANGES` | changes by three windows and by commands at once | 60 |
+//! | `VOLSEGGS_VIEW_FRAMES` | frames between the two looks at the memory of the viewer | 400 |
+//! | `VOLSEGGS_AXE` | a file `axe.min.js` of axe-core, whose serious faults count too | not used |
 #![cfg(feature = "view")]
 #![allow(clippy::unwrap_used)]
 
+mod access;
 mod browser;
+mod changes;
 #[path = "../common/mod.rs"]
 mod common;
 mod door;
+mod gizmo;
 mod jobs;
+mod matrix;
+mod noise;
+mod soak;
 mod socket;
 mod tracks;
+mod tree;
 mod watch;
 mod work;
 
@@ -31,6 +48,12 @@ fn run() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy(&RUN.join("run"), &folder.path().join("run"));
     folder
+}
+
+/// A number from the environment, see the top.
+fn setting(name: &str, or: u64) -> u64 {
+    let Ok(text) = std::env::var(name) else { return or };
+    text.parse().unwrap_or_else(|_| panic!("{name}={text}: a whole number"))
 }
 
 /// What is seen from 3, -2, 1.5.

@@ -33,6 +33,13 @@ impl Server {
         Self { child, port: port.parse().unwrap(), token: token.to_owned() }
     }
 
+    /// Bytes of memory that it holds now; none where the system does not tell.
+    pub fn memory(&self) -> Option<u64> {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
+        let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
+        Some(1024 * line.trim().trim_end_matches(" kB").parse::<u64>().unwrap())
+    }
+
     pub fn cookie(&self) -> String {
         format!("volseggs-{}={}", self.port, self.token)
     }
@@ -80,6 +87,17 @@ impl Window {
 
     pub fn say_text(&mut self, text: &str) {
         self.socket.send(Message::text(text)).unwrap();
+    }
+
+    /// Says it if the server still hears; it is not read what it answers.
+    pub fn try_say_text(&mut self, text: &str) -> bool {
+        let MaybeTlsStream::Plain(stream) = self.socket.get_mut() else { unreachable!() };
+        stream.set_write_timeout(Some(Duration::from_secs(2))).unwrap();
+        self.socket.send(Message::text(text)).is_ok()
+    }
+
+    pub fn say_bytes(&mut self, bytes: &'static [u8]) {
+        self.socket.send(Message::binary(bytes)).unwrap();
     }
 
     /// The next message, if one comes before `until`.
@@ -133,6 +151,35 @@ impl Window {
                     }
                 }
                 Some(Message::Text(text)) if text.as_str().contains("\"error\"") => panic!("{text}"),
+                Some(_) => {}
+                None => panic!("no frame without loss in {PATIENCE:?}"),
+            }
+        }
+    }
+
+    /// The next frame.
+    pub fn frame(&mut self) -> Frame {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            match self.next(until) {
+                Some(Message::Binary(bytes)) => return self.take(&bytes),
+                Some(_) => {}
+                None => panic!("no frame in {PATIENCE:?}"),
+            }
+        }
+    }
+
+    /// The next frame without loss, whatever errors are told before it.
+    pub fn any_lossless(&mut self) -> Frame {
+        let until = Instant::now() + PATIENCE;
+        loop {
+            match self.next(until) {
+                Some(Message::Binary(bytes)) => {
+                    let frame = self.take(&bytes);
+                    if frame.png {
+                        return frame;
+                    }
+                }
                 Some(_) => {}
                 None => panic!("no frame without loss in {PATIENCE:?}"),
             }

@@ -1,4 +1,4 @@
-//! `volseggs segment group` and `segment remove`
+//! `volseggs segment group`, `segment rename` and `segment remove`
 
 use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
@@ -35,6 +35,38 @@ impl GroupArgs {
             return print_json(&serde_json::json!({ "name": group.name, "gaussians": group.members.len() }));
         }
         outln!("{:20} {:>8} Gaussians", group.name, group.members.len());
+        Ok(())
+    }
+}
+
+/// Give a segment another name; edits of it follow, and its parts keep theirs.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  volseggs segment rename RUN red core\n\n`volseggs segment undo RUN` brings the old name back. A track in RUN/track/ that is called after the segment must be moved first."
+)]
+pub struct RenameArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// What the segment is called.
+    old: String,
+    /// What it is to be called.
+    new: Name,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl RenameArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let mut segments = RunSegments::open(&run)?;
+        segments.rename(&run, &self.old, &self.new)?;
+        segments.save()?;
+        let names: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
+        if self.common.json {
+            return print_json(&serde_json::json!({ "old": self.old, "name": self.new, "segments": names }));
+        }
+        errln!("{} is called {} now; segments: {}", self.old, self.new, names.join(", "));
         Ok(())
     }
 }

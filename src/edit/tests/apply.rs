@@ -1,7 +1,7 @@
 //! What each operation does to Gaussians.
 
-use super::super::{EditError, EditStack, HIDDEN_LOGIT, Operation, apply};
-use super::{applied, arrays, bits, edit, segments, stack, state};
+use super::super::{EditError, EditStack, HIDDEN_LOGIT, Operation, apply, centre};
+use super::{applied, arrays, bits, distance, edit, segments, stack, state};
 use crate::model::HostGaussians;
 use crate::model::sh::C0;
 use volseggs_kernels::activation::sigmoid;
@@ -198,4 +198,20 @@ fn bad_input_is_refused_and_changes_nothing() {
     let error = apply(&stack(&[fine]), &|_| Some(&[3, 10]), &mut s).unwrap_err();
     assert!(matches!(error, EditError::Index { index: 10, count: 10, .. }));
     assert_eq!(s, state());
+}
+
+#[test]
+fn the_centre_is_that_about_which_a_segment_turns() {
+    let before = state();
+    let moved = edit(&["ab"], Operation::Translate { by: [1.0, 2.0, 3.0] });
+    let now = applied(&[moved.clone(), edit(&["ab"], Operation::Opacity { factor: 0.1 })]);
+    let members = segments("ab").unwrap();
+    let [at, there] = [&before, &now].map(|n| centre(&before, n, members).unwrap());
+    for k in 0..3 {
+        assert!((there[k] - at[k] - (k + 1) as f64).abs() < 1e-6, "{at:?} {there:?}");
+    }
+    let about = Some(there.map(|c| c as f32));
+    let turn = |about| edit(&["ab"], Operation::Rotate { axis: [0.0, 0.0, 1.0], degrees: 40.0, about });
+    assert!(distance(&applied(&[moved.clone(), turn(None)]), &applied(&[moved, turn(about)])) < 1e-5);
+    assert_eq!(centre(&before, &now, &[]), None);
 }

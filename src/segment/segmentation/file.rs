@@ -2,6 +2,7 @@
 //! brought back lie in the same file, so that segments and history are always those of one moment.
 
 use super::{Segment, Segmentation, SegmentationError};
+use crate::name::Name;
 use crate::tensors::{self, TensorFileError};
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,9 @@ pub(in crate::segment) struct Step {
     pub change: String,
     /// The segments.
     pub segments: Vec<Past>,
+    /// The old and the new name, if the change was that a segment got another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub renamed: Option<[Name; 2]>,
 }
 
 /// Changes that can be undone and redone, the next one last, and the members of their segments by key.

@@ -10,6 +10,8 @@ import "./edits.js";
 import "./jobs.js";
 import "./tracks.js";
 import "./training.js";
+import "./gizmo.js";
+import "./help.js";
 
 hear("welcome", (message) => {
   app.welcome = message;

@@ -1,12 +1,14 @@
 // Mouse, touch and keys on the picture.
-import { $, app, canvas } from "./state.js";
+import { $, app, canvas, typing } from "./state.js";
 import { change } from "./socket.js";
 import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
-import { clear, click } from "./selection.js";
+import { centreOn, clear, click } from "./selection.js";
 import { save } from "./looks.js";
+import { helping } from "./help.js";
 
 let drag = null;
+let clicked = { at: 0, place: [0, 0], before: false, done: null }; // the last click, which may be the first of two
 const fingers = new Map();
 canvas.addEventListener("pointerdown", (e) => {
   canvas.focus();
@@ -32,9 +34,20 @@ canvas.addEventListener("pointermove", (e) => {
   else app.camera.orbit(dx / width, dy / width);
   look(true);
 });
+// a click selects at once; a second soon after it, at the same place, means another thing: see dblclick
+function tap(e) {
+  const near = Math.hypot(e.clientX - clicked.place[0], e.clientY - clicked.place[1]) < 6;
+  if (near && e.timeStamp - clicked.at < 400) return;
+  clicked = { at: e.timeStamp, place: [e.clientX, e.clientY], before: Boolean(app.picked), done: click(e) };
+}
+canvas.addEventListener("dblclick", async (e) => {
+  await clicked.done;
+  if (!clicked.before) clear();
+  centreOn(e);
+});
 const release = (e) => {
   fingers.delete(e.pointerId);
-  if (drag && e.type === "pointerup" && drag.moved < 4 && drag.button === 0) click(e);
+  if (drag && e.type === "pointerup" && drag.moved < 4 && drag.button === 0) tap(e);
   else look(false);
   if (!fingers.size) drag = null;
 };
@@ -48,12 +61,14 @@ canvas.addEventListener("wheel", (e) => {
 }, { passive: false });
 
 document.addEventListener("keydown", (e) => {
-  if (e.ctrlKey && e.key.toLowerCase() === "z") {
+  if (helping()) return;
+  if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing()) {
     e.preventDefault();
-    return change({ kind: "edits", undo: !e.shiftKey });
+    // segments or edits, whichever changed last
+    return change({ kind: "last", undo: !e.shiftKey });
   }
   if (e.key === "Escape") return clear();
-  if (/INPUT|SELECT|TEXTAREA/.test(document.activeElement?.tagName) && document.activeElement.type !== "range") return;
+  if (typing()) return;
   if (e.ctrlKey || e.metaKey || !app.camera) return;
   const turn = 0.03;
   const keys = {
@@ -68,7 +83,8 @@ document.addEventListener("keydown", (e) => {
     keys[e.key]();
     return look(true);
   }
-  if (e.key === " " && document.activeElement?.tagName !== "BUTTON") { e.preventDefault(); play(); }
+  // on a button, a box or a colour it does what it does there
+  if (e.key === " " && !document.activeElement?.matches("button, [type=checkbox], [type=color]")) { e.preventDefault(); play(); }
   if (e.key === ",") nudge(-1);
   if (e.key === ".") nudge(1);
   if (e.key === "s") save();

@@ -23,7 +23,7 @@ function lens() {
 export function view(moving) {
   return {
     ...app.camera.state(), fov: lens(), size: size(), time: value("when"), look: $("look").value,
-    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, moving,
+    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, moving,
   };
 }
 

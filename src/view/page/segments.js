@@ -1,10 +1,13 @@
 // The tree of segments.
-import { $, app, make, say, tell, value } from "./state.js";
+import { $, app, say, tell, value } from "./state.js";
 import { ask, change, hear } from "./socket.js";
 import { look, stale } from "./picture.js";
+import { row } from "./row.js";
 
 function read(message) {
   app.doc = message;
+  // it was of another document
+  app.preview = null;
   stale();
   const names = new Set(app.doc.segments.map((s) => s.name));
   for (const set of [app.hidden, app.checked]) for (const name of set) if (!names.has(name)) set.delete(name);
@@ -19,35 +22,27 @@ function read(message) {
   look(false);
 }
 
+let last = null; // the name that was checked or unchecked last
+let names = []; // those in the tree, from above
+
+// Shift does to all from the last one to this what is done to this
+function check(name, checked, range) {
+  const [from, to] = [names.indexOf(last), names.indexOf(name)].sort((a, b) => a - b);
+  const all = range && from >= 0 ? names.slice(from, to + 1) : [name];
+  for (const each of all) checked ? app.checked.add(each) : app.checked.delete(each);
+  last = name;
+  if (all.length > 1) tree();
+  tell("checked");
+}
+
 function tree() {
   const wanted = $("search").value.toLowerCase();
-  const rows = app.doc.segments.filter((s) => s.name.toLowerCase().includes(wanted)).map((s) => {
-    const row = make("li");
-    row.style.paddingLeft = `${s.depth}em`;
-    const box = make("input", { type: "checkbox", checked: app.checked.has(s.name) });
-    box.setAttribute("aria-label", `Choose ${s.name}`);
-    box.onchange = () => (box.checked ? app.checked.add(s.name) : app.checked.delete(s.name));
-    const eye = make("button");
-    const shown = () => {
-      eye.textContent = app.hidden.has(s.name) ? "○" : "●";
-      eye.setAttribute("aria-pressed", app.hidden.has(s.name));
-    };
-    eye.setAttribute("aria-label", `Leave ${s.name} out of the picture`);
-    eye.title = "Leave it out of the picture; no edit";
-    eye.onclick = () => {
-      app.hidden.has(s.name) ? app.hidden.delete(s.name) : app.hidden.add(s.name);
-      shown();
-      look(false);
-    };
-    shown();
-    const swatch = make("span", { className: "swatch" });
-    swatch.style.background = `rgb(${s.colour.map((c) => Math.round(255 * Math.min(1, Math.max(0, c)))).join(" ")})`;
-    const name = make("span", { className: "name", textContent: s.name });
-    const count = make("span", { className: "count", textContent: s.gaussians.toLocaleString("en") });
-    row.append(box, eye, swatch, name, count);
-    return row;
-  });
-  $("tree").replaceChildren(...rows);
+  const shown = app.doc.segments.filter((s) => s.name.toLowerCase().includes(wanted));
+  names = shown.map((s) => s.name);
+  const key = document.activeElement?.dataset.key;
+  $("tree").replaceChildren(...shown.map((s, number) => row(s, number, check)));
+  // who works by keys stays where they are
+  if (key) $("tree").querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus();
 }
 $("search").oninput = tree;
 

@@ -2,13 +2,29 @@
 import { $, app, canvas, make, on, say, tell, value } from "./state.js";
 import { ask, hear, send } from "./socket.js";
 import { look, stale } from "./picture.js";
+import { add, sub } from "./camera.js";
 
 const HINT = "Click on the picture to select. Shift-click adds, Alt-click removes.";
 
-export async function click(e) {
+// the pixel under the pointer
+function under(e) {
   const box = canvas.getBoundingClientRect();
   const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
-  const pixel = at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
+  return at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
+}
+
+// what is clicked becomes the middle of the picture, about which it turns
+export async function centreOn(e) {
+  const found = await ask({ type: "point", pixel: under(e) }).catch((message) => say(message, true));
+  if (!found) return;
+  say("");
+  const arm = sub(app.camera.eye, app.camera.target);
+  Object.assign(app.camera, { target: found.at, eye: add(found.at, arm) });
+  look(false);
+}
+
+export async function click(e) {
+  const pixel = under(e);
   const stage = $("stage").getBoundingClientRect();
   Object.assign($("marker").style, { left: `${e.clientX - stage.left}px`, top: `${e.clientY - stage.top}px` });
   $("marker").hidden = false;

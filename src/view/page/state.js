@@ -9,13 +9,14 @@ export const app = {
   doc: { revision: 0, segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
   hidden: new Set(), // names of segments that are left out of the picture
   checked: new Set(), // names of segments that are checked in the tree
+  preview: null, // edits that are shown and not saved
   alone: [], // names of segments that are shown alone
   playing: null,
   last: null, // the last lossless frame, if it shows what is to be seen
   picked: null, // the last answer to a click
 };
 
-// news: "welcome", "document", "picked", "frame", "cleared"
+// news: "welcome", "document", "picked", "frame", "cleared", "rested", "checked"
 const listeners = {};
 export const on = (news, listener) => (listeners[news] ??= []).push(listener);
 export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));
@@ -24,6 +25,12 @@ export function say(text, wrong = false) {
   $("message").textContent = text;
   $("message").classList.toggle("wrong", wrong);
 }
+
+// whether keys are text now
+export const typing = () => {
+  const at = document.activeElement;
+  return /INPUT|SELECT|TEXTAREA/.test(at?.tagName) && !/range|checkbox|color/.test(at.type);
+};
 
 export const value = (id) => Number($(id).value);
 

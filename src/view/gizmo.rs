@@ -1,0 +1,39 @@
+//! What handles on the picture need: edits that are shown while one is dragged, before anything is saved.
+
+use crate::edit::Edit;
+use serde::Deserialize;
+
+/// Edits that a client may have shown at once.
+const MOST: usize = 8;
+/// Segments that each may name.
+const NAMES: usize = 1000;
+
+/// Edits that are shown after those of the run and not saved.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+pub struct Preview {
+    /// Revision of the document that they belong to. They do not show on any other: once the same edits are saved, they are
+    /// not applied twice.
+    pub base: u64,
+    /// The edits, first to last.
+    pub edits: Vec<Edit>,
+}
+
+impl Preview {
+    /// Refuses what cannot be shown, whatever segments there are.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self) -> Result<(), String> {
+        if self.edits.len() > MOST || self.edits.iter().any(|e| e.segments.len() > NAMES) {
+            return Err(format!("preview: at most {MOST} edits of {NAMES} segments each"));
+        }
+        self.edits.iter().try_for_each(|edit| edit.validate().map_err(|e| format!("preview: {e}")))
+    }
+
+    /// The edits to show on the document of `revision`.
+    #[must_use]
+    pub fn on(preview: Option<&Self>, revision: u64) -> Vec<Edit> {
+        preview.filter(|p| p.base == revision).map(|p| p.edits.clone()).unwrap_or_default()
+    }
+}

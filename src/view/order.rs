@@ -1,0 +1,158 @@
+//! In which order segments and edits were changed, so that one undo takes back whichever came last.
+//!
+//! Each of the two has a history of its own in its file, and no file says how the two interleave. This is what one server
+//! saw: what was done through it, and what it found that commands had done. Before that, edits count as the later.
+
+/// One of the two histories.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stack {
+    /// That of the segments.
+    Segments,
+    /// That of the edits.
+    Edits,
+}
+
+/// How many steps a history has to undo and to redo.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Steps {
+    /// To undo.
+    pub undo: usize,
+    /// To redo.
+    pub redo: usize,
+}
+
+/// The changes that were seen, of both histories, the newest last.
+#[derive(Clone, Debug, Default)]
+pub struct Order {
+    done: Vec<Stack>,
+    undone: Vec<Stack>,
+}
+
+impl Order {
+    /// A history was changed, undone or redone: its steps before and after tell which.
+    pub fn saw(&mut self, stack: Stack, before: Steps, after: Steps) {
+        if after.redo > before.redo {
+            for _ in before.redo..after.redo {
+                take_last(&mut self.done, stack);
+                self.undone.push(stack);
+            }
+        } else if after.undo > before.undo && after.undo + after.redo == before.undo + before.redo {
+            for _ in before.undo..after.undo {
+                take_last(&mut self.undone, stack);
+                self.done.push(stack);
+            }
+        } else {
+            // at least one that is new: the oldest of many is forgotten for it, so that the number may be the same
+            let new = after.undo.saturating_sub(before.undo).max(1);
+            self.done.extend(std::iter::repeat_n(stack, new));
+            // as in each history alone, what was undone before a new change does not come back
+            self.undone.clear();
+        }
+        forget_oldest(&mut self.done, stack, after.undo);
+        forget_oldest(&mut self.undone, stack, after.redo);
+    }
+
+    /// Which history to undo a step of.
+    #[must_use]
+    pub fn to_undo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
+        let last = self.done.last().copied();
+        last.or_else(|| first(edits.undo, segments.undo))
+    }
+
+    /// Which history to redo a step of.
+    #[must_use]
+    pub fn to_redo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
+        let last = self.undone.last().copied();
+        // after a change that was seen, what was undone before stays undone
+        last.or_else(|| first(edits.redo, segments.redo).filter(|_| self.done.is_empty()))
+    }
+}
+
+fn first(edits: usize, segments: usize) -> Option<Stack> {
+    match (edits, segments) {
+        (0, 0) => None,
+        (0, _) => Some(Stack::Segments),
+        _ => Some(Stack::Edits),
+    }
+}
+
+fn take_last(list: &mut Vec<Stack>, stack: Stack) {
+    if let Some(at) = list.iter().rposition(|s| *s == stack) {
+        list.remove(at);
+    }
+}
+
+/// Leaves the last `most` of a history.
+fn forget_oldest(list: &mut Vec<Stack>, stack: Stack, most: usize) {
+    let mut over = list.iter().filter(|s| **s == stack).count().saturating_sub(most);
+    list.retain(|s| {
+        let goes = *s == stack && over > 0;
+        over -= usize::from(goes);
+        !goes
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two histories as their files have them, and the order.
+    #[derive(Default)]
+    struct Both {
+        order: Order,
+        steps: [Steps; 2],
+    }
+
+    impl Both {
+        fn to(&mut self, stack: Stack, undo: usize, redo: usize) {
+            let steps = &mut self.steps[usize::from(stack == Stack::Edits)];
+            let after = Steps { undo, redo };
+            self.order.saw(stack, *steps, after);
+            *steps = after;
+        }
+
+        fn undo(&self) -> Option<Stack> {
+            self.order.to_undo(self.steps[0], self.steps[1])
+        }
+
+        fn redo(&self) -> Option<Stack> {
+            self.order.to_redo(self.steps[0], self.steps[1])
+        }
+    }
+
+    #[test]
+    fn whichever_changed_last_is_undone_and_comes_back_in_turn() {
+        use Stack::{Edits, Segments};
+        let mut both = Both::default();
+        assert_eq!((both.undo(), both.redo()), (None, None));
+        both.to(Segments, 1, 0);
+        both.to(Edits, 1, 0);
+        both.to(Segments, 2, 0);
+        assert_eq!(both.undo(), Some(Segments));
+        both.to(Segments, 1, 1);
+        assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));
+        both.to(Edits, 0, 1);
+        assert_eq!((both.undo(), both.redo()), (Some(Segments), Some(Edits)));
+        both.to(Edits, 1, 0);
+        both.to(Segments, 2, 0);
+        assert_eq!((both.undo(), both.redo()), (Some(Segments), None));
+        both.to(Segments, 1, 1);
+        both.to(Edits, 2, 0);
+        assert_eq!((both.undo(), both.redo()), (Some(Edits), None), "a new change forgets what was undone");
+    }
+
+    #[test]
+    fn what_was_before_is_undone_edits_first_and_what_is_forgotten_not_at_all() {
+        use Stack::{Edits, Segments};
+        let mut both = Both { steps: [Steps { undo: 50, redo: 1 }, Steps { undo: 2, redo: 0 }], ..Both::default() };
+        assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));
+        for _ in 0..60 {
+            // the number of those remembered has reached its limit
+            both.to(Segments, 50, 0);
+        }
+        assert_eq!((both.order.done.len(), both.undo()), (50, Some(Segments)));
+        both.to(Edits, 3, 0);
+        both.to(Edits, 0, 0);
+        assert_eq!(both.undo(), Some(Segments), "edits were cleared");
+    }
+}

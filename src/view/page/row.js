@@ -1,0 +1,118 @@
+// A segment in the tree: eye, colour, name and opacity, and below it what is rarely needed.
+import { app, make } from "./state.js";
+import { change } from "./socket.js";
+import { look } from "./picture.js";
+
+const open = new Set(); // names of segments whose second line is open
+const hex = (colour) => `#${colour.map((c) => Math.round(255 * Math.min(1, Math.max(0, c))).toString(16).padStart(2, "0")).join("")}`;
+const rgb = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
+
+// an edit that is shown while a control is moved and made once it rests, so that one movement is one step
+let timer;
+function show(s, operations) {
+  clearTimeout(timer);
+  app.preview = { base: app.doc.revision, edits: operations.map((operation) => ({ segments: [s.name], operation })) };
+  look(true);
+}
+function makeSoon(s, operations) {
+  clearTimeout(timer);
+  timer = setTimeout(async () => {
+    for (const operation of operations) await change({ kind: "edit", segments: [s.name], operation });
+    app.preview = null;
+    look(false);
+  }, 400);
+}
+
+// opacity as it was, times this; 0 hides, and more shows again
+function fade(s, wanted) {
+  if (wanted === 0) return s.hidden ? [] : ["hide"];
+  const factor = wanted / Math.max(s.opacity, 1e-3);
+  return [...(s.hidden ? ["show"] : []), ...(Math.abs(factor - 1) > 1e-3 ? [{ opacity: { factor } }] : [])];
+}
+
+// an input whose value becomes edits
+function edits(kind, key, label, properties, operations, s) {
+  const input = make("input", { type: kind, ...properties, disabled: app.welcome?.read_only });
+  input.setAttribute("aria-label", label);
+  input.dataset.key = key;
+  input.title = label;
+  input.oninput = () => show(s, operations(input.value));
+  input.onchange = () => makeSoon(s, operations(input.value));
+  return input;
+}
+
+function eye(s) {
+  const button = make("button", { title: "Leave it out of the picture; no edit" });
+  button.dataset.key = `eye ${s.name}`;
+  button.setAttribute("aria-label", `Leave ${s.name} out of the picture`);
+  const shown = () => {
+    button.textContent = app.hidden.has(s.name) ? "○" : "●";
+    button.setAttribute("aria-pressed", app.hidden.has(s.name));
+  };
+  button.onclick = () => {
+    app.hidden.has(s.name) ? app.hidden.delete(s.name) : app.hidden.add(s.name);
+    shown();
+    look(false);
+  };
+  shown();
+  return button;
+}
+
+// another name, and parts by scale
+function more(s) {
+  const rename = make("form", { className: "row" });
+  const name = make("input", { value: s.name, maxLength: 100, pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]*", autocomplete: "off" });
+  name.dataset.key = `name ${s.name}`;
+  name.setAttribute("aria-label", `Name of ${s.name}`);
+  rename.append(name, make("button", { textContent: "rename" }));
+  rename.onsubmit = (e) => {
+    e.preventDefault();
+    const wanted = name.value.trim();
+    if (wanted && wanted !== s.name) change({ kind: "rename", segment: s.name, name: wanted });
+  };
+  const split = make("form", { className: "row" });
+  const scale = make("input", { type: "range", min: 0, max: 1, step: 0.05, value: 0.5 });
+  const label = make("label", { textContent: "scale " });
+  const told = make("output", { textContent: "0.50" });
+  scale.dataset.key = `scale ${s.name}`;
+  scale.setAttribute("aria-label", `Scale of the parts of ${s.name}`);
+  scale.oninput = () => { told.textContent = Number(scale.value).toFixed(2); };
+  label.append(scale, told);
+  split.append(label, make("button", { textContent: "split", title: "Parts by their features, from small (0) to large (1)" }));
+  split.onsubmit = (e) => {
+    e.preventDefault();
+    change({ kind: "split", segment: s.name, scale: Number(scale.value) });
+  };
+  const found = make("p", { textContent: `${s.gaussians.toLocaleString("en")} Gaussians, found at time ${s.time.toFixed(3)}` });
+  const box = make("div", { className: "more" }, found);
+  if (!app.welcome?.read_only) box.append(rename, ...(app.welcome?.clicks ? [split] : []));
+  return box;
+}
+
+export function row(s, number, check) {
+  const item = make("li");
+  item.style.paddingLeft = `${s.depth}em`;
+  const box = make("input", { type: "checkbox", id: `check-${number}`, checked: app.checked.has(s.name) });
+  box.dataset.key = `check ${s.name}`;
+  box.setAttribute("aria-label", `Choose ${s.name}`);
+  box.onclick = (e) => check(s.name, box.checked, e.shiftKey);
+  const name = make("label", { className: "name", textContent: s.name, htmlFor: box.id, title: `${s.gaussians.toLocaleString("en")} Gaussians` });
+  const colour = edits("color", `colour ${s.name}`, `Colour of ${s.name}`, { value: hex(s.rgb ?? s.colour) },
+    (text) => [{ recolour: { rgb: rgb(text), keep_shading: true } }], s);
+  const opacity = edits("range", `opacity ${s.name}`, `Opacity of ${s.name}`,
+    { min: 0, max: 1, step: 0.05, value: s.hidden ? 0 : Math.min(1, s.opacity) }, (text) => fade(s, Number(text)), s);
+  const button = make("button", { textContent: "…", title: "Rename, split" });
+  button.dataset.key = `more ${s.name}`;
+  button.setAttribute("aria-label", `More of ${s.name}`);
+  const below = more(s);
+  const set = (there) => {
+    there ? open.add(s.name) : open.delete(s.name);
+    below.hidden = !there;
+    button.setAttribute("aria-expanded", there);
+  };
+  button.onclick = () => set(below.hidden);
+  set(open.has(s.name));
+  name.ondblclick = () => { set(true); below.querySelector("input")?.select(); };
+  item.append(box, eye(s), colour, name, opacity, button, below);
+  return item;
+}

@@ -1,0 +1,120 @@
+//! Everybody can use the page: names, contrast in light and dark, keys alone. The faults that are looked for are in
+//! `access.js`; with `VOLSEGGS_AXE=FILE`, where FILE is `axe.min.js` of axe-core, its serious ones too.
+
+use crate::browser::{Browser, Tab};
+use crate::run;
+use crate::socket::Server;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+
+/// Faults of the page as it is now.
+fn faults(browser: &mut Browser, tab: &Tab) -> Vec<Value> {
+    let mut found = browser.eval(tab, include_str!("access.js")).as_array().unwrap().clone();
+    if let Ok(file) = std::env::var("VOLSEGGS_AXE") {
+        let axe = std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("VOLSEGGS_AXE={file}: {e}"));
+        browser.eval(tab, &format!("(() => {{ {axe}; return 0; }})()"));
+        let serious = "axe.run().then((r) => r.violations.filter((v) => /serious|critical/.test(v.impact))\
+                       .map((v) => `${v.id}: ${v.nodes.map((n) => n.html).join(' ')}`))";
+        found.extend(browser.eval(tab, serious).as_array().unwrap().clone());
+    }
+    found
+}
+
+#[test]
+fn nobody_is_kept_out() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    browser.rests(&tab);
+    for scheme in ["light", "dark"] {
+        let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
+        browser.call(Some(&tab), "Emulation.setEmulatedMedia", media);
+        assert_eq!(faults(&mut browser, &tab), [] as [Value; 0], "{scheme}, at the start");
+        // as much as there is to see: handles, an opened row, an edit, a message of what went wrong
+        browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
+        browser.eval(&tab, "document.querySelector('#tree [data-key^=more]').click()");
+        browser.eval(&tab, "document.getElementById('hide').click()");
+        browser.wait(&tab, "document.querySelectorAll('#edits li').length > 0");
+        browser.set(&tab, "name", "");
+        browser.eval(&tab, "document.getElementById('commit').requestSubmit()");
+        browser.wait(&tab, "document.getElementById('message').classList.contains('wrong')");
+        browser.wait(&tab, "!document.getElementById('gizmo').hasAttribute('hidden')");
+        browser.rests(&tab);
+        browser.shoot(&tab, &format!("6-{scheme}"));
+        assert_eq!(faults(&mut browser, &tab), [] as [Value; 0], "{scheme}, with all there is");
+        browser.eval(&tab, "document.getElementById('picture').focus()");
+        browser.key(&tab, "?", 8);
+        browser.wait(&tab, "document.getElementById('help').open");
+        browser.shoot(&tab, &format!("7-help-{scheme}"));
+        assert_eq!(faults(&mut browser, &tab), [] as [Value; 0], "{scheme}, with help");
+        browser.key(&tab, "Escape", 0);
+        browser.wait(&tab, "!document.getElementById('help').open");
+        browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
+        browser.eval(&tab, "document.querySelector('#tree [data-key^=more]').click()");
+    }
+    assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}
+
+#[test]
+fn keys_alone_reach_everything_and_show_where_they_are() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    browser.rests(&tab);
+    browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
+    browser.wait(&tab, "!document.getElementById('gizmo').hasAttribute('hidden')");
+    browser.rests(&tab);
+    let wanted = "[...document.querySelectorAll('button, input, select, canvas, [tabindex]')]\
+                  .filter((e) => !e.disabled && e.tabIndex >= 0 && e.checkVisibility() && !e.closest('dialog'))";
+    browser.eval(&tab, &format!("{wanted}.forEach((e, k) => {{ e.dataset.nth = k; }})"));
+    let count = browser.eval(&tab, &format!("{wanted}.length")).as_u64().unwrap();
+    assert!(count > 40, "{count} controls");
+    browser.eval(&tab, "document.activeElement.blur()");
+    let mut reached = BTreeSet::new();
+    for _ in 0..count + 3 {
+        browser.key(&tab, "Tab", 0);
+        let at = browser.eval(
+            &tab,
+            "(() => { const e = document.activeElement; if (e === document.body) return null; \
+             const own = getComputedStyle(e), mark = e.querySelector?.('.mark'); \
+             const shown = own.outlineStyle !== 'none' && parseFloat(own.outlineWidth) > 0 \
+               || mark && getComputedStyle(mark).stroke === 'rgb(255, 210, 63)'; \
+             return { nth: Number(e.dataset.nth), what: e.outerHTML.slice(0, 120), shown: Boolean(shown) && e.matches(':focus-visible') }; })()",
+        );
+        if at.is_null() {
+            continue;
+        }
+        assert_eq!(at["shown"], true, "no ring around {}", at["what"]);
+        reached.insert(at["nth"].as_u64().unwrap());
+    }
+    let missed: Vec<u64> = (0..count).filter(|k| !reached.contains(k)).collect();
+    let what = browser.eval(
+        &tab,
+        &format!("{missed:?}.map((k) => document.querySelector(`[data-nth='${{k}}']`)?.outerHTML.slice(0, 90))"),
+    );
+    assert!(missed.is_empty(), "Tab does not come to {what}");
+
+    // Space is that of what has the focus
+    browser.eval(&tab, "document.getElementById('loop').focus()");
+    browser.key(&tab, " ", 0);
+    assert_eq!(
+        browser.eval(&tab, "[document.getElementById('loop').checked, document.getElementById('play').ariaLabel]"),
+        json!([false, "Play"])
+    );
+
+    // the picture itself by keys
+    browser.eval(&tab, "document.getElementById('picture').focus()");
+    let mut before = browser.picture(&tab);
+    for key in ["ArrowLeft", "ArrowUp", "+", "-", "q", ".", "r"] {
+        let asked = browser.eval(&tab, "document.getElementById('picture').dataset.frame");
+        browser.key(&tab, key, 0);
+        browser.wait(&tab, &format!("document.getElementById('picture').dataset.frame !== {asked}"));
+        browser.rests(&tab);
+        let after = browser.picture(&tab);
+        assert_ne!(after, before, "{key} does nothing");
+        before = after;
+    }
+    assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}

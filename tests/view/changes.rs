@@ -1,0 +1,69 @@
+//! Many who change the document at once, windows and commands: nothing is lost.
+
+use crate::common::{BINARY, run_json};
+use crate::socket::{Server, Window};
+use crate::{run, setting};
+use serde_json::json;
+use std::collections::BTreeSet;
+use std::process::{Command, Stdio};
+
+/// Windows that change at once, beside one line of commands.
+const WINDOWS: u64 = 3;
+
+#[test]
+fn of_changes_by_windows_and_commands_at_once_none_is_lost() {
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let (first, _) = Window::open(&server);
+    let name = first.document["segments"][0]["name"].as_str().unwrap().to_owned();
+    drop(first);
+    let count = setting("VOLSEGGS_VIEW_CHANGES", 60);
+    let factor = |k: u64| 0.5 + k as f64 / 4096.0;
+    std::thread::scope(|scope| {
+        for lane in 0..WINDOWS {
+            let (server, name) = (&server, &name);
+            scope.spawn(move || {
+                let (mut window, _) = Window::open(server);
+                for k in (lane..count).step_by(WINDOWS as usize + 1) {
+                    let operation = json!({ "opacity": { "factor": factor(k) } });
+                    let change = json!({ "kind": "edit", "segments": [name], "operation": operation });
+                    for id in 1.. {
+                        let base = window.document["revision"].clone();
+                        window.say(&json!({ "type": "change", "id": id, "base": base, "change": change }));
+                        let answer = window.wait_for(|m| m["id"] == id && m["type"] != "document");
+                        if answer["type"] == "done" {
+                            break;
+                        }
+                        let why = answer["message"].as_str().unwrap();
+                        assert!(why.contains("changed meanwhile") || why.contains("is in use"), "{why}");
+                    }
+                }
+            });
+        }
+        let name = &name;
+        scope.spawn(move || {
+            for k in (WINDOWS..count).step_by(WINDOWS as usize + 1) {
+                let mut command = Command::new(BINARY);
+                let factor = factor(k).to_string();
+                let words = ["edit", "opacity", "run", "--segment", name, "--factor", &factor];
+                let done = command
+                    .current_dir(root)
+                    .args(words)
+                    .stdout(Stdio::null())
+                    .stderr(Stdio::piped())
+                    .output()
+                    .unwrap();
+                assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+            }
+        });
+    });
+    let made = run_json(root, &["edit", "list", "run"])["operations"].as_array().unwrap().clone();
+    let number =
+        |o: &serde_json::Value| (4096.0 * (o["operation"]["opacity"]["factor"].as_f64().unwrap() - 0.5)).round() as u64;
+    let factors: BTreeSet<u64> = made.iter().map(number).collect();
+    assert_eq!((made.len() as u64, factors), (count, (0..count).collect()), "each once");
+    // and the viewer knows them all
+    let (mut window, _) = Window::open(&server);
+    window.wait_for(|m| m["edits"].as_array().is_some_and(|e| e.len() as u64 == count));
+}

@@ -1,0 +1,168 @@
+//! Messages that make no sense, and windows that behave badly: the viewer answers, and goes on for the others.
+
+use crate::socket::{Server, Window};
+use crate::{run, setting, view};
+use serde_json::{Map, Value, json};
+
+/// Random numbers (splitmix64).
+struct Dice(u64);
+
+impl Dice {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+
+    fn of<'a, T>(&mut self, list: &'a [T]) -> &'a T {
+        &list[self.below(list.len())]
+    }
+}
+
+/// Messages as a page sends them.
+fn sound(welcome: &Value, name: &str) -> Vec<Value> {
+    let change = |what: Value| json!({ "type": "change", "id": 7, "base": 1, "change": what });
+    let edit = |operation: Value| change(json!({ "kind": "edit", "segments": [name], "operation": operation }));
+    let mut shown = view(welcome, 0.5, "colour", true);
+    shown["preview"] = json!({ "base": 1, "edits": [{ "segments": [name], "operation": "hide" }] });
+    vec![
+        view(welcome, 0.5, "segments", false),
+        shown,
+        json!({ "type": "ack", "frame": 1 }),
+        json!({ "type": "pick", "id": 1, "pixel": [16, 16], "within": null, "meaning": { "level": 1 }, "combine": "add" }),
+        json!({ "type": "adjust", "id": 2, "meaning": { "by": { "scale": 0.5, "threshold": 0.8 } } }),
+        json!({ "type": "clear" }),
+        json!({ "type": "point", "id": 3, "pixel": [16, 16] }),
+        json!({ "type": "centre", "id": 4, "segments": [name], "time": 0.5 }),
+        json!({ "type": "commit", "id": 5, "base": 1, "name": "x" }),
+        change(json!({ "kind": "group", "name": "both", "segments": [name] })),
+        change(json!({ "kind": "rename", "segment": name, "name": "other" })),
+        change(json!({ "kind": "split", "segment": name, "scale": 0.5 })),
+        change(json!({ "kind": "remove", "segments": [name] })),
+        change(json!({ "kind": "last", "undo": true })),
+        edit(json!({ "translate": { "by": [0.1, 0.0, 0.0] } })),
+        edit(json!({ "rotate": { "axis": [0, 0, 1], "degrees": 30, "about": null } })),
+        edit(json!({ "recolour": { "rgb": [1, 0, 0], "keep_shading": true } })),
+    ]
+}
+
+/// Something else in the place of a value.
+fn odd(dice: &mut Dice) -> Value {
+    match dice.below(12) {
+        0 => Value::Null,
+        1 => json!(-1),
+        2 => json!(1e308),
+        3 => json!(u64::MAX),
+        4 => json!(0.0),
+        5 => json!(""),
+        6 => json!("../../etc/passwd"),
+        7 => json!("\u{0}<script>\u{202e}"),
+        8 => json!([]),
+        9 => json!({}),
+        10 => json!([[[[]]]]),
+        _ => json!("x".repeat(dice.below(5000))),
+    }
+}
+
+/// Changes a value somewhere below.
+fn spoil(dice: &mut Dice, value: &mut Value) {
+    match value {
+        Value::Object(map) if !map.is_empty() => {
+            let keys: Vec<String> = map.keys().cloned().collect();
+            let key = dice.of(&keys).clone();
+            match dice.below(6) {
+                0 => drop(map.remove(&key)),
+                1 => drop(map.insert(format!("{key}x"), odd(dice))),
+                2 => drop(map.insert(key, odd(dice))),
+                _ => spoil(dice, map.get_mut(&key).unwrap()),
+            }
+        }
+        Value::Array(list) if !list.is_empty() => {
+            let at = dice.below(list.len());
+            match dice.below(5) {
+                0 => drop(list.remove(at)),
+                1 => list.push(odd(dice)),
+                2 => list[at] = odd(dice),
+                _ => spoil(dice, &mut list[at]),
+            }
+        }
+        other => *other = odd(dice),
+    }
+}
+
+/// A text that is nearly a message.
+fn nearly(dice: &mut Dice, messages: &[Value]) -> String {
+    let mut message = dice.of(messages).clone();
+    for _ in 0..=dice.below(3) {
+        spoil(dice, &mut message);
+    }
+    let text = message.to_string();
+    match dice.below(8) {
+        0 => text.chars().take(dice.below(text.len().max(1))).collect(),
+        1 => text.replacen(':', "::", 1),
+        2 => format!("{text}{text}"),
+        3 => "[".repeat(dice.below(20_000)),
+        // twice the same key, which maps of the library cannot hold
+        4 => text.replacen('{', "{\"type\":\"clear\",", 1),
+        _ => text,
+    }
+}
+
+#[test]
+fn malformed_messages_are_answered_and_change_nothing_else() {
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let (mut window, welcome) = Window::open(&server);
+    let name = window.document["segments"][0]["name"].as_str().unwrap().to_owned();
+    let messages = sound(&welcome, &name);
+    let mut dice = Dice(setting("VOLSEGGS_VIEW_SEED", 1));
+    let count = setting("VOLSEGGS_VIEW_MESSAGES", 2000);
+    for k in 0..count {
+        let text = nearly(&mut dice, &messages);
+        window.say_text(&text);
+        if k % 40 == 39 {
+            // what was said so far was heard: this is answered by its own words
+            window.say(&json!({ "type": format!("said-{k}") }));
+            window.wait_for(|m| m["message"].as_str().is_some_and(|t| t.contains(&format!("said-{k}`"))));
+        }
+    }
+    // it still draws, for this window and for a new one
+    for mut window in [window, Window::open(&server).0] {
+        window.say(&view(&welcome, 0.3, "colour", false));
+        window.wait_for(|m| m["type"] == "error" || m["type"] == "document");
+        window.say(&view(&welcome, 0.31, "colour", false));
+        while (window.any_lossless().time - 0.31).abs() > 1e-6 {}
+    }
+    let (mut window, _) = Window::open(&server);
+    window.say_bytes(b"{\"type\":\"clear\"}");
+    assert!(window.is_closed(), "there are no messages of bytes");
+}
+
+#[test]
+fn a_window_that_reads_nothing_stops_nobody_else() {
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let (mut deaf, welcome) = Window::open(&server);
+    let (mut other, _) = Window::open(&server);
+    // answers pile up for one that reads none of them: it is given up
+    let mut said = Map::new();
+    said.insert("type".into(), "x".repeat(4000).into());
+    let text = Value::Object(said).to_string();
+    for k in 0..400 {
+        if !deaf.try_say_text(&text) {
+            break;
+        }
+        if k % 40 == 0 {
+            other.say(&view(&welcome, f64::from(k) / 400.0, "colour", false));
+            other.lossless();
+        }
+    }
+    other.say(&view(&welcome, 0.9, "colour", false));
+    while (other.lossless().time - 0.9).abs() > 1e-6 {}
+}
