@@ -34,5 +34,17 @@ fn a_person_trains_cancels_and_splits() {
     browser.eval(&tab, "document.getElementById('split-start').click()");
     browser.wait(&tab, "document.getElementById('job').dataset.end === 'done'");
     browser.wait(&tab, "document.getElementById('tree').textContent.includes('.1')");
+
+    browser.eval(&tab, "[...document.querySelectorAll('#tree input[type=checkbox]')].at(-1).click()");
+    browser.set(&tab, "track-times", "4");
+    browser.set(&tab, "track-name", "pair");
+    browser.eval(&tab, "document.getElementById('track-start').click()");
+    browser.wait(&tab, "/^tables and pictures of pair/.test(document.getElementById('job-figures').textContent)");
+    browser.set(&tab, "export-times", "3");
+    browser.eval(&tab, "document.getElementById('export-start').click()");
+    browser.wait(&tab, "/export.frames/.test(document.getElementById('job-figures').textContent)");
+    assert!(root.join("run/track/pair/statistics.csv").is_file() && root.join("run/export/frames/0002.ply").is_file());
+    browser.eval(&tab, "document.getElementById('job').scrollIntoView({ block: 'end' })");
+    browser.shoot(&tab, "4-work-done");
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
 }

@@ -19,13 +19,13 @@ const fine = () => ({ kind: "fine", steps: number("fine-steps") ?? 5000 });
 function split() {
   const segments = chosen();
   if (segments.length > 1) return say("Check the one segment that is to be split.", true);
-  return segments.length ? { kind: "split", segment: segments[0], scale: value("split-scale"), clusters: number("split-parts"), replace: false } : null;
+  return segments.length ? { kind: "split", segment: segments[0], scale: value("split-scale"), clusters: number("split-parts"), replace: $("split-replace").checked } : null;
 }
 function track() {
   const segments = chosen();
-  return segments.length ? { kind: "track", segments, group: null, frames: number("track-times") ?? 51 } : null;
+  return segments.length ? { kind: "track", segments, group: $("track-name").value.trim() || null, frames: number("track-times") ?? 51 } : null;
 }
-const exported = () => ({ kind: "export", format: $("export-format").value, segments: [...app.checked], edited: $("edits-on").checked, time: value("when"), frames: null });
+const exported = () => ({ kind: "export", format: $("export-format").value, segments: [...app.checked], edited: $("edits-on").checked, time: value("when"), frames: number("export-times") });
 
 for (const [id, task] of Object.entries({ masks, fine, split, track, export: exported })) $(`${id}-start`).onclick = () => start(task());
 $("job-cancel").onclick = () => job && ask({ type: "cancel", job: job.number }).catch((message) => say(message, true));
