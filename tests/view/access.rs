@@ -66,7 +66,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
     browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
     browser.wait(&tab, "!document.getElementById('gizmo').hasAttribute('hidden')");
     browser.rests(&tab);
-    let wanted = "[...document.querySelectorAll('button, input, select, canvas, [tabindex]')]\
+    let wanted = "[...document.querySelectorAll('button, input, select, summary, canvas, [tabindex]')]\
                   .filter((e) => !e.disabled && e.tabIndex >= 0 && e.checkVisibility() && !e.closest('dialog'))";
     browser.eval(&tab, &format!("{wanted}.forEach((e, k) => {{ e.dataset.nth = k; }})"));
     let count = browser.eval(&tab, &format!("{wanted}.length")).as_u64().unwrap();
