@@ -17,7 +17,6 @@ use volseggs::device::DeviceName;
 use volseggs::run::OpenRun;
 use volseggs::run::look::{Look, Show};
 use volseggs::run::selection::Selection;
-use volseggs::view::client::Client;
 use volseggs::view::protocol::View;
 use volseggs::view::{ViewOptions, serve};
 
@@ -149,9 +148,9 @@ fn main() {
         alone: Vec::new(),
         hidden: Vec::new(),
         edits: true,
-        moving: true,
+        range: None,
     };
-    let camera = Client::camera(&view, 1.0).to_kernel();
+    let camera = view.camera(1.0).to_kernel();
     let (started, mut bare) = (Instant::now(), 0);
     while started.elapsed() < SPAN {
         look.draw(&open.scene, &prepared, camera, &device);

@@ -1,6 +1,7 @@
 //! Cameras of a run: where those of its dataset stand, where a person may place one, and how large a picture memory
 //! allows.
 
+use super::saved::SavedView;
 use super::{OpenRun, RunError};
 use crate::data::paths::{FOV_X, Lens, RADIUS, Sphere, orbit};
 use crate::data::{Camera, SplitName, Transforms};
@@ -48,12 +49,19 @@ impl Surroundings {
 }
 
 /// Which camera looks.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum ViewChoice {
     /// One at this point, world units, that looks at the centre.
     At(DVec3),
     /// That of this test view of the dataset, from 0.
     Test(usize),
+    /// That of a view that was saved.
+    Saved {
+        /// Name of its file.
+        name: String,
+        /// The view.
+        saved: Box<SavedView>,
+    },
 }
 
 /// As it is typed, `--view 12`; the point of a camera alone.
@@ -62,6 +70,7 @@ impl fmt::Display for ViewChoice {
         match self {
             Self::At(DVec3 { x, y, z }) => write!(f, "--camera {x},{y},{z}"),
             Self::Test(n) => write!(f, "--view {n}"),
+            Self::Saved { name, .. } => write!(f, "--view {name}"),
         }
     }
 }
@@ -106,14 +115,21 @@ impl OpenRun {
         Surroundings { lens: Lens { fov_x, width, height }, sphere, note }
     }
 
-    /// The camera of `choice` and, for a test view, its time. `lens` is that of [`OpenRun::surroundings`].
+    /// The camera of `choice` and, for a test view or a saved one, its time. `lens` is that of [`OpenRun::surroundings`]; a
+    /// saved view has its own.
     ///
     /// # Errors
-    /// As [`OpenRun::camera_at`] and [`OpenRun::test_view`].
-    pub fn view(&self, choice: ViewChoice, lens: Lens) -> Result<(Camera, Option<f64>), RunError> {
+    /// As [`OpenRun::camera_at`] and [`OpenRun::test_view`]; a saved view whose picture does not fit into memory.
+    pub fn view(&self, choice: &ViewChoice, lens: Lens) -> Result<(Camera, Option<f64>), RunError> {
         match choice {
-            ViewChoice::At(eye) => Ok((self.camera_at(eye, lens)?, None)),
-            ViewChoice::Test(n) => self.test_view(n, lens).map(|(camera, time)| (camera, Some(time))),
+            ViewChoice::At(eye) => Ok((self.camera_at(*eye, lens)?, None)),
+            ViewChoice::Test(n) => self.test_view(*n, lens).map(|(camera, time)| (camera, Some(time))),
+            ViewChoice::Saved { saved, .. } => {
+                let view = &saved.view;
+                let [width, height] = view.size;
+                check_lens(&choice.to_string(), Lens { fov_x: view.fov, width, height })?;
+                Ok((view.camera(1.0), Some(view.time)))
+            }
         }
     }
 

@@ -10,6 +10,7 @@ use crate::segment::segmentation::Segmentation;
 use crate::track::velocity::{Component, robust_size, velocities};
 use burn::tensor::Device;
 use serde::Serialize;
+use std::str::FromStr;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
 
@@ -24,6 +25,28 @@ pub enum Show {
     Velocity(Component),
     /// The colour of the segment each Gaussian belongs to; grey and faint in none.
     Segments,
+}
+
+/// As it is written in views: `colour`, `depth`, `segments`, `velocity x`, ...
+impl FromStr for Show {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Ok(match name {
+            "colour" => Self::Colour,
+            "depth" => Self::Depth,
+            "segments" => Self::Segments,
+            "velocity x" => Self::Velocity(Component::X),
+            "velocity y" => Self::Velocity(Component::Y),
+            "velocity z" => Self::Velocity(Component::Z),
+            "velocity speed" => Self::Velocity(Component::Speed),
+            _ => {
+                return Err(
+                    "look: colour, depth, segments, velocity x, velocity y, velocity z or velocity speed".into()
+                );
+            }
+        })
+    }
 }
 
 /// The key to the colours of a picture.
@@ -106,6 +129,23 @@ impl Look {
             }
         };
         Ok(Self { selection, kind })
+    }
+
+    /// The same with the values at the ends of the scale, where it has one: they no longer follow from the first frame.
+    #[must_use]
+    pub fn with_range(mut self, [low, high]: [f32; 2]) -> Self {
+        match &mut self.kind {
+            Kind::Depth { range } => *range = Some([low, high]),
+            Kind::Velocity { scale, .. } if high > 0.0 => *scale = Some(high),
+            Kind::Velocity { .. } | Kind::Colour | Kind::Segments(_) => {}
+        }
+        self
+    }
+
+    /// What of the scene it draws.
+    #[must_use]
+    pub fn selection(&self) -> &Selection {
+        &self.selection
     }
 
     /// What is shown at `time` in [0, 1].

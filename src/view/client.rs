@@ -4,14 +4,10 @@ use super::hub::{ClientId, Outgoing};
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
 use super::workspace::Workspace;
-use crate::data::Camera;
 use crate::run::RunError;
-use crate::run::look::{Legend, Look, Show};
+use crate::run::look::{Legend, Look};
 use crate::run::pick::{ClickError, Clicking, Hit};
-use crate::run::selection::Selection;
 use crate::segment::pick::{Meaning, PickOptions, Picked};
-use crate::track::velocity::Component;
-use glam::DVec3;
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
 
@@ -87,13 +83,6 @@ impl Client {
         self.pace.changes(Instant::now(), false);
     }
 
-    /// The camera of the view at `part` of its full size.
-    pub fn camera(view: &View, part: f64) -> Camera {
-        let side = |n: u32| ((f64::from(n) * part).round() as u32).max(1);
-        let [eye, target, up] = [view.eye, view.target, view.up].map(DVec3::from_array);
-        Camera::look_at(eye, target, up, view.fov, side(view.size[0]), side(view.size[1]))
-    }
-
     /// What draws the view, and the key by which what it prepares for a time may be found again: clients that look at the
     /// same share it.
     ///
@@ -101,23 +90,27 @@ impl Client {
     /// A look or segment that nobody knows.
     pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
         let members = self.clicked.as_ref().map(|c| &c.picked.members[..]).unwrap_or_default();
-        let View { look, alone, hidden, edits, .. } = view;
+        let View { look, alone, hidden, edits, range, .. } = view;
         let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
-        let key = format!("{look} {alone:?} {hidden:?} {edits} {} {own}", space.revision());
+        let key = format!("{look} {alone:?} {hidden:?} {edits} {range:?} {} {own}", space.revision());
         if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
-            let all = space.segments().now();
-            let mut away = Vec::new();
-            for name in hidden {
-                // one that is gone hides nothing
-                away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
-            }
-            let selection = Selection::open(&space.run, alone, *edits)?.hiding(away).highlighting(members.to_vec());
-            self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
+            self.look = Some((key.clone(), view.look(&space.run, members.to_vec())?));
         }
         match &mut self.look {
             Some((_, look)) => Ok((look, key)),
             None => Err(RunError::failure("no look")),
         }
+    }
+
+    /// What it wants to see, with the scale of the colours that it sees; what is selected is no part of it.
+    ///
+    /// # Errors
+    /// If it has not said.
+    pub fn still(&self) -> Result<View, RunError> {
+        let mut view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
+        let legend = self.look.as_ref().and_then(|(_, look)| look.legend());
+        view.range = view.range.or(legend.and_then(|l| l.range));
+        Ok(view)
     }
 
     /// Tells the key to the colours, where it changed.
@@ -149,7 +142,7 @@ impl Client {
             self.clicking = Some((space.revision(), new));
         }
         let Some((_, clicking)) = &self.clicking else { return Err(ClickError::NoField) };
-        let hit = clicking.hit(&Self::camera(&view, 1.0), pixel, within)?;
+        let hit = clicking.hit(&view.camera(1.0), pixel, within)?;
         let before = self.clicked.take().map(|c| c.picked.members).unwrap_or_default();
         self.select(id, hit, view.time, (before, combine), meaning, started)
     }
@@ -223,24 +216,6 @@ fn combine((before, how): &(Vec<u32>, Combine), new: Vec<u32>) -> Vec<u32> {
         }
         Combine::Remove => before.iter().filter(|i| new.binary_search(i).is_err()).copied().collect(),
     }
-}
-
-/// What the colours stand for, by its name in the protocol.
-fn show(name: &str) -> Result<Show, RunError> {
-    Ok(match name {
-        "colour" => Show::Colour,
-        "depth" => Show::Depth,
-        "segments" => Show::Segments,
-        "velocity x" => Show::Velocity(Component::X),
-        "velocity y" => Show::Velocity(Component::Y),
-        "velocity z" => Show::Velocity(Component::Z),
-        "velocity speed" => Show::Velocity(Component::Speed),
-        _ => {
-            return Err(RunError::input(
-                "look: colour, depth, segments, velocity x, velocity y, velocity z or velocity speed",
-            ));
-        }
-    })
 }
 
 #[cfg(test)]

@@ -35,7 +35,7 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 12] = modules![
+pub const MODULES: [PageFile; 13] = modules![
     "address.js",
     "app.js",
     "camera.js",
@@ -47,6 +47,7 @@ pub const MODULES: [PageFile; 12] = modules![
     "selection.js",
     "socket.js",
     "state.js",
+    "take.js",
     "time.js",
 ];
 

@@ -5,11 +5,12 @@ use super::cache::Cache;
 use super::client::Client;
 use super::hub::{ClientId, Event, Hub, Outgoing};
 use super::pace::Next;
-use super::protocol::{Answer, Codec, FrameInfo, Request, View};
+use super::protocol::{Answer, Codec, FrameInfo, Kind, Request, View};
 use super::workspace::{ChangeError, Workspace};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::run::RunError;
 use crate::run::pick::Hit;
+use crate::run::saved::{SavedView, command};
 use jpeg_encoder::{ColorType, Encoder};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,6 +18,8 @@ use std::time::{Duration, Instant};
 
 /// Quality of frames of a moving view, and of one at rest.
 const QUALITY: [u8; 2] = [60, 85];
+/// Name under which the page saves a picture.
+const FILE: &str = "volseggs.png";
 /// How often the files of the run are looked at.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -96,10 +99,10 @@ impl Renderer {
     fn answer(&mut self, id: ClientId, request: Request) -> Result<(), (Option<u32>, String)> {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         match request {
-            Request::View(view) => {
-                view.check().map_err(|e| (None, e))?;
-                client.pace.changes(Instant::now(), view.moving);
-                client.view = Some(view);
+            Request::View(wanted) => {
+                wanted.view.check().map_err(|e| (None, e))?;
+                client.pace.changes(Instant::now(), wanted.moving);
+                client.view = Some(wanted.view);
             }
             Request::Ack { frame } => client.pace.acknowledges(frame),
             Request::Pick { id, pixel, within, meaning, combine } => {
@@ -110,6 +113,25 @@ impl Renderer {
             Request::Adjust { id, meaning } => {
                 let picked = client.adjust(id, meaning).map_err(|e| (Some(id), e.to_string()))?;
                 client.answer(Answer::Picked(Box::new(picked)));
+            }
+            Request::Still { id: number } => {
+                let wrong = |e: RunError| (Some(number), e.to_string());
+                let started = Instant::now();
+                let view = client.still().map_err(wrong)?;
+                let (size, time) = (view.size, view.time);
+                let (run, device) = (&self.space.run, &self.space.device);
+                let bytes = SavedView::picture(run, view, FILE, device).map_err(wrong)?;
+                let (codec, revision) = (Codec::Png, self.space.revision());
+                let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
+                let kind = Kind::Still;
+                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+                client.send(Outgoing::Frame(info, bytes));
+            }
+            Request::Command { id: number } => {
+                let wrong = |e: RunError| (Some(number), e.to_string());
+                let view = client.still().map_err(wrong)?;
+                let json = serde_json::to_string(&view).map_err(|e| wrong(RunError::failure(e)))?;
+                client.answer(Answer::Command { id: number, command: command(&self.space.run, &json) });
             }
             Request::Clear => client.clear(),
             Request::Commit { id: number, base, name } => {
@@ -214,7 +236,7 @@ impl Renderer {
             _ => (1.0, None),
         };
         let started = Instant::now();
-        let camera = Client::camera(view, part);
+        let camera = view.camera(part);
         let number = client.frame.wrapping_add(1);
         let (look, key) = client.look(&self.space, view)?;
         let (scene, device) = (&self.space.run.scene, &self.space.device);
@@ -245,7 +267,8 @@ impl Renderer {
         };
         let encode_ms = 1e3 * started.elapsed().as_secs_f32();
         let revision = self.space.revision();
-        Ok((FrameInfo { codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
+        let kind = Kind::Picture;
+        Ok((FrameInfo { kind, codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
     }
 }
 

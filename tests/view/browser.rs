@@ -187,6 +187,75 @@ impl Drop for Browser {
     }
 }
 
+#[test]
+fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let downloads = tempfile::tempdir().unwrap();
+    let into = json!({ "behavior": "allow", "downloadPath": downloads.path().display().to_string() });
+    browser.call(None, "Browser.setDownloadBehavior", into);
+    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    browser.rests(&tab);
+    browser.set(&tab, "when", "0.8");
+    browser.set(&tab, "look", "velocity x");
+    browser.eval(&tab, "document.querySelector('[data-axis=\"0,1,0\"]').click()");
+    browser.eval(&tab, "document.querySelector('#tree button').click()");
+    browser.rests(&tab);
+    let before = browser.picture(&tab);
+    browser.eval(&tab, "document.getElementById('save').click()");
+    let file = downloads.path().join("volseggs.png");
+    let until = Instant::now() + PATIENCE;
+    while !file.exists() {
+        assert!(Instant::now() < until, "no download");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    volseggs()
+        .current_dir(root)
+        .args(["render", "run", "--view", file.to_str().unwrap(), "--out", "still"])
+        .assert()
+        .success();
+    let pixels = |path: &Path| image::open(path).unwrap().to_rgb8();
+    assert!(pixels(&file) == pixels(&root.join("still/0000.png")));
+
+    // something else, then the picture again
+    let drop_in = |browser: &mut Browser, bytes: &[u8], name: &str| {
+        let text = base64::engine::general_purpose::STANDARD.encode(bytes);
+        let dropped = format!(
+            "(() => {{ const d = new DataTransfer(); \
+             d.items.add(new File([Uint8Array.from(atob('{text}'), (c) => c.charCodeAt(0))], '{name}')); \
+             document.getElementById('stage').dispatchEvent(new DragEvent('drop', {{ dataTransfer: d, bubbles: true, cancelable: true }})); }})()"
+        );
+        browser.eval(&tab, &dropped);
+    };
+    browser.eval(&tab, "document.getElementById('reset').click()");
+    browser.set(&tab, "when", "0.1");
+    browser.set(&tab, "look", "colour");
+    browser.eval(&tab, "document.querySelector('#tree button').click()");
+    browser.rests(&tab);
+    assert_ne!(browser.picture(&tab), before);
+    drop_in(&mut browser, &std::fs::read(&file).unwrap(), "volseggs.png");
+    browser.wait(&tab, "document.getElementById('message').textContent === 'As in volseggs.png.'");
+    browser.rests(&tab);
+    assert_eq!(browser.picture(&tab), before, "the picture brings its view back");
+    browser.shoot(&tab, "4-dropped");
+    drop_in(&mut browser, b"{\"view\":{\"eye\":[\"<b>\"]}}", "x.json");
+    browser.wait(&tab, "document.getElementById('message').textContent.includes('there is no view in it')");
+
+    browser.eval(&tab, "document.getElementById('copy-command').click()");
+    browser.wait(&tab, "document.getElementById('copied').value.startsWith('volseggs render run --view ')");
+    browser.eval(&tab, "document.getElementById('copy-link').click()");
+    browser.wait(&tab, "document.getElementById('copied').value.startsWith('http')");
+    let link = browser.eval(&tab, "document.getElementById('copied').value");
+    let link = link.as_str().unwrap();
+    assert!(link.contains("#eye=") && !link.contains(&server.token), "{link}");
+    let other = browser.open(link);
+    browser.rests(&other);
+    assert_eq!(browser.picture(&other), before);
+    assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}
+
 /// The middle of the picture, where something is, in the window.
 const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
                       return [b.left + b.width / 2, b.top + b.height / 2]; })()";

@@ -7,6 +7,7 @@ mod browser;
 mod common;
 mod door;
 mod socket;
+mod take;
 
 use common::{SIZE, copy, run_json, volseggs};
 use serde_json::{Value, json};

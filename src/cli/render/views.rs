@@ -7,7 +7,7 @@ use crate::data::paths::{Lens, test_spiral};
 use crate::data::{Camera, Transforms};
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
-use crate::run::cameras::check_lens;
+use crate::run::cameras::{ViewChoice, check_lens};
 use std::path::Path;
 
 /// Frames of an orbit if not told otherwise.
@@ -15,12 +15,12 @@ const ORBIT: usize = 60;
 
 impl RenderArgs {
     /// The cameras with the times they show; at least one, all of one size.
-    pub(super) fn views(&self, run: &OpenRun) -> Result<Vec<(Camera, f64)>, CliError> {
+    pub(super) fn views(&self, run: &OpenRun, choice: Option<&ViewChoice>) -> Result<Vec<(Camera, f64)>, CliError> {
         let mut around = surroundings(run, self.view.size);
         let lens @ Lens { width, height, .. } = around.lens;
         let size = self.view.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}"));
         check_lens(&size, lens)?;
-        if let Some(choice) = self.view.choice() {
+        if let Some(choice) = choice {
             for (given, flag) in [(self.frames.is_some(), "--frames"), (self.radius.is_some(), "--radius")] {
                 if given {
                     return Err(CliError::input(format!("{flag}: does not go with {choice}, which is one view")));

@@ -4,7 +4,7 @@ import { change } from "./socket.js";
 import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
 import { clear, click } from "./selection.js";
-import { save } from "./looks.js";
+import { save } from "./take.js";
 
 let drag = null;
 const fingers = new Map();

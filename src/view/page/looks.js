@@ -1,8 +1,9 @@
-// Looks, the views along the axes, and the picture as a file.
-import { $, app, make, say } from "./state.js";
+// Looks, and the views along the axes.
+import { $, app } from "./state.js";
 import { look } from "./picture.js";
 
-$("look").onchange = () => look(false);
+// another look has another scale
+$("look").onchange = () => { app.range = null; look(false); };
 $("reset").onclick = () => { app.camera.reset(); look(false); };
 for (const button of document.querySelectorAll("[data-axis]")) {
   button.onclick = () => {
@@ -11,10 +12,3 @@ for (const button of document.querySelectorAll("[data-axis]")) {
     look(false);
   };
 }
-export function save() {
-  if (!app.last) return say("The picture is not sharp yet; wait a moment.", true);
-  const link = make("a", { href: URL.createObjectURL(app.last), download: "volseggs.png" });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-}
-$("save").onclick = save;

@@ -10,12 +10,12 @@ export const app = {
   hidden: new Set(), // names of segments that are left out of the picture
   checked: new Set(), // names of segments that are checked in the tree
   alone: [], // names of segments that are shown alone
+  range: null, // values at the ends of the colours' scale, if they are held
   playing: null,
-  last: null, // the last lossless frame, if it shows what is to be seen
   picked: null, // the last answer to a click
 };
 
-// news: "welcome", "document", "picked", "frame", "cleared"
+// news: "welcome", "document", "picked", "frame", "cleared", "rested", "restored", "still"
 const listeners = {};
 export const on = (news, listener) => (listeners[news] ??= []).push(listener);
 export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));
