@@ -50,7 +50,7 @@ impl SavedView {
     /// Of a run, for a file of this name.
     #[must_use]
     pub fn new(run: &OpenRun, view: View, file: &str) -> Self {
-        let command = command(run, file);
+        let command = command(run, "--view", file, "still");
         let (version, scene) = (env!("CARGO_PKG_VERSION").into(), run.scene.fingerprint());
         Self { format: FORMAT, version, run: run.path.display().to_string(), scene, command, view }
     }
@@ -97,7 +97,16 @@ impl SavedView {
             return Err(wrong(format!("longer than {LONGEST} bytes")));
         }
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
-        let value: Value = serde_json::from_str(text).map_err(json)?;
+        Self::from_value(&name, serde_json::from_str(text).map_err(json)?)
+    }
+
+    /// The same of parsed JSON.
+    ///
+    /// # Errors
+    /// As [`SavedView::parse`].
+    pub fn from_value(name: impl Display, value: Value) -> Result<Self, RunError> {
+        let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
+        let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
         let saved = if value.get("view").is_some() {
             serde_json::from_value::<Self>(value).map_err(json)?
         } else {
@@ -133,10 +142,10 @@ impl SavedView {
     }
 }
 
-/// The command that draws a view of the run: `view` is the name of a file, or the view itself in JSON.
+/// The command that renders the run with an option that says what; `value` is the name of a file, or of a view the JSON itself.
 #[must_use]
-pub fn command(run: &OpenRun, view: &str) -> String {
-    format!("volseggs render {} --view {} --out still", quote(&run.path.display().to_string()), quote(view))
+pub fn command(run: &OpenRun, option: &str, value: &str, out: &str) -> String {
+    format!("volseggs render {} {option} {} --out {out}", quote(&run.path.display().to_string()), quote(value))
 }
 
 /// The text of a view in a PNG, or all of another file; `None` if it is a PNG that has none.

@@ -35,13 +35,14 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 13] = modules![
+pub const MODULES: [PageFile; 14] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "edits.js",
     "input.js",
     "looks.js",
+    "path.js",
     "picture.js",
     "segments.js",
     "selection.js",

@@ -2,6 +2,7 @@
 
 use crate::edit::Operation;
 use crate::name::Name;
+use crate::run::keyframes::{Key, SavedPath};
 use crate::run::look::Legend;
 pub use crate::run::view::View;
 use serde::{Deserialize, Serialize};
@@ -54,6 +55,15 @@ pub enum Request {
     Command {
         /// Number by which the answer is known.
         id: u32,
+    },
+    /// Cameras of a path through keyframes, and the path as a file.
+    Path {
+        /// Number by which the answer is known.
+        id: u32,
+        /// The keyframes.
+        keys: Vec<Key>,
+        /// How many cameras.
+        frames: usize,
     },
     /// Forget what was selected.
     Clear,
@@ -197,6 +207,15 @@ pub enum Answer {
         id: u32,
         /// For a shell.
         command: String,
+    },
+    /// A path through keyframes.
+    Path {
+        /// Number of the request.
+        id: u32,
+        /// Its cameras at equal steps.
+        frames: Vec<Key>,
+        /// What its file holds.
+        file: Box<SavedPath>,
     },
     /// A request was carried out.
     Done {

@@ -9,6 +9,7 @@ use super::protocol::{Answer, Codec, FrameInfo, Kind, Request, View};
 use super::workspace::{ChangeError, Workspace};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::run::RunError;
+use crate::run::keyframes::{CameraPath, SavedPath};
 use crate::run::pick::Hit;
 use crate::run::saved::{SavedView, command};
 use jpeg_encoder::{ColorType, Encoder};
@@ -20,6 +21,10 @@ use std::time::{Duration, Instant};
 const QUALITY: [u8; 2] = [60, 85];
 /// Name under which the page saves a picture.
 const FILE: &str = "volseggs.png";
+/// Name under which the page saves a path.
+const PATH_FILE: &str = "path.json";
+/// Most cameras of a path that a client may ask for.
+const PATH: usize = 3000;
 /// How often the files of the run are looked at.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -131,7 +136,20 @@ impl Renderer {
                 let wrong = |e: RunError| (Some(number), e.to_string());
                 let view = client.still().map_err(wrong)?;
                 let json = serde_json::to_string(&view).map_err(|e| wrong(RunError::failure(e)))?;
-                client.answer(Answer::Command { id: number, command: command(&self.space.run, &json) });
+                client.answer(Answer::Command {
+                    id: number,
+                    command: command(&self.space.run, "--view", &json, "still"),
+                });
+            }
+            Request::Path { id: number, keys, frames } => {
+                let wrong = |e: String| (Some(number), e);
+                let shown = client.still().map_err(|e| wrong(e.to_string()))?;
+                let path = CameraPath::new(keys.clone()).map_err(wrong)?;
+                if frames > PATH {
+                    return Err(wrong(format!("frames: at most {PATH}")));
+                }
+                let file = Box::new(SavedPath::new(&self.space.run, shown, keys, PATH_FILE));
+                client.answer(Answer::Path { id: number, frames: path.frames(frames).collect(), file });
             }
             Request::Clear => client.clear(),
             Request::Commit { id: number, base, name } => {

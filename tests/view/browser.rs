@@ -243,6 +243,40 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
     drop_in(&mut browser, b"{\"view\":{\"eye\":[\"<b>\"]}}", "x.json");
     browser.wait(&tab, "document.getElementById('message').textContent.includes('there is no view in it')");
 
+    // a path: two keyframes, played, saved, rendered, and dropped in again
+    browser.set(&tab, "key-gap", "1");
+    browser.eval(&tab, "document.getElementById('key-add').click()");
+    browser.eval(&tab, "document.querySelector('[data-axis=\"1,0,0\"]').click()");
+    browser.set(&tab, "when", "0.3");
+    browser.eval(&tab, "document.getElementById('key-add').click()");
+    browser.rests(&tab);
+    let end = browser.picture(&tab);
+    browser.eval(&tab, "document.querySelector('#keys button').click()");
+    browser.rests(&tab);
+    assert_eq!(browser.picture(&tab), before, "a keyframe is the view that it was made of");
+    browser.eval(&tab, "document.getElementById('path-play').click()");
+    browser.wait(&tab, "document.getElementById('path-play').textContent === 'stop'");
+    browser.wait(&tab, "document.getElementById('path-play').textContent === 'play path'");
+    browser.rests(&tab);
+    assert_eq!(browser.picture(&tab), end, "it ends at the last one");
+    browser.shoot(&tab, "5-path");
+    browser.eval(&tab, "document.getElementById('path-save').click()");
+    let path = downloads.path().join("path.json");
+    while !path.exists() {
+        assert!(Instant::now() < until + PATIENCE, "no download");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let render = ["render", "run", "--path", path.to_str().unwrap(), "--frames", "3", "--out", "flight"];
+    volseggs().current_dir(root).args(render).assert().success();
+    assert!(pixels(&root.join("flight/0000.png")) == pixels(&file), "it begins with the picture that was saved");
+    browser.eval(&tab, "document.querySelectorAll('#keys [aria-label]').forEach((b) => b.click())");
+    browser.eval(&tab, "document.querySelectorAll('#keys [aria-label]').forEach((b) => b.click())");
+    browser.wait(&tab, "document.querySelectorAll('#keys li').length === 0");
+    drop_in(&mut browser, &std::fs::read(&path).unwrap(), "path.json");
+    browser.wait(&tab, "document.querySelectorAll('#keys li').length === 2");
+    browser.rests(&tab);
+    assert_eq!(browser.picture(&tab), before);
+
     browser.eval(&tab, "document.getElementById('copy-command').click()");
     browser.wait(&tab, "document.getElementById('copied').value.startsWith('volseggs render run --view ')");
     browser.eval(&tab, "document.getElementById('copy-link').click()");

@@ -119,3 +119,104 @@ fn files_that_hold_no_view_are_refused_by_name() {
     std::fs::write(root.join("who.json"), good.replace("\"edits\"", "\"alone\":[\"who\"],\"edits\"")).unwrap();
     refused("who.json", &[], "who");
 }
+
+/// A path of two keyframes that the viewer makes a file of.
+fn path_file(root: &Path) -> Value {
+    let server = Server::start(root, &[]);
+    let (mut window, welcome) = Window::open(&server);
+    window.say(&view(&welcome, 0.5, "velocity speed", false));
+    window.lossless();
+    let key = |seconds: f64, time: f64, eye: [f64; 3]| json!({ "seconds": seconds, "time": time, "eye": eye, "target": welcome["centre"], "up": [0, 0, 1], "fov": welcome["fov"] });
+    let keys = json!([key(0.0, 0.1, [3.0, -2.0, 1.5]), key(1.0, 0.7, [-2.0, 3.0, 1.0])]);
+    window.say(&json!({ "type": "path", "id": 1, "keys": keys, "frames": 5 }));
+    let answer = window.wait_for(|m| m["id"] == 1);
+    let frames = answer["frames"].as_array().unwrap();
+    assert_eq!((frames.len(), &frames[0]["eye"], frames[2]["time"].as_f64().unwrap()), (5, &keys[0]["eye"], 0.4));
+    window.say(&json!({ "type": "path", "id": 2, "keys": keys, "frames": 1_000_000_000 }));
+    assert_eq!(window.wait_for(|m| m["id"] == 2)["type"], "error");
+    window.say(&json!({ "type": "path", "id": 3, "keys": [keys[0], keys[0]], "frames": 2 }));
+    let error = window.wait_for(|m| m["id"] == 3);
+    assert!(error["message"].as_str().unwrap().contains("keyframe 2: seconds"), "{error}");
+    answer["file"].clone()
+}
+
+#[test]
+fn a_path_becomes_frames_or_a_film() {
+    let folder = run();
+    let root = folder.path();
+    let file = path_file(root);
+    assert_eq!(file["command"], "volseggs render run --path path.json --out frames");
+    std::fs::write(root.join("path.json"), file.to_string()).unwrap();
+    let render = |flags: &[&str]| {
+        let mut command = volseggs();
+        command.current_dir(root).args(["render", "run", "--path", "path.json"]).args(flags);
+        command
+    };
+    render(&["--out", "frames", "--frames", "4"]).assert().success();
+    let record: Value = serde_json::from_slice(&std::fs::read(root.join("frames/frames.json")).unwrap()).unwrap();
+    assert_eq!(
+        (&record["frames"], &record["show"], &record["path"]),
+        (&json!(4), &json!("velocity speed"), &json!("path.json"))
+    );
+    assert_eq!((&record["times"][0], &record["times"][3]), (&json!(0.1), &json!(0.7)));
+    // a keyframe is the picture of its view, with the scale that was seen
+    let mut first = file["view"].clone();
+    (first["time"], first["eye"]) = (json!(0.1), file["keys"][0]["eye"].clone());
+    assert!(first["range"].is_array());
+    assert!(rendered(root, &first.to_string(), &[]) == std::fs::read(root.join("frames/0000.png")).unwrap());
+
+    render(&["--out", "film.png", "--fps", "3"]).assert().success();
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(root.join("film.png")).unwrap()));
+    assert_eq!(decoder.read_info().unwrap().info().animation_control().unwrap().num_frames, 4, "a second, and its end");
+    for (flags, word) in [
+        (&["--out", "x", "--show", "depth"][..], "--show"),
+        (&["--out", "x", "--radius", "3"], "--radius"),
+        (&["--out", "path.json.png/x/y.png"], "no folder"),
+    ] {
+        let output = render(flags).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && said.contains(word), "{said}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = run();
+    let root = folder.path();
+    std::fs::write(root.join("path.json"), path_file(root).to_string()).unwrap();
+    let bin = root.join("bin");
+    std::fs::create_dir(&bin).unwrap();
+    let film = |script: Option<&str>| {
+        if let Some(script) = script {
+            // in the place of the program one that keeps the frames as they come; its last argument is the file
+            std::fs::write(bin.join("ffmpeg"), format!("#!/bin/sh\nfor out; do :; done\n{script}\n")).unwrap();
+            std::fs::set_permissions(bin.join("ffmpeg"), std::fs::Permissions::from_mode(0o755)).unwrap();
+        }
+        let mut command = volseggs();
+        let path = script.map_or(bin.display().to_string(), |_| format!("{}:/usr/bin:/bin", bin.display()));
+        command.current_dir(root).env("PATH", path);
+        command.args(["render", "run", "--path", "path.json", "--frames", "3", "--out", "film.mp4"]);
+        let output = command.output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, said) = film(None);
+    assert!(code == Some(2) && said.contains("needs the program `ffmpeg`"), "{said}");
+    let (code, said) = film(Some("echo no such codec >&2; exit 3"));
+    assert!(code == Some(1) && said.contains("no such codec"), "{said}");
+    let left: Vec<_> = std::fs::read_dir(root).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert!(left.iter().all(|n| !n.to_string_lossy().contains("mp4")), "{left:?}");
+    let (code, said) = film(Some("cat > \"$out\""));
+    assert_eq!(code, Some(0), "{said}");
+    let bytes = std::fs::read(root.join("film.mp4")).unwrap();
+    let size = (SIZE * SIZE * 3) as usize;
+    assert_eq!(bytes.len(), 3 * size);
+    volseggs()
+        .current_dir(root)
+        .args(["render", "run", "--path", "path.json", "--frames", "3", "--out", "frames"])
+        .assert()
+        .success();
+    let last = image::open(root.join("frames/0002.png")).unwrap().to_rgb8();
+    assert!(bytes[2 * size..] == *last.as_raw());
+}

@@ -6,6 +6,7 @@ import { again } from "./picture.js";
 import { fromAddress } from "./address.js";
 import "./input.js";
 import "./looks.js";
+import "./path.js";
 import "./segments.js";
 import "./edits.js";
 

@@ -15,7 +15,7 @@ export const app = {
   picked: null, // the last answer to a click
 };
 
-// news: "welcome", "document", "picked", "frame", "cleared", "rested", "restored", "still"
+// news: "welcome", "document", "picked", "frame", "cleared", "rested", "restored", "still", "path"
 const listeners = {};
 export const on = (news, listener) => (listeners[news] ??= []).push(listener);
 export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));

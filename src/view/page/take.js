@@ -63,7 +63,7 @@ const names = (v) => (Array.isArray(v) ? v.filter((name) => typeof name === "str
 
 export async function open(file) {
   const found = await text(file).then(JSON.parse).catch(() => null);
-  if (Array.isArray(found?.keys)) return tell("path", found);
+  if (Array.isArray(found?.keys) && found.view) return tell("path", { ...found, view: { ...found.view, alone: names(found.view.alone), hidden: names(found.view.hidden) } });
   const seen = found?.view ?? found;
   if (!seen || ![seen.eye, seen.target, seen.up].every(three) || !(seen.fov > 0)) return say(`${file.name}: there is no view in it.`, true);
   restore({ ...seen, alone: names(seen.alone), hidden: names(seen.hidden) }, true);
