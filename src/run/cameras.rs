@@ -3,10 +3,15 @@
 
 use super::saved::SavedView;
 use super::{OpenRun, RunError};
+use crate::data::images::ImageSet;
 use crate::data::paths::{FOV_X, Lens, RADIUS, Sphere, orbit};
+use crate::data::transforms::FrameRecord;
 use crate::data::{Camera, SplitName, Transforms};
+use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
 use glam::DVec3;
+use image::RgbImage;
+use serde::Serialize;
 use std::fmt;
 
 /// How far above the equator an orbit stands, radians.
@@ -73,6 +78,21 @@ impl fmt::Display for ViewChoice {
             Self::Saved { name, .. } => write!(f, "--view {name}"),
         }
     }
+}
+
+/// Where a view of the dataset is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Placed {
+    /// Where the camera stands, world units.
+    pub eye: [f64; 3],
+    /// What it looks at: the point of its axis that is as far away as the scene's centre.
+    pub target: [f64; 3],
+    /// What is up.
+    pub up: [f64; 3],
+    /// Whole horizontal field of view, radians.
+    pub fov: f64,
+    /// Time in [0, 1].
+    pub time: f64,
 }
 
 /// Refuses pictures that do not fit into memory; `flag` is what says so, such as `--size 9000`.
@@ -155,6 +175,42 @@ impl OpenRun {
             return Err(RunError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
         };
         Ok((json.intrinsics.camera(lens.width, lens.height, frame.camera_to_world), frame.time))
+    }
+
+    /// Where the test views of the dataset are.
+    ///
+    /// # Errors
+    /// If the dataset's file of test views cannot be read.
+    pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
+        let json = Transforms::read(&SplitName::Test.json_path(self.dataset(None)?))?;
+        let Lens { width, height, .. } = self.surroundings().lens;
+        let centre = self.scene.spec.centre();
+        let placed = |frame: &FrameRecord| {
+            let camera = json.intrinsics.camera(width, height, frame.camera_to_world);
+            let eye = camera.position();
+            let target = eye + camera.forward() * eye.distance(centre).max(1e-3);
+            let up = frame.camera_to_world.y_axis.truncate();
+            let [eye, target, up] = [eye, target, up].map(|v| v.to_array());
+            Placed { eye, target, up, fov: camera.fov_x(), time: frame.time }
+        };
+        Ok(json.frames.iter().map(placed).collect())
+    }
+
+    /// The dataset's image of test view `n`, over the scene's background, made smaller as for training.
+    ///
+    /// # Errors
+    /// If the file of test views has fewer, or the image cannot be read.
+    pub fn test_image(&self, n: usize) -> Result<RgbImage, RunError> {
+        let root = self.dataset(None)?;
+        let path = SplitName::Test.json_path(root);
+        let json = Transforms::read(&path)?;
+        let Some(frame) = json.frames.get(n) else {
+            let last = json.frames.len().saturating_sub(1);
+            return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", path.display())));
+        };
+        let images = ImageSet::load(&path, &[frame.image_path(root)], self.config.data.downscale)?;
+        let pixels = images.composite_with_alpha(0, self.scene.spec.background);
+        Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }
 
     /// Checks the distance of cameras on a path (the value of `--radius`).

@@ -1,5 +1,6 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
+use super::compare::Compare;
 use super::hub::{ClientId, Outgoing};
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
@@ -22,8 +23,12 @@ pub struct Client {
     pub pace: Pace,
     /// What it wants to see.
     pub view: Option<View>,
-    /// What draws that, with the key by which it is known.
-    look: Option<(String, Look)>,
+    /// What it compares that with.
+    pub compare: Option<Compare>,
+    /// The image of the dataset that it has, by its test view.
+    pub image: Option<usize>,
+    /// What draws the picture and the one beside it, with the key by which it is known.
+    looks: [Option<(String, Look)>; 2],
     /// The scene that it clicked on last, at which revision.
     clicking: Option<(u64, Clicking)>,
     clicked: Option<Clicked>,
@@ -50,9 +55,23 @@ pub struct Clicked {
 impl Client {
     /// One that came just now.
     pub fn new(id: ClientId, out: Sender<Outgoing>) -> Self {
-        let (view, look, clicking, clicked, legend) = (None, None, None, None, None);
+        let (view, compare, image, clicking, clicked, legend) = (None, None, None, None, None, None);
         let (pace, lost) = (Pace::new(Instant::now()), false);
-        Self { id, out, lost, pace, view, look, clicking, clicked, selections: 0, legend, frame: 0 }
+        Self {
+            id,
+            out,
+            lost,
+            pace,
+            view,
+            compare,
+            image,
+            looks: [None, None],
+            clicking,
+            clicked,
+            selections: 0,
+            legend,
+            frame: 0,
+        }
     }
 
     /// Sends something; one that left, or takes nothing for long, is lost.
@@ -79,24 +98,25 @@ impl Client {
     /// What is shown is to be drawn anew.
     pub fn changed(&mut self) {
         self.selections += 1;
-        self.look = None;
+        self.looks = [None, None];
         self.pace.changes(Instant::now(), false);
     }
 
-    /// What draws the view, and the key by which what it prepares for a time may be found again: clients that look at the
+    /// What draws the view (the one beside it, if it is the `other`), and the key by which what it prepares for a time may be found again: clients that look at the
     /// same share it.
     ///
     /// # Errors
     /// A look or segment that nobody knows.
-    pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
+    pub fn look(&mut self, space: &Workspace, view: &View, other: bool) -> Result<(&mut Look, String), RunError> {
         let members = self.clicked.as_ref().map(|c| &c.picked.members[..]).unwrap_or_default();
         let View { look, alone, hidden, edits, range, .. } = view;
         let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
         let key = format!("{look} {alone:?} {hidden:?} {edits} {range:?} {} {own}", space.revision());
-        if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
-            self.look = Some((key.clone(), view.look(&space.run, members.to_vec())?));
+        let found = &mut self.looks[usize::from(other)];
+        if found.as_ref().is_none_or(|(k, _)| *k != key) {
+            *found = Some((key.clone(), view.look(&space.run, members.to_vec())?));
         }
-        match &mut self.look {
+        match found {
             Some((_, look)) => Ok((look, key)),
             None => Err(RunError::failure("no look")),
         }
@@ -108,14 +128,18 @@ impl Client {
     /// If it has not said.
     pub fn still(&self) -> Result<View, RunError> {
         let mut view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
-        let legend = self.look.as_ref().and_then(|(_, look)| look.legend());
-        view.range = view.range.or(legend.and_then(|l| l.range));
+        view.range = view.range.or(self.range());
         Ok(view)
+    }
+
+    /// Values at the ends of the scale of the colours that it sees.
+    pub fn range(&self) -> Option<[f32; 2]> {
+        self.looks[0].as_ref().and_then(|(_, look)| look.legend()).and_then(|l| l.range)
     }
 
     /// Tells the key to the colours, where it changed.
     pub fn tell_legend(&mut self) {
-        let legend = self.look.as_ref().and_then(|(_, look)| look.legend());
+        let legend = self.looks[0].as_ref().and_then(|(_, look)| look.legend());
         if legend != self.legend {
             self.legend.clone_from(&legend);
             self.answer(Answer::Legend { legend });

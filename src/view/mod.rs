@@ -8,6 +8,7 @@
 pub mod auth;
 pub mod cache;
 pub mod client;
+pub mod compare;
 pub mod hub;
 pub mod pace;
 pub mod page;

@@ -35,10 +35,11 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 14] = modules![
+pub const MODULES: [PageFile; 15] = modules![
     "address.js",
     "app.js",
     "camera.js",
+    "compare.js",
     "edits.js",
     "input.js",
     "looks.js",

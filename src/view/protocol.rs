@@ -1,7 +1,9 @@
 //! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
 
+use super::compare::Compare;
 use crate::edit::Operation;
 use crate::name::Name;
+use crate::run::cameras::Placed;
 use crate::run::keyframes::{Key, SavedPath};
 use crate::run::look::Legend;
 pub use crate::run::view::View;
@@ -56,6 +58,11 @@ pub enum Request {
         /// Number by which the answer is known.
         id: u32,
     },
+    /// Where the dataset's test views are.
+    Views {
+        /// Number by which the answer is known.
+        id: u32,
+    },
     /// Cameras of a path through keyframes, and the path as a file.
     Path {
         /// Number by which the answer is known.
@@ -96,6 +103,9 @@ pub struct Wanted {
     pub view: View,
     /// Whether more is to come at once.
     pub moving: bool,
+    /// What it is compared with.
+    #[serde(default)]
+    pub compare: Option<Compare>,
 }
 
 /// How much a click means.
@@ -208,6 +218,13 @@ pub enum Answer {
         /// For a shell.
         command: String,
     },
+    /// The dataset's test views.
+    Views {
+        /// Number of the request.
+        id: u32,
+        /// In their order.
+        views: Vec<Placed>,
+    },
     /// A path through keyframes.
     Path {
         /// Number of the request.
@@ -303,8 +320,12 @@ pub enum Codec {
 pub enum Kind {
     /// The picture, to be acknowledged.
     Picture = 0,
+    /// What the picture of the same number is compared with.
+    Other = 1,
     /// A file that was asked for; its number is that of the request.
     Still = 2,
+    /// The dataset's image of the test view of this number, in its own size.
+    Image = 3,
 }
 
 /// What is told of a frame.

@@ -3,6 +3,7 @@
 
 use super::cache::Cache;
 use super::client::Client;
+use super::compare::Compare;
 use super::hub::{ClientId, Event, Hub, Outgoing};
 use super::pace::Next;
 use super::protocol::{Answer, Codec, FrameInfo, Kind, Request, View};
@@ -107,7 +108,9 @@ impl Renderer {
             Request::View(wanted) => {
                 wanted.view.check().map_err(|e| (None, e))?;
                 client.pace.changes(Instant::now(), wanted.moving);
+                wanted.compare.map_or(Ok(()), |c| c.check()).map_err(|e| (None, e))?;
                 client.view = Some(wanted.view);
+                client.compare = wanted.compare;
             }
             Request::Ack { frame } => client.pace.acknowledges(frame),
             Request::Pick { id, pixel, within, meaning, combine } => {
@@ -140,6 +143,10 @@ impl Renderer {
                     id: number,
                     command: command(&self.space.run, "--view", &json, "still"),
                 });
+            }
+            Request::Views { id: number } => {
+                let views = self.space.run.test_views().map_err(|e| (Some(number), e.to_string()))?;
+                client.answer(Answer::Views { id: number, views });
             }
             Request::Path { id: number, keys, frames } => {
                 let wrong = |e: String| (Some(number), e);
@@ -227,7 +234,12 @@ impl Renderer {
     }
 
     fn draw(&mut self, id: ClientId, view: &View, next: Next) {
-        let drawn = catch_unwind(AssertUnwindSafe(|| self.frame(id, view, next)));
+        let drawn = catch_unwind(AssertUnwindSafe(|| {
+            let drawn = self.frame(id, view, next, Kind::Picture)?;
+            // first, so that who acknowledges the picture has taken it too
+            self.beside(id, view, next)?;
+            Ok(drawn)
+        }));
         let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
         let Some(client) = self.clients.get_mut(&id) else { return };
         match drawn {
@@ -246,7 +258,31 @@ impl Renderer {
         }
     }
 
-    fn frame(&mut self, id: ClientId, view: &View, next: Next) -> Result<(FrameInfo, Vec<u8>), RunError> {
+    /// Sends what the picture is compared with.
+    fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<(), RunError> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        let Some(compare) = client.compare else { return Ok(()) };
+        let sent = match (compare, compare.other(view, client.range())) {
+            (_, Some(other)) => self.frame(id, &other, next, Kind::Other)?,
+            (Compare::Image { view: number }, None) if client.image != Some(number) => {
+                // one that cannot be read is told of once
+                client.image = Some(number);
+                let image = self.space.run.test_image(number)?;
+                let size = [image.width(), image.height()];
+                let (kind, codec, revision, time) = (Kind::Image, Codec::Png, self.space.revision(), view.time);
+                let (number, render_ms, encode_ms) = (number as u32, 0.0, 0.0);
+                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+                (info, encode_png(&image).map_err(RunError::failure)?)
+            }
+            _ => return Ok(()),
+        };
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.send(Outgoing::Frame(sent.0, sent.1));
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, id: ClientId, view: &View, next: Next, kind: Kind) -> Result<(FrameInfo, Vec<u8>), RunError> {
         let client = self.clients.get_mut(&id).ok_or_else(|| RunError::failure("the client left"))?;
         let (part, quality) = match next {
             Next::Moving(part) => (part, Some(QUALITY[0])),
@@ -256,7 +292,7 @@ impl Renderer {
         let started = Instant::now();
         let camera = view.camera(part);
         let number = client.frame.wrapping_add(1);
-        let (look, key) = client.look(&self.space, view)?;
+        let (look, key) = client.look(&self.space, view, kind == Kind::Other)?;
         let (scene, device) = (&self.space.run.scene, &self.space.device);
         let key = format!("{} {key}", view.time);
         let prepared = match self.cache.get(&key) {
@@ -285,7 +321,6 @@ impl Renderer {
         };
         let encode_ms = 1e3 * started.elapsed().as_secs_f32();
         let revision = self.space.revision();
-        let kind = Kind::Picture;
         Ok((FrameInfo { kind, codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
     }
 }

@@ -5,6 +5,7 @@ import { connect, hear } from "./socket.js";
 import { again } from "./picture.js";
 import { fromAddress } from "./address.js";
 import "./input.js";
+import "./compare.js";
 import "./looks.js";
 import "./path.js";
 import "./segments.js";

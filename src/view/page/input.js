@@ -4,6 +4,7 @@ import { change } from "./socket.js";
 import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
 import { clear, click } from "./selection.js";
+import { flip } from "./compare.js";
 import { save } from "./take.js";
 
 let drag = null;
@@ -72,5 +73,6 @@ document.addEventListener("keydown", (e) => {
   if (e.key === ",") nudge(-1);
   if (e.key === ".") nudge(1);
   if (e.key === "s") save();
+  if (e.key === "f") flip();
   if (e.key === "Enter" && app.picked && document.activeElement === canvas) $("name").focus();
 });

@@ -3,7 +3,8 @@ import { $, app, canvas, tell, value } from "./state.js";
 import { answered, hear, send } from "./socket.js";
 
 const HEADER = 32;
-const STILL = 2; // a file that was asked for, no frame
+// kinds of frames: the picture, a file that was asked for, the dataset's image; any other is drawn beside the picture
+const [PICTURE, STILL, IMAGE] = [0, 2, 3];
 const context = canvas.getContext("2d", { willReadFrequently: true });
 let lastView = "";
 let frames = [];
@@ -11,7 +12,8 @@ let frames = [];
 // the picture fills the stage
 export function size() {
   const box = $("stage").getBoundingClientRect();
-  return [box.width, box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
+  const columns = $("stage").classList.contains("side") ? 2 : 1;
+  return [Math.floor(box.width / columns), box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
 }
 
 // how much wider than a training image's the field of view of a picture of this size is, in parts of its half width
@@ -28,7 +30,7 @@ function lens() {
 export function view(moving) {
   return {
     ...app.camera.state(), fov: lens(), size: size(), time: value("when"), look: $("look").value,
-    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, range: app.range, moving,
+    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, range: app.range, moving, compare: app.compare,
   };
 }
 
@@ -64,11 +66,13 @@ async function show(data) {
   const [width, height] = [head.getUint16(16, true), head.getUint16(18, true)];
   const png = head.getUint8(1) === 1;
   const bytes = new Blob([new Uint8Array(data, HEADER)], { type: png ? "image/png" : "image/jpeg" });
-  if (head.getUint8(2) === STILL) {
+  const kind = head.getUint8(2);
+  if (kind === STILL) {
     answered(frame);
     return tell("still", bytes);
   }
   const picture = await createImageBitmap(bytes);
+  if (kind !== PICTURE) return tell("other", { bitmap: picture, number: frame, isImage: kind === IMAGE });
   send({ type: "ack", frame });
   const [w, h] = size();
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];

@@ -6,6 +6,8 @@ import { look, stale } from "./picture.js";
 export async function click(e) {
   const box = canvas.getBoundingClientRect();
   const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
+  // the picture beside shows the same place
+  if (at[0] >= 1) at[0] -= 1;
   const pixel = at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
   const stage = $("stage").getBoundingClientRect();
   Object.assign($("marker").style, { left: `${e.clientX - stage.left}px`, top: `${e.clientY - stage.top}px` });

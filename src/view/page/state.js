@@ -10,12 +10,13 @@ export const app = {
   hidden: new Set(), // names of segments that are left out of the picture
   checked: new Set(), // names of segments that are checked in the tree
   alone: [], // names of segments that are shown alone
+  compare: null, // what the picture is compared with
   range: null, // values at the ends of the colours' scale, if they are held
   playing: null,
   picked: null, // the last answer to a click
 };
 
-// news: "welcome", "document", "picked", "frame", "cleared", "rested", "restored", "still", "path"
+// news: "welcome", "document", "picked", "frame", "cleared", "rested", "restored", "still", "path", "other"
 const listeners = {};
 export const on = (news, listener) => (listeners[news] ??= []).push(listener);
 export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));
