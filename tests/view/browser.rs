@@ -290,6 +290,60 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
 }
 
+#[test]
+fn a_person_compares_with_the_image_another_time_and_no_edits() {
+    let Some(mut browser) = Browser::start() else { return };
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    browser.rests(&tab);
+    browser.wait(&tab, "document.querySelectorAll('#test-view option').length > 1");
+    let columns = |browser: &mut Browser| {
+        let widths = "['picture', 'other'].map((id) => document.getElementById(id)).map((c) => [c.hidden, c.width])";
+        browser.eval(&tab, widths)
+    };
+    browser.set(&tab, "test-view", "1");
+    browser.set(&tab, "compare", "image");
+    browser.wait(&tab, "document.getElementById('other').dataset.image === '1'");
+    browser.rests(&tab);
+    let now = columns(&mut browser);
+    assert!(now[0][0] == false && now[1][0] == false && now[0][1] == now[1][1], "{now}");
+    browser.shoot(&tab, "6-image");
+    // the same place at both sides: what is drawn resembles its image
+    let apart = "(() => { const [a, b] = ['picture', 'other'].map((id) => { const c = document.getElementById(id); \
+                 return c.getContext('2d').getImageData(c.width / 4, c.height / 4, c.width / 2, c.height / 2).data; }); \
+                 let sum = 0; for (let i = 0; i < a.length; i++) if (i % 4 < 3 && b[i - i % 4 + 3]) sum += Math.abs(a[i] - b[i]); \
+                 return sum / a.length; })()";
+    let near = browser.eval(&tab, apart).as_f64().unwrap();
+    browser.set(&tab, "compare", "time");
+    browser.set(&tab, "other-time", "0.9");
+    browser.rests(&tab);
+    assert!(near < 30.0, "{near}");
+    assert!(browser.eval(&tab, apart).as_f64().unwrap() > 0.0);
+    browser.set(&tab, "compare-how", "wipe");
+    browser.rests(&tab);
+    browser.eval(&tab, "document.getElementById('divider').focus()");
+    for kind in ["keyDown", "keyUp"] {
+        browser.call(Some(&tab), "Input.dispatchKeyEvent", json!({ "type": kind, "key": "ArrowRight" }));
+    }
+    browser.wait(&tab, "document.getElementById('divider').getAttribute('aria-valuenow') === '52'");
+    browser.shoot(&tab, "7-divider");
+    let wide = columns(&mut browser);
+    assert!(wide[0][1].as_f64() > now[0][1].as_f64(), "{wide}");
+    browser.set(&tab, "compare-how", "flip");
+    browser.rests(&tab);
+    assert_eq!(columns(&mut browser)[1][0], true);
+    browser.eval(&tab, "document.getElementById('compare-flip').click()");
+    assert_eq!(columns(&mut browser)[1][0], false);
+    browser.set(&tab, "compare", "plain");
+    browser.rests(&tab);
+    assert_eq!(browser.eval(&tab, apart), 0.0, "there are no edits");
+    browser.set(&tab, "compare", "");
+    browser.rests(&tab);
+    assert_eq!(columns(&mut browser)[1][0], true);
+    assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}
+
 /// The middle of the picture, where something is, in the window.
 const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
                       return [b.left + b.width / 2, b.top + b.height / 2]; })()";

@@ -5,6 +5,7 @@
 mod browser;
 #[path = "../common/mod.rs"]
 mod common;
+mod compare;
 mod door;
 mod socket;
 mod take;
