@@ -135,7 +135,7 @@ fn main() {
 
     // the same pictures without a server
     let open = OpenRun::open(&run, &device).unwrap();
-    let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour).unwrap();
+    let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
     let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
     let view = View {
         eye: [open.surroundings().sphere.radius, 0.0, 1.0],
@@ -148,6 +148,7 @@ fn main() {
         alone: Vec::new(),
         hidden: Vec::new(),
         edits: true,
+        palette: None,
         range: None,
     };
     let camera = view.camera(1.0).to_kernel();
@@ -173,6 +174,7 @@ fn main() {
             device: device.clone(),
             bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
             port: 0,
+            socket: None,
             hosts: Vec::new(),
             read_only: true,
             cache: 1 << 30,

@@ -2,7 +2,7 @@
 //! measured. Everything here reads and writes the files of the run folder, and prints nothing.
 //!
 //! [`OpenRun`] is the run; [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand
-//! for, [`frames`] writes pictures; [`view`] is all of that for one picture, which [`saved`] keeps in files; [`keyframes`] are
+//! for (numbers in a [`palette`]), [`frames`] writes pictures; [`view`] is all of that for one picture, which [`saved`] keeps in files; [`keyframes`] are
 //! paths of cameras through such pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
 //! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
 //! segments, and [`measure`] evaluates the run. `files::RunPaths` says where everything lies.
@@ -19,6 +19,7 @@ pub mod look;
 pub mod masks;
 pub mod measure;
 mod open;
+pub mod palette;
 pub mod pick;
 pub mod saved;
 pub mod segments;

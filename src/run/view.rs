@@ -2,6 +2,7 @@
 //! keep it ([`super::saved`]).
 
 use super::look::{Look, Show};
+use super::palette::Palette;
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::Camera;
@@ -37,6 +38,9 @@ pub struct View {
     pub hidden: Vec<String>,
     /// Whether the edits apply.
     pub edits: bool,
+    /// Colours of numbers, as [`Palette`] is written; those that `render` takes if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub palette: Option<String>,
     /// Values at the ends of the colours' scale; those that suit the first picture if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f32; 2]>,
@@ -55,11 +59,19 @@ impl View {
         if !(0.0..=1.0).contains(&self.time) {
             return Err("time: between 0 and 1".into());
         }
-        self.look.parse::<Show>()?;
+        self.shows()?;
         if self.range.is_some_and(|[low, high]| !low.is_finite() || !high.is_finite() || low > high) {
             return Err("range: two finite numbers, the lower one first".into());
         }
         Ok(())
+    }
+
+    /// What the colours stand for.
+    fn shows(&self) -> Result<(Show, Option<Palette>), String> {
+        let show = self.look.parse()?;
+        let palette = self.palette.as_deref().map(str::parse).transpose()?;
+        Palette::choose(palette, show)?;
+        Ok((show, palette))
     }
 
     /// The camera for `part` of the full size.
@@ -75,7 +87,7 @@ impl View {
     /// # Errors
     /// A look or segment that nobody knows, or a file of the run that is damaged.
     pub fn look(&self, run: &OpenRun, highlighted: Vec<u32>) -> Result<Look, RunError> {
-        let show: Show = self.look.parse().map_err(RunError::input)?;
+        let (show, palette) = self.shows().map_err(RunError::input)?;
         let mut away = Vec::new();
         if !self.hidden.is_empty() {
             let all = run.segments()?;
@@ -85,7 +97,7 @@ impl View {
             }
         }
         let selection = Selection::open(run, &self.alone, self.edits)?.hiding(away).highlighting(highlighted);
-        let look = Look::open(run, selection, show)?;
+        let look = Look::open(run, selection, show, palette)?;
         Ok(match self.range {
             Some(range) => look.with_range(range),
             None => look,
@@ -129,6 +141,7 @@ pub(crate) mod tests {
             alone: Vec::new(),
             hidden: Vec::new(),
             edits: true,
+            palette: None,
             range: None,
         }
     }
@@ -150,6 +163,7 @@ pub(crate) mod tests {
         bad(|v| v.size = [800, 1 << 20]);
         bad(|v| v.time = 1.5);
         bad(|v| v.look = "x".into());
+        bad(|v| v.palette = Some("viridis".into()));
         bad(|v| v.range = Some([1.0, 0.0]));
         bad(|v| v.range = Some([0.0, f32::NAN]));
     }

@@ -109,9 +109,9 @@ impl Client {
     /// A look or segment that nobody knows.
     pub fn look(&mut self, space: &Workspace, view: &View, other: bool) -> Result<(&mut Look, String), RunError> {
         let members = self.clicked.as_ref().map(|c| &c.picked.members[..]).unwrap_or_default();
-        let View { look, alone, hidden, edits, range, .. } = view;
+        let View { look, palette, alone, hidden, edits, range, .. } = view;
         let own = if members.is_empty() { String::new() } else { format!("{} {}", self.id, self.selections) };
-        let key = format!("{look} {alone:?} {hidden:?} {edits} {range:?} {} {own}", space.revision());
+        let key = format!("{look} {palette:?} {alone:?} {hidden:?} {edits} {range:?} {} {own}", space.revision());
         let found = &mut self.looks[usize::from(other)];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
             *found = Some((key.clone(), view.look(&space.run, members.to_vec())?));

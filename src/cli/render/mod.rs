@@ -70,7 +70,7 @@ impl RenderArgs {
     /// What is drawn, its name, and the segments that are shown alone: as it is typed, or as a file says.
     fn look(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<(Look, String, Vec<String>), CliError> {
         let Some(Saved { name, view: saved, .. }) = saved else {
-            let look = Look::open(run, self.shown.select(run)?, self.look.show()?)?;
+            let look = Look::open(run, self.shown.select(run)?, self.look.show()?, self.look.palette)?;
             return Ok((look, self.look.name(), self.shown.segments.clone()));
         };
         if let Some(flag) = self.look.given().or(self.shown.given()) {

@@ -10,12 +10,13 @@ function toAddress() {
   if (app.alone.length) of.set("alone", app.alone.join(","));
   if (app.hidden.size) of.set("hidden", [...app.hidden].join(","));
   if (!$("edits-on").checked) of.set("edits", "0");
+  if ($("palette").value) of.set("palette", $("palette").value);
   if (app.range) of.set("range", app.range.join(","));
   history.replaceState(null, "", `#${of}`);
 }
 
 // shows a view; its field of view is that of its whole picture if it has a size, else of a training image
-export function restore({ eye, target, up, fov, size, time, look: shown, alone, hidden, edits, range }) {
+export function restore({ eye, target, up, fov, size, time, look: shown, alone, hidden, edits, range, palette }) {
   app.camera.restore({ eye, target, up, fov: size ? narrowed(fov, size) : fov });
   if (time >= 0 && time <= 1) setTime(time);
   if ([...$("look").options].some((o) => o.value === shown)) $("look").value = shown;
@@ -23,7 +24,7 @@ export function restore({ eye, target, up, fov, size, time, look: shown, alone, 
   app.hidden = new Set(hidden);
   app.range = Array.isArray(range) && range.length === 2 && range.every(Number.isFinite) ? range : null;
   $("edits-on").checked = edits !== false;
-  tell("restored");
+  tell("restored", palette);
   look(false);
 }
 
@@ -34,7 +35,7 @@ export function fromAddress() {
   const [eye, target, up, fov] = [numbers("eye"), numbers("target"), numbers("up"), Number(of.get("fov"))];
   if (![eye, target, up].every((v) => v.length === 3 && v.every(Number.isFinite)) || !(fov > 0)) return;
   const [alone, hidden, edits, range] = [names("alone"), names("hidden"), of.get("edits") !== "0", numbers("range")];
-  restore({ eye, target, up, fov, time: of.has("t") ? Number(of.get("t")) : NaN, look: of.get("look"), alone, hidden, edits, range });
+  restore({ eye, target, up, fov, time: of.has("t") ? Number(of.get("t")) : NaN, look: of.get("look"), palette: of.get("palette"), alone, hidden, edits, range });
 }
 
 on("rested", toAddress);

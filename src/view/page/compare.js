@@ -67,7 +67,7 @@ on("frame", draw_image);
 function snap() {
   const seen = views[value("test-view")];
   if (!seen) return say("The dataset has no test views.", true);
-  restore({ ...seen, look: $("look").value, alone: app.alone, hidden: app.hidden, edits: $("edits-on").checked, range: app.range });
+  restore({ ...seen, look: $("look").value, palette: $("palette").value, alone: app.alone, hidden: app.hidden, edits: $("edits-on").checked, range: app.range });
   ask_for();
 }
 $("test-view").onchange = snap;

@@ -30,6 +30,7 @@ function lens() {
 export function view(moving) {
   return {
     ...app.camera.state(), fov: lens(), size: size(), time: value("when"), look: $("look").value,
+    palette: $("palette").value || null,
     alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, range: app.range, moving, compare: app.compare,
   };
 }
@@ -89,6 +90,5 @@ async function show(data) {
 }
 
 hear("frame", show);
-hear("legend", ({ legend }) => { $("legend").textContent = legend?.legend ?? ""; });
 $("edits-on").onchange = () => look(false);
 new ResizeObserver(() => look(false)).observe($("stage"));
