@@ -22,6 +22,8 @@ $("look").onchange = () => { app.range = null; offer(); look(false); };
 $("palette").onchange = () => look(false);
 on("restored", offer);
 
+on("welcome", ({ clicks }) => { document.querySelector("#look option[value=affinity]").disabled = !clicks; });
+
 let legend = null;
 const short = (v) => Number(v.toPrecision(4)).toString();
 hear("legend", (message) => {
