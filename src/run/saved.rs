@@ -236,7 +236,7 @@ mod tests {
         for (bytes, word) in [
             (png("Comment", &json), "without a view"),
             (png(KEYWORD, &"x".repeat(100_000)), "without a view"),
-            (good[..60].to_vec(), "damaged"),
+            (good[..200].to_vec(), "damaged"),
             (png(KEYWORD, "{}"), "missing"),
             (b"GIF89a\xff\xff\xff\xff".to_vec(), "neither"),
             (b"{\"view\": 3}".to_vec(), "no view"),
