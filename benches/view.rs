@@ -22,7 +22,6 @@ use volseggs::device::DeviceName;
 use volseggs::run::OpenRun;
 use volseggs::run::look::{Look, Show};
 use volseggs::run::selection::Selection;
-use volseggs::view::client::Client;
 use volseggs::view::protocol::View;
 use volseggs::view::{ViewOptions, serve};
 
@@ -167,7 +166,7 @@ fn main() {
 
     // the same pictures without a server
     let open = OpenRun::open(&run, &device).unwrap();
-    let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour).unwrap();
+    let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
     let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
     let view = View {
         eye: [open.surroundings().sphere.radius, 0.0, 1.0],
@@ -180,10 +179,10 @@ fn main() {
         alone: Vec::new(),
         hidden: Vec::new(),
         edits: true,
-        preview: None,
-        moving: true,
+        palette: None,
+        range: None,
     };
-    let camera = Client::camera(&view, 1.0).to_kernel();
+    let camera = view.camera(1.0).to_kernel();
     let (started, mut bare) = (Instant::now(), 0);
     while started.elapsed() < SPAN {
         look.draw(&open.scene, &prepared, camera, &device);
@@ -206,6 +205,7 @@ fn main() {
             device: device.clone(),
             bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
             port: 0,
+            socket: None,
             hosts: Vec::new(),
             read_only: true,
             cache: 1 << 30,

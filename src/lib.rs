@@ -37,6 +37,7 @@ pub mod report;
 pub mod rng;
 pub mod run;
 pub mod segment;
+pub mod shell;
 pub mod sweep;
 pub mod tensors;
 pub mod track;

@@ -1,10 +1,13 @@
 //! Who looks, as it is typed: the same for every command that takes a view.
 
+use super::CliError;
 use super::values::{pixels, point};
 use crate::run::OpenRun;
 use crate::run::cameras::{Surroundings, ViewChoice};
+use crate::run::saved::SavedView;
 use clap::Args;
 use glam::DVec3;
+use std::path::Path;
 
 /// A camera and the size of its picture.
 #[derive(Debug, Clone, Args)]
@@ -12,19 +15,43 @@ pub(super) struct ViewArgs {
     /// Camera at x,y,z that looks at the centre.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     camera: Option<DVec3>,
-    /// The camera of this test view of the dataset, from 0, in place of --camera.
-    #[arg(long, value_name = "N", conflicts_with = "camera")]
-    view: Option<usize>,
-    /// Width of the picture in pixels; the height follows from the shape of the training images, which set both if it is
-    /// not given.
+    /// In place of --camera the camera of this test view of the dataset, from 0, or of a picture that was saved in `volseggs
+    /// view`, or of a view in JSON: a file or the text itself. A file whose name is a number is ./12.
+    #[arg(long, value_name = "N|FILE", conflicts_with = "camera")]
+    view: Option<String>,
+    /// Width of the picture in pixels; the height follows from the shape of the training images (of a saved view's picture),
+    /// which set both if it is not given.
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub size: Option<u32>,
 }
 
 impl ViewArgs {
-    /// Which camera, if one was given.
-    pub(super) fn choice(&self) -> Option<ViewChoice> {
-        self.camera.map(ViewChoice::At).or(self.view.map(ViewChoice::Test))
+    /// Which camera, if one was given. A saved view has the size that is asked for.
+    ///
+    /// # Errors
+    /// A number that is none, or a file that holds no view.
+    pub(super) fn choice(&self) -> Result<Option<ViewChoice>, CliError> {
+        let Some(view) = &self.view else { return Ok(self.camera.map(ViewChoice::At)) };
+        if view.bytes().all(|b| b.is_ascii_digit()) {
+            let wrong =
+                |_| CliError::input(format!("--view {view}: is no number of a test view, and no name of a file"));
+            return view.parse().map(|n| Some(ViewChoice::Test(n))).map_err(wrong);
+        }
+        let (name, saved) = match view.starts_with('{') {
+            true => ("{...}".to_owned(), SavedView::parse("--view", view)),
+            false => (view.clone(), SavedView::read(Path::new(view))),
+        };
+        let saved = saved.map_err(|e| match Path::new(view).exists() || view.starts_with('{') {
+            true => e.into(),
+            false => {
+                CliError::input(format!("--view {view}: is neither a number of a test view nor a file that is there"))
+            }
+        })?;
+        let saved = Box::new(match self.size {
+            Some(width) => saved.sized(width),
+            None => saved,
+        });
+        Ok(Some(ViewChoice::Saved { name, saved }))
     }
 }
 

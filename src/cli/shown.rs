@@ -17,6 +17,12 @@ pub(super) struct ShownArgs {
 }
 
 impl ShownArgs {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let segments = (!self.segments.is_empty()).then_some("--segment");
+        segments.or(self.no_edits.then_some("--no-edits"))
+    }
+
     /// Reads the run's segments and edits.
     ///
     /// # Errors

@@ -105,8 +105,8 @@ impl TrackArgs {
         let width = if self.renders { full.lens.width } else { full.lens.width.min(SHEET_CELL) };
         let around = full.sized(self.view.size.unwrap_or(width));
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;
-        match self.view.choice() {
-            Some(choice) => Ok(run.view(choice, around.lens)?.0),
+        match self.view.choice()? {
+            Some(choice) => Ok(run.view(&choice, around.lens)?.0),
             None => Ok(around.orbit(SHEET).swap_remove(0)),
         }
     }

@@ -20,7 +20,15 @@ pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
 /// # Errors
 /// If the encoder fails.
 pub fn encode_png(image: &RgbImage) -> ImageResult<Vec<u8>> {
-    encode(ColorType::Rgb, image.dimensions(), image.as_raw())
+    encode(ColorType::Rgb, image.dimensions(), image.as_raw(), None)
+}
+
+/// The same with a text under `keyword` before the pixels, as it is.
+///
+/// # Errors
+/// If the encoder fails.
+pub fn encode_png_with(image: &RgbImage, keyword: &str, text: &str) -> ImageResult<Vec<u8>> {
+    encode(ColorType::Rgb, image.dimensions(), image.as_raw(), Some((keyword, text)))
 }
 
 /// The PNG file of a grey image, such as a mask.
@@ -28,14 +36,22 @@ pub fn encode_png(image: &RgbImage) -> ImageResult<Vec<u8>> {
 /// # Errors
 /// If the encoder fails.
 pub fn encode_gray_png(image: &GrayImage) -> ImageResult<Vec<u8>> {
-    encode(ColorType::Grayscale, image.dimensions(), image.as_raw())
+    encode(ColorType::Grayscale, image.dimensions(), image.as_raw(), None)
 }
 
-fn encode(color: ColorType, (width, height): (u32, u32), pixels: &[u8]) -> ImageResult<Vec<u8>> {
+fn encode(
+    color: ColorType,
+    (width, height): (u32, u32),
+    pixels: &[u8],
+    text: Option<(&str, &str)>,
+) -> ImageResult<Vec<u8>> {
     let mut bytes = Vec::new();
     let encoded = encoder(&mut bytes, width, height, color).and_then(|mut encoder| {
         encoder.set_compression(png::Compression::Fast);
         encoder.set_filter(png::Filter::Adaptive);
+        if let Some((keyword, text)) = text {
+            encoder.add_itxt_chunk(keyword.into(), text.into())?;
+        }
         let mut writer = encoder.write_header()?;
         writer.write_image_data(pixels)?;
         writer.finish()

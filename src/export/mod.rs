@@ -4,3 +4,4 @@ pub mod animation;
 pub mod images;
 pub mod labels;
 pub mod ply;
+pub mod video;

@@ -126,6 +126,12 @@ impl AtomicFile {
         Self::create(path).map_err(io)
     }
 
+    /// Where the content is until then, for another program that writes it; what is written here must be nothing.
+    #[must_use]
+    pub fn temporary(&self) -> &Path {
+        &self.temporary
+    }
+
     /// Syncs the content and gives it its final name, replacing what stood there.
     ///
     /// # Errors

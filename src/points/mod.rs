@@ -9,6 +9,7 @@ pub mod kmeans;
 pub mod modes;
 pub mod neighbours;
 pub mod outliers;
+pub mod principal;
 pub mod sampling;
 pub mod suggest;
 pub(crate) mod union_find;

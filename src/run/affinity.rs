@@ -2,15 +2,19 @@
 
 use super::{OpenRun, RunError};
 use crate::memory::{Budget, product};
+use crate::points::principal::principal;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::{self, AffinitySpec};
-use crate::segment::fine::network::Frame;
+use crate::segment::fine::network::{FEATURES, Frame};
 use crate::segment::fine::train::{FineError, FineOptions, train};
 use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::members_key;
 use burn::tensor::Device;
 use std::time::Instant;
+
+/// Mask scale at which features are shown.
+const SCALE: f32 = 0.5;
 
 /// What training is at.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +70,31 @@ pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySp
         )));
     }
     Ok((field, spec))
+}
+
+/// Colours of the scene's N Gaussians by the run's affinity field, `[N]`: the first three principal components of their
+/// features at [`SCALE`], each from the 1st to the 99th of a hundred.
+///
+/// # Errors
+/// As [`open`].
+pub(super) fn colours(run: &OpenRun) -> Result<Vec<[f32; 3]>, RunError> {
+    let (field, spec) = open(run, &run.scene.gaussians.means.val().device())?;
+    let at = run.scene.host_at(spec.time as f32);
+    let features = field.features(&spec.frame.encode(&at.means), SCALE);
+    let (mean, axes) = principal(&features, FEATURES, 3);
+    let mut colours = vec![[0.0; 3]; at.len()];
+    for (k, axis) in axes.iter().enumerate() {
+        let along =
+            |row: &[f32]| row.iter().zip(&mean).zip(axis).map(|((v, m), a)| (f64::from(*v) - m) * a).sum::<f64>();
+        let values: Vec<f64> = features.chunks_exact(FEATURES).map(along).collect();
+        let mut sorted = values.clone();
+        sorted.sort_by(f64::total_cmp);
+        let [low, high] = [0.01, 0.99].map(|p| sorted.get((p * sorted.len() as f64) as usize).copied().unwrap_or(0.0));
+        for (colour, v) in colours.iter_mut().zip(values) {
+            colour[k] = ((v - low) / (high - low).max(1e-12)).clamp(0.0, 1.0) as f32;
+        }
+    }
+    Ok(colours)
 }
 
 /// Trains the field on the masks of the run and writes it; `None` if `goes_on` stopped it, with the field of before, if

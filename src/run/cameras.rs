@@ -1,11 +1,17 @@
 //! Cameras of a run: where those of its dataset stand, where a person may place one, and how large a picture memory
 //! allows.
 
+use super::saved::SavedView;
 use super::{OpenRun, RunError};
+use crate::data::images::ImageSet;
 use crate::data::paths::{FOV_X, Lens, RADIUS, Sphere, orbit};
+use crate::data::transforms::FrameRecord;
 use crate::data::{Camera, SplitName, Transforms};
+use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
 use glam::DVec3;
+use image::RgbImage;
+use serde::Serialize;
 use std::fmt;
 
 /// How far above the equator an orbit stands, radians.
@@ -48,12 +54,19 @@ impl Surroundings {
 }
 
 /// Which camera looks.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum ViewChoice {
     /// One at this point, world units, that looks at the centre.
     At(DVec3),
     /// That of this test view of the dataset, from 0.
     Test(usize),
+    /// That of a view that was saved.
+    Saved {
+        /// Name of its file.
+        name: String,
+        /// The view.
+        saved: Box<SavedView>,
+    },
 }
 
 /// As it is typed, `--view 12`; the point of a camera alone.
@@ -62,8 +75,24 @@ impl fmt::Display for ViewChoice {
         match self {
             Self::At(DVec3 { x, y, z }) => write!(f, "--camera {x},{y},{z}"),
             Self::Test(n) => write!(f, "--view {n}"),
+            Self::Saved { name, .. } => write!(f, "--view {name}"),
         }
     }
+}
+
+/// Where a view of the dataset is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Placed {
+    /// Where the camera stands, world units.
+    pub eye: [f64; 3],
+    /// What it looks at: the point of its axis that is as far away as the scene's centre.
+    pub target: [f64; 3],
+    /// What is up.
+    pub up: [f64; 3],
+    /// Whole horizontal field of view, radians.
+    pub fov: f64,
+    /// Time in [0, 1].
+    pub time: f64,
 }
 
 /// Refuses pictures that do not fit into memory; `flag` is what says so, such as `--size 9000`.
@@ -106,14 +135,21 @@ impl OpenRun {
         Surroundings { lens: Lens { fov_x, width, height }, sphere, note }
     }
 
-    /// The camera of `choice` and, for a test view, its time. `lens` is that of [`OpenRun::surroundings`].
+    /// The camera of `choice` and, for a test view or a saved one, its time. `lens` is that of [`OpenRun::surroundings`]; a
+    /// saved view has its own.
     ///
     /// # Errors
-    /// As [`OpenRun::camera_at`] and [`OpenRun::test_view`].
-    pub fn view(&self, choice: ViewChoice, lens: Lens) -> Result<(Camera, Option<f64>), RunError> {
+    /// As [`OpenRun::camera_at`] and [`OpenRun::test_view`]; a saved view whose picture does not fit into memory.
+    pub fn view(&self, choice: &ViewChoice, lens: Lens) -> Result<(Camera, Option<f64>), RunError> {
         match choice {
-            ViewChoice::At(eye) => Ok((self.camera_at(eye, lens)?, None)),
-            ViewChoice::Test(n) => self.test_view(n, lens).map(|(camera, time)| (camera, Some(time))),
+            ViewChoice::At(eye) => Ok((self.camera_at(*eye, lens)?, None)),
+            ViewChoice::Test(n) => self.test_view(*n, lens).map(|(camera, time)| (camera, Some(time))),
+            ViewChoice::Saved { saved, .. } => {
+                let view = &saved.view;
+                let [width, height] = view.size;
+                check_lens(&choice.to_string(), Lens { fov_x: view.fov, width, height })?;
+                Ok((view.camera(1.0), Some(view.time)))
+            }
         }
     }
 
@@ -139,6 +175,42 @@ impl OpenRun {
             return Err(RunError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
         };
         Ok((json.intrinsics.camera(lens.width, lens.height, frame.camera_to_world), frame.time))
+    }
+
+    /// Where the test views of the dataset are.
+    ///
+    /// # Errors
+    /// If the dataset's file of test views cannot be read.
+    pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
+        let json = Transforms::read(&SplitName::Test.json_path(self.dataset(None)?))?;
+        let Lens { width, height, .. } = self.surroundings().lens;
+        let centre = self.scene.spec.centre();
+        let placed = |frame: &FrameRecord| {
+            let camera = json.intrinsics.camera(width, height, frame.camera_to_world);
+            let eye = camera.position();
+            let target = eye + camera.forward() * eye.distance(centre).max(1e-3);
+            let up = frame.camera_to_world.y_axis.truncate();
+            let [eye, target, up] = [eye, target, up].map(|v| v.to_array());
+            Placed { eye, target, up, fov: camera.fov_x(), time: frame.time }
+        };
+        Ok(json.frames.iter().map(placed).collect())
+    }
+
+    /// The dataset's image of test view `n`, over the scene's background, made smaller as for training.
+    ///
+    /// # Errors
+    /// If the file of test views has fewer, or the image cannot be read.
+    pub fn test_image(&self, n: usize) -> Result<RgbImage, RunError> {
+        let root = self.dataset(None)?;
+        let path = SplitName::Test.json_path(root);
+        let json = Transforms::read(&path)?;
+        let Some(frame) = json.frames.get(n) else {
+            let last = json.frames.len().saturating_sub(1);
+            return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", path.display())));
+        };
+        let images = ImageSet::load(&path, &[frame.image_path(root)], self.config.data.downscale)?;
+        let pixels = images.composite_with_alpha(0, self.scene.spec.background);
+        Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }
 
     /// Checks the distance of cameras on a path (the value of `--radius`).

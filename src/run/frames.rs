@@ -1,12 +1,15 @@
-//! The folder of a render: frames as they are drawn, their animation, and the record of what they show.
+//! The folder of a render: frames as they are drawn, their animation, and the record of what they show; or a film in one
+//! file.
 
 use super::look::Look;
 use super::{OpenRun, RunError};
 use crate::data::Camera;
 use crate::export::animation::{AnimationError, try_write_apng};
 use crate::export::images::{encode_png, to_rgb8};
-use crate::files::{AtomicDir, FolderKind};
+use crate::export::video::{Mp4, VideoError};
+use crate::files::{AtomicDir, FolderKind, check_file};
 use burn::tensor::Device;
+use image::RgbImage;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,6 +50,74 @@ pub struct Record {
     pub edits: usize,
 }
 
+/// A frame, whose drawing adds to the `seconds`.
+fn picture(
+    (run, device): (&OpenRun, &Device),
+    look: &mut Look,
+    (camera, time): (&Camera, f64),
+    stop: &AtomicBool,
+    seconds: &mut f64,
+) -> Result<RgbImage, RunError> {
+    if stop.load(Ordering::Relaxed) {
+        return Err(RunError::failure("interrupted; nothing was written"));
+    }
+    let started = Instant::now();
+    let prepared = look.prepare(&run.scene, time as f32, device)?;
+    let image = look.draw(&run.scene, &prepared, camera.to_kernel(), device);
+    *seconds += started.elapsed().as_secs_f64();
+    Ok(to_rgb8(&image, camera.width as usize, camera.height as usize))
+}
+
+fn of_animation(error: AnimationError) -> RunError {
+    match error {
+        AnimationError::Frame { source, .. } => match source.downcast::<RunError>() {
+            Ok(error) => *error,
+            Err(other) => RunError::failure(other),
+        },
+        e => RunError::failure(e),
+    }
+}
+
+/// Whether `out` names a film in one file, `.png` or `.mp4`, and not a folder of frames.
+#[must_use]
+pub fn is_film(out: &Path) -> bool {
+    let named = |e: &str| out.extension().is_some_and(|found| found.eq_ignore_ascii_case(e));
+    (named("png") || named("mp4")) && !out.is_dir()
+}
+
+/// Draws each view to one film, [`is_film`]: an animated PNG, or MP4 by `ffmpeg`. Gives the seconds of drawing alone.
+///
+/// # Errors
+/// A frame that cannot be drawn or written, no `ffmpeg`, something else at `out`; `stop` was raised.
+pub fn film(
+    out: &Path,
+    (run, device): (&OpenRun, &Device),
+    look: &mut Look,
+    views: &[(Camera, f64)],
+    fps: u16,
+    stop: &AtomicBool,
+) -> Result<f64, RunError> {
+    let mut seconds = 0.0;
+    let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
+    let mut frames =
+        views.iter().map(|(camera, time)| picture((run, device), look, (camera, *time), stop, &mut seconds));
+    if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
+        let of_video = |e: VideoError| match e {
+            VideoError::Replace(e) => e.into(),
+            VideoError::Missing { .. } => RunError::input(e),
+            e => RunError::failure(e),
+        };
+        let mut film = Mp4::create(out, (width, height), fps).map_err(of_video)?;
+        frames.try_for_each(|frame| film.add(frame?.as_raw()).map_err(of_video))?;
+        film.finish().map_err(of_video)?;
+    } else {
+        check_file(out)?;
+        let frames = frames.map(|frame| frame.map(RgbImage::into_raw));
+        try_write_apng(out, frames, width, height, fps).map_err(of_animation)?;
+    }
+    Ok(seconds)
+}
+
 /// Frames that are being drawn, one at a time, into a folder that appears when all of them are there.
 #[derive(Debug)]
 pub struct Frames {
@@ -84,13 +155,7 @@ impl Frames {
         if frames.len() < 2 {
             return frames.next().map_or(Ok(()), |frame| frame.map(drop));
         }
-        try_write_apng(&animation, frames, width, height, fps).map_err(|e| match e {
-            AnimationError::Frame { source, .. } => match source.downcast::<RunError>() {
-                Ok(error) => *error,
-                Err(other) => RunError::failure(other),
-            },
-            e => RunError::failure(e),
-        })
+        try_write_apng(&animation, frames, width, height, fps).map_err(of_animation)
     }
 
     fn frame(
@@ -101,14 +166,7 @@ impl Frames {
         (camera, time): &(Camera, f64),
         stop: &AtomicBool,
     ) -> Result<Vec<u8>, RunError> {
-        if stop.load(Ordering::Relaxed) {
-            return Err(RunError::failure("interrupted; nothing was written"));
-        }
-        let started = Instant::now();
-        let prepared = look.prepare(&run.scene, *time as f32, device)?;
-        let image = look.draw(&run.scene, &prepared, camera.to_kernel(), device);
-        self.seconds += started.elapsed().as_secs_f64();
-        let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
+        let image = picture((run, device), look, (camera, *time), stop, &mut self.seconds)?;
         let path = self.folder.dir().join(format!("{i:04}.png"));
         let bytes = encode_png(&image).map_err(RunError::failure)?;
         std::fs::write(&path, bytes).map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;

@@ -1,17 +1,19 @@
 //! What a picture shows of the Gaussians: their colour, depth, velocity, or the segments they belong to.
 
+use super::palette::Palette;
 use super::selection::Selection;
-use super::{OpenRun, RunError};
+use super::{OpenRun, RunError, affinity};
 use crate::edit::Edit;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Scene};
-use crate::segment::paint::{by_segment, depth_colours, depth_range, flat, highlight, signed, sizes};
+use crate::segment::paint::{by_segment, depth_range, flat, highlight};
 use crate::segment::palette::hex;
 use crate::segment::pictures::picture;
 use crate::segment::segmentation::Segmentation;
 use crate::track::velocity::{Component, robust_size, velocities};
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::Serialize;
+use std::str::FromStr;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
 
@@ -26,6 +28,33 @@ pub enum Show {
     Velocity(Component),
     /// The colour of the segment each Gaussian belongs to; grey and faint in none.
     Segments,
+    /// What the affinity field says of each Gaussian: the first three principal components of all features as red, green and
+    /// blue, so that alike colours are alike parts.
+    Affinity,
+}
+
+/// As it is written in views: `colour`, `depth`, `segments`, `velocity x`, ...
+impl FromStr for Show {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Ok(match name {
+            "colour" => Self::Colour,
+            "depth" => Self::Depth,
+            "segments" => Self::Segments,
+            "affinity" => Self::Affinity,
+            "velocity x" => Self::Velocity(Component::X),
+            "velocity y" => Self::Velocity(Component::Y),
+            "velocity z" => Self::Velocity(Component::Z),
+            "velocity speed" => Self::Velocity(Component::Speed),
+            _ => {
+                return Err(
+                    "look: colour, depth, segments, affinity, velocity x, velocity y, velocity z or velocity speed"
+                        .into(),
+                );
+            }
+        })
+    }
 }
 
 /// The key to the colours of a picture.
@@ -36,6 +65,9 @@ pub struct Legend {
     /// The values at the ends of the scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f32; 2]>,
+    /// Colours of the scale at even steps from its low to its high end, 8 bits each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub scale: Vec<[u8; 3]>,
 }
 
 /// Draws frames; what sets the scale of the first holds for all.
@@ -50,9 +82,18 @@ pub struct Look {
 #[derive(Debug)]
 enum Kind {
     Colour,
-    Depth { range: Option<[f32; 2]> },
-    Velocity { component: Component, scale: Option<f32> },
+    Depth {
+        range: Option<[f32; 2]>,
+        palette: Palette,
+    },
+    Velocity {
+        component: Component,
+        scale: Option<f32>,
+        palette: Palette,
+    },
     Segments(Segmentation),
+    /// Colours of all Gaussians.
+    Affinity(Vec<[f32; 3]>),
 }
 
 /// What a [`Look`] shows of one time, ready to be drawn from any camera.
@@ -89,15 +130,17 @@ impl Prepared {
 }
 
 impl Look {
-    /// Prepares to draw `show` of what is selected.
+    /// Prepares to draw `show` of what is selected, numbers in the palette that was asked for.
     ///
     /// # Errors
-    /// If there are no segments to show.
-    pub fn open(run: &OpenRun, selection: Selection, show: Show) -> Result<Self, RunError> {
+    /// If there are no segments or no affinity field to show, or the palette is for other values.
+    pub fn open(run: &OpenRun, selection: Selection, show: Show, palette: Option<Palette>) -> Result<Self, RunError> {
+        let palette = Palette::choose(palette, show).map_err(RunError::input)?.unwrap_or(Palette::Viridis);
         let kind = match show {
             Show::Colour => Kind::Colour,
-            Show::Depth => Kind::Depth { range: None },
-            Show::Velocity(component) => Kind::Velocity { component, scale: None },
+            Show::Depth => Kind::Depth { range: None, palette },
+            Show::Velocity(component) => Kind::Velocity { component, scale: None, palette },
+            Show::Affinity => Kind::Affinity(affinity::colours(run)?),
             Show::Segments => {
                 let all = run.segments()?;
                 if all.segments.is_empty() {
@@ -120,6 +163,23 @@ impl Look {
         self.selection.preview(run, edits)
     }
 
+    /// The same with the values at the ends of the scale, where it has one: they no longer follow from the first frame.
+    #[must_use]
+    pub fn with_range(mut self, [low, high]: [f32; 2]) -> Self {
+        match &mut self.kind {
+            Kind::Depth { range, .. } => *range = Some([low, high]),
+            Kind::Velocity { scale, .. } if high > 0.0 => *scale = Some(high),
+            Kind::Velocity { .. } | Kind::Colour | Kind::Segments(_) | Kind::Affinity(_) => {}
+        }
+        self
+    }
+
+    /// What of the scene it draws.
+    #[must_use]
+    pub fn selection(&self) -> &Selection {
+        &self.selection
+    }
+
     /// What is shown at `time` in [0, 1].
     ///
     /// # Errors
@@ -133,7 +193,7 @@ impl Look {
             }
             Kind::Colour => Prepared::of(&shown.cut(edited(shown, still, scene, time)?), degree, device),
             Kind::Depth { .. } => Prepared(Shown::Depth(shown.cut(edited(shown, still, scene, time)?))),
-            Kind::Velocity { component, scale } => {
+            Kind::Velocity { component, scale, palette } => {
                 let all = velocities(|t| to_vec(scene.at(t).means), time);
                 let values = component.of(&all);
                 let at = edited(shown, still, scene, time)?;
@@ -141,10 +201,11 @@ impl Look {
                     |v: &[f32]| shown.members().map_or(v.to_vec(), |m| m.iter().map(|&i| v[i as usize]).collect());
                 *scale = scale.or_else(|| robust_size(&alone(&values), &alone(&at.opacity())));
                 let full = scale.unwrap_or(1.0);
-                let painted = match component {
-                    Component::Speed => flat(at, sizes(&values, full)),
-                    _ => flat(at, signed(&values, full)),
-                };
+                let painted = flat(at, palette.colours(&values, full));
+                Prepared::of(&shown.cut(painted), 0, device)
+            }
+            Kind::Affinity(colours) => {
+                let painted = flat(edited(shown, still, scene, time)?, colours.iter().copied());
                 Prepared::of(&shown.cut(painted), 0, device)
             }
             Kind::Segments(all) => {
@@ -191,9 +252,9 @@ impl Look {
             }
             Shown::Depth(at) => {
                 let picture = picture(at, camera, background, scene.spec.sh_degree, device);
-                let Kind::Depth { range } = &mut self.kind else { return picture.rgba };
+                let Kind::Depth { range, palette } = &mut self.kind else { return picture.rgba };
                 *range = range.or_else(|| depth_range(&picture));
-                depth_colours(&picture, range.unwrap_or_default(), background)
+                palette.depth(&picture, range.unwrap_or_default(), background)
             }
         }
     }
@@ -202,37 +263,39 @@ impl Look {
     #[must_use]
     pub fn legend(&self) -> Option<Legend> {
         const SPEED: &str = "world units per unit of time";
-        Some(match &self.kind {
-            Kind::Colour => return None,
-            Kind::Depth { range: None } => Legend { legend: "depth: nothing shows in any frame".into(), range: None },
-            Kind::Depth { range: Some([near, far]) } => Legend {
-                legend: format!(
-                    "depth in world units: yellow is {} or nearer, dark blue {} or farther",
-                    short(*near),
-                    short(*far)
-                ),
-                range: Some([*near, *far]),
-            },
-            Kind::Velocity { scale: None, .. } => {
-                Legend { legend: "velocity: nothing moves in any frame".into(), range: None }
+        let plain = |legend: String| Some(Legend { legend, range: None, scale: Vec::new() });
+        match &self.kind {
+            Kind::Colour => None,
+            Kind::Affinity(_) => {
+                plain("affinity features: their first three principal components as red, green and blue".into())
             }
-            Kind::Velocity { component: Component::Speed, scale: Some(full) } => Legend {
-                legend: format!("speed in {SPEED}: black is 0, light yellow {} or more", short(*full)),
-                range: Some([0.0, *full]),
-            },
-            Kind::Velocity { component, scale: Some(full) } => Legend {
-                legend: format!(
-                    "velocity along {} in {SPEED}: bright red is {full} or more, black 0, bright green -{full} or less",
+            Kind::Depth { range: None, .. } => plain("depth: nothing shows in any frame".into()),
+            Kind::Depth { range: Some([near, far]), palette } => {
+                let [dark, light] = palette.ends();
+                let (low, high) = (short(*near), short(*far));
+                let legend = format!("depth in world units: {light} is {low} or nearer, {dark} {high} or farther");
+                Some(Legend { legend, range: Some([*near, *far]), scale: palette.scale(true) })
+            }
+            Kind::Velocity { scale: None, .. } => plain("velocity: nothing moves in any frame".into()),
+            Kind::Velocity { component: Component::Speed, scale: Some(full), palette } => {
+                let [dark, light] = palette.ends();
+                let legend = format!("speed in {SPEED}: {dark} is 0, {light} {} or more", short(*full));
+                Some(Legend { legend, range: Some([0.0, *full]), scale: palette.scale(false) })
+            }
+            Kind::Velocity { component, scale: Some(full), palette } => {
+                let ([less, more], none) = (palette.ends(), palette.middle());
+                let legend = format!(
+                    "velocity along {} in {SPEED}: {more} is {full} or more, {none} 0, {less} -{full} or less",
                     format!("{component:?}").to_lowercase(),
                     full = short(*full)
-                ),
-                range: Some([-full, *full]),
-            },
+                );
+                Some(Legend { legend, range: Some([-full, *full]), scale: palette.scale(false) })
+            }
             Kind::Segments(all) => {
                 let names = all.segments.iter().map(|s| format!("{} {}", s.name, hex(s.colour)));
-                Legend { legend: format!("segments: {}", names.collect::<Vec<_>>().join(", ")), range: None }
+                plain(format!("segments: {}", names.collect::<Vec<_>>().join(", ")))
             }
-        })
+        }
     }
 }
 

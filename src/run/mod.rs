@@ -2,7 +2,8 @@
 //! measured. Everything here reads and writes the files of the run folder, and prints nothing.
 //!
 //! [`OpenRun`] is the run; [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand
-//! for, [`frames`] writes pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
+//! for (numbers in a [`palette`]), [`frames`] writes pictures; [`view`] is all of that for one picture, which [`saved`] keeps in files; [`keyframes`] are
+//! paths of cameras through such pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
 //! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
 //! segments, [`export`] writes files of other programs, and [`measure`] evaluates the run. `files::RunPaths` says where
 //! everything lies.
@@ -14,15 +15,19 @@ mod error;
 pub mod export;
 pub mod follow;
 pub mod frames;
+pub mod keyframes;
 pub mod labels;
 pub mod look;
 pub mod masks;
 pub mod measure;
 mod open;
+pub mod palette;
 pub mod pick;
+pub mod saved;
 pub mod segments;
 pub mod selection;
 pub mod split;
+pub mod view;
 
 pub use error::RunError;
 pub use open::OpenRun;

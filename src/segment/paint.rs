@@ -60,9 +60,15 @@ pub fn signed(values: &[f32], scale: f32) -> impl Iterator<Item = [f32; 3]> {
     })
 }
 
-/// Sizes `values` `[N]` as colours of the map `inferno`: black at 0, by red and orange to light yellow from `scale` on.
-pub fn sizes(values: &[f32], scale: f32) -> impl Iterator<Item = [f32; 3]> {
-    let map = named("inferno").unwrap_or_default();
+/// Signed `values` `[N]` as colours of a diverging map (see [`named`]): its ends at `-scale` and less and at `scale` and more.
+pub fn diverging(values: &[f32], scale: f32, map: &str) -> impl Iterator<Item = [f32; 3]> {
+    let map = named(map).unwrap_or_default();
+    values.iter().map(move |v| at(&map, 0.5 + 0.5 * f64::from(share(v / scale).copysign(*v))))
+}
+
+/// Sizes `values` `[N]` as colours of a map (see [`named`]), its end from `scale` on.
+pub fn sizes(values: &[f32], scale: f32, map: &str) -> impl Iterator<Item = [f32; 3]> {
+    let map = named(map).unwrap_or_default();
     values.iter().map(move |v| at(&map, share(v / scale).into()))
 }
 
@@ -81,11 +87,11 @@ pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
     })
 }
 
-/// The depth of `picture` as colours of the map `viridis`, `[H, W, 4]`: yellow at `near` and nearer, dark blue at `far`
+/// The depth of `picture` as colours of a map (see [`named`]), `[H, W, 4]`: its end at `near` and nearer, its beginning at `far`
 /// and farther, world units; `background` where next to nothing is.
 #[must_use]
-pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3]) -> Vec<f32> {
-    let map = named("viridis").unwrap_or_default();
+pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3], map: &str) -> Vec<f32> {
+    let map = named(map).unwrap_or_default();
     let pixels = picture.depth.iter().zip(picture.rgba.chunks_exact(4));
     pixels
         .flat_map(|(depth, pixel)| {
@@ -148,8 +154,15 @@ mod tests {
     fn signs_have_colours_and_sizes_have_brightness() {
         let colours: Vec<[f32; 3]> = signed(&[1.0, -1.0, 0.0, 9.0, f32::NAN], 2.0).collect();
         assert_eq!(colours, [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0; 3], [1.0, 0.0, 0.0], [0.0; 3]]);
-        let bright: Vec<f32> = sizes(&[0.0, 0.5, 1.0, 2.0, 3.0], 2.0).map(|c| c.iter().sum()).collect();
+        let bright: Vec<f32> = sizes(&[0.0, 0.5, 1.0, 2.0, 3.0], 2.0, "inferno").map(|c| c.iter().sum()).collect();
         assert!(bright.windows(2).all(|w| w[0] <= w[1]) && bright[0] < 0.1 && bright[3] == bright[4], "{bright:?}");
+    }
+
+    #[test]
+    fn diverging_colours_have_their_middle_at_nothing() {
+        let colours: Vec<[f32; 3]> = diverging(&[-9.0, -2.0, 0.0, 2.0, f32::NAN], 2.0, "cool-warm").collect();
+        assert!(colours[0] == colours[1] && colours[2] == colours[4]);
+        assert!(colours[1][2] > colours[1][0] && colours[3][0] > colours[3][2], "blue below, red above: {colours:?}");
     }
 
     #[test]
@@ -159,13 +172,13 @@ mod tests {
         let picture = Picture { width: 5, height: 1, rgba, depth: vec![0.0, 9.0, 2.0, 3.0, 4.0] };
         let range = depth_range(&picture).unwrap();
         assert_eq!(range, [2.0, 4.0]);
-        let image = depth_colours(&picture, range, [1.0, 0.0, 1.0]);
+        let image = depth_colours(&picture, range, [1.0, 0.0, 1.0], "viridis");
         let pixel = |i: usize| &image[4 * i..4 * i + 3];
         assert_eq!((pixel(0), pixel(1)), (&[1.0, 0.0, 1.0][..], &[1.0, 0.0, 1.0][..]));
         let light = |i: usize| pixel(i).iter().sum::<f32>();
         assert!(light(2) > light(3) && light(3) > light(4), "{image:?}");
         // one depth alone is no division by zero
-        assert!(depth_colours(&picture, [2.0, 2.0], [0.0; 3]).iter().all(|v| v.is_finite()));
+        assert!(depth_colours(&picture, [2.0, 2.0], [0.0; 3], "viridis").iter().all(|v| v.is_finite()));
         assert_eq!(depth_range(&Picture { width: 0, height: 0, rgba: vec![], depth: vec![] }), None);
     }
 }

@@ -1,20 +1,17 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
 use super::clicks::Clicks;
+use super::compare::Compare;
 use super::gizmo::Preview;
 use super::hub::Outgoing;
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
 use super::workspace::Workspace;
-use crate::data::Camera;
 use crate::run::RunError;
-use crate::run::look::{Legend, Look, Prepared, Show};
+use crate::run::look::{Legend, Look, Prepared};
 use crate::run::pick::{ClickError, Hit, place};
-use crate::run::selection::Selection;
 use crate::segment::pick::{Meaning, PickOptions, Picked};
-use crate::track::velocity::Component;
 use burn::tensor::Device;
-use glam::DVec3;
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
 
@@ -28,13 +25,20 @@ pub struct Client {
     pub pace: Pace,
     /// What it wants to see.
     pub view: Option<View>,
-    /// What draws that, with the key by which it is known.
-    look: Option<(String, Look)>,
+    /// Edits that are shown after those of the run and not saved.
+    pub preview: Option<Preview>,
+    /// What it compares that with.
+    pub compare: Option<Compare>,
+    /// The image of the dataset that it has, by its test view.
+    pub image: Option<usize>,
+    /// What draws the picture and the one beside it, with the key by which it is known.
+    looks: [Option<(String, Look)>; 2],
     /// The scene that it clicks on.
     clicks: Option<Clicks>,
     clicked: Option<Clicked>,
-    /// What was prepared last with the selection standing out, with the key of the rest and the number of the selection.
-    highlighted: Option<(String, u64, Prepared)>,
+    /// What was prepared last of both with the selection standing out, with the key of the rest and the number of the
+    /// selection.
+    highlighted: [Option<(String, u64, Prepared)>; 2],
     /// Grows with every change of what is selected.
     selections: u64,
     legend: Option<Legend>,
@@ -58,9 +62,22 @@ pub struct Clicked {
 impl Client {
     /// One that came just now.
     pub fn new(out: Sender<Outgoing>) -> Self {
-        let (view, look, clicks, clicked, legend) = (None, None, None, None, None);
-        let (pace, lost) = (Pace::new(Instant::now()), false);
-        Self { out, lost, pace, view, look, clicks, clicked, highlighted: None, selections: 0, legend, frame: 0 }
+        Self {
+            out,
+            lost: false,
+            pace: Pace::new(Instant::now()),
+            view: None,
+            preview: None,
+            compare: None,
+            image: None,
+            looks: [None, None],
+            clicks: None,
+            clicked: None,
+            highlighted: [None, None],
+            selections: 0,
+            legend: None,
+            frame: 0,
+        }
     }
 
     /// Sends something; one that left, or takes nothing for long, is lost.
@@ -90,29 +107,23 @@ impl Client {
         self.pace.changes(Instant::now(), false);
     }
 
-    /// The camera of the view at `part` of its full size.
-    pub fn camera(view: &View, part: f64) -> Camera {
-        let side = |n: u32| ((f64::from(n) * part).round() as u32).max(1);
-        let [eye, target, up] = [view.eye, view.target, view.up].map(DVec3::from_array);
-        Camera::look_at(eye, target, up, view.fov, side(view.size[0]), side(view.size[1]))
-    }
-
-    /// What draws the view, and the key by which what it prepares for a time may be found again: clients that look at the
-    /// same share it.
+    /// What draws the view (the one beside it, if it is the `other`), and the key by which what it prepares for a time may
+    /// be found again: clients that look at the same share it.
     ///
     /// # Errors
     /// A look or segment that nobody knows.
-    pub fn look(&mut self, space: &Workspace, view: &View) -> Result<(&mut Look, String), RunError> {
-        let View { look, alone, hidden, edits, preview, .. } = view;
-        let key = format!("{look} {alone:?} {hidden:?} {edits} {}", space.revision());
-        if self.look.as_ref().is_none_or(|(k, _)| *k != key) {
-            let selection = shown(space, view)?;
-            self.look = Some((key.clone(), Look::open(&space.run, selection, show(look)?)?));
+    pub fn look(&mut self, space: &Workspace, view: &View, other: bool) -> Result<(&mut Look, String), RunError> {
+        let View { look, palette, alone, hidden, edits, range, .. } = view;
+        let key = format!("{look} {palette:?} {alone:?} {hidden:?} {edits} {range:?} {}", space.revision());
+        let found = &mut self.looks[usize::from(other)];
+        if found.as_ref().is_none_or(|(k, _)| *k != key) {
+            *found = Some((key.clone(), usable(space, view).look(&space.run)?));
         }
-        match &mut self.look {
+        match found {
             Some((_, look)) => {
                 // the look stays while a handle is dragged: it holds what every step of that begins with
-                let preview = Preview::on(preview.as_ref(), space.revision());
+                let preview = self.preview.as_ref().filter(|_| !other);
+                let preview = Preview::on(preview, space.revision());
                 let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
                 look.preview(&space.run, preview)?;
                 Ok((look, key))
@@ -122,19 +133,35 @@ impl Client {
     }
 
     /// What was prepared for the look, under `key`, with what is selected standing out.
-    pub fn highlighted(&mut self, key: &str, prepared: Prepared, device: &Device) -> Prepared {
+    pub fn highlighted(&mut self, key: &str, prepared: Prepared, other: bool, device: &Device) -> Prepared {
+        let which = usize::from(other);
         let Some(members) = self.clicked.as_ref().map(|c| &c.picked.members) else { return prepared };
-        let Some((_, look)) = self.look.as_ref().filter(|_| !members.is_empty()) else { return prepared };
-        if self.highlighted.as_ref().is_none_or(|(k, s, _)| (k.as_str(), *s) != (key, self.selections)) {
-            let new = look.highlight(&prepared, members, device);
-            self.highlighted = Some((key.to_owned(), self.selections, new));
+        let Some((_, look)) = self.looks[which].as_ref().filter(|_| !members.is_empty()) else { return prepared };
+        let known = &mut self.highlighted[which];
+        if known.as_ref().is_none_or(|(k, s, _)| (k.as_str(), *s) != (key, self.selections)) {
+            *known = Some((key.to_owned(), self.selections, look.highlight(&prepared, members, device)));
         }
-        self.highlighted.as_ref().map_or(prepared, |(_, _, known)| known.clone())
+        known.as_ref().map_or(prepared, |(_, _, known)| known.clone())
+    }
+
+    /// What it wants to see, with the scale of the colours that it sees; what is selected is no part of it.
+    ///
+    /// # Errors
+    /// If it has not said.
+    pub fn still(&self) -> Result<View, RunError> {
+        let mut view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
+        view.range = view.range.or(self.range());
+        Ok(view)
+    }
+
+    /// Values at the ends of the scale of the colours that it sees.
+    pub fn range(&self) -> Option<[f32; 2]> {
+        self.looks[0].as_ref().and_then(|(_, look)| look.legend()).and_then(|l| l.range)
     }
 
     /// Tells the key to the colours, where it changed.
     pub fn tell_legend(&mut self) {
-        let legend = self.look.as_ref().and_then(|(_, look)| look.legend());
+        let legend = self.looks[0].as_ref().and_then(|(_, look)| look.legend());
         if legend != self.legend {
             self.legend.clone_from(&legend);
             self.answer(Answer::Legend { legend });
@@ -164,7 +191,7 @@ impl Client {
         let view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         let started = Instant::now();
         let clicking = Clicks::get(&mut self.clicks, space, view.time)?;
-        let hit = clicking.hit(&Self::camera(&view, 1.0), pixel, within)?;
+        let hit = clicking.hit(&view.camera(1.0), pixel, within)?;
         let before = self.clicked.take().map(|c| c.picked.members).unwrap_or_default();
         self.select(id, hit, view.time, (before, combine), meaning, started)
     }
@@ -175,8 +202,9 @@ impl Client {
     /// If nothing is there.
     pub fn point(&self, space: &Workspace, pixel: [u32; 2]) -> Result<[f64; 3], ClickError> {
         let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
-        let at = shown(space, view)?.at(&space.run.scene, view.time as f32)?;
-        place(&at, &Self::camera(view, 1.0), pixel, view.time, &space.device)
+        let look = usable(space, view).look(&space.run)?;
+        let at = look.selection().at(&space.run.scene, view.time as f32)?;
+        place(&at, &view.camera(1.0), pixel, view.time, &space.device)
     }
 
     /// The last click once more, with another meaning.
@@ -228,17 +256,12 @@ impl Client {
     }
 }
 
-/// What of the scene a view shows, whatever is clicked.
-fn shown(space: &Workspace, view: &View) -> Result<Selection, RunError> {
-    let all = space.segments().now();
-    let mut away = Vec::new();
-    for name in &view.hidden {
-        // one that is gone hides nothing
-        away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
+/// The view as it can be drawn: while the segments on the disk cannot be used, neither can edits of them, and none is hidden.
+fn usable(space: &Workspace, view: &View) -> View {
+    match space.fault() {
+        Some(_) => View { edits: false, hidden: Vec::new(), ..view.clone() },
+        None => view.clone(),
     }
-    // while the segments on the disk cannot be used, edits of them cannot either
-    let edits = view.edits && space.fault().is_none();
-    Ok(Selection::open(&space.run, &view.alone, edits)?.hiding(away))
 }
 
 fn of(asked: Asked) -> Meaning {
@@ -261,24 +284,6 @@ fn combine((before, how): &(Vec<u32>, Combine), new: Vec<u32>) -> Vec<u32> {
         }
         Combine::Remove => before.iter().filter(|i| new.binary_search(i).is_err()).copied().collect(),
     }
-}
-
-/// What the colours stand for, by its name in the protocol.
-fn show(name: &str) -> Result<Show, RunError> {
-    Ok(match name {
-        "colour" => Show::Colour,
-        "depth" => Show::Depth,
-        "segments" => Show::Segments,
-        "velocity x" => Show::Velocity(Component::X),
-        "velocity y" => Show::Velocity(Component::Y),
-        "velocity z" => Show::Velocity(Component::Z),
-        "velocity speed" => Show::Velocity(Component::Speed),
-        _ => {
-            return Err(RunError::input(
-                "look: colour, depth, segments, velocity x, velocity y, velocity z or velocity speed",
-            ));
-        }
-    })
 }
 
 #[cfg(test)]

@@ -10,9 +10,12 @@ pub mod auth;
 pub mod cache;
 pub mod clicks;
 pub mod client;
+pub mod compare;
 pub mod gizmo;
 pub mod hub;
 pub mod jobs;
+#[cfg(unix)]
+pub mod local;
 pub mod order;
 pub mod pace;
 pub mod page;
@@ -28,11 +31,12 @@ use burn::tensor::Device;
 use hub::Hub;
 use render::Renderer;
 use server::{Shared, router};
-use std::net::{IpAddr, SocketAddr};
-use std::path::PathBuf;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use tokio::net::TcpListener;
 use workspace::Workspace;
 
 /// How the viewer is served.
@@ -46,6 +50,8 @@ pub struct ViewOptions {
     pub bind: IpAddr,
     /// Port; any that is free if 0.
     pub port: u16,
+    /// Socket file in the place of address and port, on Unix.
+    pub socket: Option<PathBuf>,
     /// Names under which it may be reached, beside those of the machine itself.
     pub hosts: Vec<String>,
     /// Whether nothing may be changed.
@@ -57,8 +63,10 @@ pub struct ViewOptions {
 /// Where a viewer can be reached.
 #[derive(Clone, Debug)]
 pub struct Serving {
-    /// Address and port.
+    /// Address and port; the port of one's own machine that the address in `url` takes, where it is a socket file.
     pub address: SocketAddr,
+    /// The socket file.
+    pub socket: Option<PathBuf>,
     /// What a browser opens; holds the secret.
     pub url: String,
 }
@@ -77,9 +85,47 @@ pub enum ViewError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// The socket file cannot be used.
+    #[error("--socket {}: {source}", path.display())]
+    Socket {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: std::io::Error,
+    },
     /// The system gives no random numbers or threads.
     #[error("the viewer cannot start: {0}")]
     System(std::io::Error),
+}
+
+/// Port of one's own machine from which a socket file is forwarded, if no other is asked for.
+const FORWARDED: u16 = 8137;
+
+/// What is listened at.
+enum Listener {
+    Port(TcpListener),
+    #[cfg(unix)]
+    File(local::SocketFile, tokio::net::UnixListener),
+}
+
+impl Listener {
+    #[cfg(unix)]
+    fn file(path: &Path) -> std::io::Result<Self> {
+        local::SocketFile::listen(path).map(|(file, listener)| Self::File(file, listener))
+    }
+
+    #[cfg(not(unix))]
+    fn file(_: &Path) -> std::io::Result<Self> {
+        Err(std::io::Error::new(std::io::ErrorKind::Unsupported, "there are socket files on Unix alone"))
+    }
+
+    async fn serve(self, router: axum::Router) -> std::io::Result<()> {
+        match self {
+            Self::Port(listener) => axum::serve(listener, router).await,
+            #[cfg(unix)]
+            Self::File(_file, listener) => axum::serve(listener, router).await,
+        }
+    }
 }
 
 /// Serves the viewer until `stop` is raised; `ready` hears where it can be reached.
@@ -92,8 +138,19 @@ pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Servi
         tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().map_err(ViewError::System)?;
     let wanted = SocketAddr::new(options.bind, options.port);
     let failed = |source| ViewError::Address { address: wanted, source };
-    let listener = runtime.block_on(tokio::net::TcpListener::bind(wanted)).map_err(failed)?;
-    let address = listener.local_addr().map_err(failed)?;
+    let (listener, address) = match &options.socket {
+        Some(path) => {
+            let wrong = |source| ViewError::Socket { path: path.clone(), source };
+            let port = if options.port == 0 { FORWARDED } else { options.port };
+            let listener = runtime.block_on(async { Listener::file(path) }).map_err(wrong)?;
+            (listener, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
+        }
+        None => {
+            let listener = runtime.block_on(TcpListener::bind(wanted)).map_err(failed)?;
+            let address = listener.local_addr().map_err(failed)?;
+            (Listener::Port(listener), address)
+        }
+    };
     let token = Token::new().map_err(ViewError::System)?;
     let host = match address.ip() {
         ip if ip.is_unspecified() || ip.is_loopback() => "localhost".to_owned(),
@@ -112,7 +169,7 @@ pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Servi
             Renderer::new(space, options.cache, hub.clone()).run();
         });
         drawing.map_err(ViewError::System)?;
-        ready(&Serving { address, url });
+        ready(&Serving { address, socket: options.socket.clone(), url });
         let asked = async {
             while !stop.load(Ordering::Relaxed) {
                 tokio::time::sleep(Duration::from_millis(100)).await;
@@ -120,7 +177,7 @@ pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Servi
         };
         let served = runtime.block_on(async {
             tokio::select! {
-                served = async { axum::serve(listener, router).await } => served,
+                served = listener.serve(router) => served,
                 () = asked => Ok(()),
             }
         });

@@ -35,16 +35,18 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 19] = modules![
+pub const MODULES: [PageFile; 22] = modules![
     "address.js",
     "app.js",
     "camera.js",
+    "compare.js",
     "edits.js",
     "gizmo.js",
     "help.js",
     "input.js",
     "jobs.js",
     "looks.js",
+    "path.js",
     "picture.js",
     "plot.js",
     "row.js",
@@ -52,6 +54,7 @@ pub const MODULES: [PageFile; 19] = modules![
     "selection.js",
     "socket.js",
     "state.js",
+    "take.js",
     "time.js",
     "tracks.js",
     "training.js",

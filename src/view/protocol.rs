@@ -1,5 +1,6 @@
 //! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
 
+use super::compare::Compare;
 use super::gizmo::Preview;
 use super::jobs::board::JobState;
 use super::jobs::task::Task;
@@ -7,13 +8,14 @@ use super::tracks::Track;
 use super::training::Training;
 use crate::edit::Operation;
 use crate::name::Name;
+use crate::run::cameras::Placed;
+use crate::run::keyframes::{Key, SavedPath};
 use crate::run::look::Legend;
+pub use crate::run::view::View;
 use serde::{Deserialize, Serialize};
 
 /// Longest text that a client may send, bytes.
 pub const LONGEST: usize = 64 * 1024;
-/// Largest side of a picture that a client may ask for, pixels.
-const SIDE: u32 = 4096;
 /// Version of the frames' header.
 const VERSION: u8 = 1;
 /// Bytes of the frames' header.
@@ -24,7 +26,7 @@ pub const HEADER: usize = 32;
 #[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Request {
     /// What it wants to see.
-    View(View),
+    View(Box<Wanted>),
     /// It has drawn a frame, and with it all before.
     Ack {
         /// Number of the frame.
@@ -50,6 +52,30 @@ pub enum Request {
         id: u32,
         /// How much is meant.
         meaning: Option<Asked>,
+    },
+    /// The picture as a file that can be drawn again, without what is selected.
+    Still {
+        /// Number by which the frame is known.
+        id: u32,
+    },
+    /// The command that draws it.
+    Command {
+        /// Number by which the answer is known.
+        id: u32,
+    },
+    /// Where the dataset's test views are.
+    Views {
+        /// Number by which the answer is known.
+        id: u32,
+    },
+    /// Cameras of a path through keyframes, and the path as a file.
+    Path {
+        /// Number by which the answer is known.
+        id: u32,
+        /// The keyframes.
+        keys: Vec<Key>,
+        /// How many cameras.
+        frames: usize,
     },
     /// Forget what was selected.
     Clear,
@@ -114,66 +140,21 @@ pub enum Request {
     },
 }
 
-/// What is seen.
+/// What a client wants to see.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
-pub struct View {
-    /// Where the camera stands, world units.
-    pub eye: [f64; 3],
-    /// What it looks at.
-    pub target: [f64; 3],
-    /// What is up.
-    pub up: [f64; 3],
-    /// Whole horizontal field of view, radians.
-    pub fov: f64,
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// Time in [0, 1].
-    pub time: f64,
-    /// `colour`, `depth`, `segments`, `velocity x`, `velocity y`, `velocity z` or `velocity speed`.
-    pub look: String,
-    /// Segments shown alone; all of the scene if empty.
-    #[serde(default)]
-    pub alone: Vec<String>,
-    /// Segments left out.
-    #[serde(default)]
-    pub hidden: Vec<String>,
-    /// Whether the edits apply.
-    pub edits: bool,
-    /// Edits that are not saved and apply after those.
-    #[serde(default)]
-    pub preview: Option<Preview>,
+pub struct Wanted {
+    /// The picture.
+    #[serde(flatten)]
+    pub view: View,
     /// Whether more is to come at once.
     pub moving: bool,
-}
-
-impl View {
-    /// Refuses what no picture can be drawn of.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub fn check(&self) -> Result<(), String> {
-        let far = |v: &[f64; 3]| v.iter().any(|x| !x.is_finite() || x.abs() > 1e12);
-        if far(&self.eye) || far(&self.target) || far(&self.up) {
-            return Err("eye, target and up: three finite numbers each".into());
-        }
-        let [eye, target, up] = [self.eye, self.target, self.up].map(glam::DVec3::from_array);
-        let along = target - eye;
-        if along.length() < 1e-9 || up.cross(along).length() < 1e-9 * up.length() * along.length() || up.length() < 1e-9
-        {
-            return Err("eye and target: two points apart, and up not along the line between them".into());
-        }
-        if !(0.001..3.1).contains(&self.fov) {
-            return Err("fov: between 0.001 and 3.1".into());
-        }
-        if !self.size.iter().all(|n| (1..=SIDE).contains(n)) {
-            return Err(format!("size: sides of 1 to {SIDE} pixels"));
-        }
-        if !(0.0..=1.0).contains(&self.time) {
-            return Err("time: between 0 and 1".into());
-        }
-        self.preview.as_ref().map_or(Ok(()), Preview::check)
-    }
+    /// What it is compared with.
+    #[serde(default)]
+    pub compare: Option<Compare>,
+    /// Edits that are not saved and apply after those of the run.
+    #[serde(default)]
+    pub preview: Option<Preview>,
 }
 
 /// How much a click means.
@@ -303,6 +284,29 @@ pub enum Answer {
     Document(Box<Document>),
     /// What a click selected.
     Picked(Box<Selected>),
+    /// The command that was asked for.
+    Command {
+        /// Number of the request.
+        id: u32,
+        /// For a shell.
+        command: String,
+    },
+    /// The dataset's test views.
+    Views {
+        /// Number of the request.
+        id: u32,
+        /// In their order.
+        views: Vec<Placed>,
+    },
+    /// A path through keyframes.
+    Path {
+        /// Number of the request.
+        id: u32,
+        /// Its cameras at equal steps.
+        frames: Vec<Key>,
+        /// What its file holds.
+        file: Box<SavedPath>,
+    },
     /// A request was carried out.
     Done {
         /// Its number.
@@ -403,9 +407,24 @@ pub enum Codec {
     Png = 1,
 }
 
+/// What a frame is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The picture, to be acknowledged.
+    Picture = 0,
+    /// What the picture of the same number is compared with.
+    Other = 1,
+    /// A file that was asked for; its number is that of the request.
+    Still = 2,
+    /// The dataset's image of the test view of this number, in its own size.
+    Image = 3,
+}
+
 /// What is told of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInfo {
+    /// What it is.
+    pub kind: Kind,
     /// How it is encoded.
     pub codec: Codec,
     /// Number, to be acknowledged.
@@ -423,12 +442,12 @@ pub struct FrameInfo {
 }
 
 impl FrameInfo {
-    /// The frame as it is sent: version, codec, two bytes of nothing, then in little-endian order number (u32), revision
+    /// The frame as it is sent: version, codec, kind, a byte of nothing, then in little-endian order number (u32), revision
     /// (u64), width and height (u16 each), time, drawing and encoding milliseconds (f32 each), and the picture.
     #[must_use]
     pub fn with(&self, picture: &[u8]) -> Vec<u8> {
         let mut out = Vec::with_capacity(HEADER + picture.len());
-        out.extend([VERSION, self.codec as u8, 0, 0]);
+        out.extend([VERSION, self.codec as u8, self.kind as u8, 0]);
         out.extend(self.number.to_le_bytes());
         out.extend(self.revision.to_le_bytes());
         self.size.iter().for_each(|n| out.extend((*n as u16).to_le_bytes()));
@@ -442,45 +461,17 @@ impl FrameInfo {
 mod tests {
     use super::*;
 
-    fn view() -> View {
-        View {
-            eye: [4.0, 0.0, 0.0],
-            target: [0.0; 3],
-            up: [0.0, 0.0, 1.0],
-            fov: 0.5,
-            size: [800, 600],
-            time: 0.5,
-            look: "colour".into(),
-            alone: Vec::new(),
-            hidden: Vec::new(),
-            edits: true,
-            preview: None,
-            moving: false,
-        }
-    }
-
-    #[test]
-    fn views_that_cannot_be_drawn_are_refused() {
-        view().check().unwrap();
-        let bad = |change: fn(&mut View)| {
-            let mut view = view();
-            change(&mut view);
-            view.check().unwrap_err()
-        };
-        bad(|v| v.eye[0] = f64::NAN);
-        bad(|v| v.eye = v.target);
-        bad(|v| v.up = [1.0, 0.0, 0.0]);
-        bad(|v| v.up = [0.0; 3]);
-        bad(|v| v.fov = f64::INFINITY);
-        bad(|v| v.size = [0, 600]);
-        bad(|v| v.size = [800, 1 << 20]);
-        bad(|v| v.time = 1.5);
-    }
-
     #[test]
     fn requests_are_read_and_what_nobody_knows_is_refused() {
         let read = |text: &str| serde_json::from_str::<Request>(text);
         assert_eq!(read(r#"{"type":"ack","frame":7}"#).unwrap(), Request::Ack { frame: 7 });
+        let seen = r#"{"type":"view","eye":[4,0,0.1],"target":[0,0,0],"up":[0,0,1],"fov":0.5,"size":[8,8],"time":0.5,"look":"colour","edits":true,"moving":true}"#;
+        let Request::View(wanted) = read(seen).unwrap() else { panic!() };
+        assert_eq!((wanted.view.eye, wanted.moving), ([4.0, 0.0, 0.1], true));
+        assert!(
+            read(&seen.replace("\"moving\"", "\"path\"")).is_err() && read(&seen.replace("\"look\"", "\"x\"")).is_err()
+        );
+        assert!(read(&seen.replace("\"moving\"", "\"x\":1,\"moving\"")).is_err(), "what nobody knows");
         let pick = read(r#"{"type":"pick","id":1,"pixel":[3,4],"meaning":{"level":2},"combine":"add"}"#).unwrap();
         let Request::Pick { meaning, combine, within, .. } = pick else { panic!("{pick:?}") };
         assert_eq!((meaning, combine, within), (Some(Asked::Level(2)), Combine::Add, None));
@@ -497,6 +488,7 @@ mod tests {
     #[test]
     fn a_frame_begins_with_its_header() {
         let info = FrameInfo {
+            kind: Kind::Still,
             codec: Codec::Png,
             number: 9,
             revision: 2,
@@ -506,7 +498,7 @@ mod tests {
             encode_ms: 3.0,
         };
         let frame = info.with(b"picture");
-        assert_eq!((frame[0], frame[1], &frame[HEADER..]), (VERSION, 1, &b"picture"[..]));
+        assert_eq!((&frame[..4], &frame[HEADER..]), (&[VERSION, 1, 2, 0][..], &b"picture"[..]));
         assert_eq!(u32::from_le_bytes(frame[4..8].try_into().unwrap()), 9);
         assert_eq!(f32::from_le_bytes(frame[20..24].try_into().unwrap()), 0.25);
     }

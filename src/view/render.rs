@@ -3,16 +3,20 @@
 
 use super::cache::Cache;
 use super::client::Client;
+use super::compare::Compare;
+use super::gizmo::Preview;
 use super::hub::{ClientId, Event, Hub, Outgoing};
 use super::jobs::Jobs;
 use super::pace::Next;
-use super::protocol::{Answer, Codec, FrameInfo, Request, View};
+use super::protocol::{Answer, Codec, FrameInfo, Kind, Request, View};
 use super::tracks::{Tracks, Wanted};
 use super::training::Watch;
 use super::workspace::{ChangeError, Workspace};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::run::RunError;
+use crate::run::keyframes::{CameraPath, SavedPath};
 use crate::run::pick::Hit;
+use crate::run::saved::{SavedView, command};
 use jpeg_encoder::{ColorType, Encoder};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -21,6 +25,12 @@ use std::time::{Duration, Instant};
 
 /// Quality of frames of a moving view, and of one at rest.
 const QUALITY: [u8; 2] = [60, 85];
+/// Name under which the page saves a picture.
+const FILE: &str = "volseggs.png";
+/// Name under which the page saves a path.
+const PATH_FILE: &str = "path.json";
+/// Most cameras of a path that a client may ask for.
+const PATH: usize = 3000;
 /// How often the files of the run are looked at.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -121,10 +131,14 @@ impl Renderer {
     fn answer(&mut self, id: ClientId, request: Request) -> Result<(), (Option<u32>, String)> {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         match request {
-            Request::View(view) => {
-                view.check().map_err(|e| (None, e))?;
-                client.pace.changes(Instant::now(), view.moving);
-                client.view = Some(view);
+            Request::View(wanted) => {
+                wanted.view.check().map_err(|e| (None, e))?;
+                client.pace.changes(Instant::now(), wanted.moving);
+                wanted.compare.map_or(Ok(()), |c| c.check()).map_err(|e| (None, e))?;
+                wanted.preview.as_ref().map_or(Ok(()), Preview::check).map_err(|e| (None, e))?;
+                client.view = Some(wanted.view);
+                client.preview = wanted.preview;
+                client.compare = wanted.compare;
             }
             Request::Ack { frame } => client.pace.acknowledges(Instant::now(), frame),
             Request::Pick { id, pixel, within, meaning, combine } => {
@@ -135,6 +149,42 @@ impl Renderer {
             Request::Adjust { id, meaning } => {
                 let picked = client.adjust(id, meaning).map_err(|e| (Some(id), e.to_string()))?;
                 client.answer(Answer::Picked(Box::new(picked)));
+            }
+            Request::Still { id: number } => {
+                let wrong = |e: RunError| (Some(number), e.to_string());
+                let started = Instant::now();
+                let view = client.still().map_err(wrong)?;
+                let (size, time) = (view.size, view.time);
+                let (run, device) = (&self.space.run, &self.space.device);
+                let bytes = SavedView::picture(run, view, FILE, device).map_err(wrong)?;
+                let (codec, revision) = (Codec::Png, self.space.revision());
+                let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
+                let kind = Kind::Still;
+                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+                client.send(Outgoing::Frame(info, bytes));
+            }
+            Request::Command { id: number } => {
+                let wrong = |e: RunError| (Some(number), e.to_string());
+                let view = client.still().map_err(wrong)?;
+                let json = serde_json::to_string(&view).map_err(|e| wrong(RunError::failure(e)))?;
+                client.answer(Answer::Command {
+                    id: number,
+                    command: command(&self.space.run, "--view", &json, "still"),
+                });
+            }
+            Request::Views { id: number } => {
+                let views = self.space.run.test_views().map_err(|e| (Some(number), e.to_string()))?;
+                client.answer(Answer::Views { id: number, views });
+            }
+            Request::Path { id: number, keys, frames } => {
+                let wrong = |e: String| (Some(number), e);
+                let shown = client.still().map_err(|e| wrong(e.to_string()))?;
+                let path = CameraPath::new(keys.clone()).map_err(wrong)?;
+                if frames > PATH {
+                    return Err(wrong(format!("frames: at most {PATH}")));
+                }
+                let file = Box::new(SavedPath::new(&self.space.run, shown, keys, PATH_FILE));
+                client.answer(Answer::Path { id: number, frames: path.frames(frames).collect(), file });
             }
             Request::Clear => client.clear(),
             Request::Point { id, pixel } => {
@@ -277,7 +327,12 @@ impl Renderer {
     }
 
     fn draw(&mut self, id: ClientId, view: &View, next: Next) {
-        let drawn = catch_unwind(AssertUnwindSafe(|| self.frame(id, view, next)));
+        let drawn = catch_unwind(AssertUnwindSafe(|| {
+            let drawn = self.frame(id, view, next, Kind::Picture)?;
+            // first, so that who acknowledges the picture has taken it too
+            self.beside(id, view, next)?;
+            Ok(drawn)
+        }));
         let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
         let Some(client) = self.clients.get_mut(&id) else { return };
         match drawn {
@@ -299,7 +354,31 @@ impl Renderer {
         }
     }
 
-    fn frame(&mut self, id: ClientId, view: &View, next: Next) -> Result<(FrameInfo, Vec<u8>), RunError> {
+    /// Sends what the picture is compared with.
+    fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<(), RunError> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        let Some(compare) = client.compare else { return Ok(()) };
+        let sent = match (compare, compare.other(view, client.range())) {
+            (_, Some(other)) => self.frame(id, &other, next, Kind::Other)?,
+            (Compare::Image { view: number }, None) if client.image != Some(number) => {
+                // one that cannot be read is told of once
+                client.image = Some(number);
+                let image = self.space.run.test_image(number)?;
+                let size = [image.width(), image.height()];
+                let (kind, codec, revision, time) = (Kind::Image, Codec::Png, self.space.revision(), view.time);
+                let (number, render_ms, encode_ms) = (number as u32, 0.0, 0.0);
+                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+                (info, encode_png(&image).map_err(RunError::failure)?)
+            }
+            _ => return Ok(()),
+        };
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.send(Outgoing::Frame(sent.0, sent.1));
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, id: ClientId, view: &View, next: Next, kind: Kind) -> Result<(FrameInfo, Vec<u8>), RunError> {
         let client = self.clients.get_mut(&id).ok_or_else(|| RunError::failure("the client left"))?;
         let (part, quality) = match next {
             Next::Moving(part) => (part, Some(QUALITY[0])),
@@ -307,24 +386,26 @@ impl Renderer {
             _ => (1.0, None),
         };
         let started = Instant::now();
-        let camera = Client::camera(view, part);
+        let camera = view.camera(part);
         let number = client.frame.wrapping_add(1);
-        let (look, key) = client.look(&self.space, view)?;
+        let other = kind == Kind::Other;
+        let dragged = client.preview.is_some() && !other;
+        let (look, key) = client.look(&self.space, view, other)?;
         let (scene, device) = (&self.space.run.scene, &self.space.device);
         let key = format!("{} {key}", view.time);
         let prepared = match self.cache.get(&key) {
             Some(prepared) => prepared,
             None => {
                 let prepared = look.prepare(scene, view.time as f32, device)?;
-                if view.preview.is_none() {
+                if !dragged {
                     // nobody comes back to a step of a drag
                     self.cache.put(key.clone(), prepared.clone());
                 }
                 prepared
             }
         };
-        let prepared = client.highlighted(&key, prepared, device);
-        let (look, _) = client.look(&self.space, view)?;
+        let prepared = client.highlighted(&key, prepared, other, device);
+        let (look, _) = client.look(&self.space, view, other)?;
         let image = look.draw(scene, &prepared, camera.to_kernel(), device);
         let size = [camera.width, camera.height];
         let rgb = to_rgb8(&image, size[0] as usize, size[1] as usize);
@@ -343,7 +424,7 @@ impl Renderer {
         };
         let encode_ms = 1e3 * started.elapsed().as_secs_f32();
         let revision = self.space.revision();
-        Ok((FrameInfo { codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
+        Ok((FrameInfo { kind, codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
     }
 }
 

@@ -104,3 +104,43 @@ fn nonsense_is_answered_and_too_much_ends_the_connection() {
     assert!(more.iter().filter(|w| w.is_ok()).count() >= 6);
     assert!(connect(&server, &[("Cookie", &server.cookie())]).is_err());
 }
+
+#[cfg(unix)]
+#[test]
+fn a_socket_file_is_for_its_owner_and_goes_with_the_viewer() {
+    use std::io::{BufRead, BufReader};
+    use std::os::unix::fs::PermissionsExt;
+    use std::os::unix::net::UnixStream;
+    use std::process::{Command, Stdio};
+    let folder = run();
+    let socket = folder.path().join("viewer.sock");
+    let start = || {
+        let mut command = Command::new(crate::common::BINARY);
+        command.current_dir(folder.path()).args(["view", "run", "--socket", "viewer.sock", "--port", "9000"]);
+        command.env("SSH_CONNECTION", "10.0.0.2 51234 10.0.0.9 22").env("USER", "ada");
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let mut viewer = start();
+    let mut url = String::new();
+    BufReader::new(viewer.stdout.take().unwrap()).read_line(&mut url).unwrap();
+    let token = url.trim().strip_prefix("http://localhost:9000/?token=").unwrap();
+    let mut line = String::new();
+    BufReader::new(viewer.stderr.take().unwrap()).read_line(&mut line).unwrap();
+    assert!(line.contains(&format!("ssh -L 9000:{} ada@10.0.0.9", socket.canonicalize().unwrap().display())), "{line}");
+    assert_eq!(std::fs::metadata(&socket).unwrap().permissions().mode() & 0o777, 0o600);
+    let ask = |cookie: &str| {
+        let mut stream = UnixStream::connect(&socket).unwrap();
+        write!(stream, "GET / HTTP/1.1\r\nHost: localhost:9000\r\n{cookie}Connection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    };
+    assert!(ask("").starts_with("HTTP/1.1 403"));
+    assert!(ask(&format!("Cookie: volseggs-9000={token}\r\n")).starts_with("HTTP/1.1 200"));
+    let second = start().wait_with_output().unwrap();
+    let said = String::from_utf8(second.stderr).unwrap();
+    assert!(second.status.code() == Some(2) && said.contains("another viewer listens there"), "{said}");
+    assert!(Command::new("kill").arg(viewer.id().to_string()).status().unwrap().success());
+    viewer.wait().unwrap();
+    assert!(!socket.exists());
+}

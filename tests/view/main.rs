@@ -17,6 +17,7 @@ mod browser;
 mod changes;
 #[path = "../common/mod.rs"]
 mod common;
+mod compare;
 mod door;
 mod gizmo;
 mod jobs;
@@ -24,6 +25,7 @@ mod matrix;
 mod noise;
 mod soak;
 mod socket;
+mod take;
 mod tracks;
 mod tree;
 mod watch;
@@ -80,6 +82,7 @@ fn the_picture_at_rest_is_the_one_that_render_writes() {
         ("colour", &[][..]),
         ("segments", &["--show", "segments"]),
         ("depth", &["--show", "depth"]),
+        ("affinity", &["--show", "affinity"]),
         ("velocity speed", &["--show", "velocity", "--velocity-axis", "speed"]),
     ] {
         let still = root.join(look.replace(' ', "-"));
@@ -92,6 +95,23 @@ fn the_picture_at_rest_is_the_one_that_render_writes() {
         assert_eq!((frame.width, frame.height, frame.png), (SIZE, SIZE, true));
         assert!(frame.picture == std::fs::read(still.join("0000.png")).unwrap(), "{look}: other bytes than render's");
     }
+    for (look, palette, flags) in [
+        ("velocity y", "cool-warm", &["--show", "velocity", "--velocity-axis", "y"][..]),
+        ("depth", "cividis", &["--show", "depth"]),
+    ] {
+        let camera = ["render", "run", "--camera", "3,-2,1.5", "--time", "0.3", "--out", "still", "--palette", palette];
+        volseggs().current_dir(root).args(camera).args(flags).assert().success();
+        let mut wanted = view(&welcome, 0.3, look, false);
+        wanted["palette"] = palette.into();
+        window.say(&wanted);
+        let legend = window.wait_for(|m| m["type"] == "legend" && m["legend"].is_object());
+        assert_eq!(legend["legend"]["scale"].as_array().unwrap().len(), 33);
+        window.say(&json!({ "type": "still", "id": 1 }));
+        let still = image::load_from_memory(&window.frame(|f| f.kind == 2).picture).unwrap();
+        assert!(still.to_rgb8() == image::open(root.join("still/0000.png")).unwrap().to_rgb8(), "{look}");
+    }
+    let wrong = ["render", "run", "--show", "depth", "--palette", "red-green", "--out", "x"];
+    volseggs().current_dir(root).args(wrong).assert().failure().code(2);
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn memory_stays_flat() {
             wanted["eye"][0] = (3.0 + (k % 97) as f64 / 97.0).into();
             wanted["size"] = serde_json::json!([64, 64]);
             window.say(&wanted);
-            window.frame();
+            window.frame(|_| true);
         }
     };
     frames(200);

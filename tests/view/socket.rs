@@ -54,6 +54,8 @@ impl Drop for Server {
 
 /// A frame.
 pub struct Frame {
+    /// 0 a picture, 2 a file that was asked for.
+    pub kind: u8,
     pub png: bool,
     pub number: u32,
     pub width: u32,
@@ -141,30 +143,23 @@ impl Window {
 
     /// The next frame without loss.
     pub fn lossless(&mut self) -> Frame {
+        self.frame(|frame| frame.png && frame.kind == 0)
+    }
+
+    /// The next frame that fits.
+    pub fn frame(&mut self, fits: impl Fn(&Frame) -> bool) -> Frame {
         let until = Instant::now() + PATIENCE;
         loop {
             match self.next(until) {
                 Some(Message::Binary(bytes)) => {
                     let frame = self.take(&bytes);
-                    if frame.png {
+                    if fits(&frame) {
                         return frame;
                     }
                 }
                 Some(Message::Text(text)) if text.as_str().contains("\"error\"") => panic!("{text}"),
                 Some(_) => {}
-                None => panic!("no frame without loss in {PATIENCE:?}"),
-            }
-        }
-    }
-
-    /// The next frame.
-    pub fn frame(&mut self) -> Frame {
-        let until = Instant::now() + PATIENCE;
-        loop {
-            match self.next(until) {
-                Some(Message::Binary(bytes)) => return self.take(&bytes),
-                Some(_) => {}
-                None => panic!("no frame in {PATIENCE:?}"),
+                None => panic!("no frame that fits in {PATIENCE:?}"),
             }
         }
     }
@@ -202,6 +197,7 @@ impl Window {
         let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
         let side = |at: usize| u32::from(u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap()));
         let frame = Frame {
+            kind: bytes[2],
             png: bytes[1] == 1,
             number: number(4),
             width: side(16),
@@ -209,7 +205,7 @@ impl Window {
             time: f32::from_bits(number(20)),
             picture: bytes[volseggs::view::protocol::HEADER..].to_vec(),
         };
-        if self.takes {
+        if self.takes && frame.kind == 0 {
             self.say_text(&format!("{{\"type\":\"ack\",\"frame\":{}}}", frame.number));
         }
         frame

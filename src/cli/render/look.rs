@@ -2,15 +2,20 @@
 
 use super::super::CliError;
 use crate::run::look::Show as Shows;
+use crate::run::palette::Palette;
 use crate::track::velocity::Component;
 use clap::{Args, ValueEnum};
 
 /// What to show, as it is typed.
 #[derive(Debug, Clone, Args)]
 pub(super) struct LookArgs {
-    /// What the colours stand for. Depth and velocity are scaled by the first frame that has any.
-    #[arg(long, value_enum, default_value_t = Show::Colour)]
-    show: Show,
+    /// What the colours stand for: colour if not given. Depth and velocity are scaled by the first frame that has any.
+    #[arg(long, value_enum)]
+    show: Option<Show>,
+    /// Colours of numbers: viridis, cividis or inferno for depth (viridis if not given) and speed (inferno), cool-warm or
+    /// red-green for velocity along an axis (red-green).
+    #[arg(long, value_name = "NAME")]
+    pub palette: Option<Palette>,
     /// Velocity along an axis (red forward, green backward; the default is x) or speed.
     #[arg(long, value_enum, value_name = "AXIS")]
     velocity_axis: Option<Axis>,
@@ -26,6 +31,8 @@ enum Show {
     Velocity,
     /// The colour of the segment each Gaussian belongs to; grey and faint in none.
     Segments,
+    /// What the affinity field says of each Gaussian: alike colours are alike parts.
+    Affinity,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -48,12 +55,21 @@ impl From<Axis> for Component {
 }
 
 impl LookArgs {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        self.show
+            .map(|_| "--show")
+            .or(self.velocity_axis.map(|_| "--velocity-axis"))
+            .or(self.palette.map(|_| "--palette"))
+    }
+
     /// What is shown, as it is typed.
     pub(super) fn name(&self) -> String {
         let name = |v: &dyn std::fmt::Debug| format!("{v:?}").to_lowercase();
+        let show = name(&self.show.unwrap_or(Show::Colour));
         match self.velocity_axis {
-            Some(axis) => format!("{} {}", name(&self.show), name(&axis)),
-            None => name(&self.show),
+            Some(axis) => format!("{show} {}", name(&axis)),
+            None => show,
         }
     }
 
@@ -62,14 +78,15 @@ impl LookArgs {
     /// # Errors
     /// Options that do not go together.
     pub(super) fn show(&self) -> Result<Shows, CliError> {
-        if self.velocity_axis.is_some() && self.show != Show::Velocity {
+        if self.velocity_axis.is_some() && self.show != Some(Show::Velocity) {
             return Err(CliError::input("--velocity-axis: goes with --show velocity alone"));
         }
-        Ok(match self.show {
+        Ok(match self.show.unwrap_or(Show::Colour) {
             Show::Colour => Shows::Colour,
             Show::Depth => Shows::Depth,
             Show::Velocity => Shows::Velocity(self.velocity_axis.unwrap_or(Axis::X).into()),
             Show::Segments => Shows::Segments,
+            Show::Affinity => Shows::Affinity,
         })
     }
 }

@@ -7,23 +7,26 @@ use super::camera::ViewArgs;
 use super::shown::ShownArgs;
 use super::values::{count, fraction, positive};
 use super::{CliError, Common, print_json, stop_flag};
+use crate::data::Camera;
 use crate::run::OpenRun;
-use crate::run::frames::{Frames, Record};
+use crate::run::frames::{Frames, Record, film, is_film};
 use crate::run::look::{Legend, Look};
 use clap::Args;
 use look::LookArgs;
 use serde::Serialize;
 use std::path::PathBuf;
+use views::Saved;
 
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// `test` (the 181-view spiral through 100 times), `orbit`, or a transforms_*.json file.
+    /// `test` (the 181-view spiral through 100 times), `orbit`, a transforms_*.json file, or a path of keyframes that was saved
+    /// in `volseggs view`.
     #[arg(long, default_value = "test")]
     path: PathBuf,
     #[command(flatten)]
@@ -31,7 +34,7 @@ pub struct RenderArgs {
     /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera, the view's own for --view).
     #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true)]
     time: Option<f64>,
-    /// Frames of an orbit; 60 if not given.
+    /// Frames of an orbit, 60 if not given; of a path of keyframes, its seconds times --fps if not given.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
     /// Distance of the camera from the centre; that of the training cameras if not given.
@@ -40,8 +43,9 @@ pub struct RenderArgs {
     /// Frames a second of the animation.
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000))]
     fps: u16,
-    /// Folder of the frames; made if it is not there. An older render in it is replaced whole; anything else is refused.
-    #[arg(long, value_name = "DIR")]
+    /// Folder of the frames; made if it is not there. An older render in it is replaced whole; anything else is refused. Or
+    /// one film: NAME.png (animated), or NAME.mp4 where the program ffmpeg is installed.
+    #[arg(long, value_name = "DIR|FILE")]
     out: PathBuf,
     #[command(flatten)]
     look: LookArgs,
@@ -63,33 +67,64 @@ struct Report {
 }
 
 impl RenderArgs {
+    /// What is drawn, its name, and the segments that are shown alone: as it is typed, or as a file says.
+    fn look(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<(Look, String, Vec<String>), CliError> {
+        let Some(Saved { name, view: saved, .. }) = saved else {
+            let look = Look::open(run, self.shown.select(run)?, self.look.show()?, self.look.palette)?;
+            return Ok((look, self.look.name(), self.shown.segments.clone()));
+        };
+        if let Some(flag) = self.look.given().or(self.shown.given()) {
+            return Err(CliError::input(format!("{flag}: does not go with {name}, which says what is shown")));
+        }
+        if saved.is_of_another(run) {
+            errln!("note: {name} was saved of another scene, {}", saved.run);
+        }
+        let view = &saved.view;
+        let look = view.look(run).map_err(|e| match e.is_input() {
+            true => CliError::input(format!("{name}: {e}")),
+            false => e.into(),
+        })?;
+        Ok((look, view.look.clone(), view.alone.clone()))
+    }
+
+    /// Draws the views into a folder with its record, or into one film; gives the frames a second.
+    fn draw(&self, run: &OpenRun, look: &mut Look, views: &[(Camera, f64)], record: &Record) -> Result<f64, CliError> {
+        let (_, device) = self.common.device()?;
+        let stop = stop_flag("stopping; nothing is written")?;
+        let seconds = if is_film(&self.out) {
+            film(&self.out, (run, &device), look, views, self.fps, &stop)?
+        } else {
+            let mut needed = vec![run.path.as_path()];
+            // `orbit` and `test` are names of paths, not of files
+            needed.extend(self.path.is_file().then_some(self.path.as_path()));
+            let mut frames = Frames::create(&self.out, &needed)?;
+            frames.draw((run, &device), look, views, self.fps, &stop)?;
+            let seconds = frames.seconds;
+            frames.finish(record, run)?;
+            seconds
+        };
+        Ok(views.len() as f64 / seconds)
+    }
+
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = OpenRun::open(&self.run, &device)?;
-        let views = self.views(&run)?;
-        let shown = self.shown.select(&run)?;
-        let edits = shown.edits();
-        let mut look = Look::open(&run, shown, self.look.show()?)?;
-        let mut needed = vec![run.path.as_path()];
-        // `orbit` and `test` are names of paths, not of files
-        needed.extend(self.path.is_file().then_some(self.path.as_path()));
-        let mut frames = Frames::create(&self.out, &needed)?;
-        let stop = stop_flag("stopping; nothing is written")?;
-        frames.draw((&run, &device), &mut look, &views, self.fps, &stop)?;
-        let render_fps = views.len() as f64 / frames.seconds;
+        let saved = self.saved()?;
+        let views = self.views(&run, saved.as_ref())?;
+        let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
         let [width, height] = views.first().map_or([0; 2], |(c, _)| [c.width, c.height]);
         let record = Record {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
-            path: self.view.choice().map_or(self.path.display().to_string(), |c| c.to_string()),
+            path: self.view.choice()?.map_or(self.path.display().to_string(), |c| c.to_string()),
             frames: views.len(),
             size: [width, height],
             times: views.iter().map(|(_, time)| *time).collect(),
-            show: self.look.name(),
-            segments: self.shown.segments.clone(),
-            edits,
+            show,
+            segments,
+            edits: look.selection().edits(),
         };
-        frames.finish(&record, &run)?;
+        let render_fps = self.draw(&run, &mut look, &views, &record)?;
         let out = self.out.display().to_string();
         let report = Report { frames: views.len(), width, height, render_fps, out, legend: look.legend() };
         errln!(

@@ -5,28 +5,61 @@ use super::super::camera::surroundings;
 use super::RenderArgs;
 use crate::data::paths::{Lens, test_spiral};
 use crate::data::{Camera, Transforms};
+use crate::files::read_text;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
-use crate::run::cameras::check_lens;
+use crate::run::cameras::{ViewChoice, check_lens};
+use crate::run::keyframes::{CameraPath, SavedPath};
+use crate::run::saved::SavedView;
+use crate::run::view::View;
 use std::path::Path;
 
 /// Frames of an orbit if not told otherwise.
 const ORBIT: usize = 60;
 
 impl RenderArgs {
+    /// What is said to be shown by a saved view, or by a path of keyframes, with its name and the path.
+    pub(super) fn saved(&self) -> Result<Option<Saved>, CliError> {
+        if let Some(choice) = self.view.choice()? {
+            return Ok(match choice {
+                ViewChoice::Saved { name, saved } => {
+                    Some(Saved { name: format!("--view {name}"), view: saved, path: None })
+                }
+                _ => None,
+            });
+        }
+        if self.path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
+            return Ok(None);
+        }
+        let file = self.path.display();
+        let text = read_text(&self.path).map_err(|e| CliError::input(format!("{file}: {e}")))?;
+        if !SavedPath::is_in(&text) {
+            return Ok(None);
+        }
+        let (view, path) = SavedPath::parse(&file, &text)?;
+        let view = Box::new(match self.view.size {
+            Some(width) => view.sized(width),
+            None => view,
+        });
+        Ok(Some(Saved { name: format!("--path {file}"), view, path: Some(path) }))
+    }
+
     /// The cameras with the times they show; at least one, all of one size.
-    pub(super) fn views(&self, run: &OpenRun) -> Result<Vec<(Camera, f64)>, CliError> {
+    pub(super) fn views(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<Vec<(Camera, f64)>, CliError> {
+        if let Some(Saved { name, view, path: Some(path) }) = saved {
+            return self.along(name, &view.view, path);
+        }
         let mut around = surroundings(run, self.view.size);
         let lens @ Lens { width, height, .. } = around.lens;
         let size = self.view.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}"));
         check_lens(&size, lens)?;
-        if let Some(choice) = self.view.choice() {
+        if let Some(choice) = self.view.choice()? {
             for (given, flag) in [(self.frames.is_some(), "--frames"), (self.radius.is_some(), "--radius")] {
                 if given {
                     return Err(CliError::input(format!("{flag}: does not go with {choice}, which is one view")));
                 }
             }
-            let (camera, time) = run.view(choice, lens)?;
+            let (camera, time) = run.view(&choice, lens)?;
             return Ok(vec![(camera, self.time.or(time).unwrap_or(0.5))]);
         }
         if let Some(radius) = self.radius {
@@ -38,7 +71,9 @@ impl RenderArgs {
             None => views,
         };
         if self.frames.is_some() && self.path.to_str() != Some("orbit") {
-            return Err(CliError::input("--frames: is the length of an orbit; add --path orbit"));
+            return Err(CliError::input(
+                "--frames: is the length of an orbit, or of a path of keyframes; add --path orbit",
+            ));
         }
         match self.path.to_str() {
             Some("test") => Ok(hold(test_spiral(181, 100, around.sphere, lens))),
@@ -53,6 +88,29 @@ impl RenderArgs {
             _ => Ok(hold(from_file(&self.path, lens)?)),
         }
     }
+
+    /// Along a path of keyframes: as many frames as its seconds ask for, if no number is given.
+    fn along(&self, name: &str, shown: &View, path: &CameraPath) -> Result<Vec<(Camera, f64)>, CliError> {
+        if self.radius.is_some() {
+            return Err(CliError::input(format!("--radius: does not go with {name}, which says where cameras are")));
+        }
+        let [width, height] = shown.size;
+        check_lens(name, Lens { fov_x: shown.fov, width, height })?;
+        let n = self.frames.unwrap_or((path.seconds() * f64::from(self.fps)).round() as usize + 1);
+        let bytes = product(&[n, size_of::<(Camera, f64)>()]);
+        Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
+        Ok(path.frames(n).map(|key| (key.view(shown).camera(1.0), self.time.unwrap_or(key.time))).collect())
+    }
+}
+
+/// What a file says is shown.
+pub(super) struct Saved {
+    /// As it was asked for.
+    pub name: String,
+    /// What is shown.
+    pub view: Box<SavedView>,
+    /// Along which path.
+    pub path: Option<CameraPath>,
 }
 
 /// The cameras and times of a `transforms_*.json`.

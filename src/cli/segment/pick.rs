@@ -182,10 +182,10 @@ impl PickArgs {
     fn seen_from(&self, run: &OpenRun) -> Result<(Camera, Option<f64>), CliError> {
         let around = surroundings(run, self.view.size);
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;
-        let Some(choice) = self.view.choice() else {
-            return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N"));
+        let Some(choice) = self.view.choice()? else {
+            return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N|FILE"));
         };
-        Ok(run.view(choice, around.lens)?)
+        Ok(run.view(&choice, around.lens)?)
     }
 }
 

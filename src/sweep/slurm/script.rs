@@ -8,6 +8,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf, absolute};
 
 use super::{Profile, SlurmError, io_at};
+use crate::shell::quote;
 
 /// Exit code of a worker that was stopped and can go on from its checkpoint (`EX_TEMPFAIL`).
 pub const RESUMABLE: u8 = 75;
@@ -200,16 +201,6 @@ while true; do
 done
 finish "$code"
 "#;
-
-/// A word for the shell, in quotes where it needs them.
-pub(super) fn quote(text: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_./:,=@%+-".contains(c);
-    if !text.is_empty() && text.chars().all(plain) {
-        text.to_owned()
-    } else {
-        format!("'{}'", text.replace('\'', r"'\''"))
-    }
-}
 
 /// A value on an `#SBATCH` line, which knows quotes and backslashes, though not quite as the shell does.
 fn directive(text: &str) -> String {

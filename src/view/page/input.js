@@ -4,7 +4,8 @@ import { change } from "./socket.js";
 import { look } from "./picture.js";
 import { nudge, play } from "./time.js";
 import { centreOn, clear, click } from "./selection.js";
-import { save } from "./looks.js";
+import { flip } from "./compare.js";
+import { save } from "./take.js";
 import { helping } from "./help.js";
 
 let drag = null;
@@ -88,5 +89,6 @@ document.addEventListener("keydown", (e) => {
   if (e.key === ",") nudge(-1);
   if (e.key === ".") nudge(1);
   if (e.key === "s") save();
+  if (e.key === "f") flip();
   if (e.key === "Enter" && app.picked && document.activeElement === canvas) $("name").focus();
 });

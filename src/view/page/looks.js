@@ -1,8 +1,47 @@
-// Looks, the views along the axes, and the picture as a file.
-import { $, app, make, say } from "./state.js";
+// Looks, and the views along the axes.
+import { $, app, make, on } from "./state.js";
+import { hear } from "./socket.js";
 import { look } from "./picture.js";
 
-$("look").onchange = () => look(false);
+// palettes for sizes and for values with a sign; the first is the one that a look begins with
+const SIZES = ["viridis", "cividis", "inferno"];
+const SIGNED = ["cool-warm", "red-green"];
+const palettes = (shown) => (/^velocity [xyz]$/.test(shown) ? SIGNED : shown === "depth" || shown === "velocity speed" ? SIZES : []);
+
+function offer(chosen) {
+  const names = palettes($("look").value);
+  const text = (name) => (name === "red-green" ? "red-green, as in the paper" : name);
+  $("palette").replaceChildren(...names.map((value) => make("option", { value, textContent: text(value) })));
+  if (names.includes(chosen)) $("palette").value = chosen;
+  $("palette-row").hidden = !names.length;
+  $("hold").checked = Boolean(app.range);
+}
+
+// another look has another scale
+$("look").onchange = () => { app.range = null; offer(); look(false); };
+$("palette").onchange = () => look(false);
+on("restored", offer);
+
+on("welcome", ({ clicks }) => { document.querySelector("#look option[value=affinity]").disabled = !clicks; });
+
+let legend = null;
+const short = (v) => Number(v.toPrecision(4)).toString();
+hear("legend", (message) => {
+  legend = message.legend;
+  const [range, scale] = [legend?.range, legend?.scale ?? []];
+  $("legend-text").textContent = legend?.legend ?? "";
+  $("legend-bar").hidden = !range || !scale.length;
+  $("hold-row").hidden = !range;
+  $("hold").checked = Boolean(app.range);
+  if ($("legend-bar").hidden) return;
+  $("legend-colours").style.background = `linear-gradient(to right, ${scale.map((c) => `rgb(${c.join(" ")})`).join(", ")})`;
+  const middle = (range[0] + range[1]) / 2;
+  $("legend-numbers").replaceChildren(...[range[0], middle, range[1]].map((v) => make("span", { textContent: short(v) })));
+});
+$("hold").onchange = () => {
+  app.range = $("hold").checked ? legend?.range ?? null : null;
+  look(false);
+};
 $("reset").onclick = () => { app.camera.reset(); look(false); };
 for (const button of document.querySelectorAll("[data-axis]")) {
   button.onclick = () => {
@@ -11,10 +50,3 @@ for (const button of document.querySelectorAll("[data-axis]")) {
     look(false);
   };
 }
-export function save() {
-  if (!app.last) return say("The picture is not sharp yet; wait a moment.", true);
-  const link = make("a", { href: URL.createObjectURL(app.last), download: "volseggs.png" });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-}
-$("save").onclick = save;

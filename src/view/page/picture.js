@@ -1,8 +1,10 @@
 // The picture: what is to be seen is said to the server, and the frames that come are drawn.
 import { $, app, canvas, tell, value } from "./state.js";
-import { hear, send } from "./socket.js";
+import { answered, hear, send } from "./socket.js";
 
 const HEADER = 32;
+// kinds of frames: the picture, a file that was asked for, the dataset's image; any other is drawn beside the picture
+const [PICTURE, STILL, IMAGE] = [0, 2, 3];
 const context = canvas.getContext("2d", { willReadFrequently: true });
 let lastView = "";
 let frames = [];
@@ -10,26 +12,32 @@ let frames = [];
 // the picture fills the stage
 export function size() {
   const box = $("stage").getBoundingClientRect();
-  return [box.width, box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
+  const columns = $("stage").classList.contains("side") ? 2 : 1;
+  return [Math.floor(box.width / columns), box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
 }
+
+// how much wider than a training image's the field of view of a picture of this size is, in parts of its half width
+const wider = ([width, height]) => Math.max(1, width / height / (app.welcome.size[0] / app.welcome.size[1]));
+
+// the field of view of a training image, from that of a picture of this size
+export const narrowed = (fov, of) => 2 * Math.atan(Math.tan(fov / 2) / wider(of));
 
 // the field of view, so wide that what a training image shows is in the picture, whatever its shape
 function lens() {
-  const [width, height] = size();
-  const wider = Math.max(1, width / height / (app.welcome.size[0] / app.welcome.size[1]));
-  return 2 * Math.atan(Math.tan(app.camera.fov / 2) * wider);
+  return 2 * Math.atan(Math.tan(app.camera.fov / 2) * wider(size()));
 }
 
 export function view(moving) {
   return {
     ...app.camera.state(), fov: lens(), size: size(), time: value("when"), look: $("look").value,
-    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, moving,
+    palette: $("palette").value || null,
+    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, range: app.range, moving,
+    compare: app.compare,
   };
 }
 
 // the picture is not what is to be seen any more; a new one will come
 export function stale() {
-  app.last = null;
   canvas.dataset.lossless = false;
 }
 
@@ -60,13 +68,18 @@ async function show(data) {
   const [width, height] = [head.getUint16(16, true), head.getUint16(18, true)];
   const png = head.getUint8(1) === 1;
   const bytes = new Blob([new Uint8Array(data, HEADER)], { type: png ? "image/png" : "image/jpeg" });
+  const kind = head.getUint8(2);
+  if (kind === STILL) {
+    answered(frame);
+    return tell("still", bytes);
+  }
   const picture = await createImageBitmap(bytes);
+  if (kind !== PICTURE) return tell("other", { bitmap: picture, number: frame, isImage: kind === IMAGE });
   send({ type: "ack", frame });
   const [w, h] = size();
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
   context.drawImage(picture, 0, 0, w, h);
   picture.close();
-  app.last = png ? bytes : null;
   canvas.dataset.frame = frame;
   canvas.dataset.lossless = png;
   canvas.dataset.revision = head.getUint32(8, true);
@@ -78,6 +91,5 @@ async function show(data) {
 }
 
 hear("frame", show);
-hear("legend", ({ legend }) => { $("legend").textContent = legend?.legend ?? ""; });
 $("edits-on").onchange = () => look(false);
 new ResizeObserver(() => look(false)).observe($("stage"));

@@ -1,5 +1,5 @@
 // The tree of segments.
-import { $, app, say, tell, value } from "./state.js";
+import { $, app, on, say, tell, value } from "./state.js";
 import { ask, change, hear } from "./socket.js";
 import { look, stale } from "./picture.js";
 import { row } from "./row.js";
@@ -68,5 +68,11 @@ $("isolate").onclick = () => {
 };
 $("segments-undo").onclick = () => change({ kind: "segments", undo: true });
 $("segments-redo").onclick = () => change({ kind: "segments", undo: false });
+
+// what is left out or alone may have changed elsewhere
+on("restored", () => {
+  tree();
+  $("isolate").setAttribute("aria-pressed", app.alone.length > 0);
+});
 
 hear("document", read);

@@ -10,6 +10,8 @@ const HINT = "Click on the picture to select. Shift-click adds, Alt-click remove
 function under(e) {
   const box = canvas.getBoundingClientRect();
   const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
+  // the picture beside shows the same place
+  if (at[0] >= 1) at[0] -= 1;
   return at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
 }
 

@@ -32,6 +32,12 @@ export function ask(message) {
   });
 }
 
+// the answer to a request came as a frame
+export function answered(id) {
+  waiting.get(id)?.resolve();
+  waiting.delete(id);
+}
+
 // a change of the document as this page knows it
 export const change = (what) => ask({ type: "change", base: app.doc.revision, change: what }).catch((e) => say(e, true));
 

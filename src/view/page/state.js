@@ -11,12 +11,13 @@ export const app = {
   checked: new Set(), // names of segments that are checked in the tree
   preview: null, // edits that are shown and not saved
   alone: [], // names of segments that are shown alone
+  compare: null, // what the picture is compared with
+  range: null, // values at the ends of the colours' scale, if they are held
   playing: null,
-  last: null, // the last lossless frame, if it shows what is to be seen
   picked: null, // the last answer to a click
 };
 
-// news: "welcome", "document", "picked", "frame", "cleared", "rested", "checked"
+// news: "welcome", "document", "picked", "frame", "cleared", "rested", "checked", "restored", "still", "path", "other"
 const listeners = {};
 export const on = (news, listener) => (listeners[news] ??= []).push(listener);
 export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));

@@ -1,10 +1,10 @@
-//! Colour maps by name. The perceptual ones (viridis, inferno, magma, plasma; all CC0) are sampled at ten places.
+//! Colour maps by name. The perceptual ones (viridis, cividis, inferno, magma, plasma; all CC0) are sampled at ten places.
 
 use super::bracket;
 use super::color::mix_diverging;
 
 /// Names that [`named`] knows.
-pub const NAMES: [&str; 7] = ["viridis", "inferno", "magma", "plasma", "cool-warm", "black-body", "gray"];
+pub const NAMES: [&str; 8] = ["viridis", "cividis", "inferno", "magma", "plasma", "cool-warm", "black-body", "gray"];
 
 /// Ends of the diverging map of Moreland (2009).
 const COOL: [f64; 3] = [0.230, 0.299, 0.754];
@@ -16,6 +16,9 @@ pub fn named(name: &str) -> Option<Vec<(f64, [f32; 3])>> {
     let even: &[u32] = match name {
         "viridis" => {
             &[0x440154, 0x482878, 0x3e4989, 0x31688e, 0x26828e, 0x1f9e89, 0x35b779, 0x6ece58, 0xb5de2b, 0xfde725]
+        }
+        "cividis" => {
+            &[0x00204d, 0x00336f, 0x39486b, 0x575c6d, 0x707173, 0x8a8779, 0xa69d75, 0xc4b56c, 0xe4cf5b, 0xffea46]
         }
         "inferno" => {
             &[0x000004, 0x1b0c41, 0x4a0c6b, 0x781c6d, 0xa52c60, 0xcf4446, 0xed6925, 0xfb9b06, 0xf7d13d, 0xfcffa4]

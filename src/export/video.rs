@@ -1,0 +1,135 @@
+//! MP4 files from a row of frames, by the program `ffmpeg` where it is installed.
+
+use crate::files::{AtomicFile, ReplaceError};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+
+/// The program.
+const FFMPEG: &str = "ffmpeg";
+/// Longest message of it that is passed on, bytes.
+const MESSAGE: u64 = 2000;
+
+/// Why a film cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum VideoError {
+    /// There is no such program.
+    #[error("{path}: MP4 needs the program `{FFMPEG}` ({source}); install it, or write NAME.png or a folder")]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// It failed.
+    #[error("{path}: `{FFMPEG}` failed: {message}")]
+    Failed {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        message: String,
+    },
+    /// Something stands there that is not replaced.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
+    /// The file system failed.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// A film that is being written, frame by frame. It appears when it is finished; dropped before, nothing is left.
+#[derive(Debug)]
+pub struct Mp4 {
+    path: PathBuf,
+    encoder: Encoder,
+    file: AtomicFile,
+}
+
+impl Mp4 {
+    /// Begins a film of `width` x `height` pixels at `fps` frames a second.
+    ///
+    /// # Errors
+    /// If there is no `ffmpeg`, or the file cannot be written.
+    pub fn create(path: &Path, (width, height): (u32, u32), fps: u16) -> Result<Self, VideoError> {
+        let file = AtomicFile::create_named(path)?;
+        let mut command = Command::new(FFMPEG);
+        command.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
+        command.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-", "-an"]);
+        // players want 4:2:0, which wants even sides
+        command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p"]);
+        command.args(["-movflags", "+faststart", "-f", "mp4"]).arg(file.temporary());
+        let missing = |source| VideoError::Missing { path: path.into(), source };
+        Ok(Self { path: path.into(), encoder: Encoder::start(&mut command).map_err(missing)?, file })
+    }
+
+    /// Adds a frame `[height, width, 3]` of 8-bit RGB.
+    ///
+    /// # Errors
+    /// If `ffmpeg` gave up.
+    pub fn add(&mut self, frame: &[u8]) -> Result<(), VideoError> {
+        let written = self.encoder.child.stdin.as_mut().map_or(Ok(()), |stdin| stdin.write_all(frame));
+        // what it says itself is more than that its pipe is closed
+        written.or_else(|e| self.encoder.end().and(Err(e.to_string()))).map_err(|e| self.failed(e))
+    }
+
+    /// Ends the film and gives it its name.
+    ///
+    /// # Errors
+    /// If `ffmpeg` failed, or the file system.
+    pub fn finish(mut self) -> Result<(), VideoError> {
+        self.encoder.end().map_err(|e| self.failed(e))?;
+        let Self { path, file, .. } = self;
+        file.commit().map_err(|source| VideoError::Io { path, source })
+    }
+
+    fn failed(&self, message: String) -> VideoError {
+        VideoError::Failed { path: self.path.clone(), message }
+    }
+}
+
+/// The program at work; killed if it is dropped before its end.
+#[derive(Debug)]
+struct Encoder {
+    child: Child,
+    said: Option<JoinHandle<String>>,
+}
+
+impl Encoder {
+    fn start(command: &mut Command) -> io::Result<Self> {
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.spawn()?;
+        let said = child.stderr.take().map(|mut stderr| {
+            std::thread::spawn(move || {
+                let mut text = Vec::new();
+                // all is read, so that it never waits for somebody to; what is no text is of no use
+                let _ = stderr.by_ref().take(MESSAGE).read_to_end(&mut text);
+                let _ = io::copy(&mut stderr, &mut io::sink());
+                String::from_utf8_lossy(&text).trim().to_owned()
+            })
+        });
+        Ok(Self { child, said })
+    }
+
+    /// Waits for its end; what it said if that is no success.
+    fn end(&mut self) -> Result<(), String> {
+        drop(self.child.stdin.take());
+        let status = self.child.wait().map_err(|e| e.to_string())?;
+        let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
+        if status.success() { Ok(()) } else { Err(format!("{status}; {said}")) }
+    }
+}
+
+impl Drop for Encoder {
+    fn drop(&mut self) {
+        // after its end these do nothing
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -1,0 +1,168 @@
+//! Colours that numbers become: maps for sizes, which run from dark to light, and for values with a sign.
+
+use super::look::Show;
+use crate::segment::paint::{depth_colours, diverging, signed, sizes};
+use crate::segment::pictures::Picture;
+use crate::track::velocity::Component;
+use crate::volume::transfer::colormap::{at, named};
+use std::str::FromStr;
+
+/// Colours of a scale in a legend.
+const STEPS: usize = 33;
+
+/// A map. All but [`Palette::RedGreen`] can be read with any kind of colour blindness.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Palette {
+    /// Dark blue by green to yellow, for sizes.
+    Viridis,
+    /// Dark blue by grey to yellow, made for colour blindness, for sizes.
+    Cividis,
+    /// Black by red to light yellow, for sizes.
+    Inferno,
+    /// Blue by light grey to red, for values with a sign.
+    CoolWarm,
+    /// Green by black to red, as in the paper, for values with a sign.
+    RedGreen,
+}
+
+impl Palette {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Viridis, Self::Cividis, Self::Inferno, Self::CoolWarm, Self::RedGreen];
+
+    /// As it is written.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Viridis => "viridis",
+            Self::Cividis => "cividis",
+            Self::Inferno => "inferno",
+            Self::CoolWarm => "cool-warm",
+            Self::RedGreen => "red-green",
+        }
+    }
+
+    /// The colours at its low and its high end, in words.
+    #[must_use]
+    pub fn ends(self) -> [&'static str; 2] {
+        match self {
+            Self::Viridis | Self::Cividis => ["dark blue", "yellow"],
+            Self::Inferno => ["black", "light yellow"],
+            Self::CoolWarm => ["blue", "red"],
+            Self::RedGreen => ["bright green", "bright red"],
+        }
+    }
+
+    /// The colour of 0 in a map for values with a sign, in words.
+    #[must_use]
+    pub fn middle(self) -> &'static str {
+        if self == Self::RedGreen { "black" } else { "light grey" }
+    }
+
+    /// What `show` is drawn in if nothing else is asked for; `None` where colours stand for no numbers.
+    #[must_use]
+    pub fn of(show: Show) -> Option<Self> {
+        match show {
+            Show::Depth => Some(Self::Viridis),
+            Show::Velocity(Component::Speed) => Some(Self::Inferno),
+            Show::Velocity(_) => Some(Self::RedGreen),
+            Show::Colour | Show::Segments | Show::Affinity => None,
+        }
+    }
+
+    /// Whether it is for values with a sign.
+    fn is_signed(self) -> bool {
+        matches!(self, Self::CoolWarm | Self::RedGreen)
+    }
+
+    /// The one that was asked for, or that of `show`.
+    ///
+    /// # Errors
+    /// If it is for other values than those of `show`.
+    pub fn choose(asked: Option<Self>, show: Show) -> Result<Option<Self>, String> {
+        let usual = Self::of(show);
+        match (asked, usual) {
+            (None, _) => Ok(usual),
+            (Some(asked), Some(usual)) if asked.is_signed() == usual.is_signed() => Ok(Some(asked)),
+            (Some(asked), Some(usual)) => {
+                let fits = Self::ALL.into_iter().filter(|p| p.is_signed() == usual.is_signed());
+                let fits = fits.map(Self::name).collect::<Vec<_>>().join(", ");
+                Err(format!("palette {}: these values take {fits}", asked.name()))
+            }
+            (Some(asked), None) => Err(format!("palette {}: goes with depth and velocity alone", asked.name())),
+        }
+    }
+
+    /// Values `[N]` as colours; the ends of the scale are at `full` and, of those with a sign, at `-full`.
+    #[must_use]
+    pub fn colours(self, values: &[f32], full: f32) -> Vec<[f32; 3]> {
+        match self {
+            Self::RedGreen => signed(values, full).collect(),
+            Self::CoolWarm => diverging(values, full, self.name()).collect(),
+            _ => sizes(values, full, self.name()).collect(),
+        }
+    }
+
+    /// A picture's depth as colours `[H, W, 4]`, near ones light.
+    #[must_use]
+    pub fn depth(self, picture: &Picture, range: [f32; 2], background: [f32; 3]) -> Vec<f32> {
+        depth_colours(picture, range, background, self.name())
+    }
+
+    /// Colours of the scale at even steps from its low to its high end, 8 bits each; `far` if high is dark.
+    #[must_use]
+    pub fn scale(self, far: bool) -> Vec<[u8; 3]> {
+        let map = named(self.name()).unwrap_or_default();
+        let colour = |k: usize| {
+            let way = k as f32 / (STEPS - 1) as f32;
+            match self {
+                Self::RedGreen => self.colours(&[2.0 * way - 1.0], 1.0)[0],
+                _ => at(&map, (if far { 1.0 - way } else { way }).into()),
+            }
+        };
+        (0..STEPS).map(|k| colour(k).map(|v| (255.0 * v).round() as u8)).collect()
+    }
+}
+
+impl FromStr for Palette {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|p| p.name() == name);
+        found.ok_or_else(|| format!("palette: {}", Self::ALL.map(Self::name).join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn palettes_go_with_values_of_their_kind() {
+        for palette in Palette::ALL {
+            assert_eq!(palette.name().parse(), Ok(palette));
+            assert_eq!(palette.scale(false).len(), STEPS);
+            let for_depth = Palette::choose(Some(palette), Show::Depth);
+            let for_x = Palette::choose(Some(palette), Show::Velocity(Component::X));
+            assert!(for_depth.is_ok() != for_x.is_ok());
+            assert!(Palette::choose(Some(palette), Show::Colour).is_err());
+        }
+        assert!("jet".parse::<Palette>().is_err());
+        assert_eq!(Palette::choose(None, Show::Velocity(Component::Z)), Ok(Some(Palette::RedGreen)));
+        assert_eq!(Palette::choose(None, Show::Segments), Ok(None));
+    }
+
+    #[test]
+    fn scales_have_the_colours_of_the_pictures() {
+        for palette in Palette::ALL {
+            let scale = palette.scale(false);
+            let ends = if palette.is_signed() { [-2.0, 2.0] } else { [0.0, 2.0] };
+            let colours = palette.colours(&ends, 2.0);
+            for (end, colour) in [scale[0], scale[STEPS - 1]].into_iter().zip(colours) {
+                assert_eq!(end, colour.map(|v| (255.0 * v).round() as u8), "{palette:?}");
+            }
+        }
+        assert_eq!(Palette::RedGreen.scale(false)[STEPS / 2], [0, 0, 0]);
+        let (near, far) = (Palette::Viridis.scale(true), Palette::Viridis.scale(false));
+        assert_eq!(near[0], far[STEPS - 1]);
+    }
+}

@@ -1,0 +1,259 @@
+//! Views in files: a picture that says what it shows, so that it can be drawn again, and the same as JSON.
+//!
+//! A picture has the JSON in a text chunk before its pixels. Reading takes at most [`LONGEST`] bytes of text and looks for
+//! it in the first megabyte, whatever the file claims.
+
+use super::view::View;
+use super::{OpenRun, RunError};
+use crate::export::images::{encode_png_with, to_rgb8};
+use crate::files::open_regular;
+use crate::shell::quote;
+use crate::words::plain;
+use burn::tensor::Device;
+use flate2::Crc;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::fmt::Display;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// Longest text of a view, bytes.
+pub const LONGEST: usize = 64 * 1024;
+/// Where a picture's text is looked for, bytes.
+const HEAD: u64 = 1 << 20;
+/// The text's keyword in a picture.
+pub const KEYWORD: &str = "volseggs view";
+/// Version of the files.
+const FORMAT: u32 = 1;
+/// The first bytes of a PNG.
+const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
+
+/// A view, and where it comes from.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct SavedView {
+    /// Version of the file, 1.
+    pub format: u32,
+    /// Version of the program that wrote it.
+    pub version: String,
+    /// Folder of the run.
+    pub run: String,
+    /// Fingerprint of its scene.
+    pub scene: String,
+    /// The command that draws it again.
+    pub command: String,
+    /// What it shows.
+    pub view: View,
+}
+
+impl SavedView {
+    /// Of a run, for a file of this name.
+    #[must_use]
+    pub fn new(run: &OpenRun, view: View, file: &str) -> Self {
+        let command = command(run, "--view", file, "still");
+        let (version, scene) = (env!("CARGO_PKG_VERSION").into(), run.scene.fingerprint());
+        Self { format: FORMAT, version, run: run.path.display().to_string(), scene, command, view }
+    }
+
+    /// Draws `view` of the run as a PNG that says what it shows, to be saved as `file`. The scale of its colours, where
+    /// the view has none, is the one that suits it, and is kept.
+    ///
+    /// # Errors
+    /// If it cannot be drawn.
+    pub fn picture(run: &OpenRun, mut view: View, file: &str, device: &Device) -> Result<Vec<u8>, RunError> {
+        view.check().map_err(RunError::input)?;
+        let mut look = view.look(run)?;
+        let camera = view.camera(1.0);
+        let prepared = look.prepare(&run.scene, view.time as f32, device)?;
+        let image = look.draw(&run.scene, &prepared, camera.to_kernel(), device);
+        view.range = look.legend().and_then(|l| l.range);
+        let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
+        let text = serde_json::to_string(&Self::new(run, view, file)).map_err(RunError::failure)?;
+        encode_png_with(&image, KEYWORD, &text).map_err(RunError::failure)
+    }
+
+    /// Reads a picture or JSON file.
+    ///
+    /// # Errors
+    /// The file, and why it holds no view.
+    pub fn read(path: &Path) -> Result<Self, RunError> {
+        let name = path.display();
+        let found = open_regular(path).and_then(|file| text(file.take(HEAD)));
+        match found.map_err(|e| RunError::input(format!("{name}: {e}")))? {
+            Some(text) => Self::parse(&name, &text),
+            None => Err(RunError::input(format!(
+                "{name}: a picture without a view; save one with `save picture` in `volseggs view`"
+            ))),
+        }
+    }
+
+    /// Reads the JSON text of a file, or of a view alone; `name` is only for messages.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn parse(name: impl Display, text: &str) -> Result<Self, RunError> {
+        let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
+        if text.len() > LONGEST {
+            return Err(wrong(format!("longer than {LONGEST} bytes")));
+        }
+        let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
+        Self::from_value(&name, serde_json::from_str(text).map_err(json)?)
+    }
+
+    /// The same of parsed JSON.
+    ///
+    /// # Errors
+    /// As [`SavedView::parse`].
+    pub fn from_value(name: impl Display, value: Value) -> Result<Self, RunError> {
+        let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
+        let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
+        let saved = if value.get("view").is_some() {
+            serde_json::from_value::<Self>(value).map_err(json)?
+        } else {
+            let view = serde_json::from_value(value).map_err(json)?;
+            Self {
+                format: FORMAT,
+                version: String::new(),
+                run: String::new(),
+                scene: String::new(),
+                command: String::new(),
+                view,
+            }
+        };
+        if saved.format != FORMAT {
+            return Err(wrong(format!("format {}, of another version of the program", saved.format)));
+        }
+        saved.view.check().map_err(wrong)?;
+        Ok(saved)
+    }
+
+    /// The same at another width in pixels, of the same shape.
+    #[must_use]
+    pub fn sized(mut self, width: u32) -> Self {
+        let [w, h] = self.view.size.map(f64::from);
+        self.view.size = [width, (h * f64::from(width) / w).round().max(1.0) as u32];
+        self
+    }
+
+    /// Whether it was saved of another scene than this run's.
+    #[must_use]
+    pub fn is_of_another(&self, run: &OpenRun) -> bool {
+        !self.scene.is_empty() && self.scene != run.scene.fingerprint()
+    }
+}
+
+/// The command that renders the run with an option that says what; `value` is the name of a file, or of a view the JSON itself.
+#[must_use]
+pub fn command(run: &OpenRun, option: &str, value: &str, out: &str) -> String {
+    format!("volseggs render {} {option} {} --out {out}", quote(&run.path.display().to_string()), quote(value))
+}
+
+/// The text of a view in a PNG, or all of another file; `None` if it is a PNG that has none.
+fn text(mut file: impl Read) -> io::Result<Option<String>> {
+    let mut start = Vec::new();
+    file.by_ref().take(8).read_to_end(&mut start)?;
+    if start == PNG {
+        return text_of_png(file);
+    }
+    file.take(LONGEST as u64).read_to_end(&mut start)?;
+    let text = String::from_utf8(start);
+    text.map(Some).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "neither a PNG nor text"))
+}
+
+/// The text in the chunks before the pixels.
+fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
+    let damaged = || io::Error::new(io::ErrorKind::InvalidData, "the text in the picture is damaged");
+    loop {
+        let mut head = [0; 8];
+        if file.read_exact(&mut head).is_err() || &head[4..] == b"IDAT" {
+            return Ok(None);
+        }
+        let [a, b, c, d, kind @ ..] = head;
+        let length = u64::from(u32::from_be_bytes([a, b, c, d]));
+        // the keyword and five bytes of what is said about the text
+        let most = (LONGEST + KEYWORD.len() + 5) as u64;
+        if &kind != b"iTXt" || length > most {
+            io::copy(&mut file.by_ref().take(length + 4), &mut io::sink())?;
+            continue;
+        }
+        let (mut data, mut sum) = (vec![0; length as usize], [0; 4]);
+        file.read_exact(&mut data).and_then(|()| file.read_exact(&mut sum)).map_err(|_| damaged())?;
+        // keyword, 0; not compressed, 0; no language, 0; no keyword in it, 0; the text
+        let Some(text) = data.strip_prefix(KEYWORD.as_bytes()).and_then(|d| d.strip_prefix(&[0; 5])) else { continue };
+        let mut crc = Crc::new();
+        crc.update(&kind);
+        crc.update(&data);
+        if crc.sum() != u32::from_be_bytes(sum) {
+            return Err(damaged());
+        }
+        return String::from_utf8(text.to_vec()).map(Some).map_err(|_| damaged());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::view::tests::view;
+    use super::*;
+    use image::RgbImage;
+
+    fn saved() -> SavedView {
+        let mut view = view();
+        (view.eye, view.range) = ([0.1 + 0.2, -1e-7, 4.0], Some([0.1, 123.456]));
+        view.hidden = vec!["red".into()];
+        let text = |t: &str| t.to_owned();
+        SavedView { format: 1, version: text("9"), run: text("rün"), scene: text("s"), command: text("c"), view }
+    }
+
+    fn reads(bytes: &[u8]) -> Result<SavedView, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.png");
+        std::fs::write(&path, bytes).unwrap();
+        SavedView::read(&path).map_err(|e| {
+            assert!(e.is_input() && e.to_string().starts_with(&path.display().to_string()), "{e}");
+            e.to_string()
+        })
+    }
+
+    #[test]
+    fn a_picture_and_a_text_give_back_the_view_to_the_bit() {
+        let json = serde_json::to_string(&saved()).unwrap();
+        let image = RgbImage::from_fn(5, 4, |x, y| image::Rgb([x as u8, y as u8, 9]));
+        let png = encode_png_with(&image, KEYWORD, &json).unwrap();
+        assert_eq!(image::load_from_memory(&png).unwrap().to_rgb8(), image, "the text changes no pixel");
+        assert_eq!(reads(&png).unwrap(), saved());
+        assert_eq!(reads(json.as_bytes()).unwrap(), saved());
+        let alone = SavedView::parse("--view", &serde_json::to_string(&saved().view).unwrap()).unwrap();
+        assert_eq!((alone.view, alone.scene), (saved().view, String::new()));
+        assert_eq!(saved().sized(400).view.size, [400, 300]);
+    }
+
+    #[test]
+    fn what_holds_no_view_is_refused_with_its_name() {
+        let json = serde_json::to_string(&saved()).unwrap();
+        let image = RgbImage::new(5, 4);
+        let png = |keyword: &str, text: &str| encode_png_with(&image, keyword, text).unwrap();
+        let good = png(KEYWORD, &json);
+        for (bytes, word) in [
+            (png("Comment", &json), "without a view"),
+            (png(KEYWORD, &"x".repeat(100_000)), "without a view"),
+            (good[..200].to_vec(), "damaged"),
+            (png(KEYWORD, "{}"), "missing"),
+            (b"GIF89a\xff\xff\xff\xff".to_vec(), "neither"),
+            (b"{\"view\": 3}".to_vec(), "no view"),
+            (" ".repeat(1 << 20).into_bytes(), "longer"),
+            ("[".repeat(60_000).into_bytes(), "no view"),
+            (json.replace("\"time\":0.5", "\"time\":7").into_bytes(), "between 0 and 1"),
+            (json.replace("\"format\":1", "\"format\":2").into_bytes(), "another version"),
+            (Vec::new(), "no view"),
+        ] {
+            let error = reads(&bytes).unwrap_err();
+            assert!(error.contains(word), "{error}: {word}");
+        }
+        // no byte of the text can change without a word, and no damage is a panic
+        for at in 0..good.len() {
+            let mut bad = good.clone();
+            bad[at] ^= 0x10;
+            drop(reads(&bad).map(|found| assert_eq!(found, saved())));
+        }
+    }
+}

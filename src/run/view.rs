@@ -1,0 +1,170 @@
+//! What one picture of a run shows: camera, time, look, and what is left out. A viewer asks for pictures by it, and files
+//! keep it ([`super::saved`]).
+
+use super::look::{Look, Show};
+use super::palette::Palette;
+use super::selection::Selection;
+use super::{OpenRun, RunError};
+use crate::data::Camera;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// Largest side of a picture, pixels.
+const SIDE: u32 = 4096;
+
+/// What a picture shows.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct View {
+    /// Where the camera stands, world units.
+    pub eye: [f64; 3],
+    /// What it looks at.
+    pub target: [f64; 3],
+    /// What is up.
+    pub up: [f64; 3],
+    /// Whole horizontal field of view, radians.
+    pub fov: f64,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// Time in [0, 1].
+    pub time: f64,
+    /// What the colours stand for, as [`Show`] is written.
+    pub look: String,
+    /// Segments shown alone; all of the scene if empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub alone: Vec<String>,
+    /// Segments left out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub hidden: Vec<String>,
+    /// Whether the edits apply.
+    pub edits: bool,
+    /// Colours of numbers, as [`Palette`] is written; those that `render` takes if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub palette: Option<String>,
+    /// Values at the ends of the colours' scale; those that suit the first picture if not given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub range: Option<[f32; 2]>,
+}
+
+impl View {
+    /// Refuses what no picture can be drawn of.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self) -> Result<(), String> {
+        check_pose(self.eye, self.target, self.up, self.fov)?;
+        if !self.size.iter().all(|n| (1..=SIDE).contains(n)) {
+            return Err(format!("size: sides of 1 to {SIDE} pixels"));
+        }
+        if !(0.0..=1.0).contains(&self.time) {
+            return Err("time: between 0 and 1".into());
+        }
+        self.shows()?;
+        if self.range.is_some_and(|[low, high]| !low.is_finite() || !high.is_finite() || low > high) {
+            return Err("range: two finite numbers, the lower one first".into());
+        }
+        Ok(())
+    }
+
+    /// What the colours stand for.
+    fn shows(&self) -> Result<(Show, Option<Palette>), String> {
+        let show = self.look.parse()?;
+        let palette = self.palette.as_deref().map(str::parse).transpose()?;
+        Palette::choose(palette, show)?;
+        Ok((show, palette))
+    }
+
+    /// The camera for `part` of the full size.
+    #[must_use]
+    pub fn camera(&self, part: f64) -> Camera {
+        let side = |n: u32| ((f64::from(n) * part).round() as u32).max(1);
+        let [eye, target, up] = [self.eye, self.target, self.up].map(DVec3::from_array);
+        Camera::look_at(eye, target, up, self.fov, side(self.size[0]), side(self.size[1]))
+    }
+
+    /// What draws it.
+    ///
+    /// # Errors
+    /// A look or segment that nobody knows, or a file of the run that is damaged.
+    pub fn look(&self, run: &OpenRun) -> Result<Look, RunError> {
+        let (show, palette) = self.shows().map_err(RunError::input)?;
+        let mut away = Vec::new();
+        if !self.hidden.is_empty() {
+            let all = run.segments()?;
+            for name in &self.hidden {
+                // one that is gone hides nothing
+                away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
+            }
+        }
+        let selection = Selection::open(run, &self.alone, self.edits)?.hiding(away);
+        let look = Look::open(run, selection, show, palette)?;
+        Ok(match self.range {
+            Some(range) => look.with_range(range),
+            None => look,
+        })
+    }
+}
+
+/// Refuses where no camera can stand.
+///
+/// # Errors
+/// What is wrong with it.
+pub(super) fn check_pose(eye: [f64; 3], target: [f64; 3], up: [f64; 3], fov: f64) -> Result<(), String> {
+    let far = |v: &[f64; 3]| v.iter().any(|x| !x.is_finite() || x.abs() > 1e12);
+    if far(&eye) || far(&target) || far(&up) {
+        return Err("eye, target and up: three finite numbers each".into());
+    }
+    let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
+    let along = target - eye;
+    if along.length() < 1e-9 || up.length() < 1e-9 || up.cross(along).length() < 1e-9 * up.length() * along.length() {
+        return Err("eye and target: two points apart, and up not along the line between them".into());
+    }
+    if !(0.001..3.1).contains(&fov) {
+        return Err("fov: between 0.001 and 3.1".into());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn view() -> View {
+        View {
+            eye: [4.0, 0.0, 0.0],
+            target: [0.0; 3],
+            up: [0.0, 0.0, 1.0],
+            fov: 0.5,
+            size: [800, 600],
+            time: 0.5,
+            look: "colour".into(),
+            alone: Vec::new(),
+            hidden: Vec::new(),
+            edits: true,
+            palette: None,
+            range: None,
+        }
+    }
+
+    #[test]
+    fn views_that_cannot_be_drawn_are_refused() {
+        view().check().unwrap();
+        let bad = |change: fn(&mut View)| {
+            let mut view = view();
+            change(&mut view);
+            view.check().unwrap_err()
+        };
+        bad(|v| v.eye[0] = f64::NAN);
+        bad(|v| v.eye = v.target);
+        bad(|v| v.up = [1.0, 0.0, 0.0]);
+        bad(|v| v.up = [0.0; 3]);
+        bad(|v| v.fov = f64::INFINITY);
+        bad(|v| v.size = [0, 600]);
+        bad(|v| v.size = [800, 1 << 20]);
+        bad(|v| v.time = 1.5);
+        bad(|v| v.look = "x".into());
+        bad(|v| v.palette = Some("viridis".into()));
+        bad(|v| v.range = Some([1.0, 0.0]));
+        bad(|v| v.range = Some([0.0, f32::NAN]));
+    }
+}

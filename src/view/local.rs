@@ -1,0 +1,89 @@
+//! A socket file in the place of a port: nobody but its owner can even connect, and `ssh -L PORT:FILE` reaches it.
+
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::FileTypeExt;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use tokio::net::UnixListener;
+
+/// A socket file, which goes when this is dropped.
+#[derive(Debug)]
+pub struct SocketFile(PathBuf);
+
+impl SocketFile {
+    /// Listens at `path`, which only its owner may read and write (0600). A socket that nobody listens at any more gives way.
+    /// To be called where a runtime is.
+    ///
+    /// # Errors
+    /// If something else stands there, somebody listens there, or the system refuses.
+    pub fn listen(path: &Path) -> io::Result<(Self, UnixListener)> {
+        match path.symlink_metadata() {
+            Err(e) if e.kind() == ErrorKind::NotFound => {}
+            Err(e) => return Err(e),
+            Ok(found) if !found.file_type().is_socket() => {
+                return Err(io::Error::new(ErrorKind::AlreadyExists, "something else than a socket stands there"));
+            }
+            Ok(_) => match UnixStream::connect(path) {
+                Err(e) if e.kind() == ErrorKind::ConnectionRefused => std::fs::remove_file(path)?,
+                _ => return Err(io::Error::new(ErrorKind::AddrInUse, "another viewer listens there")),
+            },
+        }
+        // no moment with the rights of a usual file
+        let before = rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o177));
+        let listener = UnixListener::bind(path);
+        rustix::process::umask(before);
+        Ok((Self(path.to_owned()), listener?))
+    }
+}
+
+impl Drop for SocketFile {
+    fn drop(&mut self) {
+        // gone already is as good
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// The command that forwards `port` of one's own machine to `to` of this one, as `SSH_CONNECTION` tells of it; `None` if it
+/// tells nothing.
+#[must_use]
+pub fn forwarding(connection: &str, user: Option<&str>, port: u16, to: &str) -> Option<String> {
+    // client address, client port, address of this machine, its port
+    let [_, _, host, ssh_port] = connection.split_whitespace().collect::<Vec<_>>()[..] else { return None };
+    let user = user.map_or(String::new(), |user| format!("{user}@"));
+    let with = if ssh_port == "22" { String::new() } else { format!("-p {ssh_port} ") };
+    Some(format!("ssh {with}-L {port}:{to} {}", crate::shell::quote(&format!("{user}{host}"))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_names_this_machine_as_it_was_reached() {
+        let line = |connection, user| forwarding(connection, user, 8137, "localhost:8137");
+        let usual = line("10.0.0.2 51234 10.0.0.9 22", Some("ada"));
+        assert_eq!(usual.unwrap(), "ssh -L 8137:localhost:8137 ada@10.0.0.9");
+        assert_eq!(line("::1 5 fe80::1 2222", None).unwrap(), "ssh -p 2222 -L 8137:localhost:8137 fe80::1");
+        assert_eq!(line("", None), None);
+        assert_eq!(line("a b c", None), None);
+    }
+
+    #[test]
+    fn only_a_dead_socket_gives_way() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
+        let _inside = runtime.enter();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s");
+        std::fs::write(&path, "mine").unwrap();
+        assert!(SocketFile::listen(&path).unwrap_err().to_string().contains("something else"));
+        std::fs::remove_file(&path).unwrap();
+        let (file, listener) = SocketFile::listen(&path).unwrap();
+        assert!(SocketFile::listen(&path).unwrap_err().to_string().contains("another viewer"));
+        // its process was killed: the file stays
+        std::mem::forget(file);
+        drop(listener);
+        let (file, _listener) = SocketFile::listen(&path).unwrap();
+        drop(file);
+        assert!(!path.exists());
+    }
+}

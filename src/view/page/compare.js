@@ -1,0 +1,120 @@
+// Comparing: a second picture beside the first, over it up to a divider, or in its place.
+import { $, app, canvas, make, on, say, value } from "./state.js";
+import { ask, hear } from "./socket.js";
+import { look, size, view } from "./picture.js";
+import { restore } from "./address.js";
+
+const other = $("other");
+const context = other.getContext("2d");
+let views = []; // test views of the dataset
+let image = null; // the dataset's image, and the number of its view
+let flipped = false;
+
+const withWhat = () => $("compare").value;
+
+function ask_for() {
+  const what = withWhat();
+  if (what === "image") app.compare = views.length ? { with: "image", view: value("test-view") } : null;
+  else if (what === "time") app.compare = { with: "time", time: value("other-time") };
+  else app.compare = what ? { with: what } : null;
+  layout();
+  look(false);
+}
+
+function layout() {
+  const how = app.compare ? $("compare-how").value : "";
+  for (const name of ["side", "wipe", "flip"]) $("stage").classList.toggle(name, how === name);
+  other.hidden = !app.compare || (how === "flip" && !flipped);
+  $("divider").hidden = how !== "wipe";
+  $("compare-flip").disabled = how !== "flip";
+  $("compare-flip").setAttribute("aria-pressed", flipped);
+  $("other-time-row").hidden = withWhat() !== "time";
+  const names = { image: `the dataset's image of view ${value("test-view")}`, plain: "without edits", time: `time ${value("other-time").toFixed(3)}` };
+  const place = { side: "Right", wipe: "Right of the divider", flip: flipped ? "Shown" : "Behind" }[how];
+  $("compared").textContent = app.compare ? `${place}: ${names[withWhat()]}` : "";
+  draw_image();
+}
+
+// the image as large as what it shows is in the picture
+function draw_image() {
+  if (app.compare?.with !== "image") return;
+  const [w, h] = size();
+  if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
+  context.clearRect(0, 0, w, h);
+  const seen = views[app.compare.view];
+  if (image?.number !== app.compare.view || !seen) return;
+  const half = (fov) => Math.tan(fov / 2);
+  const wide = (w * half(seen.fov)) / half(view(false).fov);
+  const tall = (wide * image.bitmap.height) / image.bitmap.width;
+  context.drawImage(image.bitmap, (w - wide) / 2, (h - tall) / 2, wide, tall);
+  other.dataset.image = image.number;
+}
+
+on("other", ({ bitmap, number, isImage }) => {
+  if (isImage) {
+    image?.bitmap.close();
+    image = { bitmap, number };
+    return draw_image();
+  }
+  const [w, h] = size();
+  if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
+  context.drawImage(bitmap, 0, 0, w, h);
+  other.dataset.frame = number;
+  bitmap.close();
+});
+on("frame", draw_image);
+
+function snap() {
+  const seen = views[value("test-view")];
+  if (!seen) return say("The dataset has no test views.", true);
+  restore({ ...seen, look: $("look").value, palette: $("palette").value, alone: app.alone, hidden: app.hidden, edits: $("edits-on").checked, range: app.range });
+  ask_for();
+}
+$("test-view").onchange = snap;
+$("snap").onclick = snap;
+$("compare").onchange = () => (withWhat() === "image" ? snap() : ask_for());
+$("compare-how").onchange = () => { flipped = false; ask_for(); };
+$("other-time").oninput = ask_for;
+export function flip() {
+  if ($("compare-flip").disabled) return;
+  flipped = !flipped;
+  layout();
+}
+$("compare-flip").onclick = flip;
+
+// the divider, in hundredths of the width
+function divide(at) {
+  const to = Math.min(100, Math.max(0, at));
+  $("divider").style.left = `${to}%`;
+  $("divider").setAttribute("aria-valuenow", Math.round(to));
+  $("stage").style.setProperty("--divider", `${to}%`);
+}
+$("divider").onpointerdown = (e) => $("divider").setPointerCapture(e.pointerId);
+$("divider").onpointermove = (e) => {
+  const box = $("stage").getBoundingClientRect();
+  if (e.buttons) divide((100 * (e.clientX - box.left)) / box.width);
+};
+$("divider").onkeydown = (e) => {
+  const by = { ArrowLeft: -2, ArrowRight: 2 }[e.key];
+  if (!by) return;
+  e.preventDefault();
+  e.stopPropagation();
+  divide(Number($("divider").getAttribute("aria-valuenow")) + by);
+};
+divide(50);
+// whatever is done to the picture beside is done to both
+for (const kind of ["pointerdown", "wheel"]) other.addEventListener(kind, (e) => {
+  e.preventDefault();
+  canvas.dispatchEvent(new e.constructor(kind, e));
+});
+other.oncontextmenu = (e) => e.preventDefault();
+
+hear("views", ({ views: found }) => {
+  views = found;
+  $("test-view").replaceChildren(...views.map((v, n) => make("option", { value: n, textContent: `${n}: time ${v.time.toFixed(3)}` })));
+});
+on("welcome", () => {
+  image = null;
+  // a run whose dataset is gone has none
+  ask({ type: "views" }).catch(() => {}).then(() => ($("snap").disabled = $("test-view").disabled = !views.length));
+});
