@@ -35,12 +35,6 @@ pub struct SplitOptions {
     pub replace: bool,
 }
 
-impl Default for SplitOptions {
-    fn default() -> Self {
-        Self { scale: 0.5, clusters: None, keep_strays: false, seed: 0, replace: false }
-    }
-}
-
 /// The parts of a segment.
 #[derive(Clone, Debug)]
 pub struct Parts {

@@ -210,16 +210,6 @@ pub enum Change {
         /// What it is to be called.
         name: Name,
     },
-    /// Part a segment by its affinity features.
-    Split {
-        /// Which.
-        segment: String,
-        /// Mask scale in [0, 1], from small parts to large ones.
-        scale: f32,
-        /// Whether segments that were picked in the parts of an earlier split may go.
-        #[serde(default)]
-        replace: bool,
-    },
     /// Remove segments with their parts.
     Remove {
         /// Which.
@@ -312,12 +302,6 @@ pub enum Answer {
         /// Its number.
         id: u32,
     },
-    /// How far long work has come.
-    Job(Box<JobState>),
-    /// What segments are like over time.
-    Track(Box<Track>),
-    /// How the training of the run has come on.
-    Training(Box<Training>),
     /// Where something is.
     Place {
         /// Number of the request.
@@ -325,6 +309,12 @@ pub enum Answer {
         /// World units.
         at: [f64; 3],
     },
+    /// How far long work has come.
+    Job(Box<JobState>),
+    /// What segments are like over time.
+    Track(Box<Track>),
+    /// How the training of the run has come on.
+    Training(Box<Training>),
     /// The key to the colours.
     Legend {
         /// The key; none where things have their own colours.

@@ -8,7 +8,6 @@ use crate::edit::{Edit, EditStack, Total};
 use crate::files::{RunLock, Work};
 use crate::run::segments::{RunSegments, Towards};
 use crate::run::selection::Selection;
-use crate::run::split::{SplitOptions, split};
 use crate::run::{OpenRun, RunError, affinity, edits, pick};
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::AffinityField;
@@ -145,6 +144,8 @@ impl Workspace {
         self.field = field(&run, &self.device);
         self.newest = run.scene_path.parent().map(Path::to_owned);
         (self.run, self.seen, self.edits, self.segments) = (run, seen, edits, segments);
+        // what was changed before was of another state of the scene
+        self.order = Order::default();
         self.fault = fault.map(|e| e.to_string());
         self.revision += 1;
         Ok(())
@@ -190,13 +191,6 @@ impl Workspace {
             }
             Change::Group { name, segments: of } => segments.group(name, of)?,
             Change::Rename { segment, name } => segments.rename(&self.run, segment, name)?,
-            Change::Split { segment, scale, replace } => {
-                if !(0.0..=1.0).contains(scale) {
-                    return Err(RunError::input("scale: between 0 and 1").into());
-                }
-                let options = SplitOptions { scale: *scale, replace: *replace, ..SplitOptions::default() };
-                drop(split(&self.run, &mut segments, segment, &options, &self.device)?);
-            }
             Change::Remove { segments: of } => drop(segments.remove(of)?),
             Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
             Change::Last { .. } => {}

@@ -14,7 +14,7 @@
   for (const e of operable) if (!name(e)) faults.push(`no name: ${told(e)}`);
   for (const e of operable) if (e.tabIndex > 0) faults.push(`positive tabindex: ${told(e)}`);
   for (const e of operable) if (seen(e) && !e.disabled && e.tabIndex < 0) faults.push(`not reached by Tab: ${told(e)}`);
-  for (const e of document.querySelectorAll("[role=slider]")) if (!e.hasAttribute("aria-valuenow")) faults.push(`no value: ${told(e)}`);
+  for (const e of document.querySelectorAll("[role=slider]")) if (seen(e) && !e.hasAttribute("aria-valuenow")) faults.push(`no value: ${told(e)}`);
   const ids = [...document.querySelectorAll("[id]")].map((e) => e.id);
   for (const id of new Set(ids.filter((id, k) => ids.indexOf(id) !== k))) faults.push(`id twice: ${id}`);
   for (const of of ["for", "aria-labelledby", "aria-describedby", "aria-controls"]) {
@@ -29,7 +29,7 @@
   if (document.querySelectorAll("main").length !== 1) faults.push("not one main landmark");
   if (document.querySelectorAll("h1").length !== 1) faults.push("not one h1");
   for (const e of document.querySelectorAll("aside, section, fieldset, [role=group], dialog")) {
-    if (!name(e) && !e.querySelector(":scope > legend")?.textContent) faults.push(`a part without a name: ${told(e)}`);
+    if (seen(e) && !name(e) && !e.querySelector(":scope > legend")?.textContent) faults.push(`a part without a name: ${told(e)}`);
   }
   for (const e of document.body.querySelectorAll(":scope > :not(main, aside, header, footer, nav, dialog, script)")) faults.push(`in no landmark: ${told(e)}`);
   if (!document.querySelector("[role=status][aria-live=polite], [aria-live=polite]")) faults.push("no live region");

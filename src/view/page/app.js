@@ -10,11 +10,11 @@ import "./looks.js";
 import "./path.js";
 import "./segments.js";
 import "./edits.js";
+import "./gizmo.js";
+import "./help.js";
 import "./jobs.js";
 import "./tracks.js";
 import "./training.js";
-import "./gizmo.js";
-import "./help.js";
 
 hear("welcome", (message) => {
   app.welcome = message;

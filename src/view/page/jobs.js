@@ -1,18 +1,12 @@
 // Long work: what is started, how far it has come, and how it ended.
 import { $, app, on, say, value } from "./state.js";
-import { ask, hear } from "./socket.js";
+import { ask, hear, start } from "./socket.js";
 import { chosen } from "./segments.js";
 import { plot } from "./plot.js";
 
 let job = null; // the last that was told of one
 
 const number = (id) => ($(id).value === "" ? null : Math.round(value(id)));
-
-// starts work; what it is may be null if something was missing, which was said
-function start(task) {
-  if (!task) return;
-  ask({ type: "job", base: app.doc.revision, task }).catch((message) => say(message, true));
-}
 
 const masks = () => ({ kind: "masks", segments: [...app.checked], source: $("mask-source").value, views: number("mask-views"), size: null, replace: $("mask-replace").checked });
 const fine = () => ({ kind: "fine", steps: number("fine-steps") ?? 5000 });

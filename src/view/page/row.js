@@ -1,6 +1,6 @@
 // A segment in the tree: eye, colour, name and opacity, and below it what is rarely needed.
 import { app, make } from "./state.js";
-import { change } from "./socket.js";
+import { change, start } from "./socket.js";
 import { look } from "./picture.js";
 
 const open = new Set(); // names of segments whose second line is open
@@ -81,7 +81,7 @@ function more(s) {
   split.append(label, make("button", { textContent: "split", title: "Parts by their features, from small (0) to large (1)" }));
   split.onsubmit = (e) => {
     e.preventDefault();
-    change({ kind: "split", segment: s.name, scale: Number(scale.value) });
+    start({ kind: "split", segment: s.name, scale: Number(scale.value), clusters: null, replace: false });
   };
   const found = make("p", { textContent: `${s.gaussians.toLocaleString("en")} Gaussians, found at time ${s.time.toFixed(3)}` });
   const box = make("div", { className: "more" }, found);

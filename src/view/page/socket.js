@@ -41,6 +41,9 @@ export function answered(id) {
 // a change of the document as this page knows it
 export const change = (what) => ask({ type: "change", base: app.doc.revision, change: what }).catch((e) => say(e, true));
 
+// long work on the document as this page knows it; it may be null if something was missing, which was said
+export const start = (task) => task && ask({ type: "job", base: app.doc.revision, task }).catch((e) => say(e, true));
+
 function listen(message) {
   const asked = message.id != null ? waiting.get(message.id) : null;
   waiting.delete(message.id);
