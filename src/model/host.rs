@@ -184,6 +184,19 @@ impl HostGaussians {
         self.clone().into_splat(device)
     }
 
+    /// The same Gaussians, all of them black.
+    #[must_use]
+    pub fn without_colours(&self) -> Self {
+        Self {
+            means: self.means.clone(),
+            rotations: self.rotations.clone(),
+            log_scales: self.log_scales.clone(),
+            opacity_logits: self.opacity_logits.clone(),
+            sh: vec![0.0; 3 * self.len()],
+            sh_stride: 1,
+        }
+    }
+
     /// [`HostGaussians::to_splat`] without a copy on the host.
     ///
     /// # Panics

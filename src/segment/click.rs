@@ -35,7 +35,8 @@ pub fn seen(
     device: &Device,
 ) -> Result<Contributors, ContributorsError> {
     let settings = SplatSettings { camera, background: [0.0; 3], sh_degree: 0 };
-    contributors(&gaussians.to_splat(device), &settings, pixels)
+    // colours do not change what a pixel is made of, and are most of what there is to copy
+    contributors(&gaussians.without_colours().into_splat(device), &settings, pixels)
 }
 
 /// The heaviest of them for which `wanted` holds, the nearest of equals.

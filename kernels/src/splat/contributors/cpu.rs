@@ -7,7 +7,7 @@ use super::{Contributors, ContributorsError};
 use crate::splat::SplatSettings;
 use crate::splat::cpu::TILE;
 use crate::splat::cpu::bin::{Bins, Order};
-use crate::splat::cpu::blend::{Tile, TileArea, row_range};
+use crate::splat::cpu::blend::{Tile, TileArea, blend_rows, row_range};
 use crate::splat::cpu::lanes::any;
 use crate::splat::cpu::rule::Rule;
 use pulp::{Simd, WithSimd, bytemuck};
@@ -15,6 +15,23 @@ use rayon::prelude::*;
 
 /// Rows that one task copies into the result.
 const COPY_ROWS: usize = 1024;
+
+/// As [`contributors`], after blending the rows of tiles that hold a pixel: that finds where each tile ends, and so which
+/// Gaussians matter.
+///
+/// # Errors
+/// As [`contributors`].
+pub(crate) fn of_pixels(
+    order: &Order,
+    settings: &SplatSettings,
+    pixels: &[u32],
+) -> Result<Contributors, ContributorsError> {
+    super::check_pixels(pixels, settings)?;
+    let mut rows = vec![false; settings.camera.height.div_ceil(TILE)];
+    pixels.iter().for_each(|pixel| rows[*pixel as usize / settings.camera.width / TILE] = true);
+    let (_, bins) = blend_rows(order, settings, |row| rows[row]);
+    contributors(order, &bins, settings, pixels)
+}
 
 /// Lists the Gaussians that are blended into each pixel, nearest first, with `alpha * T`.
 ///

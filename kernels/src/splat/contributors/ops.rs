@@ -3,7 +3,7 @@
 use super::cpu;
 use super::{Contributors, ContributorsError};
 use crate::backend::CpuBackend;
-use crate::splat::cpu::{Values, bin::Order, blend, project};
+use crate::splat::cpu::{Values, bin::Order, project};
 use crate::splat::{SplatSettings, SplatTensors};
 use burn::backend::tensor::IntTensor;
 use burn::backend::{Backend, ExtensionType, TensorMetadata, backend_extension};
@@ -34,9 +34,7 @@ fn on_host<B: CpuBackend>(inputs: &SplatTensors<B>, settings: &SplatSettings, pi
     let (attributes, offsets) = values.borrow();
     let splats = project::project(attributes, offsets, settings);
     let order = Order::new(&splats, settings.camera.height);
-    // blending finds where each tile ends, and so which Gaussians matter
-    let (_, bins) = blend::blend(&order, settings);
-    let lists = cpu::contributors(&order, &bins, settings, pixels);
+    let lists = cpu::of_pixels(&order, settings, pixels);
     let radii: Vec<i32> = splats.iter().map(|s| s.radius).collect();
     let n = radii.len();
     ContributorsOutput { lists, radii: B::int_tensor(radii, [n], &device) }

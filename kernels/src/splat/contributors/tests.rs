@@ -75,8 +75,8 @@ impl Fixture {
     }
 
     fn contributors(&self, pixels: &[u32]) -> Result<Contributors, ContributorsError> {
-        let (order, _, bins) = self.stages();
-        cpu::contributors(&order, &bins, &self.settings, pixels)
+        let (order, _, _) = self.stages();
+        cpu::of_pixels(&order, &self.settings, pixels)
     }
 
     fn scene(&self) -> Scene {
@@ -136,6 +136,8 @@ proptest! {
         let f = Fixture::random(n, width, height, seed);
         let (order, image, bins) = f.stages();
         let lists = cpu::contributors(&order, &bins, &f.settings, &f.all_pixels()).unwrap();
+        let first = cpu::of_pixels(&order, &f.settings, &[0]).unwrap();
+        prop_assert_eq!(first.row(0), lists.row(0), "one row of tiles says the same of its pixels as all");
         let ranks = order.ranks(n);
         for (p, pixel) in image.chunks_exact(4).enumerate() {
             let (indices, weights) = lists.row(p);

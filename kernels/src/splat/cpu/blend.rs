@@ -84,13 +84,25 @@ struct TileState {
 ///
 /// A task a row of tiles, which lists and draws slab by slab of depth until its tiles are done.
 pub(crate) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
+    blend_rows(order, settings, |_| true)
+}
+
+/// As [`blend`], of the rows of tiles that are `wanted` alone; the others stay empty.
+pub(crate) fn blend_rows(
+    order: &Order,
+    settings: &SplatSettings,
+    wanted: impl Fn(usize) -> bool + Sync,
+) -> (Vec<f32>, Bins) {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = width.div_ceil(TILE);
     let mut image = vec![0.0f32; width * height * 4];
     let rows = image
         .par_chunks_mut(width * TILE * 4)
         .enumerate()
-        .map(|(row, strip)| blend_row(order, settings, row, tiles_x, strip))
+        .map(|(row, strip)| match wanted(row) {
+            true => blend_row(order, settings, row, tiles_x, strip),
+            false => TileRow { offsets: vec![0; tiles_x + 1], entries: Vec::new() },
+        })
         .collect();
     (image, Bins { tiles_x, rows })
 }
