@@ -7,7 +7,7 @@ use crate::run::pick::Hit;
 use crate::run::saved::{SavedView, command};
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
-use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, Request};
+use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
 use crate::view::tracks::Wanted;
 use crate::view::workspace::{ChangeError, Workspace};
 use std::time::Instant;
@@ -100,6 +100,9 @@ impl Renderer {
             }
             Request::Change { id: number, base, change } => {
                 let done = self.space.change(base, &change);
+                if let (Ok(()), Change::Rename { segment, name }) = (&done, &change) {
+                    self.clients.values_mut().for_each(|client| client.renamed(segment, name));
+                }
                 self.ended(id, number, done)?;
             }
             Request::Job { id: number, base, task } => {
