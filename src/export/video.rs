@@ -1,6 +1,8 @@
-//! MP4 files from a row of frames, by the program `ffmpeg` where it is installed.
+//! MP4 files from a row of frames, by the program `ffmpeg` where it is installed. Each ends with [`MARK`], so that it is
+//! known again as one of this program's own when a person has it replaced.
 
-use crate::files::{AtomicFile, ReplaceError};
+use crate::files::{AtomicFile, MARK, ReplaceError};
+use std::fs::OpenOptions;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -86,12 +88,19 @@ impl Mp4 {
     pub fn finish(mut self) -> Result<(), VideoError> {
         self.encoder.end().map_err(|e| self.failed(e))?;
         let Self { path, file, .. } = self;
-        file.commit().map_err(|source| VideoError::Io { path, source })
+        let marked = OpenOptions::new().append(true).open(file.temporary()).and_then(|mut f| f.write_all(&mark()));
+        marked.and_then(|()| file.commit()).map_err(|source| VideoError::Io { path, source })
     }
 
     fn failed(&self, message: String) -> VideoError {
         VideoError::Failed { path: self.path.clone(), message }
     }
+}
+
+/// The mark in a box that players pass over (`free`, ISO/IEC 14496-12), which may stand at the end of a file.
+fn mark() -> Vec<u8> {
+    let length = 8 + MARK.len() as u32;
+    [&length.to_be_bytes(), &b"free"[..], MARK.as_bytes()].concat()
 }
 
 /// The program at work; killed if it is dropped before its end.

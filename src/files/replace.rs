@@ -1,13 +1,14 @@
 //! What may be replaced: a folder or file that the program made itself, and nothing that anybody still needs.
 //!
 //! Every replacement goes through here. A folder is known by its [`FolderKind`]: a marker in it, and nothing at its top
-//! that the program does not put there. A file is known by [`MARK`] among its first bytes.
+//! that the program does not put there. A file is known by [`MARK`] among its first bytes, or as its last.
 
 use std::fs;
-use std::io::{self, Read};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Stands near the beginning of each file that people name themselves (PNG, PLY, NRRD, VTI), so that it is known again.
+/// Stands near the beginning of each file that people name themselves (PNG, PLY, NRRD, VTI), or at its end where another
+/// program writes the beginning (MP4), so that it is known again.
 pub const MARK: &str = "volseggs";
 /// Where the mark is looked for, bytes.
 const HEAD: u64 = 4096;
@@ -164,12 +165,22 @@ pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
     if !kind.is_file() {
         return foreign(if kind.is_dir() { "is a folder" } else { "is no regular file" });
     }
-    let mut head = Vec::new();
-    fs::File::open(path).and_then(|f| f.take(HEAD).read_to_end(&mut head)).map_err(io)?;
-    if head.is_empty() || head.windows(MARK.len()).any(|w| w == MARK.as_bytes()) {
+    let (head, end) = ends(path).map_err(io)?;
+    if head.is_empty() || head.windows(MARK.len()).any(|w| w == MARK.as_bytes()) || end == MARK.as_bytes() {
         return Ok(());
     }
     foreign("was not made by volseggs")
+}
+
+/// The first bytes of a file, and its last, as many as the mark has.
+fn ends(path: &Path) -> io::Result<(Vec<u8>, Vec<u8>)> {
+    let mut file = fs::File::open(path)?;
+    let (mut head, mut end) = (Vec::new(), Vec::new());
+    file.by_ref().take(HEAD).read_to_end(&mut head)?;
+    let length = file.seek(SeekFrom::End(0))?;
+    file.seek(SeekFrom::Start(length.saturating_sub(MARK.len() as u64)))?;
+    file.take(MARK.len() as u64).read_to_end(&mut end)?;
+    Ok((head, end))
 }
 
 #[cfg(test)]

@@ -101,6 +101,14 @@ impl Client {
         self.changed();
     }
 
+    /// A segment has another name: what it wants to see goes by that.
+    pub fn renamed(&mut self, old: &str, new: &str) {
+        let Some(view) = &mut self.view else { return };
+        for name in view.alone.iter_mut().chain(&mut view.hidden).filter(|name| *name == old) {
+            new.clone_into(name);
+        }
+    }
+
     /// What is shown is to be drawn anew.
     pub fn changed(&mut self) {
         self.selections += 1;

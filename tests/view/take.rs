@@ -211,12 +211,19 @@ fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
     assert_eq!(code, Some(0), "{said}");
     let bytes = std::fs::read(root.join("film.mp4")).unwrap();
     let size = (SIZE * SIZE * 3) as usize;
-    assert_eq!(bytes.len(), 3 * size);
+    assert_eq!(bytes[3 * size..], *b"\0\0\0\x10freevolseggs", "a box that players pass over");
     volseggs()
         .current_dir(root)
         .args(["render", "run", "--path", "path.json", "--frames", "3", "--out", "frames"])
         .assert()
         .success();
     let last = image::open(root.join("frames/0002.png")).unwrap().to_rgb8();
-    assert!(bytes[2 * size..] == *last.as_raw());
+    assert!(bytes[2 * size..3 * size] == *last.as_raw());
+    let (code, said) = film(Some("cat > \"$out\"; echo >> \"$out\""));
+    assert_eq!(code, Some(0), "its own film gives way: {said}");
+    let other = b"\0\0\0\x18ftypisom of somebody else";
+    std::fs::write(root.join("film.mp4"), other).unwrap();
+    let (code, said) = film(Some("cat > \"$out\""));
+    assert!(code == Some(2) && said.contains("was not made by volseggs"), "{said}");
+    assert_eq!(std::fs::read(root.join("film.mp4")).unwrap(), other);
 }

@@ -108,7 +108,8 @@ fn a_person_works_in_the_tree() {
     browser.wait(&tab, "document.querySelectorAll('#edits li').length === 2");
     assert!(operations(root)[1].to_string().contains("recolour"));
 
-    // another name
+    // another name; what is checked and left out stays so
+    browser.eval(&tab, &format!("{}.click(); {}.click()", find(&format!("check {old}")), find(&format!("eye {old}"))));
     browser.eval(&tab, &format!("{}.click()", find(&format!("more {old}"))));
     browser.rests(&tab);
     browser.shoot(&tab, "5-row");
@@ -121,6 +122,16 @@ fn a_person_works_in_the_tree() {
     );
     browser.wait(&tab, "document.getElementById('tree').textContent.includes('core')");
     assert_eq!(operations(root)[1]["segments"], json!(["core"]));
+    browser.rests(&tab);
+    let kept = format!(
+        "[{}.checked, {}.ariaPressed, {}.ariaExpanded, location.hash.includes('hidden=core')]",
+        find("check core"),
+        find("eye core"),
+        find("more core")
+    );
+    browser.wait(&tab, &format!("{kept}.every((kept) => String(kept) === 'true')"));
+    browser.eval(&tab, &format!("{}.click(); {}.click()", find("check core"), find("eye core")));
+    browser.rests(&tab);
 
     // from the first to the last with Shift
     for modifiers in [false, true] {

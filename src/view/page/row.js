@@ -42,7 +42,7 @@ function edits(kind, key, label, properties, operations, s) {
 }
 
 function eye(s) {
-  const button = make("button", { title: "Leave it out of the picture; no edit" });
+  const button = make("button", { title: "Leave it out of the picture (this is no edit)" });
   button.dataset.key = `eye ${s.name}`;
   button.setAttribute("aria-label", `Leave ${s.name} out of the picture`);
   const shown = () => {
@@ -65,10 +65,13 @@ function more(s) {
   name.dataset.key = `name ${s.name}`;
   name.setAttribute("aria-label", `Name of ${s.name}`);
   rename.append(name, make("button", { textContent: "rename" }));
-  rename.onsubmit = (e) => {
+  rename.onsubmit = async (e) => {
     e.preventDefault();
     const wanted = name.value.trim();
-    if (wanted && wanted !== s.name) change({ kind: "rename", segment: s.name, name: wanted });
+    if (!wanted || wanted === s.name) return;
+    app.renames.set(s.name, wanted);
+    await change({ kind: "rename", segment: s.name, name: wanted });
+    app.renames.delete(s.name);
   };
   const split = make("form", { className: "row" });
   const scale = make("input", { type: "range", min: 0, max: 1, step: 0.05, value: 0.5 });
@@ -89,12 +92,19 @@ function more(s) {
   return box;
 }
 
+// its second line stays open, and who works by keys stays in it
+export function renamed(from, to) {
+  if (open.delete(from)) open.add(to);
+  const at = document.activeElement?.dataset;
+  if (at?.key?.endsWith(` ${from}`)) at.key = at.key.slice(0, -from.length) + to;
+}
+
 export function row(s, number, check) {
   const item = make("li");
   item.style.paddingLeft = `${s.depth}em`;
   const box = make("input", { type: "checkbox", id: `check-${number}`, checked: app.checked.has(s.name) });
   box.dataset.key = `check ${s.name}`;
-  box.setAttribute("aria-label", `Choose ${s.name}`);
+  box.setAttribute("aria-label", `Check ${s.name}`);
   box.onclick = (e) => check(s.name, box.checked, e.shiftKey);
   const name = make("label", { className: "name", textContent: s.name, htmlFor: box.id, title: `${s.gaussians.toLocaleString("en")} Gaussians` });
   const colour = edits("color", `colour ${s.name}`, `Colour of ${s.name}`, { value: hex(s.rgb ?? s.colour) },

@@ -2,7 +2,15 @@
 import { $, app, on, say, tell, value } from "./state.js";
 import { ask, change, hear } from "./socket.js";
 import { look, stale } from "./picture.js";
-import { row } from "./row.js";
+import { renamed, row } from "./row.js";
+
+// a segment that this page renamed stays checked, left out or alone
+function keep(from, to) {
+  for (const set of [app.hidden, app.checked]) if (set.delete(from)) set.add(to);
+  app.alone = app.alone.map((name) => (name === from ? to : name));
+  if (last === from) last = to;
+  renamed(from, to);
+}
 
 function read(message) {
   app.doc = message;
@@ -10,8 +18,10 @@ function read(message) {
   app.preview = null;
   stale();
   const names = new Set(app.doc.segments.map((s) => s.name));
+  for (const [from, to] of app.renames) if (!names.has(from) && names.has(to)) keep(from, to);
   for (const set of [app.hidden, app.checked]) for (const name of set) if (!names.has(name)) set.delete(name);
   app.alone = app.alone.filter((name) => names.has(name));
+  $("isolate").setAttribute("aria-pressed", app.alone.length > 0);
   tree();
   const [undo, redo] = app.doc.segment_steps;
   $("segments-undo").disabled = !undo;

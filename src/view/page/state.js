@@ -9,6 +9,7 @@ export const app = {
   doc: { revision: 0, segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
   hidden: new Set(), // names of segments that are left out of the picture
   checked: new Set(), // names of segments that are checked in the tree
+  renames: new Map(), // names that this page is giving segments, by the names that they have
   preview: null, // edits that are shown and not saved
   alone: [], // names of segments that are shown alone
   compare: null, // what the picture is compared with

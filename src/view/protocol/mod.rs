@@ -1,0 +1,13 @@
+//! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
+
+mod answers;
+mod frame;
+mod requests;
+
+pub use crate::run::view::View;
+pub use answers::{Answer, Document, SegmentRow, Selected};
+pub use frame::{Codec, FrameInfo, HEADER, Kind};
+pub use requests::{Asked, Change, Combine, Request, Wanted};
+
+/// Longest text that a client may send, bytes.
+pub const LONGEST: usize = 64 * 1024;

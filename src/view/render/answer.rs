@@ -1,0 +1,152 @@
+//! Answers of requests.
+
+use super::{Renderer, Wrong};
+use crate::run::RunError;
+use crate::run::keyframes::{CameraPath, SavedPath};
+use crate::run::pick::Hit;
+use crate::run::saved::{SavedView, command};
+use crate::view::gizmo::Preview;
+use crate::view::hub::{ClientId, Outgoing};
+use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
+use crate::view::tracks::Wanted;
+use crate::view::workspace::{ChangeError, Workspace};
+use std::time::Instant;
+
+/// Name under which the page saves a picture.
+const FILE: &str = "volseggs.png";
+/// Name under which the page saves a path.
+const PATH_FILE: &str = "path.json";
+/// Most cameras of a path that a client may ask for.
+const PATH: usize = 3000;
+
+impl Renderer {
+    /// Answers a request; an error with the request's number, if it has one.
+    pub(super) fn answer(&mut self, id: ClientId, request: Request) -> Result<(), Wrong> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        match request {
+            Request::View(wanted) => {
+                wanted.view.check().map_err(|e| (None, e))?;
+                client.pace.changes(Instant::now(), wanted.moving);
+                wanted.compare.map_or(Ok(()), |c| c.check()).map_err(|e| (None, e))?;
+                wanted.preview.as_ref().map_or(Ok(()), Preview::check).map_err(|e| (None, e))?;
+                client.view = Some(wanted.view);
+                client.preview = wanted.preview;
+                client.compare = wanted.compare;
+            }
+            Request::Ack { frame } => client.pace.acknowledges(Instant::now(), frame),
+            Request::Pick { id, pixel, within, meaning, combine } => {
+                let picked = client.pick(&self.space, id, pixel, within.as_deref(), (meaning, combine));
+                let picked = picked.map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Picked(Box::new(picked)));
+            }
+            Request::Adjust { id, meaning } => {
+                let picked = client.adjust(id, meaning).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Picked(Box::new(picked)));
+            }
+            Request::Still { id: number } => {
+                let wrong = |e: RunError| (Some(number), e.to_string());
+                let started = Instant::now();
+                let view = client.still().map_err(wrong)?;
+                let (size, time) = (view.size, view.time);
+                let (run, device) = (&self.space.run, &self.space.device);
+                let bytes = SavedView::picture(run, view, FILE, device).map_err(wrong)?;
+                let (codec, revision) = (Codec::Png, self.space.revision());
+                let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
+                let kind = Kind::Still;
+                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+                client.send(Outgoing::Frame(info, bytes));
+            }
+            Request::Command { id: number } => {
+                let wrong = |e: RunError| (Some(number), e.to_string());
+                let view = client.still().map_err(wrong)?;
+                let json = serde_json::to_string(&view).map_err(|e| wrong(RunError::failure(e)))?;
+                client.answer(Answer::Command {
+                    id: number,
+                    command: command(&self.space.run, "--view", &json, "still"),
+                });
+            }
+            Request::Views { id: number } => {
+                let views = self.space.run.test_views().map_err(|e| (Some(number), e.to_string()))?;
+                client.answer(Answer::Views { id: number, views });
+            }
+            Request::Path { id: number, keys, frames } => {
+                let wrong = |e: String| (Some(number), e);
+                let shown = client.still().map_err(|e| wrong(e.to_string()))?;
+                let path = CameraPath::new(keys.clone()).map_err(wrong)?;
+                if frames > PATH {
+                    return Err(wrong(format!("frames: at most {PATH}")));
+                }
+                let file = Box::new(SavedPath::new(&self.space.run, shown, keys, PATH_FILE));
+                client.answer(Answer::Path { id: number, frames: path.frames(frames).collect(), file });
+            }
+            Request::Clear => client.clear(),
+            Request::Point { id, pixel } => {
+                let at = client.point(&self.space, pixel).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Place { id, at });
+            }
+            Request::Centre { id, segments, time } => {
+                let at = self.space.centre(&segments, time).map_err(|e| (Some(id), e.to_string()))?;
+                client.answer(Answer::Place { id, at });
+            }
+            Request::Commit { id: number, base, name } => {
+                let nothing = || (Some(number), "click on something first".to_owned());
+                let clicked = client.clicked().cloned().ok_or_else(nothing)?;
+                let hit = part_of(&self.space, clicked.hit, &clicked.picked.members);
+                let done = self.space.commit(base, &name, &hit, &clicked.picked, clicked.time);
+                if done.is_ok() {
+                    client.clear();
+                }
+                self.ended(id, number, done)?;
+            }
+            Request::Change { id: number, base, change } => {
+                let done = self.space.change(base, &change);
+                if let (Ok(()), Change::Rename { segment, name }) = (&done, &change) {
+                    self.clients.values_mut().for_each(|client| client.renamed(segment, name));
+                }
+                self.ended(id, number, done)?;
+            }
+            Request::Job { id: number, base, task } => {
+                let run = match self.space.for_work(base) {
+                    Ok(run) => run,
+                    Err(error) => return self.ended(id, number, Err(error)),
+                };
+                self.jobs.start(run, &self.space.device, task).map_err(|e| (Some(number), e))?;
+                client.answer(Answer::Done { id: number });
+            }
+            Request::Track { id: number, segments, times } => {
+                let wanted = Wanted { client: id, id: number, segments, times, run: self.space.run.share() };
+                self.tracks.ask(wanted).map_err(|e| (Some(number), e))?;
+            }
+            Request::Cancel { id: number, job } => {
+                if self.space.read_only() {
+                    return Err((Some(number), ChangeError::ReadOnly.to_string()));
+                }
+                self.jobs.cancel(job).map_err(|e| (Some(number), e))?;
+                client.answer(Answer::Done { id: number });
+            }
+        }
+        Ok(())
+    }
+
+    /// Tells everybody of a change, or the one who wanted it why it is refused.
+    fn ended(&mut self, id: ClientId, number: u32, done: Result<(), ChangeError>) -> Result<(), Wrong> {
+        if matches!(done, Ok(()) | Err(ChangeError::Stale)) {
+            self.tell_document();
+        }
+        done.map_err(|e| (Some(number), e.to_string()))?;
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.answer(Answer::Done { id: number });
+        }
+        Ok(())
+    }
+}
+
+/// The click, whose selection is a part of the segment that was looked in if all of it lies there.
+fn part_of(space: &Workspace, mut hit: Hit, members: &[u32]) -> Hit {
+    let holds = |name: &crate::name::Name| {
+        let whole = space.segments().now().get(name);
+        whole.is_ok_and(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()))
+    };
+    hit.within = hit.within.filter(holds);
+    hit
+}

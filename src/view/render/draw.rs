@@ -1,0 +1,141 @@
+//! What clients want to see, drawn and encoded.
+
+use super::Renderer;
+use crate::export::images::{encode_png, to_rgb8};
+use crate::run::RunError;
+use crate::view::compare::Compare;
+use crate::view::hub::{ClientId, Outgoing};
+use crate::view::pace::Next;
+use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, View};
+use image::RgbImage;
+use jpeg_encoder::{ColorType, Encoder};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Instant;
+
+/// Quality of frames of a moving view, and of one at rest.
+const QUALITY: [u8; 2] = [60, 85];
+
+impl Renderer {
+    /// Draws for the next client for whom there is something to draw; until when there is nothing else to do.
+    pub(super) fn draw_next(&mut self) -> Option<Instant> {
+        let now = Instant::now();
+        let mut until: Option<Instant> = None;
+        let after: Vec<ClientId> = self.clients.range(self.last + 1..).map(|(id, _)| *id).collect();
+        let before: Vec<ClientId> = self.clients.range(..=self.last).map(|(id, _)| *id).collect();
+        for id in after.into_iter().chain(before) {
+            let Some(client) = self.clients.get(&id) else { continue };
+            let Some(view) = client.view.clone() else { continue };
+            match client.pace.next(now, (view.size[0] * view.size[1]) as usize) {
+                Next::Wait => {}
+                Next::WaitUntil(moment) => until = Some(until.map_or(moment, |u| u.min(moment))),
+                next => {
+                    self.last = id;
+                    self.draw(id, &view, next);
+                    return Some(now);
+                }
+            }
+        }
+        until
+    }
+
+    fn draw(&mut self, id: ClientId, view: &View, next: Next) {
+        let drawn = catch_unwind(AssertUnwindSafe(|| {
+            let drawn = self.frame(id, view, next, Kind::Picture)?;
+            // first, so that who acknowledges the picture has taken it too
+            self.beside(id, view, next)?;
+            Ok(drawn)
+        }));
+        let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
+        let Some(client) = self.clients.get_mut(&id) else { return };
+        match drawn {
+            Ok((info, bytes)) => {
+                client.frame = info.number;
+                let pixels = (info.size[0] * info.size[1]) as usize;
+                client.pace.sent(Instant::now(), next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
+                client.send(Outgoing::Frame(info, bytes));
+                client.tell_legend();
+                if next == Next::Lossless {
+                    client.prepare_clicks(&self.space, view.time);
+                }
+            }
+            Err(error) => {
+                // not again before it changes
+                client.view = None;
+                client.answer(Answer::Error { id: None, message: error.to_string() });
+            }
+        }
+    }
+
+    /// Sends what the picture is compared with.
+    fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<(), RunError> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
+        let Some(compare) = client.compare else { return Ok(()) };
+        let sent = match (compare, compare.other(view, client.range())) {
+            (_, Some(other)) => self.frame(id, &other, next, Kind::Other)?,
+            (Compare::Image { view: number }, None) if client.image != Some(number) => {
+                // one that cannot be read is told of once
+                client.image = Some(number);
+                let image = self.space.run.test_image(number)?;
+                let size = [image.width(), image.height()];
+                let (kind, codec, revision, time) = (Kind::Image, Codec::Png, self.space.revision(), view.time);
+                let (number, render_ms, encode_ms) = (number as u32, 0.0, 0.0);
+                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+                (info, encode_png(&image).map_err(RunError::failure)?)
+            }
+            _ => return Ok(()),
+        };
+        if let Some(client) = self.clients.get_mut(&id) {
+            client.send(Outgoing::Frame(sent.0, sent.1));
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, id: ClientId, view: &View, next: Next, kind: Kind) -> Result<(FrameInfo, Vec<u8>), RunError> {
+        let client = self.clients.get_mut(&id).ok_or_else(|| RunError::failure("the client left"))?;
+        let (part, quality) = match next {
+            Next::Moving(part) => (part, Some(QUALITY[0])),
+            Next::Full => (1.0, Some(QUALITY[1])),
+            _ => (1.0, None),
+        };
+        let started = Instant::now();
+        let camera = view.camera(part);
+        let number = client.frame.wrapping_add(1);
+        let other = kind == Kind::Other;
+        let dragged = client.preview.is_some() && !other;
+        let (look, key) = client.look(&self.space, view, other)?;
+        let (scene, device) = (&self.space.run.scene, &self.space.device);
+        let key = format!("{} {key}", view.time);
+        let prepared = match self.cache.get(&key) {
+            Some(prepared) => prepared,
+            None => {
+                let prepared = look.prepare(scene, view.time as f32, device)?;
+                if !dragged {
+                    // nobody comes back to a step of a drag
+                    self.cache.put(key.clone(), prepared.clone());
+                }
+                prepared
+            }
+        };
+        let prepared = client.highlighted(&key, prepared, other, device);
+        let (look, _) = client.look(&self.space, view, other)?;
+        let image = look.draw(scene, &prepared, camera.to_kernel(), device);
+        let size = [camera.width, camera.height];
+        let rgb = to_rgb8(&image, size[0] as usize, size[1] as usize);
+        let render_ms = 1e3 * started.elapsed().as_secs_f32();
+        let started = Instant::now();
+        let (codec, bytes) = encode(&rgb, quality)?;
+        let encode_ms = 1e3 * started.elapsed().as_secs_f32();
+        let revision = self.space.revision();
+        Ok((FrameInfo { kind, codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
+    }
+}
+
+/// A picture as JPEG of this quality, or as PNG.
+fn encode(rgb: &RgbImage, quality: Option<u8>) -> Result<(Codec, Vec<u8>), RunError> {
+    let Some(quality) = quality else { return Ok((Codec::Png, encode_png(rgb).map_err(RunError::failure)?)) };
+    let (width, height) = rgb.dimensions();
+    let mut bytes = Vec::new();
+    let encoder = Encoder::new(&mut bytes, quality);
+    encoder.encode(rgb.as_raw(), width as u16, height as u16, ColorType::Rgb).map_err(RunError::failure)?;
+    Ok((Codec::Jpeg, bytes))
+}
