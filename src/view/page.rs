@@ -35,7 +35,7 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 22] = modules![
+pub const MODULES: [PageFile; 23] = modules![
     "address.js",
     "app.js",
     "camera.js",
@@ -46,6 +46,7 @@ pub const MODULES: [PageFile; 22] = modules![
     "input.js",
     "jobs.js",
     "looks.js",
+    "parts.js",
     "path.js",
     "picture.js",
     "plot.js",

@@ -7,6 +7,9 @@ use crate::socket::Server;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
+/// Opens the parts of the panel that are folded, so that all there is can be looked at.
+const UNFOLD: &str = "document.querySelectorAll('details').forEach((part) => { part.open = true; })";
+
 /// Faults of the page as it is now.
 fn faults(browser: &mut Browser, tab: &Tab) -> Vec<Value> {
     let mut found = browser.eval(tab, include_str!("access.js")).as_array().unwrap().clone();
@@ -31,6 +34,8 @@ fn nobody_is_kept_out() {
         let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
         browser.call(Some(&tab), "Emulation.setEmulatedMedia", media);
         assert_eq!(faults(&mut browser, &tab), [] as [Value; 0], "{scheme}, at the start");
+        browser.eval(&tab, UNFOLD);
+        assert_eq!(faults(&mut browser, &tab), [] as [Value; 0], "{scheme}, unfolded");
         // as much as there is to see: handles, an opened row, an edit, a message of what went wrong
         browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
         browser.eval(&tab, "document.querySelector('#tree [data-key^=more]').click()");
@@ -66,6 +71,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
     browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
     browser.wait(&tab, "!document.getElementById('gizmo').hasAttribute('hidden')");
     browser.rests(&tab);
+    browser.eval(&tab, UNFOLD);
     let wanted = "[...document.querySelectorAll('button, input, select, summary, canvas, [tabindex]')]\
                   .filter((e) => !e.disabled && e.tabIndex >= 0 && e.checkVisibility() && !e.closest('dialog'))";
     browser.eval(&tab, &format!("{wanted}.forEach((e, k) => {{ e.dataset.nth = k; }})"));
@@ -96,6 +102,20 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
         &format!("{missed:?}.map((k) => document.querySelector(`[data-nth='${{k}}']`)?.outerHTML.slice(0, 90))"),
     );
     assert!(missed.is_empty(), "Tab does not come to {what}");
+
+    // a part is folded by keys, and stays so when the page is loaded again
+    browser.eval(&tab, "document.querySelector('#part-look summary').focus()");
+    browser.key(&tab, "Enter", 0);
+    browser.wait(&tab, "!document.getElementById('part-look').open");
+    browser.wait(&tab, "JSON.parse(sessionStorage.getItem('parts'))['part-look'] === false");
+    let address = format!("http://localhost:{}/?token={}", server.port, server.token);
+    browser.call(Some(&tab), "Page.navigate", json!({ "url": address }));
+    browser.wait(&tab, "document.getElementById('run').textContent !== 'volseggs'");
+    browser.rests(&tab);
+    assert_eq!(
+        browser.eval(&tab, "[document.getElementById('part-look').open, document.getElementById('part-edits').open]"),
+        json!([false, true])
+    );
 
     // Space is that of what has the focus
     browser.eval(&tab, "document.getElementById('loop').focus()");

@@ -8,6 +8,7 @@ import "./input.js";
 import "./compare.js";
 import "./looks.js";
 import "./path.js";
+import "./parts.js";
 import "./segments.js";
 import "./edits.js";
 import "./gizmo.js";

@@ -19,6 +19,7 @@ $("rotate").onclick = () => edit({ rotate: { axis: ["x", "y", "z"].map((a) => Nu
 $("enlarge").onclick = () => edit({ scale: { factor: value("size"), about: null } });
 
 on("document", (doc) => {
+  $("edits-count").textContent = doc.edits.length ? `(${doc.edits.length})` : "";
   $("edits").replaceChildren(...doc.edits.map((textContent) => make("li", { textContent })));
   [$("edits-undo").disabled, $("edits-redo").disabled] = doc.edit_steps.map((there) => !there);
 });

@@ -7,6 +7,7 @@ import { centreOn, clear, click } from "./selection.js";
 import { flip } from "./compare.js";
 import { save } from "./take.js";
 import { helping } from "./help.js";
+import { reveal } from "./parts.js";
 
 let drag = null;
 let clicked = { at: 0, place: [0, 0], before: false, done: null }; // the last click, which may be the first of two
@@ -90,5 +91,8 @@ document.addEventListener("keydown", (e) => {
   if (e.key === ".") nudge(1);
   if (e.key === "s") save();
   if (e.key === "f") flip();
-  if (e.key === "Enter" && app.picked && document.activeElement === canvas) $("name").focus();
+  if (e.key === "Enter" && app.picked && document.activeElement === canvas) {
+    reveal($("name"));
+    $("name").focus();
+  }
 });

@@ -23,6 +23,10 @@ const exported = () => ({ kind: "export", format: $("export-format").value, segm
 
 for (const [id, task] of Object.entries({ masks, fine, split, track, export: exported })) $(`${id}-start`).onclick = () => start(task());
 $("job-cancel").onclick = () => job && ask({ type: "cancel", job: job.number }).catch((message) => say(message, true));
+$("job-close").onclick = () => {
+  $("job").hidden = true;
+  $("part-work").querySelector("summary").focus();
+};
 
 const span = (seconds) => (seconds < 90 ? `${seconds.toFixed(0)} s` : seconds < 5400 ? `${(seconds / 60).toFixed(1)} min` : `${(seconds / 3600).toFixed(1)} h`);
 
@@ -46,6 +50,7 @@ hear("job", (message) => {
   $("job-title").textContent = job.stopping && !job.end ? `${job.title}: stopping` : job.title;
   $("job-progress").hidden = Boolean(job.end);
   $("job-cancel").hidden = Boolean(job.end);
+  $("job-close").hidden = !job.end;
   $("job-cancel").disabled = job.stopping || app.welcome?.read_only;
   if (job.all) Object.assign($("job-progress"), { max: job.all, value: job.done });
   else $("job-progress").removeAttribute("value");

@@ -50,6 +50,8 @@ function tree() {
   const shown = app.doc.segments.filter((s) => s.name.toLowerCase().includes(wanted));
   names = shown.map((s) => s.name);
   const key = document.activeElement?.dataset.key;
+  $("no-segments").hidden = app.doc.segments.length > 0;
+  $("search").hidden = app.doc.segments.length < 8;
   $("tree").replaceChildren(...shown.map((s, number) => row(s, number, check)));
   // who works by keys stays where they are
   if (key) $("tree").querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus();

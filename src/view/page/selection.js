@@ -3,6 +3,7 @@ import { $, app, canvas, make, on, say, tell, value } from "./state.js";
 import { ask, hear, send } from "./socket.js";
 import { look, stale } from "./picture.js";
 import { add, sub } from "./camera.js";
+import { reveal } from "./parts.js";
 
 const HINT = "Click on the picture to select. Shift-click adds, Alt-click removes.";
 
@@ -49,6 +50,13 @@ function selected(message) {
   }));
   $("scale").value = message.scale;
   $("cosine").value = Math.max(0, message.threshold);
+  figures();
+  reveal($("refine"));
+}
+
+// what the sliders stand at
+function figures() {
+  for (const id of ["scale", "cosine"]) $(`${id}-now`).textContent = value(id).toFixed(2);
 }
 
 // latest wins: one adjustment is on its way at a time
@@ -61,7 +69,10 @@ async function adjust(meaning) {
   adjusting = false;
   if (next) { const m = next; next = null; adjust(m); }
 }
-const byHand = () => adjust({ by: { scale: value("scale"), threshold: value("cosine") } });
+const byHand = () => {
+  figures();
+  adjust({ by: { scale: value("scale"), threshold: value("cosine") } });
+};
 $("scale").oninput = byHand;
 $("cosine").oninput = byHand;
 
@@ -69,6 +80,7 @@ export function clear() {
   app.picked = null;
   stale();
   $("marker").hidden = true;
+  $("refine").hidden = true;
   $("levels").replaceChildren();
   if (app.welcome?.clicks) $("selected").textContent = HINT;
   send({ type: "clear" });
@@ -97,5 +109,5 @@ on("welcome", (welcome) => {
   if (app.picked && scene !== welcome.scene) clear();
   scene = welcome.scene;
   if (app.picked) return;
-  $("selected").textContent = welcome.clicks ? HINT : "To select by clicks, make masks and train the field first (under Work).";
+  $("selected").textContent = welcome.clicks ? HINT : "To select by clicks, make masks and train the field first (further down).";
 });

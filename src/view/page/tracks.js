@@ -3,6 +3,7 @@ import { $, make, on, say, value } from "./state.js";
 import { ask, hear } from "./socket.js";
 import { chosen } from "./segments.js";
 import { goTo, nudge } from "./time.js";
+import { reveal } from "./parts.js";
 import { draw, place, plot, upright, valueAt } from "./plot.js";
 
 const CHARTS = ["chart-volume", "chart-centroid", "chart-speed"];
@@ -44,7 +45,7 @@ function show() {
     button.onclick = () => goTo(event.to);
     return make("li", {}, button);
   }));
-  $("chart").hidden = false;
+  reveal($("chart"));
   mark();
 }
 

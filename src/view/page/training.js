@@ -10,8 +10,11 @@ const count = (n) => n.toLocaleString("en");
 function show() {
   if (!training) return;
   const { status, steps, all, loss, train, test } = training;
-  const shown = app.welcome?.step == null ? "" : `; step ${count(app.welcome.step)} is shown`;
-  $("training-figures").textContent = `Training: ${status}, ${count(steps)} of ${count(all)} steps${shown}`;
+  const done = steps === all ? count(all) : `${count(steps)} of ${count(all)}`;
+  const step = app.welcome?.step;
+  // a training that is complete is what is shown, unless another step is
+  const shown = step == null || (step === all && steps === all) ? "" : `; step ${count(step)} is shown`;
+  $("training-figures").textContent = `Training: ${status}, ${done} steps${shown}`;
   const span = [0, steps];
   plot($("training-loss"), [{ points: loss }], { span });
   plot($("training-psnr"), [{ points: train, look: "one" }, { points: test, look: "two" }], { span, unit: " dB" });
