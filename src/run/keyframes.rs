@@ -11,8 +11,10 @@ use super::view::{View, check_pose};
 use super::{OpenRun, RunError};
 use crate::words::plain;
 use glam::{DMat3, DQuat, DVec3};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fmt::Display;
 
 /// Most keyframes of a path.
@@ -229,12 +231,8 @@ impl SavedPath {
     /// Whether a JSON text is a path of this kind, and not a dataset's list of cameras.
     #[must_use]
     pub fn is_in(text: &str) -> bool {
-        #[derive(Deserialize)]
-        struct Probe {
-            #[serde(rename = "keys")]
-            _keys: serde::de::IgnoredAny,
-        }
-        serde_json::from_str::<Probe>(text).is_ok()
+        // one that has its keys twice is one too, as it is read
+        serde_json::from_str::<BTreeMap<String, IgnoredAny>>(text).is_ok_and(|all| all.contains_key("keys"))
     }
 
     /// Reads the text of a file; `name` is only for messages.
@@ -348,6 +346,7 @@ mod tests {
         let (back, found) = SavedPath::parse("p.json", &json).unwrap();
         assert_eq!((back, found.keys), (shown, path().keys));
         assert!(SavedPath::is_in(&json) && !SavedPath::is_in("{\"frames\": []}"));
+        assert!(SavedPath::is_in(&json.replacen('{', "{\"keys\":0,", 1)), "the last of two counts");
         for (from, to, word) in [
             ("\"seconds\":2.0", "\"seconds\":0.0", "keyframe 2: seconds"),
             ("\"time\":0.4", "\"time\":4", "keyframe 2: time"),

@@ -31,6 +31,7 @@ mod runs;
 mod sweeps;
 mod tensors;
 mod transfer;
+mod views;
 mod volumes;
 
 #[global_allocator]
