@@ -201,6 +201,7 @@ fn main() {
     let (tell, told) = mpsc::channel();
     std::thread::scope(|scope| {
         let options = ViewOptions {
+            with: Vec::new(),
             run,
             device: device.clone(),
             bind: IpAddr::V4(Ipv4Addr::LOCALHOST),

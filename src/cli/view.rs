@@ -3,7 +3,7 @@
 use super::{CliError, Common, stop_flag};
 use crate::memory::Bytes;
 #[cfg(unix)]
-use crate::shell::quote;
+use crate::shell;
 #[cfg(unix)]
 use crate::view::local;
 use crate::view::{Serving, ViewError, ViewOptions, serve};
@@ -14,11 +14,15 @@ use std::path::PathBuf;
 /// Look at a run in a browser: fly through space and time, click to segment, edit.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs view checkpoints/first\n  volseggs view checkpoints/first --port 8137 --read-only\n\nPrints an address with a secret in it: who has it can look at the run, and change segments and edits unless --read-only is given. Only programs on this machine reach it. From another one:\n  ssh -L 8137:localhost:8137 THIS_MACHINE\n  and open the printed address there. Where others share this machine, --socket FILE keeps them from the port too.\nCtrl-C ends it."
+    after_help = "Examples:\n  volseggs view checkpoints/first\n  volseggs view checkpoints/first --port 8137 --read-only\n  volseggs view checkpoints/first --with checkpoints/second --with checkpoints/first/checkpoints/step-010000\n\nPrints an address with a secret in it: who has it can look at the run, and change segments and edits unless --read-only is given. Only programs on this machine reach it. From another one:\n  ssh -L 8137:localhost:8137 THIS_MACHINE\n  and open the printed address there. Where others share this machine, --socket FILE keeps them from the port too.\nCtrl-C ends it."
 )]
 pub struct ViewCommand {
     /// Folder of the run.
     run: PathBuf,
+    /// Another run, or a checkpoint of one, to compare with: the page shows it beside this one, from the same camera and at
+    /// the same time. May be given many times.
+    #[arg(long = "with", value_name = "RUN")]
+    with: Vec<PathBuf>,
     /// Port to listen on; any that is free if not given.
     #[arg(long, value_name = "PORT", default_value_t = 0)]
     port: u16,
@@ -35,7 +39,7 @@ pub struct ViewCommand {
     /// Change nothing.
     #[arg(long)]
     read_only: bool,
-    /// Memory for times that were shown: 100 times of 150,000 Gaussians without edits take 660M.
+    /// Memory for times that were shown, of all runs together: 100 times of 150,000 Gaussians without edits take 660M.
     #[arg(long, value_name = "SIZE", default_value = "1G")]
     cache: Bytes,
     #[command(flatten)]
@@ -47,6 +51,7 @@ impl ViewCommand {
         let (_, device) = self.common.device()?;
         let options = ViewOptions {
             run: self.run,
+            with: self.with,
             device,
             bind: self.bind,
             port: self.port,
@@ -79,7 +84,7 @@ impl ViewCommand {
 fn forwarding(Serving { address, socket, .. }: &Serving) -> Option<String> {
     let port = address.port();
     let to = match socket {
-        Some(path) => quote(&std::path::absolute(path).unwrap_or_else(|_| path.clone()).display().to_string()),
+        Some(path) => shell::path(&std::path::absolute(path).unwrap_or_else(|_| path.clone())),
         None => format!("localhost:{port}"),
     };
     let [connection, user] = ["SSH_CONNECTION", "USER"].map(|name| std::env::var(name).ok());

@@ -2,7 +2,7 @@
 //! `ssh -L`, on any machine that runs the program, and shows what `volseggs render` draws.
 //!
 //! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
-//! run ([`workspace`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
+//! run ([`workspace`]) and those that it is compared with ([`others`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
 //! lately. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`jobs`] and
 //! [`tracks`], on other threads.
 
@@ -17,9 +17,11 @@ pub mod jobs;
 #[cfg(unix)]
 pub mod local;
 pub mod order;
+pub mod others;
 pub mod pace;
 pub mod page;
 pub mod protocol;
+pub mod reading;
 pub mod render;
 pub mod server;
 pub mod tracks;
@@ -29,6 +31,7 @@ pub mod workspace;
 use auth::{Guard, Token};
 use burn::tensor::Device;
 use hub::Hub;
+use others::Other;
 use render::Renderer;
 use server::{Shared, router};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -44,7 +47,9 @@ use workspace::Workspace;
 pub struct ViewOptions {
     /// Folder of the run.
     pub run: PathBuf,
-    /// Where it draws.
+    /// Runs, or checkpoints of runs, that it can be compared with.
+    pub with: Vec<PathBuf>,
+    /// Where all of them are drawn.
     pub device: Device,
     /// Address to listen on.
     pub bind: IpAddr,
@@ -56,7 +61,7 @@ pub struct ViewOptions {
     pub hosts: Vec<String>,
     /// Whether nothing may be changed.
     pub read_only: bool,
-    /// Bytes of deformed Gaussians that are kept.
+    /// Bytes of deformed Gaussians that are kept, of all runs together.
     pub cache: usize,
 }
 
@@ -134,6 +139,7 @@ impl Listener {
 /// If the run cannot be opened, or the address cannot be used.
 pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Serving)) -> Result<(), ViewError> {
     let space = Workspace::open(&options.run, &options.device, options.read_only)?;
+    let others = Other::open(&options.with, &options.device)?;
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build().map_err(ViewError::System)?;
     let wanted = SocketAddr::new(options.bind, options.port);
@@ -166,7 +172,7 @@ pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Servi
     let router = router(Shared::new(Guard::new(token, address.port(), hosts), hub.clone()));
     std::thread::scope(|scope| {
         let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {
-            Renderer::new(space, options.cache, hub.clone()).run();
+            Renderer::new(space, others, options.cache, hub.clone()).run();
         });
         drawing.map_err(ViewError::System)?;
         ready(&Serving { address, socket: options.socket.clone(), url });

@@ -4,6 +4,7 @@
 use crate::compare::curves::{self, smooth};
 use crate::files::{RunPaths, read_text};
 use crate::run::OpenRun;
+use crate::run::status::status;
 use crate::train::run::RunRecord;
 use serde::Serialize;
 use std::path::Path;
@@ -15,7 +16,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// The training of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Training {
-    /// `running`, `interrupted` or `complete`, as the run's record says.
+    /// `running`, `interrupted`, `complete` or `broken off`, see [`status`].
     pub status: String,
     /// Steps that are logged.
     pub steps: usize,
@@ -63,7 +64,10 @@ impl Watch {
         let paths = run.paths();
         let stamps = [paths.metrics(), paths.record()].map(|path| stamp(&path));
         if self.seen == Some(stamps) {
-            return None;
+            // whoever is killed writes nothing any more
+            let now = self.now.as_mut().filter(|now| status(&run.path, &now.status) != now.status)?;
+            now.status = status(&run.path, &now.status).to_owned();
+            return self.now.as_ref();
         }
         self.seen = Some(stamps);
         let now = read(run);
@@ -83,7 +87,7 @@ fn read(run: &OpenRun) -> Training {
     let record = record.as_ref().unwrap_or(&run.record);
     let stages = &run.config.stages;
     Training {
-        status: record.status.clone(),
+        status: status(&run.path, &record.status).to_owned(),
         steps: curves.loss.last().map_or(record.steps, |(step, _)| *step as usize),
         all: stages.warmup_steps + stages.joint_steps,
         loss: smooth(&curves.loss),

@@ -134,8 +134,7 @@ fn a_person_drags_handles_and_takes_it_back() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     let hidden = "document.getElementById('gizmo').hasAttribute('hidden')";
     assert_eq!(browser.eval(&tab, hidden), true, "nothing is checked");
     browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");

@@ -40,6 +40,11 @@ impl Server {
         Some(1024 * line.trim().trim_end_matches(" kB").parse::<u64>().unwrap())
     }
 
+    /// The address that it prints.
+    pub fn url(&self) -> String {
+        format!("http://localhost:{}/?token={}", self.port, self.token)
+    }
+
     pub fn cookie(&self) -> String {
         format!("volseggs-{}={}", self.port, self.token)
     }

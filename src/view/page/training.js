@@ -15,6 +15,7 @@ function show() {
   // a training that is complete is what is shown, unless another step is
   const shown = step == null || (step === all && steps === all) ? "" : `; step ${count(step)} is shown`;
   $("training-figures").textContent = `Training: ${status}, ${done} steps${shown}`;
+  $("training-note").hidden = status !== "broken off";
   const span = [0, steps];
   plot($("training-loss"), [{ points: loss }], { span });
   plot($("training-psnr"), [{ points: train, look: "one" }, { points: test, look: "two" }], { span, unit: " dB" });

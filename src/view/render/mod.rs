@@ -6,8 +6,10 @@ mod draw;
 
 use super::cache::Cache;
 use super::client::Client;
+use super::compare::Side;
 use super::hub::{ClientId, Event, Hub};
 use super::jobs::Jobs;
+use super::others::Other;
 use super::protocol::Answer;
 use super::tracks::Tracks;
 use super::training::Watch;
@@ -27,6 +29,8 @@ type Wrong = (Option<u32>, String);
 #[derive(Debug)]
 pub struct Renderer {
     space: Workspace,
+    /// Runs that it is compared with.
+    others: Vec<Other>,
     cache: Cache,
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
@@ -40,12 +44,14 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Draws `space` for the clients of `hub`; what is deformed is kept, up to `cache` bytes.
+    /// Draws `space` for the clients of `hub`, and beside it one of the `others` where they compare; what is deformed is
+    /// kept, of all together up to `cache` bytes.
     #[must_use]
-    pub fn new(space: Workspace, cache: usize, hub: Arc<Hub>) -> Self {
+    pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
         let (jobs, tracks) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()));
         let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
-        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0, jobs, tracks, watch, told, hub }
+        let (cache, clients) = (Cache::new(cache), BTreeMap::new());
+        Self { space, others, cache, clients, last: 0, jobs, tracks, watch, told, hub }
     }
 
     /// Works until the hub stops it.
@@ -99,7 +105,7 @@ impl Renderer {
 
     fn welcome(&self) -> Answer {
         let run = &self.space.run;
-        let around = run.surroundings();
+        let around = &self.space.around;
         Answer::Welcome {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
@@ -110,9 +116,10 @@ impl Renderer {
             radius: around.sphere.radius,
             fov: around.lens.fov_x,
             size: [around.lens.width, around.lens.height],
+            others: self.others.iter().map(|other| other.told(run)).collect(),
             clicks: self.space.field().is_some(),
             read_only: self.space.read_only(),
-            note: around.note.or_else(|| self.space.fault().map(str::to_owned)),
+            note: around.note.clone().or_else(|| self.space.fault().map(str::to_owned)),
         }
     }
 
@@ -128,6 +135,7 @@ impl Renderer {
         }
         let document = self.space.document();
         for client in self.clients.values_mut() {
+            document.renamed.iter().for_each(|[old, new]| client.renamed(old, new));
             client.changed();
             client.answer(Answer::Document(Box::new(document.clone())));
         }
@@ -139,6 +147,25 @@ impl Renderer {
             Ok(false) => {}
             Ok(true) => self.tell_document(),
             Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
+        }
+        for k in 0..self.others.len() {
+            let step = self.others[k].space.run.step();
+            match self.others[k].space.refresh() {
+                Ok(false) => {}
+                Ok(true) => {
+                    self.cache.clear();
+                    let newer = self.others[k].space.run.step() != step;
+                    if newer {
+                        self.tell_all(&self.welcome());
+                    }
+                    let compares = |client: &&mut Client| client.compare.is_some_and(|c| c.side() == Side::OfRun(k));
+                    self.clients.values_mut().filter(compares).for_each(Client::changed);
+                }
+                Err(error) => {
+                    let message = format!("{}: {error}", self.others[k].name());
+                    self.tell_all(&Answer::Error { id: None, message });
+                }
+            }
         }
     }
 
