@@ -7,143 +7,27 @@
 
 #[path = "view/slow.rs"]
 mod slow;
+#[path = "view/window.rs"]
+mod window;
 
-use serde_json::{Value, json};
+use serde_json::json;
 use slow::{Lags, proxy};
-use std::net::{IpAddr, Ipv4Addr, TcpStream};
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
-use tungstenite::client::IntoClientRequest;
-use tungstenite::stream::MaybeTlsStream;
-use tungstenite::{Message, WebSocket};
 use volseggs::device::DeviceName;
 use volseggs::run::OpenRun;
 use volseggs::run::look::{Look, Show};
 use volseggs::run::selection::Selection;
+use volseggs::view::listen::Reach;
 use volseggs::view::protocol::View;
 use volseggs::view::{ViewOptions, serve};
+use window::{Window, parts};
 
 /// How long each figure is measured.
 const SPAN: Duration = Duration::from_secs(6);
-
-struct Frame {
-    number: u32,
-    png: bool,
-    width: u16,
-    time: f32,
-    render_ms: f32,
-    encode_ms: f32,
-}
-
-struct Window {
-    socket: WebSocket<MaybeTlsStream<TcpStream>>,
-    welcome: Value,
-    size: u32,
-}
-
-impl Window {
-    /// One on the server at `url`, whose port is reached as `via` if that is given.
-    fn open(url: &str, size: u32, via: Option<u16>) -> Self {
-        let (port, token) = parts(url);
-        let via = via.unwrap_or(port);
-        let mut request = format!("ws://localhost:{via}/ws").into_client_request().unwrap();
-        request.headers_mut().insert("Origin", format!("http://localhost:{via}").parse().unwrap());
-        request.headers_mut().insert("Cookie", format!("volseggs-{port}={token}").parse().unwrap());
-        let stream = MaybeTlsStream::Plain(TcpStream::connect(("127.0.0.1", via)).unwrap());
-        let (socket, _) = tungstenite::client(request, stream).unwrap();
-        let mut window = Self { socket, welcome: Value::Null, size };
-        window.welcome = window.answer("welcome");
-        window
-    }
-
-    fn say(&mut self, message: &Value) {
-        self.socket.send(Message::text(message.to_string())).unwrap();
-    }
-
-    /// A view from `turn` (1 is once around), at a time.
-    fn view(&self, turn: f64, time: f64, moving: bool) -> Value {
-        let (centre, radius) = (self.welcome["centre"].clone(), self.welcome["radius"].as_f64().unwrap());
-        let at = |k: usize| centre[k].as_f64().unwrap();
-        let angle = std::f64::consts::TAU * turn;
-        let eye = [at(0) + radius * angle.cos(), at(1) + radius * angle.sin(), at(2) + 0.35 * radius];
-        json!({
-            "type": "view", "eye": eye, "target": centre, "up": [0, 0, 1], "fov": self.welcome["fov"],
-            "size": [self.size, self.size], "time": time, "look": "colour", "edits": true, "moving": moving,
-        })
-    }
-
-    /// The next frame, which is acknowledged; texts are passed over.
-    fn frame(&mut self) -> Frame {
-        loop {
-            if let Some(frame) = self.frame_within(Duration::from_secs(600)) {
-                return frame;
-            }
-        }
-    }
-
-    /// The next frame if one comes in time.
-    fn frame_within(&mut self, wait: Duration) -> Option<Frame> {
-        let until = Instant::now() + wait;
-        loop {
-            let left = until.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
-            let MaybeTlsStream::Plain(stream) = self.socket.get_mut() else { unreachable!() };
-            stream.set_read_timeout(Some(left)).unwrap();
-            let message = match self.socket.read() {
-                Err(tungstenite::Error::Io(_)) => return None,
-                message => message.unwrap(),
-            };
-            if let Message::Binary(bytes) = message {
-                let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
-                let frame = Frame {
-                    number: word(4),
-                    png: bytes[1] == 1,
-                    width: u16::from_le_bytes([bytes[16], bytes[17]]),
-                    time: f32::from_bits(word(20)),
-                    render_ms: f32::from_bits(word(24)),
-                    encode_ms: f32::from_bits(word(28)),
-                };
-                self.say(&json!({ "type": "ack", "frame": frame.number }));
-                return Some(frame);
-            }
-            if Instant::now() >= until {
-                return None;
-            }
-        }
-    }
-
-    /// The next text of a kind; frames before it are acknowledged.
-    fn answer(&mut self, kind: &str) -> Value {
-        loop {
-            match self.socket.read().unwrap() {
-                Message::Text(text) => {
-                    let value: Value = serde_json::from_str(text.as_str()).unwrap();
-                    assert!(value["type"] != "error", "{value}");
-                    if value["type"] == kind {
-                        return value;
-                    }
-                }
-                Message::Binary(bytes) => {
-                    let number = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
-                    self.say(&json!({ "type": "ack", "frame": number }));
-                }
-                _ => {}
-            }
-        }
-    }
-
-    /// Until the picture is there without loss.
-    fn rest(&mut self) {
-        while !self.frame().png {}
-    }
-}
-
-/// Port and token of a server's address.
-fn parts(url: &str) -> (u16, &str) {
-    let (host, token) = url.split_once("/?token=").unwrap();
-    (host.rsplit(':').next().unwrap().parse().unwrap(), token)
-}
 
 /// Median and 95th percentile.
 fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
@@ -204,10 +88,7 @@ fn main() {
             with: Vec::new(),
             run,
             device: device.clone(),
-            bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
-            port: 0,
-            socket: None,
-            hosts: Vec::new(),
+            reach: Reach { bind: IpAddr::V4(Ipv4Addr::LOCALHOST), port: 0, socket: None, hosts: Vec::new() },
             read_only: true,
             cache: 1 << 30,
         };

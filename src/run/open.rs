@@ -25,7 +25,7 @@ pub struct OpenRun {
     _lock: Option<RunLock>,
     /// The scene, on the device that the run was opened with.
     pub scene: Scene,
-    /// The file that it was read from.
+    /// The file that it was read from, or, while it is trained here, where a checkpoint of it lies if there is one.
     pub scene_path: PathBuf,
     /// What training left behind.
     pub record: RunRecord,
@@ -96,6 +96,19 @@ impl OpenRun {
         let Self { path, scene, scene_path, record, config, .. } = self;
         let (path, scene_path, record, config) = (path.clone(), scene_path.clone(), record.clone(), config.clone());
         Self { path, _lock: None, scene: scene.clone(), scene_path, record, config }
+    }
+
+    /// A run that this process trains, with its scene after `step` steps, which no file may hold; `record` is the one that
+    /// was written last.
+    #[must_use]
+    pub fn in_training(path: &Path, scene: Scene, step: usize, record: RunRecord, config: Config) -> Self {
+        let scene_path = scene_at(path, step);
+        Self { path: path.to_owned(), _lock: None, scene, scene_path, record, config }
+    }
+
+    /// Puts the scene after `step` steps in the place of the one before.
+    pub fn advance(&mut self, scene: Scene, step: usize) {
+        (self.scene, self.scene_path) = (scene, scene_at(&self.path, step));
     }
 
     /// Steps that the scene was trained for.
@@ -225,6 +238,11 @@ impl OpenRun {
         }
         Ok(root)
     }
+}
+
+/// The file of the scene after `step` steps, if there is such a checkpoint.
+fn scene_at(run: &Path, step: usize) -> PathBuf {
+    scene_of(&RunPaths(run).checkpoints().join(checkpoint::folder_name(step)))
 }
 
 fn scene_of(checkpoint: &Path) -> PathBuf {

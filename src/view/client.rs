@@ -281,9 +281,9 @@ impl Client {
 
 /// The view as it can be drawn: while the segments on the disk cannot be used, neither can edits of them, and none is hidden.
 fn usable(space: &Workspace, view: &View) -> View {
-    match space.fault() {
-        Some(_) => View { edits: false, hidden: Vec::new(), ..view.clone() },
-        None => view.clone(),
+    match space.has_document() {
+        true => view.clone(),
+        false => View { edits: false, hidden: Vec::new(), ..view.clone() },
     }
 }
 

@@ -1,9 +1,11 @@
 //! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
 //! run meanwhile.
 
+use super::live::Live;
 use super::order::{Order, Stack, Steps};
 use super::protocol::{Change, Document, SegmentRow};
 use super::reading::{Newer, Read, Seen, field, seen};
+use super::refusal::ChangeError;
 use crate::edit::{Edit, EditStack, Total};
 use crate::files::{RunLock, Work};
 use crate::run::cameras::Surroundings;
@@ -18,26 +20,10 @@ use crate::segment::segmentation::renamed;
 use crate::train::checkpoint;
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// What others are told of who holds the run.
 const COMMAND: &str = "volseggs view";
-
-/// Why a change is refused.
-#[derive(Debug, thiserror::Error)]
-pub enum ChangeError {
-    /// Somebody else changed the document before.
-    #[error("segments or edits were changed meanwhile; look at them and try again")]
-    Stale,
-    /// The document is of an older checkpoint.
-    #[error("a newer checkpoint of the run is being read; try again in a moment")]
-    Reading,
-    /// Nothing may be changed.
-    #[error("this viewer was started with --read-only")]
-    ReadOnly,
-    /// It cannot be done.
-    #[error(transparent)]
-    Run(#[from] RunError),
-}
 
 /// The run, its segments and edits.
 #[derive(Debug)]
@@ -66,6 +52,8 @@ pub struct Workspace {
     /// What the files looked like when they were read.
     seen: Seen,
     read_only: bool,
+    /// The training of the run, if it goes on in this process.
+    live: Option<Arc<Live>>,
 }
 
 impl Workspace {
@@ -94,7 +82,38 @@ impl Workspace {
             order: Order::default(),
             seen,
             read_only,
+            live: None,
         })
+    }
+
+    /// A run that this process trains. What is shown are the scenes that the trainer leaves; there are no segments and edits,
+    /// whatever files say, as those would be of another state of the scene.
+    #[must_use]
+    pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Self {
+        let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
+        let (device, seen) = (device.clone(), Seen::default());
+        let (follows, newest, fault, field, revision) = (false, None, None, None, 1);
+        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.surroundings());
+        live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
+        let live = Some(live);
+        Self {
+            run,
+            around,
+            device,
+            follows,
+            newest,
+            newer,
+            segments,
+            fault,
+            edits,
+            field,
+            revision,
+            renamed,
+            order,
+            seen,
+            read_only,
+            live,
+        }
     }
 
     /// Grows with every change of segments or edits.
@@ -109,10 +128,46 @@ impl Workspace {
         self.fault.as_deref()
     }
 
-    /// Whether nothing may be changed.
+    /// Whether segments and edits of the run can be shown.
+    #[must_use]
+    pub fn has_document(&self) -> bool {
+        self.fault.is_none() && self.live.is_none()
+    }
+
+    /// Whether segments and edits cannot be changed.
     #[must_use]
     pub fn read_only(&self) -> bool {
-        self.read_only
+        self.refuse().is_err()
+    }
+
+    /// Refuses changes where there can be none.
+    ///
+    /// # Errors
+    /// Why.
+    pub fn refuse(&self) -> Result<(), ChangeError> {
+        match self.live {
+            _ if self.read_only => Err(ChangeError::ReadOnly),
+            Some(_) => Err(ChangeError::InTraining),
+            None => Ok(()),
+        }
+    }
+
+    /// The training of the run, if it goes on in this process.
+    #[must_use]
+    pub fn live(&self) -> Option<&Arc<Live>> {
+        self.live.as_ref()
+    }
+
+    /// The same for who wants it to pause or go on.
+    ///
+    /// # Errors
+    /// If there is none, or nothing may be changed.
+    pub fn can_pause(&self) -> Result<&Live, ChangeError> {
+        match &self.live {
+            _ if self.read_only => Err(ChangeError::ReadOnly),
+            Some(live) => Ok(live),
+            None => Err(ChangeError::NoTraining),
+        }
     }
 
     /// The affinity field, if there is one.
@@ -133,6 +188,14 @@ impl Workspace {
     /// # Errors
     /// If a file is damaged now.
     pub fn refresh(&mut self) -> Result<bool, RunError> {
+        if let Some(live) = &self.live {
+            let Some(copy) = live.take() else { return Ok(false) };
+            let (scene, step) = copy.open(&self.device).map_err(RunError::failure)?;
+            live.shows(step, scene.gaussians.count());
+            self.run.advance(scene, step);
+            self.revision += 1;
+            return Ok(true);
+        }
         if let Some(read) = self.newer.take() {
             self.show(read?);
             return Ok(true);
@@ -260,18 +323,14 @@ impl Workspace {
     /// # Errors
     /// If nothing may be changed, or the document has another revision by now.
     pub fn for_work(&mut self, base: u64) -> Result<OpenRun, ChangeError> {
-        if self.read_only {
-            return Err(ChangeError::ReadOnly);
-        }
+        self.refuse()?;
         self.check(base)?;
         Ok(self.run.share())
     }
 
     /// Takes the lock, reads what others wrote, and checks that the client knows it.
     fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
-        if self.read_only {
-            return Err(ChangeError::ReadOnly);
-        }
+        self.refuse()?;
         if self.newer.is_under_way() || self.unread().is_some() {
             return Err(ChangeError::Reading);
         }

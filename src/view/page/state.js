@@ -33,6 +33,9 @@ export const typing = () => {
   return /INPUT|SELECT|TEXTAREA/.test(at?.tagName) && !/range|checkbox|color/.test(at.type);
 };
 
+// seconds in words
+export const duration = (seconds) => (seconds < 90 ? `${seconds.toFixed(0)} s` : seconds < 5400 ? `${(seconds / 60).toFixed(1)} min` : `${(seconds / 3600).toFixed(1)} h`);
+
 export const value = (id) => Number($(id).value);
 
 const SVG = "http://www.w3.org/2000/svg";

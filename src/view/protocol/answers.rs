@@ -36,8 +36,12 @@ pub enum Answer {
         others: Vec<OtherRun>,
         /// Whether clicks can become segments: there is an affinity field.
         clicks: bool,
-        /// Whether nothing can be changed.
+        /// Whether segments and edits cannot be changed.
         read_only: bool,
+        /// Whether this viewer's own process trains the run.
+        in_training: bool,
+        /// Whether that training can be paused here.
+        can_pause: bool,
         /// What there is to say.
         note: Option<String>,
     },
@@ -95,6 +99,11 @@ pub enum Answer {
     Legend {
         /// The key; none where things have their own colours.
         legend: Option<Legend>,
+    },
+    /// The viewer ends; the last that it says.
+    Ended {
+        /// Why, and what to do.
+        message: String,
     },
     /// Something cannot be done.
     Error {

@@ -8,8 +8,9 @@ use crate::run::saved::{SavedView, command};
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
 use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, Request};
+use crate::view::refusal::ChangeError;
 use crate::view::tracks::Wanted;
-use crate::view::workspace::{ChangeError, Workspace};
+use crate::view::workspace::Workspace;
 use std::time::Instant;
 
 /// Name under which the page saves a picture.
@@ -114,10 +115,12 @@ impl Renderer {
                 let wanted = Wanted { client: id, id: number, segments, times, run: self.space.run.share() };
                 self.tracks.ask(wanted).map_err(|e| (Some(number), e))?;
             }
+            Request::Pause { id: number, pause } => {
+                self.space.can_pause().map_err(|e| (Some(number), e.to_string()))?.pause(pause);
+                client.answer(Answer::Done { id: number });
+            }
             Request::Cancel { id: number, job } => {
-                if self.space.read_only() {
-                    return Err((Some(number), ChangeError::ReadOnly.to_string()));
-                }
+                self.space.refuse().map_err(|e| (Some(number), e.to_string()))?;
                 self.jobs.cancel(job).map_err(|e| (Some(number), e))?;
                 client.answer(Answer::Done { id: number });
             }

@@ -38,7 +38,7 @@ impl Renderer {
         until
     }
 
-    fn draw(&mut self, id: ClientId, view: &View, next: Next) {
+    pub(super) fn draw(&mut self, id: ClientId, view: &View, next: Next) {
         let drawn = catch_unwind(AssertUnwindSafe(|| {
             let drawn = self.frame(id, view, next, Side::Picture)?;
             // first, so that who acknowledges the picture has taken it too
