@@ -42,7 +42,7 @@ function figures() {
 const OLD = 2; // seconds after which the end of work is no news to a window that is opened
 
 function last() {
-  $("job-last").textContent = `Last, ${span(job.ago)} ago, ${job.title}: ${figures()}`;
+  $("job-last").textContent = `Last, ${duration(job.ago)} ago, ${job.title}: ${figures()}`;
   $("job-last").hidden = false;
 }
 

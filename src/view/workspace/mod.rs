@@ -1,16 +1,17 @@
 //! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
 //! run meanwhile.
 
+mod told;
+
 use super::live::Live;
 use super::order::{Order, Stack, Steps};
-use super::protocol::{Change, Document, SegmentRow};
+use super::protocol::Change;
 use super::reading::{Newer, Read, Seen, field, seen};
 use super::refusal::ChangeError;
-use crate::edit::{Edit, EditStack, Total};
+use crate::edit::{Edit, EditStack};
 use crate::files::{RunLock, Work};
 use crate::run::cameras::Surroundings;
 use crate::run::segments::{RunSegments, Towards};
-use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError, edits, pick};
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::AffinityField;
@@ -397,40 +398,6 @@ impl Workspace {
             Some(Stack::Segments) => Ok(Change::Segments { undo }),
             Some(Stack::Edits) => Ok(Change::Edits { undo }),
             None => Err(RunError::input(if undo { "nothing to undo" } else { "nothing to redo" })),
-        }
-    }
-
-    /// Where segments are at `time` in [0, 1], edits applied: their opacity-weighted centre in world units.
-    ///
-    /// # Errors
-    /// A time out of range, no segments, a name that none has, or segments that hold no Gaussians.
-    pub fn centre(&self, segments: &[String], time: f64) -> Result<[f64; 3], RunError> {
-        if !(0.0..=1.0).contains(&time) {
-            return Err(RunError::input("time: between 0 and 1"));
-        }
-        if segments.is_empty() {
-            return Err(RunError::input("segments: name at least one"));
-        }
-        let centre = Selection::open(&self.run, segments, true)?.centre(&self.run.scene, time as f32)?;
-        centre.ok_or_else(|| RunError::input(format!("{}: no Gaussians", segments.join(", "))))
-    }
-
-    /// What clients are told.
-    #[must_use]
-    pub fn document(&self) -> Document {
-        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| {
-            let Total { rgb, opacity, hidden } = self.edits.total(&s.name);
-            let (name, gaussians) = (s.name.to_string(), s.members.len());
-            SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
-        };
-        let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
-        Document {
-            revision: self.revision,
-            renamed: self.renamed.clone(),
-            segments: self.segments.now().tree().into_iter().map(row).collect(),
-            edits: self.edits.operations.iter().map(ToString::to_string).collect(),
-            segment_steps: [step(Towards::Undo), step(Towards::Redo)],
-            edit_steps: [!self.edits.operations.is_empty(), !self.edits.undone.is_empty()],
         }
     }
 }
