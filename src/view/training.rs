@@ -95,7 +95,7 @@ fn read(run: &OpenRun) -> Training {
     let record = record.as_ref().unwrap_or(&run.record);
     let stages = &run.config.stages;
     Training {
-        status: status(&run.path, &record.status).to_owned(),
+        status: record.status.clone(),
         steps: curves.loss.last().map_or(record.steps, |(step, _)| *step as usize),
         all: stages.warmup_steps + stages.joint_steps,
         loss: smooth(&curves.loss),
