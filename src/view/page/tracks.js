@@ -49,7 +49,7 @@ function show() {
   plot($("chart-speed"), [line(track.speed, "one")], { span: SPAN, marks: marks() });
   $("chart-title").textContent = track.segments.join(" + ");
   const used = Object.entries(MEANINGS).filter(([letter]) => track.events.some((event) => LETTERS[event.kind] === letter));
-  $("chart-key").replaceChildren(...used.flatMap(([letter, meaning]) => [make("b", { textContent: letter }), ` ${meaning}  `]));
+  $("chart-key").replaceChildren(...used.map(([letter, meaning]) => make("span", {}, make("b", { textContent: letter }), ` ${meaning}`)));
   $("events").replaceChildren(...track.events.map((event) => {
     const button = make("button", { title: "Go to this time" }, make("b", { textContent: LETTERS[event.kind] }), ` ${said(event)}`);
     button.onclick = () => goTo(event.to);
