@@ -5,39 +5,40 @@ use super::gaussians::Gaussians;
 use super::host::HostGaussians;
 use super::params::to_vec;
 use volseggs_kernels::activation::sigmoid;
+use volseggs_kernels::splat::SplatInputs;
 
-impl Scene {
-    /// The largest opacity over evenly spaced times of each Gaussian that is `asked` `[N]`, `[N]`; 0 for the others,
-    /// which cost nothing.
-    ///
-    /// # Panics
-    /// If `asked` is not of length N.
+/// Some Gaussians of a scene, ready to be looked at at many times. All are grey: the deformation does not look at colours.
+#[derive(Debug)]
+pub struct SomeGaussians<'a> {
+    scene: &'a Scene,
+    rows: Gaussians,
+}
+
+impl SomeGaussians<'_> {
+    /// These Gaussians at `time` in [0, 1].
     #[must_use]
-    pub fn largest_opacity(&self, asked: &[bool]) -> Vec<f32> {
-        const TIMES: usize = 11;
-        assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
-        let which: Vec<usize> = (0..asked.len()).filter(|&i| asked[i]).collect();
-        let mut out = vec![0.0; asked.len()];
-        if which.is_empty() {
-            return out;
-        }
-        let changes = self.spec.deformed && self.spec.model.deform_opacity;
-        let rows = self.rows_without_colour(&which);
-        let mut largest = vec![f32::NEG_INFINITY; which.len()];
-        for k in 0..if changes { TIMES } else { 1 } {
-            let at = if changes {
-                self.field.deform(&rows, k as f32 / (TIMES - 1) as f32, None).opacity_logits
-            } else {
-                rows.opacity_logits.val()
-            };
-            largest.iter_mut().zip(to_vec(at)).for_each(|(a, b)| *a = a.max(b));
-        }
-        which.iter().zip(largest).for_each(|(&i, logit)| out[i] = sigmoid(logit));
-        out
+    pub fn at(&self, time: f32) -> HostGaussians {
+        HostGaussians::from_splat(self.inputs(time))
     }
 
-    /// Some canonical Gaussians, all grey: the deformation does not look at colours.
-    fn rows_without_colour(&self, which: &[usize]) -> Gaussians {
+    fn inputs(&self, time: f32) -> SplatInputs {
+        if self.scene.spec.deformed { self.scene.field.deform(&self.rows, time, None) } else { self.rows.val() }
+    }
+}
+
+impl Scene {
+    /// Whether opacities may differ from time to time.
+    #[must_use]
+    pub fn opacity_changes(&self) -> bool {
+        self.spec.deformed && self.spec.model.deform_opacity
+    }
+
+    /// The Gaussians that `which` lists, at least one.
+    ///
+    /// # Panics
+    /// If one is not below N.
+    #[must_use]
+    pub fn some(&self, which: &[u32]) -> SomeGaussians<'_> {
         let g = &self.gaussians;
         let all = HostGaussians {
             means: to_vec(g.means.val()),
@@ -47,8 +48,32 @@ impl Scene {
             sh: vec![0.0; 3 * g.count()],
             sh_stride: 1,
         };
-        let host = all.map(|column| column.gather(which.iter().copied()));
-        Gaussians::from_host(host, &g.means.val().device())
+        let rows = Gaussians::from_host(all.subset(which), &g.means.val().device());
+        SomeGaussians { scene: self, rows }
+    }
+
+    /// The largest opacity over evenly spaced times of each Gaussian that is `asked` `[N]`, `[N]`; 0 for the others,
+    /// which cost nothing.
+    ///
+    /// # Panics
+    /// If `asked` is not of length N.
+    #[must_use]
+    pub fn largest_opacity(&self, asked: &[bool]) -> Vec<f32> {
+        const TIMES: usize = 11;
+        assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
+        let which: Vec<u32> = (0..asked.len() as u32).filter(|&i| asked[i as usize]).collect();
+        let mut out = vec![0.0; asked.len()];
+        if which.is_empty() {
+            return out;
+        }
+        let some = self.some(&which);
+        let mut largest = vec![f32::NEG_INFINITY; which.len()];
+        for k in 0..if self.opacity_changes() { TIMES } else { 1 } {
+            let at = some.inputs(k as f32 / (TIMES - 1) as f32).opacity_logits;
+            largest.iter_mut().zip(to_vec(at)).for_each(|(a, b)| *a = a.max(b));
+        }
+        which.iter().zip(largest).for_each(|(&i, logit)| out[i as usize] = sigmoid(logit));
+        out
     }
 
     /// The Gaussians at `time` in [0, 1], on the host.
@@ -66,7 +91,7 @@ mod tests {
     use crate::device::DeviceName;
 
     #[test]
-    fn the_largest_opacity_of_some_is_that_over_all_times_of_the_whole_scene() {
+    fn some_gaussians_are_as_in_the_whole_scene_and_so_is_their_largest_opacity() {
         let device = DeviceName::all()[0].open().unwrap();
         let mut model = Config::default().model;
         (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
@@ -92,6 +117,12 @@ mod tests {
                 assert_eq!(found[i], want, "{i}");
             }
             assert!(scene.largest_opacity(&vec![false; n]).iter().all(|o| *o == 0.0));
+            let (which, all) = ([3, 50, 149], scene.host_at(0.3));
+            let some = scene.some(&which).at(0.3);
+            assert_eq!(
+                (&some.means, &some.opacity_logits),
+                (&all.subset(&which).means, &all.subset(&which).opacity_logits)
+            );
         }
     }
 }

@@ -134,7 +134,7 @@ pub fn coarse(
                 continue;
             }
             // thin things have few neighbours, but they hang together
-            let found = pieces(gaussians, &members)?;
+            let found = pieces(gaussians, &members, 0.0)?;
             let with_others = |n: usize| {
                 found.labels[n].checked_sub(1).is_some_and(|p| found.counts[p as usize] > outliers.min_neighbours)
             };

@@ -1,0 +1,150 @@
+//! A selection made at one time, carried to the others: Gaussians that are not seen at the time of a click and come up
+//! at another belong to what they come up in.
+//!
+//! Training may learn a motion as fading: some Gaussians go out where a thing was, others come up where it is. A click
+//! then selects what the thing consists of at its time, and nothing of what it consists of later. In between both are
+//! seen, as they overlap: at each of many times, from that of the click outwards, what has come up joins those that it
+//! hangs together with and is nearest to, whether they are selected or not.
+
+use super::pieces::{SEEN, pieces};
+use crate::model::{HostGaussians, Scene};
+use crate::points::PointsError;
+use crate::points::chunks::point;
+use crate::points::neighbours::Grid;
+use rayon::prelude::*;
+
+/// Step between the times that are looked at, half of that between 15 training times.
+const STEP: f64 = 1.0 / 30.0;
+/// Neighbours that vote.
+const VOTERS: usize = 6;
+
+/// What was `selected` at `time` in [0, 1] of the Gaussians `within`, at all times: of those not seen at that time, the
+/// ones that come up in it. Both lists and the result are ascending. In a scene whose opacities stay, what was selected.
+///
+/// # Errors
+/// If arrays of the scene disagree, or its points are too far apart.
+pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Result<Vec<u32>, PointsError> {
+    if !scene.opacity_changes() || within.is_empty() {
+        return Ok(selected.to_vec());
+    }
+    let some = scene.some(within);
+    let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
+    let is = carried(&was, time, |t| some.at(t as f32))?;
+    Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
+}
+
+/// The same of M Gaussians `at` a time: whether each belongs to what `was` selected, `[M]`.
+fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
+    let mut known: Vec<Option<bool>> = vec![None; was.len()];
+    let seen_at = |at: &HostGaussians| -> Vec<bool> {
+        (0..was.len()).map(|i| at.opacity_of(i) >= SEEN && at.is_finite(i)).collect()
+    };
+    for (i, seen) in seen_at(&at(time)).into_iter().enumerate() {
+        known[i] = seen.then_some(was[i]);
+    }
+    for time in outwards(time) {
+        let at = at(time);
+        let seen = seen_at(&at);
+        if (0..was.len()).any(|i| seen[i] && known[i].is_none()) {
+            join(&at, &mut known)?;
+        }
+    }
+    Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
+}
+
+/// The times from one on to the end, then from it back to the beginning, itself left out.
+fn outwards(time: f64) -> Vec<f64> {
+    let steps = |to: f64| {
+        let count = ((to - time).abs() / STEP).ceil() as usize;
+        (1..=count).map(move |k| if k == count { to } else { time + (to - time).signum() * STEP * k as f64 })
+    };
+    steps(1.0).chain(steps(0.0)).collect()
+}
+
+/// Lets those that are seen and not `known` join: within each piece, most of the opacity of the nearest known ones decides.
+fn join(at: &HostGaussians, known: &mut [Option<bool>]) -> Result<(), PointsError> {
+    let all: Vec<u32> = (0..known.len() as u32).collect();
+    let found = pieces(at, &all, SEEN)?;
+    let mut by_piece: Vec<[Vec<u32>; 2]> = vec![Default::default(); found.counts.len()];
+    for (&i, &label) in all.iter().zip(&found.labels).filter(|(_, l)| **l > 0) {
+        by_piece[label as usize - 1][usize::from(known[i as usize].is_none())].push(i);
+    }
+    let both = by_piece.iter().filter(|[known, open]| !known.is_empty() && !open.is_empty());
+    let decided: Vec<Vec<(u32, bool)>> = both
+        .map(|[there, open]| {
+            let means: Vec<f32> = there.iter().flat_map(|&i| point(&at.means, i as usize)).collect();
+            let grid = Grid::adaptive(&means)?;
+            let vote = |&i: &u32| {
+                let mut sums = [0.0f32; 2];
+                for (n, _) in grid.nearest(point(&at.means, i as usize), VOTERS, None) {
+                    let voter = there[n as usize] as usize;
+                    sums[usize::from(known[voter] == Some(true))] += at.opacity_of(voter);
+                }
+                (i, sums[1] > sums[0])
+            };
+            Ok(open.par_iter().map(vote).collect())
+        })
+        .collect::<Result<_, PointsError>>()?;
+    decided.into_iter().flatten().for_each(|(i, is)| known[i as usize] = Some(is));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::balls::{add, on_threads};
+
+    const ALONG: usize = 12;
+    const STAGES: usize = 8;
+
+    /// Two rods side by side that rise by fading: of each, a row of Gaussians at each of some heights is seen while the rod
+    /// is about there. Rows of the first rod, then of the second; and one that is never seen.
+    fn rods(time: f64) -> HostGaussians {
+        let mut out = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        for (rod, stage) in (0..2).flat_map(|rod| (0..STAGES).map(move |s| (rod, s))) {
+            let away = (time * (STAGES - 1) as f64 - stage as f64).abs();
+            for k in 0..ALONG {
+                add(&mut out, [0.1 * k as f32, 2.0 * rod as f32, 0.2 * stage as f32], [-2.7; 3]);
+                *out.opacity_logits.last_mut().unwrap() = if away < 0.8 { 2.0 } else { -8.0 };
+            }
+        }
+        add(&mut out, [0.0; 3], [-2.7; 3]);
+        *out.opacity_logits.last_mut().unwrap() = -8.0;
+        out
+    }
+
+    #[test]
+    fn what_comes_up_where_the_selected_goes_out_is_selected_and_what_comes_up_elsewhere_is_not() {
+        let n = 2 * STAGES * ALONG + 1;
+        for time in [0.0, 0.5, 1.0] {
+            let seen = rods(time).opacity();
+            let first = |i: usize| i < STAGES * ALONG;
+            let was: Vec<bool> = (0..n).map(|i| first(i) && seen[i] > 0.1).collect();
+            let found = carried(&was, time, rods).unwrap();
+            assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
+            assert_eq!(found, on_threads(1, || carried(&was, time, rods)).unwrap());
+        }
+    }
+
+    #[test]
+    fn what_never_comes_up_stays_as_it_was_and_poison_joins_nothing() {
+        let n = 2 * STAGES * ALONG + 1;
+        let mut was = vec![false; n];
+        was[n - 1] = true;
+        let poisoned = |t: f64| {
+            let mut at = rods(t);
+            at.means[3] = f32::NAN;
+            at
+        };
+        assert_eq!(carried(&was, 0.5, poisoned).unwrap(), was);
+        assert_eq!(carried(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(), []);
+    }
+
+    #[test]
+    fn times_go_outwards_and_reach_both_ends() {
+        let times = outwards(0.49);
+        assert!(times.contains(&0.0) && times.contains(&1.0) && !times.contains(&0.49));
+        assert_eq!((times.len(), outwards(1.0).len()), (31, 30));
+        assert!((times[0] - 0.49 - STEP).abs() < 1e-12);
+    }
+}
