@@ -6,7 +6,7 @@ use super::fine::extract::cosines;
 use super::fine::network::Frame;
 use super::necks::parts;
 use super::pick::PickError;
-use super::pieces::{SEEN, pieces};
+use super::pieces::{Touch, pieces};
 use super::voxels::VoxelError;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -116,7 +116,7 @@ impl<'a> Candidates<'a> {
         if let Some(pieces) = self.found.pieces.get() {
             return Ok(pieces);
         }
-        let pieces = pieces(self.at, self.within, SEEN)?;
+        let pieces = pieces(self.at, self.within, Touch::SEEN)?;
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 

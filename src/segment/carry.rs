@@ -4,9 +4,10 @@
 //! Training may learn a motion as fading: some Gaussians go out where a thing was, others come up where it is. A click
 //! then selects what the thing consists of at its time, and nothing of what it consists of later. In between both are
 //! seen, as they overlap: at each of many times, from that of the click outwards, what has come up joins those that it
-//! hangs together with and is nearest to, whether they are selected or not.
+//! overlaps with and is nearest to, whether they are selected or not. What comes up on its own, as a new thing does, joins
+//! none.
 
-use super::pieces::{SEEN, pieces};
+use super::pieces::{SEEN, Touch, pieces};
 use crate::model::{HostGaussians, Scene};
 use crate::points::PointsError;
 use crate::points::chunks::point;
@@ -15,6 +16,9 @@ use rayon::prelude::*;
 
 /// Step between the times that are looked at, half of that between 15 training times.
 const STEP: f64 = 1.0 / 30.0;
+/// What overlaps so much is one thing at two times. From 0.7 to 1.5 it makes no difference; at 2.5, what comes up beside a
+/// thing joins it too: see the results of 2026-11-22 in `benches/results`.
+const OVERLAP: Touch = Touch { reach: 1.0, ..Touch::SEEN };
 /// Neighbours that vote.
 const VOTERS: usize = 6;
 
@@ -64,7 +68,7 @@ fn outwards(time: f64) -> Vec<f64> {
 /// Lets those that are seen and not `known` join: within each piece, most of the opacity of the nearest known ones decides.
 fn join(at: &HostGaussians, known: &mut [Option<bool>]) -> Result<(), PointsError> {
     let all: Vec<u32> = (0..known.len() as u32).collect();
-    let found = pieces(at, &all, SEEN)?;
+    let found = pieces(at, &all, OVERLAP)?;
     let mut by_piece: Vec<[Vec<u32>; 2]> = vec![Default::default(); found.counts.len()];
     for (&i, &label) in all.iter().zip(&found.labels).filter(|(_, l)| **l > 0) {
         by_piece[label as usize - 1][usize::from(known[i as usize].is_none())].push(i);
@@ -104,7 +108,7 @@ mod tests {
         for (rod, stage) in (0..2).flat_map(|rod| (0..STAGES).map(move |s| (rod, s))) {
             let away = (time * (STAGES - 1) as f64 - stage as f64).abs();
             for k in 0..ALONG {
-                add(&mut out, [0.1 * k as f32, 2.0 * rod as f32, 0.2 * stage as f32], [-2.7; 3]);
+                add(&mut out, [0.1 * k as f32, 2.0 * rod as f32, 0.12 * stage as f32], [-2.7; 3]);
                 *out.opacity_logits.last_mut().unwrap() = if away < 0.8 { 2.0 } else { -8.0 };
             }
         }
@@ -137,7 +141,10 @@ mod tests {
             at
         };
         assert_eq!(carried(&was, 0.5, poisoned).unwrap(), was);
-        assert_eq!(carried(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(), []);
+        assert_eq!(
+            carried(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(),
+            [false; 0]
+        );
     }
 
     #[test]

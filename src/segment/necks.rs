@@ -4,7 +4,8 @@
 //! to the outside. Where the body is thick depth has a summit; on the way to the next it falls to the radius of the neck
 //! between. Two summits are two parts if the neck is thin beside the thinner of them: the watershed of the distance
 //! transform, by which particles that touch are parted in images (Beucher and Lantuéjoul, *Use of watersheds in contour
-//! detection*, 1979).
+//! detection*, 1979). As there, it is for round things: a plume or a ring has necks too and is one, so a body is parted
+//! only if each of its parts is round.
 
 use super::depth::depths;
 use super::voxels::{LabelledCloud, Vote, VoxelError, label_voxels};
@@ -13,6 +14,7 @@ use crate::points::flood::{Hill, flood};
 use crate::points::neighbours::Grid as Neighbours;
 use crate::volume::grid::Grid;
 use rayon::prelude::*;
+use std::f64::consts::PI;
 
 /// Cells along the longest side of the body, its border left out.
 const CELLS: usize = 80;
@@ -23,10 +25,13 @@ const BORDER: usize = 4;
 const NECK: f32 = 0.7;
 /// Cells that a part is deep at least: the shapes of thinner ones are those of the cells.
 const LEAST: f32 = 3.0;
+/// Share of a part that the ball of its greatest depth fills at least. Balls fill themselves, plumes 0.2 to 0.5, tubes and
+/// rings 0.1.
+const ROUND: f64 = 0.6;
 /// What is less deep than this beside the deepest is no part but a bump of one.
 const BUMP: f32 = 0.25;
 
-/// The part of each Gaussian of `body`, all of one piece, `[M]` from 1; all 1 where there is no neck. Those in no part
+/// The part of each Gaussian of `body`, all of one piece, `[M]` from 1; all 1 where there is no neck, or a part is not round. Those in no part
 /// of their own, on the skin or on bumps, go with the nearest one.
 ///
 /// # Errors
@@ -64,9 +69,17 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
         large(low, top) && depth[c] < NECK * low
     };
     let (of_cell, hills) = flood(&order, depth.len(), |_| 1.0, around, parted);
+    let of_cell = upwards(&order, of_cell, around);
     let highest = hills.first().map_or(0.0, |h| depth[h.summit]);
     let kept: Vec<bool> = hills.iter().map(|h| large(depth[h.summit], highest)).collect();
-    if kept.iter().filter(|k| **k).count() < 2 {
+    let mut cells = vec![0usize; hills.len()];
+    of_cell.iter().filter(|h| **h != usize::MAX).for_each(|h| cells[*h] += 1);
+    let round = |n: usize| {
+        let ball = 4.0 / 3.0 * PI * f64::from(depth[hills[n].summit]).powi(3);
+        ball >= ROUND * cells[n] as f64
+    };
+    let of_parts: Vec<usize> = (0..hills.len()).filter(|&n| kept[n]).collect();
+    if of_parts.len() < 2 || !of_parts.into_iter().all(round) {
         return Ok(one);
     }
     let own = |i: usize| {
@@ -78,6 +91,24 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
         if kept.get(hill).copied().unwrap_or(false) { hill as u32 + 1 } else { 0 }
     };
     Ok(joined(body, &(0..body.len()).map(own).collect::<Vec<u32>>()))
+}
+
+/// The hill that the steepest way up from each cell leads to; [`flood`] gives a cell between two hills to the higher one,
+/// by and by all that is below the pass. `of_cell` has it for the summits.
+fn upwards(order: &[usize], of_cell: Vec<usize>, around: impl Fn(usize, &mut Vec<usize>)) -> Vec<usize> {
+    let mut place = vec![u32::MAX; of_cell.len()];
+    order.iter().zip(0u32..).for_each(|(&c, n)| place[c] = n);
+    let mut out = of_cell;
+    let mut near = Vec::new();
+    for &c in order {
+        near.clear();
+        around(c, &mut near);
+        let highest = near.iter().copied().min_by_key(|&n| place[n]).filter(|&n| place[n] < place[c]);
+        if let Some(above) = highest {
+            out[c] = out[above];
+        }
+    }
+    out
 }
 
 /// Those without a part with the nearest that have one.
@@ -112,7 +143,7 @@ fn grid(body: &HostGaussians) -> Option<Grid> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::balls::surfaces;
+    use crate::segment::balls::{add, surfaces};
 
     #[test]
     fn beads_that_touch_are_parts_whatever_their_size_and_number() {
@@ -141,6 +172,21 @@ mod tests {
             let (body, _) = surfaces(&balls);
             assert_eq!(parts(&body).unwrap(), vec![1; body.len()], "{balls:?}");
         }
+    }
+
+    #[test]
+    fn a_ring_with_two_necks_is_one() {
+        // its halves are half circles
+        let mut ring = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        for k in 0..1200 {
+            let along = k as f32 * std::f32::consts::TAU / 1200.0;
+            let radius = 0.22 + 0.1 * (2.0 * along).cos();
+            for around in (0..10).map(|a| (a as f32 + 0.5 * (k % 2) as f32) * std::f32::consts::TAU / 10.0) {
+                let out = 1.5 + radius * around.cos();
+                add(&mut ring, [out * along.cos(), out * along.sin(), radius * around.sin()], [-3.2; 3]);
+            }
+        }
+        assert_eq!(parts(&ring).unwrap(), vec![1; ring.len()]);
     }
 
     #[test]
