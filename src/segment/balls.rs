@@ -106,11 +106,11 @@ pub(crate) fn add(to: &mut HostGaussians, mean: [f32; 3], log_scales: [f32; 3]) 
 pub(crate) fn surfaces(balls: &[(f32, f32)]) -> (HostGaussians, Vec<usize>) {
     let (mut out, mut of) = (HostGaussians { sh_stride: 1, ..HostGaussians::default() }, Vec::new());
     for (ball, &(centre, radius)) in balls.iter().enumerate() {
-        for [x, y, z] in fibonacci_sphere((900.0 * radius * radius) as usize) {
+        for [x, y, z] in fibonacci_sphere((1800.0 * radius * radius) as usize) {
             let place = [centre + radius * x, radius * y, radius * z];
             let buried = |&(c, r): &(f32, f32)| (place[0] - c).hypot(place[1].hypot(place[2])) < r - 1e-3;
             if !balls.iter().any(buried) {
-                add(&mut out, place, [-2.6; 3]);
+                add(&mut out, place, [-3.0; 3]);
                 of.push(ball);
             }
         }

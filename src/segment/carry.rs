@@ -7,18 +7,19 @@
 //! overlaps with and is nearest to, whether they are selected or not. What comes up on its own, as a new thing does, joins
 //! none.
 
-use super::pieces::{SEEN, Touch, pieces};
+use super::pieces::SEEN;
 use crate::model::{HostGaussians, Scene};
 use crate::points::PointsError;
 use crate::points::chunks::point;
+use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
 use rayon::prelude::*;
 
-/// Step between the times that are looked at, half of that between 15 training times.
-const STEP: f64 = 1.0 / 30.0;
-/// What overlaps so much is one thing at two times. From 0.7 to 1.5 it makes no difference; at 2.5, what comes up beside a
-/// thing joins it too: see the results of 2026-11-22 in `benches/results`.
-const OVERLAP: Touch = Touch { reach: 1.0, ..Touch::SEEN };
+/// Step between the times that are looked at, about that between 15 training times.
+const STEP: f64 = 1.0 / 15.0;
+/// Largest standard deviations, those of both together, within which two Gaussians overlap. From 0.7 to 1.5 it makes no
+/// difference; at 2.5, what comes up beside a thing joins it too: see the results of 2026-11-23 in `benches/results`.
+const OVERLAP: f32 = 1.0;
 /// Neighbours that vote.
 const VOTERS: usize = 6;
 
@@ -26,7 +27,7 @@ const VOTERS: usize = 6;
 /// ones that come up in it. Both lists and the result are ascending. In a scene whose opacities stay, what was selected.
 ///
 /// # Errors
-/// If arrays of the scene disagree, or its points are too far apart.
+/// If arrays of the scene disagree.
 pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Result<Vec<u32>, PointsError> {
     if !scene.opacity_changes() || within.is_empty() {
         return Ok(selected.to_vec());
@@ -39,18 +40,15 @@ pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Resu
 
 /// The same of M Gaussians `at` a time: whether each belongs to what `was` selected, `[M]`.
 fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
-    let mut known: Vec<Option<bool>> = vec![None; was.len()];
-    let seen_at = |at: &HostGaussians| -> Vec<bool> {
-        (0..was.len()).map(|i| at.opacity_of(i) >= SEEN && at.is_finite(i)).collect()
-    };
-    for (i, seen) in seen_at(&at(time)).into_iter().enumerate() {
-        known[i] = seen.then_some(was[i]);
-    }
+    let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
+    let first = at(time);
+    let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| seen(&first, i).then_some(was[i])).collect();
     for time in outwards(time) {
         let at = at(time);
-        let seen = seen_at(&at);
-        if (0..was.len()).any(|i| seen[i] && known[i].is_none()) {
-            join(&at, &mut known)?;
+        let (there, open): (Vec<u32>, Vec<u32>) =
+            (0..was.len() as u32).filter(|&i| seen(&at, i as usize)).partition(|&i| known[i as usize].is_some());
+        for (i, is) in joining(&at, &there, &open, &known)? {
+            known[i as usize] = Some(is);
         }
     }
     Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
@@ -65,32 +63,32 @@ fn outwards(time: f64) -> Vec<f64> {
     steps(1.0).chain(steps(0.0)).collect()
 }
 
-/// Lets those that are seen and not `known` join: within each piece, most of the opacity of the nearest known ones decides.
-fn join(at: &HostGaussians, known: &mut [Option<bool>]) -> Result<(), PointsError> {
-    let all: Vec<u32> = (0..known.len() as u32).collect();
-    let found = pieces(at, &all, OVERLAP)?;
-    let mut by_piece: Vec<[Vec<u32>; 2]> = vec![Default::default(); found.counts.len()];
-    for (&i, &label) in all.iter().zip(&found.labels).filter(|(_, l)| **l > 0) {
-        by_piece[label as usize - 1][usize::from(known[i as usize].is_none())].push(i);
+/// Which of the `open` overlap with any of those `there` that are nearest, and whether most of the opacity of these is
+/// selected, as is `known` of them.
+fn joining(
+    at: &HostGaussians,
+    there: &[u32],
+    open: &[u32],
+    known: &[Option<bool>],
+) -> Result<Vec<(u32, bool)>, PointsError> {
+    if there.is_empty() || open.is_empty() {
+        return Ok(Vec::new());
     }
-    let both = by_piece.iter().filter(|[known, open]| !known.is_empty() && !open.is_empty());
-    let decided: Vec<Vec<(u32, bool)>> = both
-        .map(|[there, open]| {
-            let means: Vec<f32> = there.iter().flat_map(|&i| point(&at.means, i as usize)).collect();
-            let grid = Grid::adaptive(&means)?;
-            let vote = |&i: &u32| {
-                let mut sums = [0.0f32; 2];
-                for (n, _) in grid.nearest(point(&at.means, i as usize), VOTERS, None) {
-                    let voter = there[n as usize] as usize;
-                    sums[usize::from(known[voter] == Some(true))] += at.opacity_of(voter);
-                }
-                (i, sums[1] > sums[0])
-            };
-            Ok(open.par_iter().map(vote).collect())
-        })
-        .collect::<Result<_, PointsError>>()?;
-    decided.into_iter().flatten().for_each(|(i, is)| known[i as usize] = Some(is));
-    Ok(())
+    let radii = largest_scales(&at.log_scales)?;
+    let means: Vec<f32> = there.iter().flat_map(|&i| point(&at.means, i as usize)).collect();
+    let grid = Grid::adaptive(&means)?;
+    let vote = |&i: &u32| {
+        let mut sums: Option<[f32; 2]> = None;
+        for (n, square) in grid.nearest(point(&at.means, i as usize), VOTERS, None) {
+            let voter = there[n as usize] as usize;
+            let limit = OVERLAP * (radii[i as usize] + radii[voter]);
+            if square <= limit * limit {
+                sums.get_or_insert_default()[usize::from(known[voter] == Some(true))] += at.opacity_of(voter);
+            }
+        }
+        sums.map(|[rest, selected]| (i, selected > rest))
+    };
+    Ok(open.par_iter().filter_map(vote).collect())
 }
 
 #[cfg(test)]
@@ -151,7 +149,7 @@ mod tests {
     fn times_go_outwards_and_reach_both_ends() {
         let times = outwards(0.49);
         assert!(times.contains(&0.0) && times.contains(&1.0) && !times.contains(&0.49));
-        assert_eq!((times.len(), outwards(1.0).len()), (31, 30));
+        assert_eq!((times.len(), outwards(1.0).len()), (16, 15));
         assert!((times[0] - 0.49 - STEP).abs() < 1e-12);
     }
 }

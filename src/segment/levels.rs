@@ -259,7 +259,7 @@ mod tests {
     fn a_click_on_one_of_two_beads_that_touch_means_it_and_the_next_level_is_both() {
         let device = DeviceName::all()[0].open().unwrap();
         // a third one far away, so that the beads are not the whole scene
-        let (at, bead_of) = surfaces(&[(-0.85, 1.0), (0.85, 1.0), (9.0, 0.5)]);
+        let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
         let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
         let within: Vec<u32> = (0..at.len() as u32).filter(|&i| bead_of[i as usize] < 2).collect();
         let of = Candidates::new(&field, &frame, &at.means, &at, &within);

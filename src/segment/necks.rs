@@ -148,9 +148,9 @@ mod tests {
     #[test]
     fn beads_that_touch_are_parts_whatever_their_size_and_number() {
         for balls in [
-            vec![(-0.85, 1.0), (0.85, 1.0)],
-            vec![(-1.0, 1.0), (0.5, 0.7)],
-            vec![(-3.4, 1.0), (-1.7, 1.0), (0.0, 1.0), (1.7, 1.0)],
+            vec![(-0.9, 1.0), (0.9, 1.0)],
+            vec![(-1.0, 1.0), (0.62, 0.7)],
+            vec![(-3.6, 1.0), (-1.8, 1.0), (0.0, 1.0), (1.8, 1.0)],
         ] {
             let (body, of) = surfaces(&balls);
             let found = parts(&body).unwrap();
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn what_is_nowhere_or_has_no_size_is_one() {
-        let (mut body, _) = surfaces(&[(-0.85, 1.0), (0.85, 1.0)]);
+        let (mut body, _) = surfaces(&[(-0.9, 1.0), (0.9, 1.0)]);
         body.means[0] = f32::NAN;
         body.log_scales[6] = f32::INFINITY;
         assert!(parts(&body).unwrap().iter().all(|l| *l > 0));
