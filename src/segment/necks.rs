@@ -20,7 +20,7 @@ use std::f64::consts::PI;
 const CELLS: usize = 80;
 /// Cells of border around it.
 const BORDER: usize = 4;
-/// Radius of a neck over that of the thinner of two parts below which they are two; see the results of 2026-11-22 in
+/// Radius of a neck over that of the thinner of two parts below which they are two; see the results of 2026-11-23 in
 /// `benches/results`.
 const NECK: f32 = 0.7;
 /// Cells that a part is deep at least: the shapes of thinner ones are those of the cells.
