@@ -27,5 +27,5 @@ mod tests;
 mod trainer;
 
 pub use check::{check as check_config, evaluation_background};
-pub use open::{open_dataset, open_measured, trained_times};
+pub use open::{open_dataset, open_measured, open_trained, trained_times};
 pub use trainer::{StepReport, TrainError, Trainer};
