@@ -99,7 +99,8 @@ pub fn coarse(
     if let Some(largest) = largest_opacity {
         assert_eq!(largest.len(), gaussians.len(), "largest_opacity: [N]");
     }
-    let colours = mean_colour(&gaussians.sh, gaussians.sh_stride, &fibonacci_sphere(DIRECTIONS))?;
+    let (sh, coefficients) = gaussians.material_colours();
+    let colours = mean_colour(&sh, coefficients, &fibonacci_sphere(DIRECTIONS))?;
     let opacity = gaussians.opacity();
     let too_transparent = options.hidden(gaussians);
     let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
@@ -170,7 +171,8 @@ fn by_material(
     options: &CoarseOptions,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
-    let all = materials(&gaussians.sh, gaussians.sh_stride)?;
+    let (sh, coefficients) = gaussians.material_colours();
+    let all = materials(&sh, coefficients)?;
     let rows = |values: &[f32], width: usize, which: &[u32]| -> Vec<f32> {
         which.iter().flat_map(|&i| &values[i as usize * width..][..width]).copied().collect()
     };

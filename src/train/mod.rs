@@ -3,6 +3,8 @@
 //! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
 //! with logs, evaluation, checkpoints and signals.
 
+#[cfg(test)]
+mod appearance_tests;
 mod budget;
 mod check;
 pub mod checkpoint;
