@@ -7,143 +7,26 @@
 
 #[path = "view/slow.rs"]
 mod slow;
+#[path = "view/window.rs"]
+mod window;
 
-use serde_json::{Value, json};
+use serde_json::json;
 use slow::{Lags, proxy};
-use std::net::{IpAddr, Ipv4Addr, TcpStream};
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use tungstenite::client::IntoClientRequest;
-use tungstenite::stream::MaybeTlsStream;
-use tungstenite::{Message, WebSocket};
 use volseggs::device::DeviceName;
 use volseggs::run::OpenRun;
 use volseggs::run::look::{Look, Show};
 use volseggs::run::selection::Selection;
 use volseggs::view::protocol::View;
-use volseggs::view::{ViewOptions, serve};
+use window::{Window, parts};
 
 /// How long each figure is measured.
 const SPAN: Duration = Duration::from_secs(6);
-
-struct Frame {
-    number: u32,
-    png: bool,
-    width: u16,
-    time: f32,
-    render_ms: f32,
-    encode_ms: f32,
-}
-
-struct Window {
-    socket: WebSocket<MaybeTlsStream<TcpStream>>,
-    welcome: Value,
-    size: u32,
-}
-
-impl Window {
-    /// One on the server at `url`, whose port is reached as `via` if that is given.
-    fn open(url: &str, size: u32, via: Option<u16>) -> Self {
-        let (port, token) = parts(url);
-        let via = via.unwrap_or(port);
-        let mut request = format!("ws://localhost:{via}/ws").into_client_request().unwrap();
-        request.headers_mut().insert("Origin", format!("http://localhost:{via}").parse().unwrap());
-        request.headers_mut().insert("Cookie", format!("volseggs-{port}={token}").parse().unwrap());
-        let stream = MaybeTlsStream::Plain(TcpStream::connect(("127.0.0.1", via)).unwrap());
-        let (socket, _) = tungstenite::client(request, stream).unwrap();
-        let mut window = Self { socket, welcome: Value::Null, size };
-        window.welcome = window.answer("welcome");
-        window
-    }
-
-    fn say(&mut self, message: &Value) {
-        self.socket.send(Message::text(message.to_string())).unwrap();
-    }
-
-    /// A view from `turn` (1 is once around), at a time.
-    fn view(&self, turn: f64, time: f64, moving: bool) -> Value {
-        let (centre, radius) = (self.welcome["centre"].clone(), self.welcome["radius"].as_f64().unwrap());
-        let at = |k: usize| centre[k].as_f64().unwrap();
-        let angle = std::f64::consts::TAU * turn;
-        let eye = [at(0) + radius * angle.cos(), at(1) + radius * angle.sin(), at(2) + 0.35 * radius];
-        json!({
-            "type": "view", "eye": eye, "target": centre, "up": [0, 0, 1], "fov": self.welcome["fov"],
-            "size": [self.size, self.size], "time": time, "look": "colour", "edits": true, "moving": moving,
-        })
-    }
-
-    /// The next frame, which is acknowledged; texts are passed over.
-    fn frame(&mut self) -> Frame {
-        loop {
-            if let Some(frame) = self.frame_within(Duration::from_secs(600)) {
-                return frame;
-            }
-        }
-    }
-
-    /// The next frame if one comes in time.
-    fn frame_within(&mut self, wait: Duration) -> Option<Frame> {
-        let until = Instant::now() + wait;
-        loop {
-            let left = until.saturating_duration_since(Instant::now()).max(Duration::from_millis(1));
-            let MaybeTlsStream::Plain(stream) = self.socket.get_mut() else { unreachable!() };
-            stream.set_read_timeout(Some(left)).unwrap();
-            let message = match self.socket.read() {
-                Err(tungstenite::Error::Io(_)) => return None,
-                message => message.unwrap(),
-            };
-            if let Message::Binary(bytes) = message {
-                let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
-                let frame = Frame {
-                    number: word(4),
-                    png: bytes[1] == 1,
-                    width: u16::from_le_bytes([bytes[16], bytes[17]]),
-                    time: f32::from_bits(word(20)),
-                    render_ms: f32::from_bits(word(24)),
-                    encode_ms: f32::from_bits(word(28)),
-                };
-                self.say(&json!({ "type": "ack", "frame": frame.number }));
-                return Some(frame);
-            }
-            if Instant::now() >= until {
-                return None;
-            }
-        }
-    }
-
-    /// The next text of a kind; frames before it are acknowledged.
-    fn answer(&mut self, kind: &str) -> Value {
-        loop {
-            match self.socket.read().unwrap() {
-                Message::Text(text) => {
-                    let value: Value = serde_json::from_str(text.as_str()).unwrap();
-                    assert!(value["type"] != "error", "{value}");
-                    if value["type"] == kind {
-                        return value;
-                    }
-                }
-                Message::Binary(bytes) => {
-                    let number = u32::from_le_bytes(bytes[4..8].try_into().unwrap());
-                    self.say(&json!({ "type": "ack", "frame": number }));
-                }
-                _ => {}
-            }
-        }
-    }
-
-    /// Until the picture is there without loss.
-    fn rest(&mut self) {
-        while !self.frame().png {}
-    }
-}
-
-/// Port and token of a server's address.
-fn parts(url: &str) -> (u16, &str) {
-    let (host, token) = url.split_once("/?token=").unwrap();
-    (host.rsplit(':').next().unwrap().parse().unwrap(), token)
-}
+/// Bytes of prepared times that the viewer may keep.
+const CACHE: u64 = 1 << 30;
 
 /// Median and 95th percentile.
 fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
@@ -195,45 +78,80 @@ fn main() {
         rayon::current_num_threads()
     );
     line("bare drawing, time held, frames/s", format!("{bare:.1}"));
+    let scene_bytes = std::fs::metadata(&open.scene_path).unwrap().len();
     drop((open, look, prepared));
 
-    let stop = AtomicBool::new(false);
-    let (tell, told) = mpsc::channel();
-    std::thread::scope(|scope| {
-        let options = ViewOptions {
-            run,
-            device: device.clone(),
-            bind: IpAddr::V4(Ipv4Addr::LOCALHOST),
-            port: 0,
-            socket: None,
-            hosts: Vec::new(),
-            read_only: true,
-            cache: 1 << 30,
-        };
-        let started = Instant::now();
-        let stop = &stop;
-        scope.spawn(move || serve(&options, stop, |serving| tell.send(serving.url.clone()).unwrap()).unwrap());
-        let url = told.recv().unwrap();
-        let mut window = Window::open(&url, size, None);
-        let first = window.view(0.0, 0.5, false);
-        window.say(&first);
-        window.frame();
-        line("first frame after the start, s", format!("{:.2}", started.elapsed().as_secs_f64()));
-        window.rest();
-        moving(&mut window, bare);
-        playback(&mut window);
-        resting(&mut window);
-        if window.welcome["clicks"] == true {
-            clicks(&mut window);
-        }
-        drop(window);
-        far_away(&url, size);
-        stop.store(true, Ordering::Relaxed);
-    });
+    let started = Instant::now();
+    let server = Server::start(&run);
+    let mut window = Window::open(&server.url, size, None);
+    let first = window.view(0.0, 0.5, false);
+    window.say(&first);
+    window.frame();
+    line("first frame after the start, s", format!("{:.2}", started.elapsed().as_secs_f64()));
+    window.rest();
+    server.memory("at rest, one time prepared", scene_bytes);
+    full_size(&mut window, bare);
+    moving(&mut window);
+    playback(&mut window);
+    resting(&mut window);
+    if window.welcome["clicks"] == true {
+        clicks(&mut window);
+    }
+    drop(window);
+    far_away(&server.url, size);
+    server.memory(&format!("at the end, of which up to {} MB cached times", CACHE >> 20), scene_bytes);
+}
+
+/// `volseggs view RUN`, a process of its own.
+struct Server {
+    child: Child,
+    url: String,
+}
+
+impl Server {
+    fn start(run: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_volseggs"));
+        command.arg("view").arg(run).args(["--read-only", "--cache", &format!("{}M", CACHE >> 20), "--port", "0"]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+        Self { child, url: url.trim().to_owned() }
+    }
+
+    /// A line on the memory that it holds now, beyond the scene's own; nothing where the system does not tell.
+    fn memory(&self, when: &str, scene: u64) {
+        let Ok(status) = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())) else { return };
+        let held = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap();
+        let held = 1024 * held.trim().trim_end_matches(" kB").parse::<u64>().unwrap();
+        line(&format!("memory over the scene, {when}, MB"), format!("{:.0}", held.saturating_sub(scene) >> 20));
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// Views of full size one after the other, the next as soon as a frame is there: frames a second, and how much longer one takes than bare drawing.
+fn full_size(window: &mut Window, bare: f64) {
+    let (started, mut frames, mut turn) = (Instant::now(), 0, 0.0);
+    while started.elapsed() < SPAN {
+        turn += 0.003;
+        let view = window.view(turn, 0.5, false);
+        window.say(&view);
+        let frame = window.frame();
+        frames += i32::from(!frame.png && u32::from(frame.width) == window.size);
+    }
+    let rate = f64::from(frames) / started.elapsed().as_secs_f64();
+    line("full size, time held, frames/s", format!("{rate:.1}"));
+    line("the same, time of a frame over bare drawing, %", format!("{:.0}", 100.0 * (bare / rate - 1.0)));
+    window.rest();
 }
 
 /// A view that turns, a new one as soon as a frame is there: frames a second, and from a view to its frame.
-fn moving(window: &mut Window, bare: f64) {
+fn moving(window: &mut Window) {
     let (started, mut waits, mut widths, mut shares) = (Instant::now(), Vec::new(), Vec::new(), Vec::new());
     let mut turn = 0.0;
     while started.elapsed() < SPAN {
@@ -251,7 +169,6 @@ fn moving(window: &mut Window, bare: f64) {
     line("turning, median width, pixels", format!("{:.0}", quantiles(widths)[0]));
     line("turning, input to frame, ms, median and 95th percentile", format!("{median:.0}, {late:.0}"));
     line("encoding's share of a frame, %", format!("{:.0}", 100.0 * quantiles(shares)[0]));
-    line("frames/s beside bare drawing at full size", format!("{:.2}", rate / bare));
     window.rest();
 }
 
