@@ -1,5 +1,6 @@
 //! Blinn-Phong shading of Gaussians by one white light, two-sided, as `volseggs` shades its images of volumes: the colours
-//! that [`crate::splat::splat`] draws are made here before, by tensor operations with their gradients, on every device.
+//! that [`crate::splat::splat`] draws are made here before: on the CPU by one kernel in [`cpu`], on other devices by tensor
+//! operations, with their gradients.
 //!
 //! A Gaussian has a base colour `b = 0.5 + C0 sh_0`, which is what it looks like under full light, and a normal `n` in its
 //! own frame, which its rotation turns. With the direction `l` to the light and `h` halfway between that and the eye
@@ -11,11 +12,15 @@
 //! and coefficients of the spherical harmonics beyond the first add what is left. With a headlight `l` and `h` are the
 //! direction to the eye. There is no factor for diffuse light apart from `1 - ambient`: base colours take it.
 
+pub mod cpu;
+mod ops;
 pub mod reference;
+
+pub use ops::{ShadeBackwardOps, ShadeOps, ShadeTensors};
 
 use crate::sh::C0;
 use burn::tensor::activation::sigmoid;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 
 /// Numbers of a material as they are trained.
 pub const MATERIAL: usize = 3;
@@ -78,9 +83,33 @@ pub struct Shading {
 /// If the shapes disagree.
 #[must_use]
 pub fn shaded(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &Shading, eye: [f32; 3]) -> Tensor<3> {
-    let [n, k, _] = sh.dims();
+    let [n, _, _] = sh.dims();
+    assert_eq!(means.dims(), [n, 3], "shaded: means are [N, 3] with N = {n}");
+    assert_eq!(rotations.dims(), [n, 4], "shaded: rotations are [N, 4] with N = {n}");
     assert_eq!(shading.normals.dims(), [n, 3], "shaded: normals are [N, 3] with N = {n}");
     assert_eq!(shading.material.dims(), [MATERIAL], "shaded: a material is [3]");
+    let device = means.device();
+    if !is_gpu(&device) {
+        return ops::fused(means, rotations, sh, shading, eye);
+    }
+    composed(means, rotations, sh, shading, eye)
+}
+
+/// Whether tensor operations do it.
+#[cfg(feature = "cube")]
+fn is_gpu(device: &Device) -> bool {
+    crate::is_gpu(device)
+}
+
+/// As there; without GPUs there is none.
+#[cfg(not(feature = "cube"))]
+fn is_gpu(_: &Device) -> bool {
+    false
+}
+
+/// [`shaded`] by tensor operations.
+fn composed(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &Shading, eye: [f32; 3]) -> Tensor<3> {
+    let [n, k, _] = sh.dims();
     let device = means.device();
     let place = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
     let normals = turned(shading.normals.clone(), rotations);
@@ -130,4 +159,30 @@ fn unit(vectors: Tensor<2>) -> Tensor<2> {
 fn cosine(a: &Tensor<2>, b: &Tensor<2>) -> Tensor<2> {
     let lengths = dot(a, a).clamp_min(SMALLEST).sqrt() * dot(b, b).clamp_min(SMALLEST).sqrt();
     (dot(a, b) / lengths).abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg(feature = "flex")]
+    fn tensor_operations_say_what_the_kernel_says() {
+        let device = Device::flex();
+        let rows = |seed: usize, width: usize| {
+            let values: Vec<f32> = (0..50 * width).map(|i| ((i * 7 + seed) as f32 * 0.61).sin()).collect();
+            Tensor::<2>::from_data(TensorData::new(values, [50, width]), &device)
+        };
+        let material = Material { ambient: 0.2, specular: 0.4, exponent: 8.0 }.to_trained().to_vec();
+        let material = Tensor::from_data(TensorData::new(material, [MATERIAL]), &device);
+        for light in [Light::Head, Light::Far([0.5, -1.0, 0.2])] {
+            let shading = Shading { normals: rows(1, 3), material: material.clone(), light };
+            let sh = rows(2, 12).reshape([50, 4, 3]);
+            let (means, rotations, eye) = (rows(3, 3), rows(4, 4), [0.1, 3.0, -2.0]);
+            let fused = ops::fused(means.clone(), rotations.clone(), sh.clone(), &shading, eye);
+            let composed = composed(means, rotations, sh, &shading, eye);
+            let tolerance = burn::tensor::Tolerance::<f32>::rel_abs(1e-4, 1e-4);
+            fused.into_data().assert_approx_eq::<f32>(&composed.into_data(), tolerance);
+        }
+    }
 }
