@@ -148,6 +148,10 @@ pub enum Purpose {
     HullPoints,
     /// Which training view shows which time.
     ViewTimes,
+    /// Which of many training views an evaluation measures.
+    MeasuredViews,
+    /// First normals of shaded Gaussians.
+    Normals,
     /// Of tests and of programs of your own. The number is taken as it is: one of those above gives their stream.
     Custom(u64),
 }
@@ -170,6 +174,8 @@ impl Purpose {
             Self::AffinitySteps => 1009,
             Self::HullPoints => 0x6875_6c6c,
             Self::ViewTimes => 0x6465_616c,
+            Self::MeasuredViews => 0x6d65_6173,
+            Self::Normals => 0x6e6f_726d,
             Self::Custom(number) => number,
         }
     }
@@ -218,6 +224,8 @@ mod tests {
             (Purpose::AffinitySteps, 1009),
             (Purpose::HullPoints, u32::from_be_bytes(*b"hull").into()),
             (Purpose::ViewTimes, u32::from_be_bytes(*b"deal").into()),
+            (Purpose::MeasuredViews, u32::from_be_bytes(*b"meas").into()),
+            (Purpose::Normals, u32::from_be_bytes(*b"norm").into()),
         ];
         for (i, (purpose, number)) in all.into_iter().enumerate() {
             assert_eq!(Rng::new(1, 2, purpose).next_u64(), Rng::new(1, 2, Purpose::Custom(number)).next_u64());

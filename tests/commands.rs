@@ -72,6 +72,15 @@ fn eval_writes_tables_and_pictures() {
     let groups = summary["by_distance"].as_array().unwrap();
     assert_eq!((groups.len(), &groups[0]["views"], &groups[0]["to"]), (1, &6.into(), &0.0.into()));
     assert_eq!(groups[0]["psnr"], summary["psnr"]);
+    // beside the views that were trained on, and by where the error sits
+    let training = &summary["training_views"];
+    assert!(training["psnr"].as_f64().unwrap() > 10.0 && training["views"] == training["of"], "{training}");
+    for parts in [&summary["by_region"], &training["by_region"]] {
+        for key in ["pixels", "error"] {
+            let sum: f64 = ["edge", "interior", "outside"].map(|part| parts[part][key].as_f64().unwrap()).iter().sum();
+            assert!((sum - 1.0).abs() < 1e-9, "{parts}");
+        }
+    }
     let scene = root().join("run/checkpoints/step-000080/scene.safetensors");
     assert_eq!(summary["model_bytes"], scene.metadata().unwrap().len());
     assert_eq!(summary["training_seconds"], json(&root().join("run/run.json"))["training_seconds"]);
@@ -88,7 +97,12 @@ fn eval_writes_tables_and_pictures() {
     assert!(sheet.width() >= 3 * 32 && sheet.height() >= 6 * 32);
     assert!(std::fs::read_to_string(folder.join("psnr-over-time.svg")).unwrap().starts_with("<svg"));
 
+    let text = output(&mut command(&["eval"]));
+    for words in ["training views", "test views at a trained time", "edges of test views", "squared error, %"] {
+        assert!(text.contains(words), "{words}: {text}");
+    }
     let text = output(&mut command(&["eval", "--split", "train", "--views", "5"]));
+    assert!(!text.contains("training views") && text.contains("edges of train views"), "{text}");
     assert!(text.contains("5 (32x32, train split)") && text.contains("LPIPS is null"), "{text}");
     let lines: Vec<&str> = text.lines().collect();
     let at = lines.iter().position(|l| l.starts_with("frames/second")).unwrap();

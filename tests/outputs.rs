@@ -11,7 +11,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use tempfile::TempDir;
-use volseggs::model::scene::read_tensors;
+use volseggs::model::scene_file::read_tensors;
 use volseggs::train::checkpoint;
 
 /// A folder with the dataset in `data` and a run with segments in `run`, made once; nobody writes into it.

@@ -5,7 +5,7 @@ mod common;
 
 use common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
 use std::path::Path;
-use volseggs::model::scene::{read_tensors, write_tensors};
+use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::train::checkpoint;
 
 /// `volseggs train --resume PATH` with more arguments.

@@ -10,7 +10,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use volseggs::device::DeviceName;
 use volseggs::model::Scene;
-use volseggs::model::scene::read_tensors;
+use volseggs::model::scene_file::read_tensors;
 use volseggs::train::checkpoint::{self, State};
 
 #[test]

@@ -4,7 +4,9 @@ use super::eval_segments::SegmentFlags;
 use super::values::count;
 use super::{CliError, Common, command_line, print_json};
 use crate::data::SplitName;
+use crate::eval::diagnosis;
 use crate::eval::results::{KIND, WriteError};
+use crate::eval::run::Summary;
 use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::memory::MIB;
@@ -84,18 +86,7 @@ impl EvalArgs {
         for (name, value) in &s.extra {
             outln!("{name:<14} {value:.4}");
         }
-        // the training views lie at trained times, all of them
-        if s.by_distance.len() > 1 {
-            outln!("by distance from the nearest trained time:");
-            for at in &s.by_distance {
-                let distance = if at.to - at.from < 1e-4 {
-                    format!("{:.4}", at.to)
-                } else {
-                    format!("{:.4} to {:.4}", at.from, at.to)
-                };
-                outln!("  {distance:<18} {:>4} views   {:.2} dB   SSIM {:.4}", at.views, at.psnr, at.ssim);
-            }
-        }
+        print_diagnosis(s);
         let fps = s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
         outln!("frames/second  {fps} ({} frames): deformation and splatting, anew for each frame", s.speed.fps_frames);
         outln!("               {:.1} with the copy of each image to the host", s.speed.fps_with_copy);
@@ -112,6 +103,18 @@ impl EvalArgs {
         }
         errln!("per view, pictures: {}", folder.display());
         Ok(())
+    }
+}
+
+/// What bounds the quality, as aligned columns.
+fn print_diagnosis(summary: &Summary) {
+    let rows: Vec<[String; 6]> =
+        std::iter::once(diagnosis::HEAD.map(String::from)).chain(diagnosis::rows(summary)).collect();
+    let width = |c: usize| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0);
+    let widths: [usize; 6] = std::array::from_fn(width);
+    for row in &rows {
+        let figures: String = (1..6).map(|c| format!("   {:>1$}", row[c], widths[c])).collect();
+        outln!("  {}", format!("{:<1$}{figures}", row[0], widths[0]).trim_end());
     }
 }
 

@@ -8,7 +8,7 @@ use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
 use crate::export::images::encode_png;
 use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
-use crate::model::scene::{read_tensors, refuse_not_finite};
+use crate::model::scene_file::{read_tensors, refuse_not_finite};
 use crate::run::status::status;
 use crate::train::{checkpoint, live};
 use crate::volume::formats::READ;

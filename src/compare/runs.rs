@@ -29,6 +29,11 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
     metrics.extend(summary.speed.fps.map(|v| ("fps".to_owned(), v)));
     metrics.extend(summary.lpips_alex.map(|v| ("lpips_alex".to_owned(), v)));
     metrics.extend(summary.lpips_vgg.map(|v| ("lpips_vgg".to_owned(), v)));
+    metrics.extend(summary.training_views.map(|t| ("psnr_training".to_owned(), t.psnr)));
+    if let Some(parts) = summary.by_region {
+        let psnr = [("psnr_edge", parts.edge.psnr), ("psnr_interior", parts.interior.psnr)];
+        metrics.extend(psnr.into_iter().filter_map(|(name, v)| Some((name.to_owned(), v?))));
+    }
     if record.peak_memory_bytes > 0 {
         metrics.insert("peak_memory_gb".to_owned(), record.peak_memory_bytes as f64 / 1e9);
     }

@@ -96,8 +96,12 @@ pub enum Placement {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
-    /// Spherical-harmonics degree, 0 to 3.
+    /// Spherical-harmonics degree, 0 to 3; with `appearance = "headlight"` of what shading leaves, 0 for none.
     pub sh_degree: usize,
+    /// Colours written out over directions (`sh`, as 3DGS and the paper), or a base colour and a normal under a headlight
+    /// (`headlight`).
+    #[serde(default)] // a scene from before this key still loads
+    pub appearance: Appearance,
     /// The space-time encoder: `factorised` (the paper's), `implicit` (its ablation) or `extra` (a registered one).
     pub encoder: EncoderKind,
     /// Name of the registered encoder for `encoder = "extra"`, see `docs/research.md`; empty otherwise.
@@ -145,6 +149,17 @@ pub struct ModelConfig {
     pub bias_init: BiasInit,
     /// Whether opacity changes over time.
     pub deform_opacity: bool,
+}
+
+/// What gives a Gaussian its colour.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Appearance {
+    /// Spherical harmonics.
+    #[default]
+    Sh,
+    /// Base colour, normal and a material of all, shaded by Blinn-Phong with a light at the eye; harmonics for the rest.
+    Headlight,
 }
 
 /// The space-time encoder.
@@ -313,6 +328,10 @@ pub struct OptimConfig {
     pub sh: f64,
     /// Learning rate of the others, as a fraction of `sh`.
     pub sh_rest: f64,
+    /// Normals of `model.appearance = "headlight"`.
+    pub normals: f64,
+    /// Its material.
+    pub material: f64,
     /// Planes, lines and temporal vectors (and the other encoders; the implicit one wants a tenth, D3DGS has 8e-4).
     pub encoder: f64,
     /// The decoder.

@@ -4,6 +4,7 @@ use super::{FOV, Results};
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
+use crate::eval::diagnosis;
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::RunPaths;
@@ -180,6 +181,15 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
                         ],
                         caption: format!("{} views of {}x{} over white, as 8-bit images", s.views, s.width, s.height),
                         highlight: Some(1),
+                    },
+                    Block::Table {
+                        head: diagnosis::HEAD.map(String::from).to_vec(),
+                        rows: diagnosis::rows(s).into_iter().map(|row| row.to_vec()).collect(),
+                        caption: "What bounds it: views that were trained on beside unseen ones, and where in the pictures \
+                                  the error sits. Edges: pixels next to a change of more than 0.1 a pixel of the truth or \
+                                  its alpha; interior: other covered ones."
+                            .into(),
+                        highlight: Some(2),
                     },
                     Block::Svg { svg: psnr_over_time(&results.evaluation), caption: "PSNR of each test view.".into() },
                     Block::Svg { svg: learning_curve(&results.run.path), caption: "PSNR while training.".into() },

@@ -28,6 +28,7 @@ pub fn state() -> HostGaussians {
         opacity_logits: wave(10, 1.9),
         sh: wave(480, 3.7),
         sh_stride: 16,
+        shading: None,
     }
 }
 
@@ -45,8 +46,8 @@ pub fn applied(edits: &[Edit]) -> HostGaussians {
     state
 }
 
-pub fn arrays(s: &HostGaussians) -> [&[f32]; 5] {
-    s.columns().map(|column| column.values)
+pub fn arrays(s: &HostGaussians) -> Vec<&[f32]> {
+    s.columns().into_iter().map(|column| column.values).collect()
 }
 
 /// The largest difference of any two values.

@@ -1,7 +1,9 @@
 //! Evaluation of a scene over a split: the paper's metrics for each view and their mean.
 
+use super::diagnosis::TrainingViews;
 use super::distance::{AtDistance, by_distance};
 use super::metric::{self, MetricInput};
+use super::regions::{ByRegion, RegionSums};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
 use super::speed::{self, Speed};
@@ -67,6 +69,12 @@ pub struct Summary {
     /// The same means by the views' distance from the nearest trained time; empty where those times are not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by_distance: Vec<AtDistance>,
+    /// Views that the scene was trained on, beside those of the split; absent where they are not known or are the split.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training_views: Option<TrainingViews>,
+    /// The error by where in the pictures it sits; absent in results of early versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub by_region: Option<ByRegion>,
     /// Frames per second: `fps`, `fps_frames`, `fps_with_copy`.
     #[serde(flatten)]
     pub speed: Speed,
@@ -126,6 +134,17 @@ pub struct Costs {
     pub data: DataId,
     /// Times in [0, 1] that were trained on; empty if they are not known.
     pub trained_times: Vec<f64>,
+    /// Views that were trained on, to be measured beside the split's; none if they are the split, or not known.
+    pub training_views: Option<Sample>,
+}
+
+/// Some of many views.
+#[derive(Debug)]
+pub struct Sample {
+    /// The views, with their images.
+    pub split: Split,
+    /// How many there are.
+    pub of: usize,
 }
 
 /// Where LPIPS weights come from.
@@ -135,6 +154,58 @@ const LPIPS_WEIGHTS: &str = "LPIPS is null without --lpips-weights FILE: convert
 /// Rounds to 8 bits and back, as an image file would.
 fn quantise(v: f32) -> f32 {
     (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
+}
+
+/// A view as it is drawn and as it should be, as 8-bit images.
+struct Pair {
+    /// `[H, W, 3]`
+    render: Vec<f32>,
+    /// `[H, W, 3]` over the scene's background.
+    truth: Vec<f32>,
+    /// `[H, W]` of the truth.
+    alpha: Vec<f32>,
+}
+
+impl Pair {
+    fn new(width: usize, height: usize) -> Self {
+        let pixels = width * height;
+        Self { render: vec![0.0; 3 * pixels], truth: vec![0.0; 3 * pixels], alpha: vec![0.0; pixels] }
+    }
+
+    /// Draws view `i` of `split` beside its truth.
+    fn fill(&mut self, scene: &Scene, split: &Split, i: usize) {
+        let frame = &split.frames[i];
+        let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
+        for (to, from) in self.render.chunks_exact_mut(3).zip(image.chunks_exact(4)) {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = quantise(*from));
+        }
+        split.images.composite(i, scene.spec.background, &mut self.truth);
+        self.truth.iter_mut().for_each(|v| *v = quantise(*v));
+        split.images.alpha(i, &mut self.alpha);
+    }
+}
+
+/// The means over views that were trained on, of which there is at least one.
+fn measure_sample(scene: &Scene, sample: &Sample) -> Result<TrainingViews, String> {
+    let split = &sample.split;
+    let (w, h) = (split.images.width as usize, split.images.height as usize);
+    let mut pair = Pair::new(w, h);
+    let (mut sums, mut regions) = ([0.0; 3], RegionSums::default());
+    for i in 0..split.frames.len() {
+        pair.fill(scene, split, i);
+        let Pair { render, truth, alpha } = &pair;
+        regions.add(render, truth, alpha, w);
+        for (sum, value) in sums.iter_mut().zip([
+            psnr(render, truth).map_err(|e| e.to_string())?,
+            ssim_rgb(render, truth, w, h).map_err(|e| e.to_string())?,
+            ssim_gray(render, truth, w, h).map_err(|e| e.to_string())?,
+        ]) {
+            *sum += value;
+        }
+    }
+    let views = split.frames.len();
+    let [psnr, ssim, ssim_gray] = sums.map(|sum| sum / views as f64);
+    Ok(TrainingViews { views, of: sample.of, psnr, ssim, ssim_gray, by_region: regions.finish() })
 }
 
 /// Evaluates every view of `split`; `progress` is told after each. Renders and truths are compared as 8-bit images.
@@ -154,30 +225,25 @@ pub fn evaluate(
     let shown: Vec<usize> = (0..n.min(6)).map(|k| (2 * k + 1) * n / (2 * n.min(6))).collect();
     let (mut kept, mut pictures) = (Vec::new(), Vec::new());
     let mut views = Vec::with_capacity(n);
-    let mut truth = vec![0.0; 3 * w * h];
-    let mut alpha = vec![0.0; w * h];
+    let mut pair = Pair::new(w, h);
+    let mut regions = RegionSums::default();
     let registered = metric::registered();
     let speed = speed::measure(scene, split)?;
     for (i, frame) in split.frames.iter().enumerate() {
-        let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
-        let render: Vec<f32> =
-            image.chunks_exact(4).flat_map(|p| [quantise(p[0]), quantise(p[1]), quantise(p[2])]).collect();
-        split.images.composite(i, background, &mut truth);
-        truth.iter_mut().for_each(|v| *v = quantise(*v));
+        pair.fill(scene, split, i);
+        let Pair { render, truth, alpha } = &pair;
         let lpips = |net: LpipsNet| -> Result<Option<f64>, String> {
             let network = networks.iter().find(|n| n.net() == net);
-            network.map(|n| n.distance(&render, &truth, h, w).map_err(|e| e.to_string())).transpose()
+            network.map(|n| n.distance(render, truth, h, w).map_err(|e| e.to_string())).transpose()
         };
-        split.images.alpha(i, &mut alpha);
-        let time = frame.time;
-        let input =
-            MetricInput { render: &render, truth: &truth, alpha: &alpha, width: w, height: h, background, time };
+        regions.add(render, truth, alpha, w);
+        let input = MetricInput { render, truth, alpha, width: w, height: h, background, time: frame.time };
         let metrics = ViewMetrics {
             view: frame.name.clone(),
             time: frame.time,
-            psnr: psnr(&render, &truth).map_err(|e| e.to_string())?,
-            ssim: ssim_rgb(&render, &truth, w, h).map_err(|e| e.to_string())?,
-            ssim_gray: ssim_gray(&render, &truth, w, h).map_err(|e| e.to_string())?,
+            psnr: psnr(render, truth).map_err(|e| e.to_string())?,
+            ssim: ssim_rgb(render, truth, w, h).map_err(|e| e.to_string())?,
+            ssim_gray: ssim_gray(render, truth, w, h).map_err(|e| e.to_string())?,
             lpips_alex: lpips(LpipsNet::Alex)?,
             lpips_vgg: lpips(LpipsNet::Vgg)?,
             extra: metric::measure(&registered, &input),
@@ -188,9 +254,13 @@ pub fn evaluate(
                 let bytes = rgb.iter().map(|v| (v * 255.0).round() as u8).collect();
                 RgbImage::from_raw(w as u32, h as u32, bytes).unwrap_or_default()
             };
-            let (truth_picture, render_picture) = (picture(&truth), picture(&render));
+            let (truth_picture, render_picture) = (picture(truth), picture(render));
             pictures.push(ViewPicture { view: frame.name.clone(), truth: truth_picture, render: render_picture });
-            kept.push((format!("{} t {:.2} {:.2} dB", frame.name, frame.time, metrics.psnr), truth.clone(), render));
+            kept.push((
+                format!("{} t {:.2} {:.2} dB", frame.name, frame.time, metrics.psnr),
+                truth.clone(),
+                render.clone(),
+            ));
         }
         views.push(metrics);
     }
@@ -213,6 +283,8 @@ pub fn evaluate(
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
         extra: metric::means(views.iter().map(|v| &v.extra)),
         by_distance: by_distance(&views, &costs.trained_times),
+        training_views: costs.training_views.as_ref().map(|sample| measure_sample(scene, sample)).transpose()?,
+        by_region: Some(regions.finish()),
         speed,
         training_seconds: costs.training_seconds,
         model_bytes: costs.model_bytes,

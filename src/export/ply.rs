@@ -61,7 +61,8 @@ fn check(gaussians: &HostGaussians) -> Result<(), PlyError> {
     )))
 }
 
-/// Writes the Gaussians as they are, streaming and atomically; normals are zero. Only a file of this program gives way.
+/// Writes the Gaussians as they are, streaming and atomically; normals are zero. Shaded ones are written as
+/// [`HostGaussians::baked`], since readers know harmonics alone. Only a file of this program gives way.
 /// Viewers expect quaternions of length 1: see [`HostGaussians::with_unit_rotations`].
 ///
 /// # Errors
@@ -69,6 +70,8 @@ fn check(gaussians: &HostGaussians) -> Result<(), PlyError> {
 /// folder is missing, [`PlyError::Io`] from the file system.
 pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), PlyError> {
     check(gaussians)?;
+    let baked = gaussians.shading.is_some().then(|| gaussians.baked());
+    let gaussians = baked.as_ref().unwrap_or(gaussians);
     let io_error = |source| PlyError::Io { path: path.to_path_buf(), source };
     let mut file = AtomicFile::create_named(path)?;
     write_to(gaussians, &mut file).and_then(|()| file.commit()).map_err(io_error)
@@ -76,7 +79,10 @@ pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), PlyError> {
 
 fn write_to(gaussians: &HostGaussians, out: &mut impl Write) -> io::Result<()> {
     let k = gaussians.sh_stride;
-    let [means, rotations, log_scales, opacity_logits, sh] = gaussians.columns();
+    let columns = gaussians.columns();
+    let [means, rotations, log_scales, opacity_logits, sh, ..] = columns.as_slice() else {
+        unreachable!("every Gaussian has these attributes")
+    };
     out.write_all(header::text(gaussians.len(), k).as_bytes())?;
     let mut row: Vec<u8> = Vec::new();
     for i in 0..gaussians.len() {

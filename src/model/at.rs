@@ -56,6 +56,7 @@ impl Scene {
             opacity_logits: to_vec(g.opacity_logits.val()),
             sh: vec![0.0; 3 * g.count()],
             sh_stride: 1,
+            shading: None,
         }
     }
 
@@ -110,6 +111,7 @@ mod tests {
             opacity_logits: (0..n).map(|i| i as f32 / 30.0 - 3.0).collect(),
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
+            shading: None,
         };
         let (centre, half_size) = ([0.0; 3], [1.5; 3]);
         let mut spec = SceneSpec { model, centre, half_size, background: [1.0; 3], deformed: true, sh_degree: 0 };

@@ -1,6 +1,7 @@
 //! The deformation field: canonical means and a time in, changes of every deformable attribute out.
 
 use super::Gaussians;
+use super::appearance::Headlight;
 use super::decoder::Decoder;
 use super::encoder::{Encoder, FactorisedEncoder};
 use super::extra_encoder::ExtraEncoder;
@@ -57,7 +58,8 @@ impl DeformationField {
         Self { encoder, decoder, placing }
     }
 
-    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes; colours stay. Those that are
+    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes; colours and
+    /// normals (in the Gaussians' own frames) stay. Those that are
     /// `culled` `[N]`, if that is given, are not looked up: they come out transparent.
     pub fn deform(&self, gaussians: &Gaussians, time: f32, culled: Option<&[bool]>) -> SplatInputs {
         let means = gaussians.means.val();
@@ -98,6 +100,7 @@ impl DeformationField {
             },
             sh: gaussians.sh.val(),
             screen_offsets: None,
+            shading: gaussians.headlight.as_ref().map(Headlight::val),
         }
     }
 }

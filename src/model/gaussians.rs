@@ -1,5 +1,6 @@
-//! Canonical Gaussians: the five learnable attributes (the paper's section on 3DGS).
+//! Canonical Gaussians: the five learnable attributes (the paper's section on 3DGS), and what shades them.
 
+use super::appearance::Headlight;
 use super::host::HostGaussians;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -18,6 +19,8 @@ pub struct Gaussians {
     pub opacity_logits: Param<Tensor<1>>,
     /// Spherical-harmonics coefficients `[N, K, 3]`.
     pub sh: Param<Tensor<3>>,
+    /// What shades them, with `model.appearance = "headlight"`.
+    pub headlight: Option<Headlight>,
 }
 
 impl Gaussians {
@@ -25,7 +28,8 @@ impl Gaussians {
     ///
     /// # Panics
     /// If the arrays disagree about N.
-    pub fn from_host(host: HostGaussians, device: &Device) -> Self {
+    pub fn from_host(mut host: HostGaussians, device: &Device) -> Self {
+        let headlight = host.shading.take().map(|shading| Headlight::from_host(shading, device));
         let SplatInputs { means, rotations, log_scales, opacity_logits, sh, .. } = host.into_splat(device);
         Self {
             means: Param::from_tensor(means),
@@ -33,6 +37,7 @@ impl Gaussians {
             log_scales: Param::from_tensor(log_scales),
             opacity_logits: Param::from_tensor(opacity_logits),
             sh: Param::from_tensor(sh),
+            headlight,
         }
     }
 
@@ -45,6 +50,7 @@ impl Gaussians {
             opacity_logits: self.opacity_logits.val(),
             sh: self.sh.val(),
             screen_offsets: None,
+            shading: self.headlight.as_ref().map(Headlight::val),
         }
     }
 

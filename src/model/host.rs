@@ -4,16 +4,15 @@
 //! its counterpart that puts columns back together; whatever copies, picks, checks, counts or moves rows goes through
 //! these.
 
+use super::appearance::{HostShading, NORMALS};
 use super::params::to_vec;
+use crate::config::types::ModelConfig;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::activation::sigmoid;
 use volseggs_kernels::splat::SplatInputs;
 
-/// Attributes of a Gaussian.
-const COLUMNS: usize = 5;
-
-/// Numbers of each attribute a Gaussian, with K = `sh_stride` coefficients.
-fn widths(sh_stride: usize) -> [usize; COLUMNS] {
+/// Numbers of each attribute that every Gaussian has, with K = `sh_stride` coefficients.
+fn widths(sh_stride: usize) -> [usize; 5] {
     [3, 4, 3, 1, 3 * sh_stride]
 }
 
@@ -32,6 +31,8 @@ pub struct HostGaussians {
     pub sh: Vec<f32>,
     /// K: 1, 4, 9 or 16.
     pub sh_stride: usize,
+    /// What shades them, if anything does: the first coefficients are then base colours, see [`super::appearance`].
+    pub shading: Option<HostShading>,
 }
 
 /// One attribute of all Gaussians.
@@ -65,35 +66,52 @@ impl Column<'_> {
 }
 
 impl HostGaussians {
-    /// The attributes, in the order in which the op of splatting takes them.
+    /// The attributes, in the order in which the op of splatting takes them; normals only where there is a shading.
     #[must_use]
-    pub fn columns(&self) -> [Column<'_>; COLUMNS] {
+    pub fn columns(&self) -> Vec<Column<'_>> {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
-        [
+        let mut columns = vec![
             Column { name: "means", width: means, values: &self.means },
             Column { name: "rotations", width: rotations, values: &self.rotations },
             Column { name: "log_scales", width: log_scales, values: &self.log_scales },
             Column { name: "opacity_logits", width: opacity_logits, values: &self.opacity_logits },
             Column { name: "sh", width: sh, values: &self.sh },
-        ]
+        ];
+        if let Some(shading) = &self.shading {
+            columns.push(Column { name: NORMALS, width: 3, values: &shading.normals });
+        }
+        columns
     }
 
-    /// Gaussians of these columns, in the order of [`HostGaussians::columns`].
-    fn from_columns(columns: [Vec<f32>; COLUMNS], sh_stride: usize) -> Self {
-        let [means, rotations, log_scales, opacity_logits, sh] = columns;
-        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride }
-    }
-
-    /// N Gaussians of K coefficients, every number 0.
+    /// N Gaussians of K coefficients, every number 0, without a shading.
     #[must_use]
     pub fn zeros(n: usize, sh_stride: usize) -> Self {
-        Self::from_columns(widths(sh_stride).map(|width| vec![0.0; n * width]), sh_stride)
+        let [means, rotations, log_scales, opacity_logits, sh] = widths(sh_stride).map(|width| vec![0.0; n * width]);
+        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, shading: None }
+    }
+
+    /// One Gaussian with the attributes that a model's have: a place for those of a file.
+    #[must_use]
+    pub fn one(model: &ModelConfig) -> Self {
+        let shading = HostShading::first(model, 1, 0);
+        Self { shading, ..Self::zeros(1, (model.sh_degree + 1).pow(2)) }
     }
 
     /// New Gaussians with the same attributes, each made by `f` from the old one.
     #[must_use]
     pub fn map(&self, f: impl FnMut(Column<'_>) -> Vec<f32>) -> Self {
-        Self::from_columns(self.columns().map(f), self.sh_stride)
+        let mut columns = self.columns().into_iter().map(f);
+        // in the order of `columns`, which gives as many
+        let mut next = || columns.next().unwrap_or_default();
+        Self {
+            means: next(),
+            rotations: next(),
+            log_scales: next(),
+            opacity_logits: next(),
+            sh: next(),
+            sh_stride: self.sh_stride,
+            shading: self.shading.as_ref().map(|shading| HostShading { normals: next(), ..shading.without_normals() }),
+        }
     }
 
     /// N.
@@ -194,6 +212,7 @@ impl HostGaussians {
             opacity_logits: self.opacity_logits.clone(),
             sh: vec![0.0; 3 * self.len()],
             sh_stride: 1,
+            shading: None,
         }
     }
 
@@ -213,6 +232,7 @@ impl HostGaussians {
             opacity_logits: Tensor::from_data(TensorData::new(self.opacity_logits, [n]), device),
             sh: Tensor::from_data(TensorData::new(self.sh, [n, k, 3]), device),
             screen_offsets: None,
+            shading: self.shading.map(|shading| shading.into_device(device)),
         }
     }
 
@@ -226,6 +246,7 @@ impl HostGaussians {
             log_scales: to_vec(on_device.log_scales),
             opacity_logits: to_vec(on_device.opacity_logits),
             sh: to_vec(on_device.sh),
+            shading: on_device.shading.map(HostShading::from_device),
         }
     }
 }
@@ -237,14 +258,27 @@ mod tests {
     #[test]
     fn a_device_gives_back_what_it_got() {
         let device = crate::device::DeviceName::all()[0].open().unwrap();
-        let all = three();
-        assert_eq!(HostGaussians::from_splat(all.to_splat(&device)), all);
+        for all in [three(), shaded()] {
+            assert_eq!(HostGaussians::from_splat(all.to_splat(&device)), all);
+        }
     }
 
     fn three() -> HostGaussians {
         let count = |n: usize, first: f32| (0..n).map(|i| first + i as f32).collect::<Vec<f32>>();
-        let columns = [count(9, 0.0), count(12, 100.0), count(9, 200.0), count(3, 300.0), count(36, 400.0)];
-        HostGaussians::from_columns(columns, 4)
+        HostGaussians {
+            means: count(9, 0.0),
+            rotations: count(12, 100.0),
+            log_scales: count(9, 200.0),
+            opacity_logits: count(3, 300.0),
+            sh: count(36, 400.0),
+            sh_stride: 4,
+            shading: None,
+        }
+    }
+
+    fn shaded() -> HostGaussians {
+        let shading = HostShading { normals: (0..9).map(|i| 500.0 + i as f32).collect(), ..HostShading::default() };
+        HostGaussians { shading: Some(shading), ..three() }
     }
 
     #[test]
@@ -253,11 +287,16 @@ mod tests {
         assert_eq!((all.len(), all.sh_degree(), all.misshapen()), (3, 1, None));
         assert_eq!(all.map(|column| column.values.to_vec()), all);
         assert_eq!(all.map(|column| vec![0.0; column.values.len()]), HostGaussians::zeros(3, 4));
-        assert_eq!(all.columns().map(|c| c.name), ["means", "rotations", "log_scales", "opacity_logits", "sh"]);
+        let names = |g: &HostGaussians| g.columns().into_iter().map(|c| c.name).collect::<Vec<_>>();
+        assert_eq!(names(&all), ["means", "rotations", "log_scales", "opacity_logits", "sh"]);
         assert_eq!(all.columns()[1].row(2), [108.0, 109.0, 110.0, 111.0]);
         let some = all.subset(&[2, 0]);
         assert_eq!((some.misshapen(), some.opacity_logits.as_slice()), (None, [302.0, 300.0].as_slice()));
         assert_eq!(some.subset(&[1]), all.subset(&[0]));
+        let shaded = shaded();
+        assert_eq!(shaded.map(|column| column.values.to_vec()), shaded);
+        assert_eq!(names(&shaded).last(), Some(&NORMALS));
+        assert_eq!(shaded.subset(&[2, 0]).shading.unwrap().normals, [506.0, 507.0, 508.0, 500.0, 501.0, 502.0]);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! Knows the kernels and the configuration's types; nothing of images, losses or files of datasets.
 
+pub mod appearance;
 pub mod at;
 pub mod decoder;
 pub mod deformation;
@@ -13,10 +14,12 @@ pub mod host;
 pub mod implicit;
 pub mod params;
 pub mod scene;
+pub mod scene_file;
 pub mod sh;
 pub mod size;
 
 pub use deformation::DeformationField;
 pub use gaussians::Gaussians;
 pub use host::HostGaussians;
-pub use scene::{Scene, SceneError, SceneSpec};
+pub use scene::{Scene, SceneSpec};
+pub use scene_file::SceneError;

@@ -2,6 +2,7 @@
 //!
 //! A parameter's name is its path in the module, such as `gaussians.means` or `field.decoder.hidden_weight`.
 
+use super::appearance::MATERIAL_NAME;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
 use std::collections::BTreeMap;
@@ -107,7 +108,7 @@ pub enum FitError {
 }
 
 /// Replaces every float parameter of `module` by the tensor of its name; leading extents (the number of
-/// Gaussians) may differ for names starting with `gaussians.`.
+/// Gaussians) may differ for names starting with `gaussians.`, but for the material, which is one for all.
 ///
 /// # Errors
 /// A missing tensor or a shape that does not fit.
@@ -131,7 +132,7 @@ pub fn load<M: Module>(module: M, tensors: &BTreeMap<String, HostTensor>) -> Res
                 self.error.get_or_insert(FitError::Missing(name));
                 return param;
             };
-            let free = usize::from(name.starts_with("gaussians."));
+            let free = usize::from(name.starts_with("gaussians.") && name != MATERIAL_NAME);
             let consistent = tensor.values.len() == tensor.shape.iter().product::<usize>();
             if tensor.shape.len() != D || tensor.shape[free..] != expected[free..] || !consistent {
                 let found = tensor.shape.clone();

@@ -2,7 +2,7 @@
 //! whatever the configuration says.
 
 use super::encoder_definition::find_encoder;
-use crate::config::types::{DecoderKind, EncoderKind, ModelConfig};
+use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig};
 use crate::memory::product;
 
 use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};
@@ -63,7 +63,8 @@ fn check_implicit(config: &ModelConfig) -> Result<(), String> {
 #[must_use]
 pub fn attributes(config: &ModelConfig) -> u128 {
     let coefficients = (config.sh_degree as u128).saturating_add(1).saturating_pow(2);
-    coefficients.saturating_mul(3).saturating_add(3 + 4 + 3 + 1)
+    let normal = if config.appearance == Appearance::Headlight { 3 } else { 0 };
+    coefficients.saturating_mul(3).saturating_add(3 + 4 + 3 + 1 + normal)
 }
 
 /// Features that the encoder gives for each Gaussian.

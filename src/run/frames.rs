@@ -44,6 +44,9 @@ pub struct Record {
     pub times: Vec<f64>,
     /// What the colours stand for.
     pub show: String,
+    /// Direction to the light, world axes; absent with the light that the scene was trained in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light: Option<[f64; 3]>,
     /// The segments shown alone; all of the scene if empty.
     pub segments: Vec<String>,
     /// Edits that are applied.

@@ -16,6 +16,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use serde::Serialize;
 use std::str::FromStr;
 use volseggs_kernels::Camera;
+use volseggs_kernels::shading::Light;
 use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
 
 /// What the colours of a picture stand for.
@@ -78,6 +79,7 @@ pub struct Look {
     kind: Kind,
     /// The Gaussians at the time of the last preview without any edit: a drag asks for the same again and again.
     still: Option<(f32, HostGaussians)>,
+    light: Light,
 }
 
 #[derive(Debug)]
@@ -122,10 +124,11 @@ impl Prepared {
         match &self.0 {
             Shown::Colours { inputs: None, .. } => 0,
             Shown::Colours { inputs: Some(inputs), shared, .. } => {
-                let colours = if *shared { 0 } else { inputs.sh.dims().iter().product() };
+                let normals = inputs.shading.as_ref().map_or(0, |shading| shading.normals.dims().iter().product());
+                let colours = if *shared { 0 } else { inputs.sh.dims().iter().product::<usize>() + normals };
                 4 * (11 * inputs.means.dims()[0] + colours)
             }
-            Shown::Depth(at) => 4 * (at.len() * 11 + at.sh.len()),
+            Shown::Depth(at) => 4 * at.columns().iter().map(|column| column.values.len()).sum::<usize>(),
         }
     }
 }
@@ -153,7 +156,31 @@ impl Look {
                 Kind::Segments(all)
             }
         };
-        Ok(Self { selection, kind, still: None })
+        Ok(Self { selection, kind, still: None, light: Light::Head })
+    }
+
+    /// The same in light from far away in `direction` (world axes, of any length but 0), in place of the headlight.
+    ///
+    /// # Errors
+    /// If the scene's colours are not made by shading, or something else than colours is shown.
+    pub fn lit_from(mut self, run: &OpenRun, direction: [f32; 3]) -> Result<Self, RunError> {
+        if run.scene.gaussians.headlight.is_none() {
+            return Err(RunError::input(format!(
+                "--light: {} was trained with model.appearance = \"sh\", whose colours hold the light; train with \
+                 model.appearance = \"headlight\" to move it",
+                run.path.display()
+            )));
+        }
+        if !matches!(self.kind, Kind::Colour) {
+            return Err(RunError::input("--light: changes what things look like; leave --show out"));
+        }
+        if !(direction.iter().all(|v| v.is_finite()) && direction.iter().any(|v| *v != 0.0)) {
+            return Err(RunError::input(
+                "--light: 0,0,0 is no direction; give the direction to the light, such as 0,0,1",
+            ));
+        }
+        self.light = Light::Far(direction);
+        Ok(self)
     }
 
     /// As [`Selection::preview`].
@@ -186,9 +213,9 @@ impl Look {
     /// # Errors
     /// If an edit cannot be applied.
     pub fn prepare(&mut self, scene: &Scene, time: f32, device: &Device) -> Result<Prepared, RunError> {
-        let Self { selection: shown, still, .. } = self;
+        let Self { selection: shown, still, light, .. } = self;
         let (shown, degree) = (&*shown, scene.spec.sh_degree);
-        Ok(match &mut self.kind {
+        let mut prepared = match &mut self.kind {
             Kind::Colour if shown.is_plain() => {
                 Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree, shared: true })
             }
@@ -213,7 +240,13 @@ impl Look {
                 let painted = by_segment(edited(shown, still, scene, time)?, all);
                 Prepared::of(&shown.cut(painted), 0, device)
             }
-        })
+        };
+        if let Shown::Colours { inputs: Some(inputs), .. } = &mut prepared.0
+            && let Some(shading) = &mut inputs.shading
+        {
+            shading.light = *light;
+        }
+        Ok(prepared)
     }
 
     /// What this look prepared, with all but the `members` (indices below N, ascending) faint. Only opacities change, so it

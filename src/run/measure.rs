@@ -3,11 +3,14 @@
 use super::{OpenRun, RunError};
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
 use crate::eval::results::{DataId, WriteError, results_folder, write_results};
-use crate::eval::run::{Costs, Evaluation, evaluate};
+use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
 use crate::files::FolderKind;
 use crate::metrics::lpips::Lpips;
-use crate::train::trained_times;
+use crate::train::{open_trained, trained_times};
 use std::path::{Path, PathBuf};
+
+/// Training views that are measured beside those of another split, at most.
+const TRAINING_VIEWS: usize = 40;
 
 /// What a run is measured on.
 #[derive(Clone, Debug)]
@@ -78,7 +81,8 @@ impl MeasuredOn {
     }
 }
 
-/// Evaluates the run on `split` and writes the results into `folder`. `progress` hears of each view: how many are done,
+/// Evaluates the run on `split` and, where that is not the training views themselves, on a sample of those; writes the
+/// results into `folder`. `progress` hears of each view: how many are done,
 /// and the PSNR of the last in decibels.
 ///
 /// # Errors
@@ -93,13 +97,22 @@ pub fn measure(
 ) -> Result<Evaluation, RunError> {
     let model = std::fs::metadata(&run.scene_path)
         .map_err(|e| RunError::failure(format!("{}: {e}", run.scene_path.display())))?;
+    let (mut training_views, mut note) = (None, None);
+    if split.name != SplitName::Train && on.is_own(run) {
+        match open_trained(&on.data.dataset, &run.config, TRAINING_VIEWS) {
+            Ok((split, of)) => training_views = Some(Sample { split, of }),
+            Err(error) => note = Some(format!("no training views beside these: {error}")),
+        }
+    }
     let costs = Costs {
         training_seconds: run.record.training_seconds,
         model_bytes: model.len(),
         data: on.data.clone(),
         trained_times: on.trained_times.clone(),
+        training_views,
     };
-    let evaluation = evaluate(&run.scene, split, networks, &costs, progress).map_err(RunError::input)?;
+    let mut evaluation = evaluate(&run.scene, split, networks, &costs, progress).map_err(RunError::input)?;
+    evaluation.summary.notes.extend(note);
     write_results(folder, &evaluation)?;
     Ok(evaluation)
 }

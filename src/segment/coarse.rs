@@ -97,14 +97,14 @@ pub fn coarse(
     if let Some(later) = later {
         assert_eq!(later.len(), gaussians.len(), "later: [N]");
     }
-    let harmonics = 3 * gaussians.sh_stride;
+    let (sh, coefficients) = gaussians.material_colours();
+    let harmonics = 3 * coefficients;
     let opacity = gaussians.opacity();
     let too_transparent = options.hidden(gaussians);
     let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
     let (hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
         .filter(|&i| {
-            finite(&gaussians.means[3 * i as usize..][..3])
-                && finite(&gaussians.sh[i as usize * harmonics..][..harmonics])
+            finite(&gaussians.means[3 * i as usize..][..3]) && finite(&sh[i as usize * harmonics..][..harmonics])
         })
         .partition(|&i| too_transparent[i as usize]);
     let not_finite = gaussians.len() - shown.len() - hidden.len();
@@ -171,7 +171,8 @@ fn by_material(
     options: &CoarseOptions,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
-    let all = materials(&gaussians.sh, gaussians.sh_stride)?;
+    let (sh, coefficients) = gaussians.material_colours();
+    let all = materials(&sh, coefficients)?;
     let rows = |values: &[f32], width: usize, which: &[u32]| -> Vec<f32> {
         which.iter().flat_map(|&i| &values[i as usize * width..][..width]).copied().collect()
     };
@@ -193,7 +194,8 @@ fn by_mean(
     options: &CoarseOptions,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
-    let colours = mean_colour(&gaussians.sh, gaussians.sh_stride, &fibonacci_sphere(DIRECTIONS))?;
+    let (sh, coefficients) = gaussians.material_colours();
+    let colours = mean_colour(&sh, coefficients, &fibonacci_sphere(DIRECTIONS))?;
     let points_of = |which: &[u32]| {
         let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
         if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }

@@ -19,7 +19,7 @@ const FAINT: f64 = 0.1;
 #[must_use]
 pub fn flat(gaussians: HostGaussians, colours: impl IntoIterator<Item = [f32; 3]>) -> HostGaussians {
     let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / C0)).collect();
-    HostGaussians { sh, sh_stride: 1, ..gaussians }
+    HostGaussians { sh, sh_stride: 1, shading: None, ..gaussians }
 }
 
 /// Each of the scene's N `gaussians` in the colour of its segment: of those that hold it the one deepest among parts
@@ -116,6 +116,7 @@ mod tests {
             opacity_logits: vec![0.0; n],
             sh: vec![0.7; 12 * n],
             sh_stride: 4,
+            shading: None,
         }
     }
 

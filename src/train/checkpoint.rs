@@ -9,7 +9,7 @@ use super::resume::{self, Change};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
 use crate::model::Scene;
 use crate::model::params::{self, HostTensor};
-use crate::model::scene::{SceneError, read_tensors, write_tensors};
+use crate::model::scene_file::{SceneError, read_tensors, write_tensors};
 use crate::tensors;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;

@@ -4,6 +4,7 @@ use crate::config::types::{Bounds, Config, Placement};
 use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
+use crate::model::appearance::HostShading;
 use crate::model::{HostGaussians, SceneSpec};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
@@ -50,6 +51,7 @@ pub fn initialise(
         opacity_logits: vec![logit_f64(opacity) as f32; n],
         sh,
         sh_stride: k,
+        shading: HostShading::first(&config.model, n, config.seed),
         means: points.iter().flatten().copied().collect(),
     };
     let bounds = match (config.model.bounds, &hull) {

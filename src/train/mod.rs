@@ -3,6 +3,8 @@
 //! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
 //! with logs, evaluation, checkpoints and signals, and lets an [`observer`] look on.
 
+#[cfg(test)]
+mod appearance_tests;
 mod budget;
 mod check;
 pub mod checkpoint;
@@ -29,5 +31,5 @@ mod tests;
 mod trainer;
 
 pub use check::{check as check_config, evaluation_background};
-pub use open::{open_dataset, open_measured, trained_times};
+pub use open::{open_dataset, open_measured, open_trained, trained_times};
 pub use trainer::{StepReport, TrainError, Trainer};

@@ -2,9 +2,11 @@
 
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
+use crate::data::images::ImageSet;
 use crate::data::thin::{at_times, evenly, nearest_times, thinned};
 use crate::data::{DataError, Dataset, OpenOptions, Split, SplitName};
-use std::path::Path;
+use crate::rng::{Purpose, Rng};
+use std::path::{Path, PathBuf};
 
 /// Opens `root` for training with `config`; test views come along where they are looked at while training.
 ///
@@ -51,6 +53,32 @@ pub fn open_measured(
     };
     let split = near(split, &times);
     Ok(max_views.map_or(split.clone(), |count| evenly(split, count)))
+}
+
+/// The views that a scene was trained on with `config`, at most `most` of them with their images, and how many there are.
+/// Which ones is drawn at random, and the same for every run on the dataset.
+///
+/// # Errors
+/// If the training views cannot be read, or two of `data.only_times` choose the same time.
+pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split, usize), DataError> {
+    let options = OpenOptions { downscale: config.data.downscale, splits: &[], max_views: None };
+    let mut split = Dataset::open(root, &options)?.train;
+    if !config.data.only_times.is_empty() {
+        let times = only_times(root, &split.times(), &config.data.only_times)?;
+        split = at_times(split, &times);
+    }
+    let mut split = thinned(split, config.data.times, config.data.views_per_time);
+    let of = split.frames.len();
+    if of > most {
+        let mut order: Vec<usize> = (0..of).collect();
+        Rng::new(0, 0, Purpose::MeasuredViews).shuffle(&mut order);
+        order.truncate(most);
+        order.sort_unstable();
+        split.frames = order.into_iter().map(|i| split.frames[i].clone()).collect();
+    }
+    let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
+    split.images = ImageSet::load(&SplitName::Train.json_path(root), &paths, config.data.downscale)?;
+    Ok((split, of))
 }
 
 /// The times in [0, 1] that `config` trains on, of a dataset opened with or without its images.
@@ -110,6 +138,26 @@ mod tests {
 
     fn data_fingerprint(root: &Path, config: &Config) -> String {
         open_dataset(root, config).unwrap().fingerprint()
+    }
+
+    #[test]
+    fn a_sample_of_what_was_trained_on_is_the_same_each_time() {
+        let folder = dataset(6, 8);
+        let config = Config::default();
+        let (all, of) = open_trained(folder.path(), &config, 6).unwrap();
+        assert_eq!((&all, of), (&open_dataset(folder.path(), &config).unwrap().train, 6));
+        let (some, of) = open_trained(folder.path(), &config, 4).unwrap();
+        assert_eq!((some.frames.len(), some.images.len(), of), (4, 4, 6));
+        assert_eq!(open_trained(folder.path(), &config, 4).unwrap().0, some);
+        let at: Vec<usize> = some.frames.iter().map(|f| all.frames.iter().position(|a| a == f).unwrap()).collect();
+        let size = all.images.pixels.len() / 6;
+        for (k, i) in at.into_iter().enumerate() {
+            assert_eq!(some.images.pixels[k * size..][..size], all.images.pixels[i * size..][..size]);
+        }
+        let mut config = Config::default();
+        (config.data.only_times, config.data.views_per_time) = (vec![0.7], 2);
+        let (some, of) = open_trained(folder.path(), &config, 4).unwrap();
+        assert_eq!((some.times(), some.frames.len(), of), (vec![1.0], 2, 2));
     }
 
     #[test]

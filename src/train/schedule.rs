@@ -2,6 +2,7 @@
 
 use super::rate_schedule::find_schedule;
 use crate::config::types::{Config, OptimConfig, ViewOrder};
+use crate::model::appearance::MATERIAL_NAME;
 use crate::rng::{Purpose, Rng};
 
 /// A stage and the number of the step within it, from 0.
@@ -82,7 +83,8 @@ pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
 
 /// Learning rate of a parameter by its name, `None` if it is not trained in this stage.
 pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> Option<f64> {
-    let OptimConfig { means, rotations, log_scales, opacity, sh, encoder, decoder, .. } = config.optim;
+    let OptimConfig { means, rotations, log_scales, opacity, sh, normals, material, encoder, decoder, .. } =
+        config.optim;
     let decayed = |rate: f64| rate * decay(&config.optim, stage.progress(config));
     let attribute = |rate: f64| {
         if stage.is_joint() { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
@@ -93,6 +95,8 @@ pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> 
         "gaussians.log_scales" => Some(attribute(log_scales)),
         "gaussians.opacity_logits" => Some(attribute(opacity)),
         "gaussians.sh" => Some(attribute(sh)),
+        "gaussians.headlight.normals" => Some(attribute(normals)),
+        MATERIAL_NAME => Some(attribute(material)),
         _ if !stage.is_joint() => None,
         _ if name.starts_with("field.encoder") => Some(decayed(encoder)),
         _ => Some(decayed(decoder)),

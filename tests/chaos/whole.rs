@@ -8,7 +8,7 @@ use volseggs::device::DeviceName;
 use volseggs::edit::EditStack;
 use volseggs::export::ply;
 use volseggs::model::Scene;
-use volseggs::model::scene::read_tensors;
+use volseggs::model::scene_file::read_tensors;
 use volseggs::prepare::PrepareRecord;
 use volseggs::segment::fine::file as affinity;
 use volseggs::segment::masks::MaskReader;

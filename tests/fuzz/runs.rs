@@ -169,6 +169,7 @@ fn ply() {
                 opacity_logits: vec![0.5; n],
                 sh: vec![0.25; n * 3 * (sh_degree + 1).pow(2)],
                 sh_stride: (sh_degree + 1).pow(2),
+                shading: None,
             };
             ply::write(&gaussians, &path).unwrap();
             std::fs::read(&path).unwrap()

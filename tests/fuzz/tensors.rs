@@ -11,7 +11,7 @@ use volseggs::device::DeviceName;
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::HostGaussians;
 use volseggs::model::params::{self, HostTensor};
-use volseggs::model::scene::{read_tensors, write_tensors};
+use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
 use volseggs::segment::fine::AffinityField;
 use volseggs::segment::fine::file as affinity;
@@ -95,6 +95,7 @@ pub fn scene(model: ModelConfig) -> Scene {
         opacity_logits: row(1),
         sh: row(3 * k),
         sh_stride: k,
+        shading: None,
     };
     Scene::new(gaussians, spec(model), 1, &device())
 }

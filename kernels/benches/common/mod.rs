@@ -116,6 +116,7 @@ impl Splatter {
             opacity_logits: Tensor::from_data(TensorData::new(scene.opacity_logits.clone(), [n]), device),
             sh: Tensor::from_data(TensorData::new(scene.sh.clone(), [n, SH_COEFFICIENTS, 3]), device),
             screen_offsets: Some(Tensor::zeros([n, 2], device)),
+            shading: None,
         };
         Self { inputs, settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3 } }
     }

@@ -22,6 +22,7 @@ mod cube;
 pub mod reference;
 
 use crate::Camera;
+use crate::shading::{Shading, shaded};
 use crate::tensors::op_tensors;
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
@@ -139,10 +140,21 @@ pub struct SplatInputs {
     /// Pixel offsets added to the projected means `[N, 2]`; pass zeros. Their gradient is the
     /// screen-space gradient that densification needs. `None` if no one asks for it.
     pub screen_offsets: Option<Tensor<2>>,
+    /// What shades the first coefficients, which are then base colours; `None` if they are colours as they are.
+    pub shading: Option<Shading>,
 }
 
 impl SplatInputs {
-    /// The tensors as the backends take them.
+    /// The same with the colours that `camera` sees, of no shading any more.
+    #[must_use]
+    pub fn shaded(mut self, camera: &Camera) -> Self {
+        if let Some(shading) = self.shading.take() {
+            self.sh = shaded(self.means.clone(), self.rotations.clone(), self.sh, &shading, camera.position());
+        }
+        self
+    }
+
+    /// The tensors as the backends take them, which know nothing of shading.
     pub fn into_tensors(self) -> SplatTensors<Dispatch> {
         let zeros = || Tensor::zeros([self.opacity_logits.dims()[0], 2], &self.means.device());
         SplatTensors {
@@ -156,7 +168,7 @@ impl SplatInputs {
     }
 }
 
-/// Renders Gaussians through a camera.
+/// Renders Gaussians through a camera, those with a [`Shading`] in the colours that it gives them.
 ///
 /// # Panics
 /// If the shapes disagree, or `sh` holds fewer coefficients than `settings.sh_degree` needs: both are
@@ -181,6 +193,6 @@ pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     if let Some(offsets) = &inputs.screen_offsets {
         assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");
     }
-    let out = Dispatch::splat_forward(inputs.into_tensors(), settings, false);
+    let out = Dispatch::splat_forward(inputs.shaded(&camera).into_tensors(), settings, false);
     Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
 }

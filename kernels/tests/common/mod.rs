@@ -164,6 +164,7 @@ pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
         opacity_logits: Tensor::from_data(TensorData::new(f32s(&scene.opacity_logits), [n]), device),
         sh: Tensor::from_data(TensorData::new(f32s(&scene.sh), [n, k, 3]), device),
         screen_offsets: Some(Tensor::from_data(TensorData::new(f32s(&scene.screen_offsets), [n, 2]), device)),
+        shading: None,
     }
 }
 
@@ -175,6 +176,7 @@ pub fn require_grad(i: SplatInputs) -> SplatInputs {
         opacity_logits: i.opacity_logits.require_grad(),
         sh: i.sh.require_grad(),
         screen_offsets: i.screen_offsets.map(Tensor::require_grad),
+        shading: None,
     }
 }
 

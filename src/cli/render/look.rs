@@ -1,10 +1,12 @@
 //! What a render shows, as it is typed.
 
 use super::super::CliError;
+use super::super::values::point;
 use crate::run::look::Show as Shows;
 use crate::run::palette::Palette;
 use crate::track::velocity::Component;
 use clap::{Args, ValueEnum};
+use glam::DVec3;
 
 /// What to show, as it is typed.
 #[derive(Debug, Clone, Args)]
@@ -19,6 +21,10 @@ pub(super) struct LookArgs {
     /// Velocity along an axis (red forward, green backward; the default is x) or speed.
     #[arg(long, value_enum, value_name = "AXIS")]
     velocity_axis: Option<Axis>,
+    /// Light from far away in this direction, world axes, in place of the light at the eye: of scenes trained with
+    /// model.appearance = "headlight".
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub light: Option<DVec3>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -61,6 +67,7 @@ impl LookArgs {
             .map(|_| "--show")
             .or(self.velocity_axis.map(|_| "--velocity-axis"))
             .or(self.palette.map(|_| "--palette"))
+            .or(self.light.map(|_| "--light"))
     }
 
     /// What is shown, as it is typed.

@@ -20,7 +20,7 @@ use views::Saved;
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
@@ -71,6 +71,10 @@ impl RenderArgs {
     fn look(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<(Look, String, Vec<String>), CliError> {
         let Some(Saved { name, view: saved, .. }) = saved else {
             let look = Look::open(run, self.shown.select(run)?, self.look.show()?, self.look.palette)?;
+            let look = match self.look.light {
+                Some(direction) => look.lit_from(run, direction.as_vec3().to_array())?,
+                None => look,
+            };
             return Ok((look, self.look.name(), self.shown.segments.clone()));
         };
         if let Some(flag) = self.look.given().or(self.shown.given()) {
@@ -121,6 +125,7 @@ impl RenderArgs {
             size: [width, height],
             times: views.iter().map(|(_, time)| *time).collect(),
             show,
+            light: self.look.light.map(|v| v.to_array()),
             segments,
             edits: look.selection().edits(),
         };

@@ -23,6 +23,7 @@ impl Default for Config {
             },
             model: ModelConfig {
                 sh_degree: 3,
+                appearance: Appearance::Sh,
                 encoder: EncoderKind::Factorised,
                 extra_encoder: String::new(),
                 levels: 2,
@@ -73,6 +74,8 @@ impl Default for Config {
                 opacity: 0.05,
                 sh: 2.5e-3,
                 sh_rest: 1.0,
+                normals: 0.01,
+                material: 5e-3,
                 encoder: 0.01,
                 decoder: 1.4e-3,
                 final_fraction: 0.01,

@@ -2,7 +2,7 @@
 
 use super::network::{AffinityField, Frame};
 use crate::model::params;
-use crate::model::scene::{SceneError, read_tensors, refuse_not_finite, write_tensors};
+use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

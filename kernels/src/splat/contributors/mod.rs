@@ -68,6 +68,7 @@ pub fn contributors(
         opacity_logits: plain(&inputs.opacity_logits),
         sh: plain(&inputs.sh),
         screen_offsets: inputs.screen_offsets.as_ref().map(plain),
+        shading: None, // weights do not depend on colours
     };
     Dispatch::contributors(plain.into_tensors(), *settings, pixels.to_vec()).lists
 }

@@ -1,0 +1,241 @@
+//! The fast kernels over f32 arrays. Gaussians are independent but for the material's gradient, whose sums join in order, so
+//! the bits do not depend on the number of threads.
+
+use super::{GRAZING, Light, MATERIAL, Material, SMALLEST};
+use crate::sh::C0;
+use rayon::prelude::*;
+
+/// Gaussians of one task.
+const PIECE: usize = 1024;
+
+type Vec3 = [f32; 3];
+
+/// The arrays of [`super::shaded`], row-major.
+#[derive(Clone, Copy, Debug)]
+pub struct Lit<'a> {
+    /// `[N, 3]`
+    pub means: &'a [f32],
+    /// `[N, 4]`
+    pub rotations: &'a [f32],
+    /// `[N, K, 3]`
+    pub sh: &'a [f32],
+    /// `[N, 3]`
+    pub normals: &'a [f32],
+    /// As [`Material::to_trained`].
+    pub material: [f32; MATERIAL],
+    /// The light.
+    pub light: Light,
+    /// The eye, world units.
+    pub eye: Vec3,
+}
+
+/// One array for each input that has a gradient, in the shape of the input.
+#[derive(Clone, Debug)]
+pub struct Gradients {
+    /// `[N, 3]`
+    pub means: Vec<f32>,
+    /// `[N, 4]`
+    pub rotations: Vec<f32>,
+    /// `[N, K, 3]`
+    pub sh: Vec<f32>,
+    /// `[N, 3]`
+    pub normals: Vec<f32>,
+    /// `[3]`
+    pub material: Vec<f32>,
+}
+
+/// What one Gaussian looks like, and what its gradient needs of it.
+struct Seen {
+    w: f32,
+    u: Vec3,
+    normal: Vec3,
+    /// The normal turned, longer by the square of the quaternion's length.
+    turned: Vec3,
+    to_eye: Vec3,
+    /// Not of unit length under a headlight.
+    to_light: Vec3,
+    /// Any vector along the half direction.
+    half: Vec3,
+    diffuse: Cosine,
+    highlight: Cosine,
+    glow: f32,
+    shine: f32,
+}
+
+/// The cosine of the angle between two vectors, with its sign.
+#[derive(Clone, Copy)]
+struct Cosine {
+    value: f32,
+    /// Squares of the two lengths, not below [`SMALLEST`].
+    squares: [f32; 2],
+}
+
+impl Cosine {
+    fn of(a: Vec3, b: Vec3) -> Self {
+        let squares = [dot(a, a).max(SMALLEST), dot(b, b).max(SMALLEST)];
+        Self { value: dot(a, b) / (squares[0].sqrt() * squares[1].sqrt()), squares }
+    }
+
+    /// Gradients by `a` and `b` of the absolute value, times `by`.
+    fn slopes(self, a: Vec3, b: Vec3, by: f32) -> [Vec3; 2] {
+        let sign = if self.value > 0.0 { by } else { -by };
+        let sign = if self.value == 0.0 { 0.0 } else { sign };
+        let across = sign / (self.squares[0].sqrt() * self.squares[1].sqrt());
+        let along = self.squares.map(|square| if square > SMALLEST { sign * self.value / square } else { 0.0 });
+        [
+            std::array::from_fn(|i| across * b[i] - along[0] * a[i]),
+            std::array::from_fn(|i| across * a[i] - along[1] * b[i]),
+        ]
+    }
+}
+
+fn see(lit: &Lit<'_>, material: &Material, i: usize) -> Seen {
+    let triple = |v: &[f32], at: usize| [v[at], v[at + 1], v[at + 2]];
+    let (mean, normal) = (triple(lit.means, 3 * i), triple(lit.normals, 3 * i));
+    let (w, u) = (lit.rotations[4 * i], triple(lit.rotations, 4 * i + 1));
+    let turned = turn(w, u, normal);
+    let to_eye: Vec3 = std::array::from_fn(|c| lit.eye[c] - mean[c]);
+    let (to_light, half) = match lit.light {
+        Light::Head => (to_eye, to_eye),
+        Light::Far(direction) => {
+            let (to_light, view) = (unit(direction), unit(to_eye));
+            (to_light, std::array::from_fn(|c| view[c] + to_light[c]))
+        }
+    };
+    let (diffuse, highlight) = (Cosine::of(turned, to_light), Cosine::of(turned, half));
+    let glow = material.ambient + (1.0 - material.ambient) * diffuse.value.abs();
+    let shine = material.specular * highlight.value.abs().max(GRAZING).powf(material.exponent);
+    Seen { w, u, normal, turned, to_eye, to_light, half, diffuse, highlight, glow, shine }
+}
+
+/// The coefficients `[N, K, 3]` whose first give the shaded colours.
+#[must_use]
+pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
+    let n = lit.means.len() / 3;
+    let width = lit.sh.len() / n.max(1);
+    let material = Material::from_trained(lit.material);
+    let mut out = lit.sh.to_vec();
+    if width == 0 {
+        return out;
+    }
+    out.par_chunks_mut(PIECE * width).enumerate().for_each(|(piece, rows)| {
+        for (row, sh) in rows.chunks_exact_mut(width).enumerate() {
+            let Seen { glow, shine, .. } = see(lit, &material, piece * PIECE + row);
+            for value in &mut sh[..3] {
+                *value = ((0.5 + C0 * *value) * glow + shine - 0.5) / C0;
+            }
+        }
+    });
+    out
+}
+
+/// Gradients of a loss whose gradient by the result of [`forward`] is `grad` `[N, K, 3]`.
+#[must_use]
+pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> Gradients {
+    let n = lit.means.len() / 3;
+    let width = lit.sh.len() / n.max(1);
+    let material = Material::from_trained(lit.material);
+    let mut out = Gradients {
+        means: vec![0.0; 3 * n],
+        rotations: vec![0.0; 4 * n],
+        sh: grad.to_vec(),
+        normals: vec![0.0; 3 * n],
+        material: vec![0.0; MATERIAL],
+    };
+    if width == 0 {
+        return out;
+    }
+    let pieces = (out.means.par_chunks_mut(3 * PIECE))
+        .zip(out.rotations.par_chunks_mut(4 * PIECE))
+        .zip(out.sh.par_chunks_mut(width * PIECE))
+        .zip(out.normals.par_chunks_mut(3 * PIECE));
+    let sums: Vec<[f64; MATERIAL]> = pieces
+        .enumerate()
+        .map(|(piece, (((means, rotations), sh), normals))| {
+            let mut sum = [0.0; MATERIAL];
+            for row in 0..means.len() / 3 {
+                let i = piece * PIECE + row;
+                let base = &lit.sh[width * i..][..3];
+                let (slopes, of_material) =
+                    slopes(&see(lit, &material, i), &material, lit.light, base, &mut sh[width * row..][..3]);
+                means[3 * row..][..3].copy_from_slice(&slopes.mean);
+                rotations[4 * row..][..4].copy_from_slice(&slopes.rotation);
+                normals[3 * row..][..3].copy_from_slice(&slopes.normal);
+                sum.iter_mut().zip(of_material).for_each(|(sum, v)| *sum += f64::from(v));
+            }
+            sum
+        })
+        .collect();
+    for (c, value) in out.material.iter_mut().enumerate() {
+        *value = sums.iter().map(|sum| sum[c]).sum::<f64>() as f32;
+    }
+    out
+}
+
+/// Gradients by the inputs of one Gaussian.
+struct Slopes {
+    mean: Vec3,
+    rotation: [f32; 4],
+    normal: Vec3,
+}
+
+/// Gradients of one Gaussian, and its part of the material's. `grad` comes in by the shaded coefficients `[3]` and goes out
+/// by the `base` ones.
+fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &mut [f32]) -> (Slopes, [f32; MATERIAL]) {
+    let Material { ambient, specular: _, exponent } = *material;
+    let (mut by_glow, mut by_shine) = (0.0, 0.0);
+    for (grad, base) in grad.iter_mut().zip(base) {
+        by_glow += *grad / C0 * (0.5 + C0 * base);
+        by_shine += *grad / C0;
+        *grad *= seen.glow;
+    }
+    let (diffuse, highlight) = (seen.diffuse.value.abs(), seen.highlight.value.abs());
+    let lit = highlight > GRAZING;
+    let of_material = [
+        by_glow * (1.0 - diffuse) * ambient * (1.0 - ambient),
+        by_shine * seen.shine,
+        by_shine * seen.shine * exponent * highlight.max(GRAZING).ln(),
+    ];
+    let by_highlight = if lit { by_shine * seen.shine * exponent / highlight } else { 0.0 };
+    let [a, by_light] = seen.diffuse.slopes(seen.turned, seen.to_light, by_glow * (1.0 - ambient));
+    let [b, by_half] = seen.highlight.slopes(seen.turned, seen.half, by_highlight);
+    let by_eye: Vec3 = match light {
+        Light::Head => std::array::from_fn(|c| by_light[c] + by_half[c]),
+        Light::Far(_) => {
+            // through the unit direction to the eye
+            let square = dot(seen.to_eye, seen.to_eye).max(SMALLEST);
+            let along = dot(by_half, seen.to_eye) / square;
+            std::array::from_fn(|c| (by_half[c] - along * seen.to_eye[c]) / square.sqrt())
+        }
+    };
+    let d: Vec3 = std::array::from_fn(|c| a[c] + b[c]);
+    let (w, u, n) = (seen.w, seen.u, seen.normal);
+    let (un, ud, nd, across) = (dot(u, n), dot(u, d), dot(n, d), cross(n, d));
+    let by_u: Vec3 = std::array::from_fn(|c| 2.0 * (n[c] * ud + d[c] * un + w * across[c] - u[c] * nd));
+    let slopes = Slopes {
+        mean: by_eye.map(|v| -v),
+        rotation: [2.0 * (w * nd + dot(u, across)), by_u[0], by_u[1], by_u[2]],
+        // the other way round
+        normal: turn(w, u.map(|v| -v), d),
+    };
+    (slopes, of_material)
+}
+
+/// `v` turned by the quaternion `w`, `u`, and longer by the square of its length.
+fn turn(w: f32, u: Vec3, v: Vec3) -> Vec3 {
+    let (straight, along, across) = (w * w - dot(u, u), 2.0 * dot(u, v), cross(u, v));
+    std::array::from_fn(|c| straight * v[c] + along * u[c] + 2.0 * w * across[c])
+}
+
+fn dot(a: Vec3, b: Vec3) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(v: Vec3) -> Vec3 {
+    let length = dot(v, v).max(SMALLEST).sqrt();
+    v.map(|c| c / length)
+}

@@ -1,0 +1,65 @@
+//! What bounds the quality, as one table: views that were trained on, unseen ones by their distance in time, and where in
+//! the pictures the error sits.
+//!
+//! Training views far above test views at trained times: too few views, or an appearance that does not carry over to
+//! others. Those far above test views between: interpolation in time. All of them low: the model or its training.
+
+use super::regions::{ByRegion, Region};
+use super::run::Summary;
+use serde::{Deserialize, Serialize};
+
+/// Means over views that the scene was trained on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainingViews {
+    /// Views measured: all, or a sample that is the same for each evaluation of the dataset.
+    pub views: usize,
+    /// Views that were trained on.
+    pub of: usize,
+    /// Mean PSNR, decibels.
+    pub psnr: f64,
+    /// Mean SSIM, RGB.
+    pub ssim: f64,
+    /// Mean SSIM, grey.
+    pub ssim_gray: f64,
+    /// Their error by where it sits.
+    pub by_region: ByRegion,
+}
+
+/// Heads of the columns of [`rows`].
+pub const HEAD: [&str; 6] = ["what", "views", "PSNR, dB", "SSIM, RGB", "pixels, %", "squared error, %"];
+
+/// The table: a row for the training views, for each distance from a trained time, and for each part of the pictures.
+#[must_use]
+pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
+    let none = String::new;
+    let views = |what: String, views: String, psnr: f64, ssim: f64| {
+        [what, views, format!("{psnr:.2}"), format!("{ssim:.4}"), none(), none()]
+    };
+    let mut out = Vec::new();
+    if let Some(t) = &summary.training_views {
+        let count = if t.views == t.of { t.views.to_string() } else { format!("{} of {}", t.views, t.of) };
+        out.push(views("training views".to_owned(), count, t.psnr, t.ssim));
+    }
+    let split = &summary.split;
+    out.push(views(format!("{split} views"), summary.views.to_string(), summary.psnr, summary.ssim));
+    for at in &summary.by_distance {
+        let distance = if at.to < 1e-4 {
+            "at a trained time".to_owned()
+        } else if at.to - at.from < 1e-4 {
+            format!("{:.4} from a trained time", at.to)
+        } else {
+            format!("{:.4} to {:.4} from a trained time", at.from, at.to)
+        };
+        out.push(views(format!("{split} views {distance}"), at.views.to_string(), at.psnr, at.ssim));
+    }
+    let training = summary.training_views.map(|t| ("training", t.by_region));
+    for (whose, parts) in summary.by_region.map(|parts| (split.as_str(), parts)).into_iter().chain(training) {
+        for (name, part) in [("edges", parts.edge), ("interior", parts.interior), ("outside", parts.outside)] {
+            let Region { pixels, error, psnr } = part;
+            let psnr = psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));
+            let share = |v: f64| format!("{:.1}", 100.0 * v);
+            out.push([format!("{name} of {whose} views"), none(), psnr, none(), share(pixels), share(error)]);
+        }
+    }
+    out
+}

@@ -1,0 +1,300 @@
+//! The file of a scene, and files of named f32 tensors, which checkpoints and affinity fields are too.
+
+use super::extra_encoder::ExtraEncoder;
+use super::host::HostGaussians;
+use super::params::{self, FitError, HostTensor};
+use super::size::{check_model, field_parameters};
+use super::{Scene, SceneSpec};
+use crate::config::types::EncoderKind;
+use crate::tensors::{self, DIGEST, TensorFileError};
+use burn::tensor::Device;
+use safetensors::tensor::{Dtype, TensorView};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Why a scene file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// The file cannot be read or written, or is damaged.
+    #[error(transparent)]
+    File(#[from] TensorFileError),
+    /// The file is not what it should be.
+    #[error("{path}: {reason}")]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A number that is none.
+    #[error(
+        "{path}: tensor {tensor}, row {row}: {value} is no finite number; the scene is damaged, go back to an older checkpoint or \
+         train again"
+    )]
+    NotFinite {
+        /// The file.
+        path: PathBuf,
+        /// The tensor.
+        tensor: String,
+        /// Its row, from 0; a Gaussian for tensors called `gaussians.*`.
+        row: usize,
+        /// The value.
+        value: f32,
+    },
+    /// Its tensors do not fit.
+    #[error("{path}: {source}")]
+    Fit {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit.
+        source: FitError,
+    },
+}
+
+impl SceneError {
+    /// Whether the bytes are not those that were written, or numbers in them are none: another copy of the file, or an
+    /// older checkpoint, helps.
+    #[must_use]
+    pub fn is_damage(&self) -> bool {
+        matches!(self, Self::NotFinite { .. } | Self::File(TensorFileError::Damaged { .. }))
+    }
+}
+
+impl Scene {
+    /// Writes the scene as one safetensors file, its spec in the header.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), SceneError> {
+        let spec = serde_json::to_string(&self.spec)
+            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+        write_tensors(path, &params::collect(self), Some(("volseggs", spec)))
+    }
+
+    /// Reads what [`Scene::save`] wrote.
+    ///
+    /// # Errors
+    /// If the file is missing, damaged or does not fit its own spec, holds a NaN or an infinity, or was trained with an encoder that is not
+    /// registered in this program.
+    pub fn load(path: &Path, device: &Device) -> Result<Self, SceneError> {
+        let (tensors, metadata) = read_tensors(path)?;
+        refuse_not_finite(path, &tensors)?;
+        let format = |reason: String| SceneError::Format { path: path.into(), reason };
+        let spec =
+            metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
+        let spec: SceneSpec = serde_json::from_str(spec).map_err(|e| format(format!("header: {e}")))?;
+        check_spec(&spec, &tensors).map_err(|e| format(format!("header: {e}")))?;
+        refuse_empty(&tensors).map_err(&format)?;
+        if spec.model.encoder == EncoderKind::Extra {
+            ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
+        }
+        let one = HostGaussians::one(&spec.model);
+        let scene = Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })?;
+        let n = scene.gaussians.count();
+        let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
+        if one.columns().iter().any(|column| rows(column.name) != Some(n)) {
+            return Err(format("the Gaussians' tensors differ in length".into()));
+        }
+        Ok(scene)
+    }
+}
+
+/// A tensor that only the first implicit encoder had.
+const OLD_IMPLICIT: &str = "field.encoder.Implicit.first_weight";
+
+/// Refuses a spec that no scene has, or that asks for a larger field than the file holds: the field is made as the spec
+/// says before the tensors are put into it.
+fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
+    if tensors.contains_key(OLD_IMPLICIT) {
+        return Err(
+            "the implicit encoder of this scene is the one of two small layers that early versions had, which this \
+                    version has no more: train again, or read it with the version that wrote it"
+                .into(),
+        );
+    }
+    check_model(&spec.model)?;
+    if spec.sh_degree > spec.model.sh_degree {
+        return Err(format!("sh_degree = {} is above model.sh_degree = {}", spec.sh_degree, spec.model.sh_degree));
+    }
+    let box_of = spec.centre.iter().chain(&spec.half_size).chain(&spec.background);
+    if !box_of.copied().all(f32::is_finite) || spec.half_size.iter().any(|h| *h <= 0.0) {
+        return Err("centre, half_size and background must be finite, half_size above 0".into());
+    }
+    let of_field = tensors.iter().filter(|(name, _)| name.starts_with("field."));
+    let held: u128 = of_field.map(|(_, tensor)| tensor.values.len() as u128).sum();
+    let asked = field_parameters(&spec.model);
+    if asked > held {
+        return Err(format!("the model has a field of {asked} values, the file holds {held}"));
+    }
+    Ok(())
+}
+
+/// Refuses a scene of no Gaussians: not every backend can hold an empty tensor.
+fn refuse_empty(tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
+    let empty = |(name, tensor): (&String, &HostTensor)| name.starts_with("gaussians.") && tensor.values.is_empty();
+    if tensors.iter().any(empty) { Err("holds no Gaussian".to_owned()) } else { Ok(()) }
+}
+
+/// Writes named tensors as safetensors with one entry of the header and a digest, atomically.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_tensors(
+    path: &Path,
+    tensors: &BTreeMap<String, HostTensor>,
+    metadata: Option<(&str, String)>,
+) -> Result<(), SceneError> {
+    let bytes: Vec<(&String, Vec<u8>, &Vec<usize>)> = tensors
+        .iter()
+        .map(|(name, t)| (name, t.values.iter().flat_map(|v| v.to_le_bytes()).collect(), &t.shape))
+        .collect();
+    let format = |reason: String| SceneError::Format { path: path.into(), reason };
+    let views = bytes
+        .iter()
+        .map(|(name, data, shape)| Ok((name.as_str(), TensorView::new(Dtype::F32, (*shape).clone(), data)?)))
+        .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
+        .map_err(|e| format(e.to_string()))?;
+    Ok(tensors::write(path, views, metadata)?)
+}
+
+/// Named f32 tensors and the strings of the header.
+pub type TensorFile = (BTreeMap<String, HostTensor>, BTreeMap<String, String>);
+
+/// Reads what [`write_tensors`] wrote.
+///
+/// # Errors
+/// If the file is missing, damaged or holds anything but f32.
+pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
+    tensors::read_while(path, |bytes| parse(path, bytes))?
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<TensorFile, SceneError> {
+    let format = |reason: String| SceneError::Format { path: path.into(), reason };
+    let damaged = |e: safetensors::SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
+    let (_, header) = safetensors::SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let file = safetensors::SafeTensors::deserialize(bytes).map_err(damaged)?;
+    let mut tensors = BTreeMap::new();
+    for (name, view) in file.tensors() {
+        if name == DIGEST {
+            continue;
+        }
+        if view.dtype() != Dtype::F32 {
+            return Err(format(format!("tensor {name} is {:?}, expected F32", view.dtype())));
+        }
+        let values = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        tensors.insert(name, HostTensor { shape: view.shape().to_vec(), values });
+    }
+    let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();
+    Ok((tensors, metadata))
+}
+
+/// Names the first value that is no finite number.
+///
+/// # Errors
+/// [`SceneError::NotFinite`].
+pub fn refuse_not_finite(path: &Path, tensors: &BTreeMap<String, HostTensor>) -> Result<(), SceneError> {
+    for (name, tensor) in tensors {
+        if let Some(at) = tensor.values.iter().position(|v| !v.is_finite()) {
+            let row = at / tensor.shape.iter().skip(1).product::<usize>().max(1);
+            return Err(SceneError::NotFinite {
+                path: path.into(),
+                tensor: name.clone(),
+                row,
+                value: tensor.values[at],
+            });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene::tests::{scene, scene_of};
+    use super::*;
+    use crate::device::DeviceName;
+
+    #[test]
+    fn a_header_from_before_keys_existed_still_reads() {
+        let spec = scene().spec;
+        let mut old = serde_json::to_value(&spec).unwrap();
+        let model = old["model"].as_object_mut().unwrap();
+        assert!(["extra_encoder", "bias_init"].iter().all(|key| model.remove(*key).is_some()));
+        assert_eq!(serde_json::from_value::<SceneSpec>(old).unwrap(), spec);
+    }
+
+    #[test]
+    fn a_header_that_asks_for_more_than_the_file_holds_is_refused_before_it_is_allocated() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let device = DeviceName::all()[0].open().unwrap();
+        let good = scene();
+        good.save(&path).unwrap();
+        assert_eq!(Scene::load(&path, &device).unwrap().gaussians.count(), 2);
+        type Edit = fn(&mut SceneSpec);
+        let cases: [(Edit, &str); 7] = [
+            (|s| s.model.resolution = 20_000, "the file holds"),
+            (|s| s.model.levels = usize::MAX, "the file holds"),
+            (|s| s.model.width = 1_000_000, "the file holds"),
+            (|s| s.model.channels = 0, "model.channels = 0"),
+            (|s| s.model.sh_degree = usize::MAX, "at most 3"),
+            (|s| s.sh_degree = 3, "above model.sh_degree"),
+            (|s| s.half_size[1] = 0.0, "half_size above 0"),
+        ];
+        for (edit, words) in cases {
+            let mut spec = good.spec.clone();
+            edit(&mut spec);
+            let text = serde_json::to_string(&spec).unwrap();
+            write_tensors(&path, &params::collect(&good), Some(("volseggs", text))).unwrap();
+            let error = Scene::load(&path, &device).unwrap_err().to_string();
+            assert!(error.contains(words) && error.contains("scene.safetensors"), "{error}");
+        }
+    }
+
+    #[test]
+    fn the_implicit_encoder_is_saved_and_read_and_its_first_form_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let device = DeviceName::all()[0].open().unwrap();
+        let scene = scene_of(EncoderKind::Implicit);
+        scene.save(&path).unwrap();
+        let read = Scene::load(&path, &device).unwrap();
+        assert_eq!((params::collect(&read), &read.spec), (params::collect(&scene), &scene.spec));
+        let means = |scene: &Scene| params::to_vec(scene.at(0.3).means);
+        assert_eq!(means(&read), means(&scene));
+
+        // as early versions wrote it: other tensors, and none of the keys that came later
+        let mut tensors = params::collect(&scene);
+        tensors.retain(|name, _| !name.starts_with("field.encoder"));
+        tensors.insert(OLD_IMPLICIT.into(), HostTensor { shape: vec![25, 8], values: vec![0.1; 200] });
+        let mut spec = serde_json::to_value(&scene.spec).unwrap();
+        let model = spec["model"].as_object_mut().unwrap();
+        model.retain(|key, _| !key.starts_with("implicit_") || key == "implicit_octaves");
+        write_tensors(&path, &tensors, Some(("volseggs", spec.to_string()))).unwrap();
+        let error = Scene::load(&path, &device).unwrap_err().to_string();
+        assert!(error.contains("early versions") && error.contains("train again"), "{error}");
+
+        // a factorised one of that time is read as ever
+        let old = scene_of(EncoderKind::Factorised);
+        let mut spec = serde_json::to_value(&old.spec).unwrap();
+        let model = spec["model"].as_object_mut().unwrap();
+        model.retain(|key, _| !key.starts_with("implicit_") || key == "implicit_octaves");
+        write_tensors(&path, &params::collect(&old), Some(("volseggs", spec.to_string()))).unwrap();
+        assert_eq!(means(&Scene::load(&path, &device).unwrap()), means(&old));
+    }
+
+    #[test]
+    fn a_scene_without_gaussians_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let good = scene();
+        let mut tensors = params::collect(&good);
+        for (_, tensor) in tensors.iter_mut().filter(|(name, _)| name.starts_with("gaussians.")) {
+            tensor.shape[0] = 0;
+            tensor.values.clear();
+        }
+        let text = serde_json::to_string(&good.spec).unwrap();
+        write_tensors(&path, &tensors, Some(("volseggs", text))).unwrap();
+        let device = DeviceName::all()[0].open().unwrap();
+        assert!(Scene::load(&path, &device).unwrap_err().to_string().contains("holds no Gaussian"));
+    }
+}

@@ -1,0 +1,105 @@
+//! Training with shaded Gaussians: what is trained, what a checkpoint keeps, what becomes of normals in new Gaussians.
+
+use super::Trainer;
+use super::checkpoint::{self, State};
+use crate::config::types::{Appearance, Config};
+use crate::data::Dataset;
+use crate::data::dataset::{OpenOptions, tests::dataset};
+use crate::device::DeviceName;
+use crate::model::{HostGaussians, Scene, params};
+use burn::tensor::Device;
+use volseggs_kernels::shading::Light;
+
+fn config(appearance: Appearance) -> Config {
+    let mut config = Config::default();
+    (config.init.points, config.model.sh_degree, config.model.appearance) = (200, 1, appearance);
+    (config.model.resolution, config.model.channels, config.model.width) = (8, 8, 16);
+    (config.stages.warmup_steps, config.stages.joint_steps) = (4, 20);
+    (config.densify.every, config.densify.warmup_from, config.densify.joint_from) = (3, 0, 0);
+    (config.densify.joint_until, config.densify.budget, config.speed.sort_every) = (20, 260, 5);
+    config
+}
+
+fn data() -> Dataset {
+    Dataset::open(dataset(6, 16).path(), &OpenOptions::default()).unwrap()
+}
+
+fn device() -> Device {
+    DeviceName::all()[0].open().unwrap()
+}
+
+fn stepped(trainer: &mut Trainer, data: &Dataset, steps: usize) -> Vec<f64> {
+    (0..steps).map(|_| trainer.step(&data.train).unwrap().loss).collect()
+}
+
+#[test]
+fn normals_and_material_are_trained_and_follow_the_gaussians() {
+    let (config, data) = (config(Appearance::Headlight), data());
+    let mut trainer = Trainer::new(config.clone(), &data, &device()).unwrap();
+    let first = trainer.scene().gaussians.to_host().shading.unwrap();
+    assert!(first.normals.chunks_exact(3).all(|n| (n.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-5));
+    let losses = stepped(&mut trainer, &data, 24);
+    assert!(losses.iter().all(|loss| loss.is_finite()) && losses[23] < losses[0], "{losses:?}");
+    let host = trainer.scene().gaussians.to_host();
+    assert_eq!((host.len(), host.misshapen()), (260, None), "it densified to its budget");
+    let shading = host.shading.unwrap();
+    assert_ne!(shading.material, first.material);
+    assert_ne!(shading.normals[..first.normals.len()], first.normals[..]);
+}
+
+#[test]
+fn a_resumed_run_has_the_bits_of_one_that_was_not_stopped() {
+    let (config, data, folder) = (config(Appearance::Headlight), data(), tempfile::tempdir().unwrap());
+    let text = toml::to_string(&config).unwrap();
+    let mut whole = Trainer::new(config.clone(), &data, &device()).unwrap();
+    stepped(&mut whole, &data, 11);
+    let (step, initial, dataset) = (11, whole.initial, data.fingerprint());
+    let state = State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0 };
+    let path = checkpoint::save(folder.path(), &whole, &state, 1).unwrap();
+    stepped(&mut whole, &data, 13);
+    let mut resumed = Trainer::new(config, &data, &device()).unwrap();
+    checkpoint::restore(&path, &mut resumed, &text, &dataset).unwrap();
+    stepped(&mut resumed, &data, 13);
+    assert_eq!(params::collect(resumed.scene()), params::collect(whole.scene()));
+}
+
+#[test]
+fn a_shaded_scene_is_drawn_from_its_file_as_it_was_trained() {
+    let (data, folder) = (data(), tempfile::tempdir().unwrap());
+    let mut trainer = Trainer::new(config(Appearance::Headlight), &data, &device()).unwrap();
+    stepped(&mut trainer, &data, 8);
+    let path = folder.path().join("scene.safetensors");
+    trainer.scene().save(&path).unwrap();
+    let read = Scene::load(&path, &device()).unwrap();
+    let camera = data.train.frames[1].camera.to_kernel();
+    let picture = read.render(camera, 0.4);
+    assert_eq!(picture, trainer.scene().render(camera, 0.4));
+    // the Gaussians of a time that went over the host are drawn alike, and their light is part of what is seen
+    let host = read.host_at(0.4);
+    let draw = |g: &HostGaussians, degree: usize| {
+        crate::segment::pictures::draw(g, camera, read.spec.background, degree, &device())
+    };
+    assert_eq!(draw(&host, read.spec.sh_degree), picture);
+    let unlit = HostGaussians { shading: None, ..host.clone() };
+    assert_ne!(draw(&unlit, read.spec.sh_degree), picture);
+    let mut moved = host.clone();
+    moved.shading.as_mut().unwrap().light = Light::Far([0.0, 0.0, 1.0]);
+    assert_ne!(draw(&moved, read.spec.sh_degree), picture);
+    // harmonics alone come near
+    let baked = draw(&host.baked(), 2);
+    let off = baked.iter().zip(&picture).map(|(a, b)| (a - b).abs()).sum::<f32>() / picture.len() as f32;
+    assert!(off < 0.02, "{off}");
+}
+
+#[test]
+fn harmonics_alone_have_no_parameter_of_shading() {
+    let data = data();
+    let names = |appearance: Appearance| -> Vec<String> {
+        let trainer = Trainer::new(config(appearance), &data, &device()).unwrap();
+        params::collect(trainer.scene()).into_keys().collect()
+    };
+    let (plain, shaded) = (names(Appearance::Sh), names(Appearance::Headlight));
+    let more: Vec<&String> = shaded.iter().filter(|name| !plain.contains(name)).collect();
+    assert_eq!(more, ["gaussians.headlight.material", "gaussians.headlight.normals"]);
+    assert_eq!(shaded.len(), plain.len() + 2);
+}
