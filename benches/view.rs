@@ -12,22 +12,21 @@ mod window;
 
 use serde_json::json;
 use slow::{Lags, proxy};
-use std::net::{IpAddr, Ipv4Addr};
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use volseggs::device::DeviceName;
 use volseggs::run::OpenRun;
 use volseggs::run::look::{Look, Show};
 use volseggs::run::selection::Selection;
-use volseggs::view::listen::Reach;
 use volseggs::view::protocol::View;
-use volseggs::view::{ViewOptions, serve};
 use window::{Window, parts};
 
 /// How long each figure is measured.
 const SPAN: Duration = Duration::from_secs(6);
+/// Bytes of prepared times that the viewer may keep.
+const CACHE: u64 = 1 << 30;
 
 /// Median and 95th percentile.
 fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
@@ -79,42 +78,80 @@ fn main() {
         rayon::current_num_threads()
     );
     line("bare drawing, time held, frames/s", format!("{bare:.1}"));
+    let scene_bytes = std::fs::metadata(&open.scene_path).unwrap().len();
     drop((open, look, prepared));
 
-    let stop = AtomicBool::new(false);
-    let (tell, told) = mpsc::channel();
-    std::thread::scope(|scope| {
-        let options = ViewOptions {
-            run,
-            device: device.clone(),
-            reach: Reach { bind: IpAddr::V4(Ipv4Addr::LOCALHOST), port: 0, socket: None, hosts: Vec::new() },
-            read_only: true,
-            cache: 1 << 30,
-        };
-        let started = Instant::now();
-        let stop = &stop;
-        scope.spawn(move || serve(&options, stop, |serving| tell.send(serving.url.clone()).unwrap()).unwrap());
-        let url = told.recv().unwrap();
-        let mut window = Window::open(&url, size, None);
-        let first = window.view(0.0, 0.5, false);
-        window.say(&first);
-        window.frame();
-        line("first frame after the start, s", format!("{:.2}", started.elapsed().as_secs_f64()));
-        window.rest();
-        moving(&mut window, bare);
-        playback(&mut window);
-        resting(&mut window);
-        if window.welcome["clicks"] == true {
-            clicks(&mut window);
-        }
-        drop(window);
-        far_away(&url, size);
-        stop.store(true, Ordering::Relaxed);
-    });
+    let started = Instant::now();
+    let server = Server::start(&run);
+    let mut window = Window::open(&server.url, size, None);
+    let first = window.view(0.0, 0.5, false);
+    window.say(&first);
+    window.frame();
+    line("first frame after the start, s", format!("{:.2}", started.elapsed().as_secs_f64()));
+    window.rest();
+    server.memory("at rest, one time prepared", scene_bytes);
+    full_size(&mut window, bare);
+    moving(&mut window);
+    playback(&mut window);
+    resting(&mut window);
+    if window.welcome["clicks"] == true {
+        clicks(&mut window);
+    }
+    drop(window);
+    far_away(&server.url, size);
+    server.memory(&format!("at the end, of which up to {} MB cached times", CACHE >> 20), scene_bytes);
+}
+
+/// `volseggs view RUN`, a process of its own.
+struct Server {
+    child: Child,
+    url: String,
+}
+
+impl Server {
+    fn start(run: &Path) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_volseggs"));
+        command.arg("view").arg(run).args(["--read-only", "--cache", &format!("{}M", CACHE >> 20), "--port", "0"]);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+        Self { child, url: url.trim().to_owned() }
+    }
+
+    /// A line on the memory that it holds now, beyond the scene's own; nothing where the system does not tell.
+    fn memory(&self, when: &str, scene: u64) {
+        let Ok(status) = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())) else { return };
+        let held = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap();
+        let held = 1024 * held.trim().trim_end_matches(" kB").parse::<u64>().unwrap();
+        line(&format!("memory over the scene, {when}, MB"), format!("{:.0}", held.saturating_sub(scene) >> 20));
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// Views of full size one after the other, the next as soon as a frame is there: frames a second, and how much longer one takes than bare drawing.
+fn full_size(window: &mut Window, bare: f64) {
+    let (started, mut frames, mut turn) = (Instant::now(), 0, 0.0);
+    while started.elapsed() < SPAN {
+        turn += 0.003;
+        let view = window.view(turn, 0.5, false);
+        window.say(&view);
+        let frame = window.frame();
+        frames += i32::from(!frame.png && u32::from(frame.width) == window.size);
+    }
+    let rate = f64::from(frames) / started.elapsed().as_secs_f64();
+    line("full size, time held, frames/s", format!("{rate:.1}"));
+    line("the same, time of a frame over bare drawing, %", format!("{:.0}", 100.0 * (bare / rate - 1.0)));
+    window.rest();
 }
 
 /// A view that turns, a new one as soon as a frame is there: frames a second, and from a view to its frame.
-fn moving(window: &mut Window, bare: f64) {
+fn moving(window: &mut Window) {
     let (started, mut waits, mut widths, mut shares) = (Instant::now(), Vec::new(), Vec::new(), Vec::new());
     let mut turn = 0.0;
     while started.elapsed() < SPAN {
@@ -132,7 +169,6 @@ fn moving(window: &mut Window, bare: f64) {
     line("turning, median width, pixels", format!("{:.0}", quantiles(widths)[0]));
     line("turning, input to frame, ms, median and 95th percentile", format!("{median:.0}, {late:.0}"));
     line("encoding's share of a frame, %", format!("{:.0}", 100.0 * quantiles(shares)[0]));
-    line("frames/s beside bare drawing at full size", format!("{:.2}", rate / bare));
     window.rest();
 }
 

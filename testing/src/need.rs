@@ -15,6 +15,8 @@ pub enum Need {
     Slurm,
     /// Chromium.
     Browser,
+    /// The script of axe-core, named by `VOLSEGGS_AXE`.
+    Axe,
     /// `timeout` of GNU coreutils.
     Coreutils,
     /// The Python package `vtk`.
@@ -33,11 +35,12 @@ pub enum Need {
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Gpu,
         Self::Cuda,
         Self::Slurm,
         Self::Browser,
+        Self::Axe,
         Self::Coreutils,
         Self::Vtk,
         Self::VtkRendering,
@@ -55,6 +58,7 @@ impl Need {
             Self::Cuda => "VOLSEGGS_REQUIRE_CUDA",
             Self::Slurm => "VOLSEGGS_REQUIRE_SLURM",
             Self::Browser => "VOLSEGGS_REQUIRE_BROWSER",
+            Self::Axe => "VOLSEGGS_REQUIRE_AXE",
             Self::Coreutils => "VOLSEGGS_REQUIRE_COREUTILS",
             Self::Vtk => "VOLSEGGS_REQUIRE_VTK",
             Self::VtkRendering => "VOLSEGGS_REQUIRE_VTK_RENDERING",

@@ -8,7 +8,6 @@
 //! | `VOLSEGGS_VIEW_SEED` | their seed | 1 |
 //! | `VOLSEGGS_VIEW_CHANGES` | changes by three windows and by commands at once | 60 |
 //! | `VOLSEGGS_VIEW_FRAMES` | frames between the two looks at the memory of the viewer | 400 |
-//! | `VOLSEGGS_AXE` | a file `axe.min.js` of axe-core, whose serious faults count too | not used |
 #![cfg(feature = "view")]
 #![allow(clippy::unwrap_used)]
 
