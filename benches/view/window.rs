@@ -1,4 +1,4 @@
-//! A window on the viewer, by its protocol: what a browser does, without the pictures.
+//! A window on a viewer, which acknowledges each frame at once.
 #![allow(dead_code)] // each benchmark uses a part of it
 
 use serde_json::{Value, json};
@@ -8,9 +8,9 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
 
-/// A frame that came.
+/// What is told of a frame.
 pub struct Frame {
-    number: u32,
+    pub number: u32,
     pub png: bool,
     pub width: u16,
     pub time: f32,
@@ -18,7 +18,7 @@ pub struct Frame {
     pub encode_ms: f32,
 }
 
-/// A connection that acknowledges each frame at once.
+/// A window.
 pub struct Window {
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     pub welcome: Value,

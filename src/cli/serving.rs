@@ -3,7 +3,7 @@
 use super::CliError;
 use crate::memory::Bytes;
 #[cfg(unix)]
-use crate::shell::quote;
+use crate::shell;
 use crate::view::listen::{Reach, Serving, ViewError};
 #[cfg(unix)]
 use crate::view::local;
@@ -31,7 +31,7 @@ pub struct ServingArgs {
     /// Change nothing: no segments and edits, no pause of a training.
     #[arg(long)]
     pub(super) read_only: bool,
-    /// Memory for times that were shown: 100 times of 150,000 Gaussians without edits take 660M.
+    /// Memory for times that were shown, of all runs together: 100 times of 150,000 Gaussians without edits take 660M.
     #[arg(long, value_name = "SIZE", default_value = "1G")]
     cache: Bytes,
 }
@@ -74,7 +74,7 @@ pub(super) fn explain(serving: &Serving, end: &str) {
 fn forwarding(Serving { address, socket, .. }: &Serving) -> Option<String> {
     let port = address.port();
     let to = match socket {
-        Some(path) => quote(&std::path::absolute(path).unwrap_or_else(|_| path.clone()).display().to_string()),
+        Some(path) => shell::path(&std::path::absolute(path).unwrap_or_else(|_| path.clone())),
         None => format!("localhost:{port}"),
     };
     let [connection, user] = ["SSH_CONNECTION", "USER"].map(|name| std::env::var(name).ok());

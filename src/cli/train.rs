@@ -4,6 +4,7 @@
 use super::watch::WatchArgs;
 use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
 use crate::files::RunPaths;
+use crate::shell;
 #[cfg(not(feature = "view"))]
 use crate::train::observer::Nobody;
 use crate::train::observer::Observer;
@@ -116,13 +117,13 @@ impl TrainArgs {
     fn tell(&self, out: &Path, outcome: &RunOutcome) -> Result<(), CliError> {
         let r = &outcome.record;
         let next = if outcome.complete {
-            format!("volseggs eval {}", out.display())
+            format!("volseggs eval {}", shell::path(out))
         } else if r.steps == 0 {
             // there is no checkpoint to resume from
-            let (data, run) = (r.dataset.display(), out.display());
-            format!("volseggs train --data {data} --config {run}/config.toml --out {run}")
+            let words = [&r.dataset, &RunPaths(out).config(), &out.to_owned()].map(|path| shell::path(path));
+            format!("volseggs train --data {} --config {} --out {}", words[0], words[1], words[2])
         } else {
-            format!("volseggs train --resume {}", out.display())
+            format!("volseggs train --resume {}", shell::path(out))
         };
         errln!(
             "{} after {} steps, {:.1} min, {} Gaussians, peak memory {:.2} GB{}; next: {next}",

@@ -10,6 +10,7 @@ use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
 use crate::model::Scene;
 use crate::segment::segmentation::Segmentation;
+use crate::shell;
 use crate::train::run::RunRecord;
 use crate::train::{checkpoint, live, open_measured};
 use burn::tensor::Device;
@@ -194,7 +195,7 @@ impl OpenRun {
             "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
              --replace` to begin again",
             self.paths().segments().display(),
-            self.path.display()
+            shell::path(&self.path)
         )))
     }
 
@@ -263,8 +264,10 @@ fn no_checkpoint(path: &Path) -> RunError {
     RunError::input(match record.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok()) {
         Some(record) => format!(
             "{run}: training has reached no checkpoint yet; if it is not running any more, start it again with `volseggs train \
-             --data {} --config {run}/config.toml --out {run}`",
-            record.dataset.display()
+             --data {} --config {} --out {}`",
+            shell::path(&record.dataset),
+            shell::path(&RunPaths(path).config()),
+            shell::path(path)
         ),
         None => format!("{run}: no checkpoint here; give the folder that `volseggs train --out` made"),
     })

@@ -4,6 +4,7 @@ use super::auth::{Guard, Token};
 use super::hub::Hub;
 #[cfg(unix)]
 use super::local;
+use super::others::Other;
 use super::render::Renderer;
 use super::server::{Shared, router};
 use super::workspace::Workspace;
@@ -151,13 +152,15 @@ impl Listening {
         &self.serving
     }
 
-    /// Serves `space` until `stop` is raised; what is deformed is kept, up to `cache` bytes. `ready` is called first.
+    /// Serves `space`, and the `others` that it can be compared with, until `stop` is raised; what is deformed is kept, of all
+    /// together up to `cache` bytes. `ready` is called first.
     ///
     /// # Errors
     /// If the system gives no thread, or the connection breaks.
     pub fn serve(
         self,
         space: Workspace,
+        others: Vec<Other>,
         cache: usize,
         hub: Arc<Hub>,
         stop: &AtomicBool,
@@ -168,7 +171,7 @@ impl Listening {
         let router = router(shared.clone());
         std::thread::scope(|scope| {
             let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {
-                Renderer::new(space, cache, hub.clone()).run();
+                Renderer::new(space, others, cache, hub.clone()).run();
             });
             drawing.map_err(ViewError::System)?;
             ready();

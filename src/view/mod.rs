@@ -2,7 +2,7 @@
 //! `ssh -L`, on any machine that runs the program, and shows what `volseggs render` draws.
 //!
 //! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
-//! run ([`workspace`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
+//! run ([`workspace`]) and those that it is compared with ([`others`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
 //! lately. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`jobs`] and
 //! [`tracks`], on other threads.
 //!
@@ -23,9 +23,11 @@ pub mod live;
 #[cfg(unix)]
 pub mod local;
 pub mod order;
+pub mod others;
 pub mod pace;
 pub mod page;
 pub mod protocol;
+pub mod reading;
 pub mod refusal;
 pub mod render;
 pub mod server;
@@ -37,6 +39,7 @@ pub mod workspace;
 use burn::tensor::Device;
 use hub::Hub;
 use listen::{Listening, Reach, Serving, ViewError};
+use others::Other;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -47,13 +50,15 @@ use workspace::Workspace;
 pub struct ViewOptions {
     /// Folder of the run.
     pub run: PathBuf,
-    /// Where it draws.
+    /// Runs, or checkpoints of runs, that it can be compared with.
+    pub with: Vec<PathBuf>,
+    /// Where all of them are drawn.
     pub device: Device,
     /// Where it can be reached.
     pub reach: Reach,
     /// Whether nothing may be changed.
     pub read_only: bool,
-    /// Bytes of deformed Gaussians that are kept.
+    /// Bytes of deformed Gaussians that are kept, of all runs together.
     pub cache: usize,
 }
 
@@ -63,7 +68,8 @@ pub struct ViewOptions {
 /// If the run cannot be opened, or the address cannot be used.
 pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Serving)) -> Result<(), ViewError> {
     let space = Workspace::open(&options.run, &options.device, options.read_only)?;
+    let others = Other::open(&options.with, &options.device)?;
     let listening = Listening::open(&options.reach)?;
     let serving = listening.serving().clone();
-    listening.serve(space, options.cache, Arc::new(Hub::default()), stop, || ready(&serving))
+    listening.serve(space, others, options.cache, Arc::new(Hub::default()), stop, || ready(&serving))
 }

@@ -8,6 +8,9 @@ pub enum ChangeError {
     /// Somebody else changed the document before.
     #[error("segments or edits were changed meanwhile; look at them and try again")]
     Stale,
+    /// The document is of an older checkpoint.
+    #[error("a newer checkpoint of the run is being read; try again in a moment")]
+    Reading,
     /// Nothing may be changed.
     #[error("this viewer was started with --read-only")]
     ReadOnly,

@@ -5,6 +5,7 @@ use super::live::Progress;
 use crate::compare::curves::{self, smooth};
 use crate::files::{RunPaths, read_text};
 use crate::run::OpenRun;
+use crate::run::status::status;
 use crate::train::run::RunRecord;
 use serde::Serialize;
 use std::path::Path;
@@ -16,7 +17,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// The training of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Training {
-    /// `running`, `interrupted` or `complete`, as the run's record says.
+    /// `running`, `interrupted`, `complete` or `broken off`, see [`status`].
     pub status: String,
     /// Steps that are logged.
     pub steps: usize,
@@ -72,6 +73,8 @@ impl Watch {
             _ => read(run),
         };
         self.seen = Some(stamps);
+        // whoever is killed writes nothing any more
+        now.status = status(&run.path, &now.status).to_owned();
         if let Some(live) = live {
             // the log has one step in so many
             (now.steps, now.live) = (live.steps, Some(live));

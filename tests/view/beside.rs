@@ -169,7 +169,7 @@ fn a_person_looks_on_and_has_the_training_pause() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = dataset();
     let mut server = start(folder.path(), &["stages.joint_steps=200000"], &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    let tab = browser.open(&server.url());
     let text = |id: &str| format!("document.getElementById('{id}').textContent");
     let step = format!("Number({}.match(/step ([0-9,]+)/)[1].replace(',', ''))", text("scene"));
     browser.wait(&tab, &format!("{step} >= 0"));
@@ -190,7 +190,7 @@ fn a_person_looks_on_and_has_the_training_pause() {
     let paused = browser.eval(&tab, &text("training-figures"));
     browser.shoot(&tab, "7-train-view");
     // another window sees it too, and ends it
-    let other = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    let other = browser.open(&server.url());
     browser.wait(&other, &format!("{} === {paused}", text("training-figures")));
     browser.eval(&other, "document.getElementById('pause').click()");
     browser.wait(&tab, &format!("/^Training: running, /.test({})", text("training-figures")));

@@ -45,6 +45,11 @@ impl Server {
         Some(1024 * line.trim().trim_end_matches(" kB").parse::<u64>().unwrap())
     }
 
+    /// The address that it prints.
+    pub fn url(&self) -> String {
+        format!("http://localhost:{}/?token={}", self.port, self.token)
+    }
+
     /// Sends it a signal, such as `TERM`.
     pub fn signal(&self, name: &str) {
         let pid = self.child.id().to_string();

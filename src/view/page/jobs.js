@@ -39,10 +39,20 @@ function figures() {
   return job.end.done ? `${job.end.done} (${duration(job.seconds)})` : job.end.failed;
 }
 
+const OLD = 2; // seconds after which the end of work is no news to a window that is opened
+
+function last() {
+  $("job-last").textContent = `Last, ${duration(job.ago)} ago, ${job.title}: ${figures()}`;
+  $("job-last").hidden = false;
+}
+
 hear("job", (message) => {
   const begins = job?.number !== message.number;
-  const ends = message.end && !(job?.end && !begins);
+  // told again to a window that lost the viewer and found it again
+  if (!begins && job.end) return;
   job = message;
+  if (begins && job.end && job.ago > OLD) return last();
+  $("job-last").hidden = true;
   $("job").hidden = false;
   $("job").dataset.end = !job.end ? "" : job.end === "stopped" ? "stopped" : Object.keys(job.end)[0];
   $("job-title").textContent = job.stopping && !job.end ? `${job.title}: stopping` : job.title;
@@ -57,7 +67,7 @@ hear("job", (message) => {
   plot($("job-loss"), [{ points: job.losses }]);
   // said aloud once, not at every step
   if (begins && !job.end) $("job-news").textContent = `${job.title}: begun`;
-  if (ends) $("job-news").textContent = `${job.title}: ${figures()}`;
+  if (job.end) $("job-news").textContent = `${job.title}: ${figures()}`;
 });
 on("welcome", ({ read_only: still }) => {
   $("work").disabled = still;

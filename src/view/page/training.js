@@ -38,6 +38,7 @@ function show(was) {
   $("training-figures").textContent = `Training: ${now}, ${done} steps${shown}`;
   $("live").hidden = !live;
   if (live) showLive(live, was?.live);
+  $("training-note").hidden = status !== "broken off";
   const span = [0, steps];
   plot($("training-loss"), [{ points: loss }], { span });
   plot($("training-psnr"), [{ points: train, look: "one" }, { points: test, look: "two" }], { span, unit: " dB" });

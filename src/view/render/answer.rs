@@ -7,7 +7,7 @@ use crate::run::pick::Hit;
 use crate::run::saved::{SavedView, command};
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
-use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
+use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, Request};
 use crate::view::refusal::ChangeError;
 use crate::view::tracks::Wanted;
 use crate::view::workspace::Workspace;
@@ -28,7 +28,7 @@ impl Renderer {
             Request::View(wanted) => {
                 wanted.view.check().map_err(|e| (None, e))?;
                 client.pace.changes(Instant::now(), wanted.moving);
-                wanted.compare.map_or(Ok(()), |c| c.check()).map_err(|e| (None, e))?;
+                wanted.compare.map_or(Ok(()), |c| c.check(self.others.len())).map_err(|e| (None, e))?;
                 wanted.preview.as_ref().map_or(Ok(()), Preview::check).map_err(|e| (None, e))?;
                 client.view = Some(wanted.view);
                 client.preview = wanted.preview;
@@ -101,9 +101,6 @@ impl Renderer {
             }
             Request::Change { id: number, base, change } => {
                 let done = self.space.change(base, &change);
-                if let (Ok(()), Change::Rename { segment, name }) = (&done, &change) {
-                    self.clients.values_mut().for_each(|client| client.renamed(segment, name));
-                }
                 self.ended(id, number, done)?;
             }
             Request::Job { id: number, base, task } => {

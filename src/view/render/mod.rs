@@ -6,15 +6,18 @@ mod draw;
 
 use super::cache::Cache;
 use super::client::Client;
+use super::compare::Side;
 use super::hub::{ClientId, Event, Hub};
 use super::jobs::Jobs;
 use super::live::Wish;
+use super::others::Other;
 use super::pace::Next;
 use super::protocol::Answer;
 use super::share::Share;
 use super::tracks::Tracks;
 use super::training::Watch;
 use super::workspace::Workspace;
+use crate::shell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -33,6 +36,8 @@ type Wrong = (Option<u32>, String);
 #[derive(Debug)]
 pub struct Renderer {
     space: Workspace,
+    /// Runs that it is compared with.
+    others: Vec<Other>,
     cache: Cache,
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
@@ -54,16 +59,17 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Draws `space` for the clients of `hub`; what is deformed is kept, up to `cache` bytes.
+    /// Draws `space` for the clients of `hub`, and beside it one of the `others` where they compare; what is deformed is
+    /// kept, of all together up to `cache` bytes.
     #[must_use]
-    pub fn new(space: Workspace, cache: usize, hub: Arc<Hub>) -> Self {
+    pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
         let (jobs, tracks) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()));
         let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
         // without a thread of its own it draws as it would alone
         let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
         let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
         let (last, rests, changed, looked) = (0, now, now, now);
-        Self { space, cache, clients, last, jobs, tracks, watch, told, hub, share, rests, changed, looked }
+        Self { space, others, cache, clients, last, jobs, tracks, watch, told, hub, share, rests, changed, looked }
     }
 
     /// Works until the hub stops it.
@@ -122,7 +128,7 @@ impl Renderer {
     fn part(mut self) {
         let mut message = "The viewer was closed.".to_owned();
         if let Some(ended) = self.space.live().and_then(|live| live.ended()) {
-            message = format!("{ended} `volseggs view {}` shows the run.", self.space.run.path.display());
+            message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.run.path));
             self.look_at_files();
             self.tell_of_training(true);
             let views: Vec<_> = self.clients.iter().filter_map(|(id, c)| Some((*id, c.view.clone()?))).collect();
@@ -164,7 +170,7 @@ impl Renderer {
 
     fn welcome(&self) -> Answer {
         let run = &self.space.run;
-        let around = run.surroundings();
+        let around = &self.space.around;
         Answer::Welcome {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
@@ -175,11 +181,12 @@ impl Renderer {
             radius: around.sphere.radius,
             fov: around.lens.fov_x,
             size: [around.lens.width, around.lens.height],
+            others: self.others.iter().map(|other| other.told(run)).collect(),
             clicks: self.space.field().is_some(),
             read_only: self.space.read_only(),
             in_training: self.space.live().is_some(),
             can_pause: self.space.can_pause().is_ok(),
-            note: around.note.or_else(|| self.space.fault().map(str::to_owned)),
+            note: around.note.clone().or_else(|| self.space.fault().map(str::to_owned)),
         }
     }
 
@@ -195,6 +202,7 @@ impl Renderer {
         }
         let document = self.space.document();
         for client in self.clients.values_mut() {
+            document.renamed.iter().for_each(|[old, new]| client.renamed(old, new));
             client.changed();
             client.answer(Answer::Document(Box::new(document.clone())));
         }
@@ -207,6 +215,25 @@ impl Renderer {
             Ok(true) if self.space.live().is_some() => self.show_newer(),
             Ok(true) => self.tell_document(),
             Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
+        }
+        for k in 0..self.others.len() {
+            let step = self.others[k].space.run.step();
+            match self.others[k].space.refresh() {
+                Ok(false) => {}
+                Ok(true) => {
+                    self.cache.clear();
+                    let newer = self.others[k].space.run.step() != step;
+                    if newer {
+                        self.tell_all(&self.welcome());
+                    }
+                    let compares = |client: &&mut Client| client.compare.is_some_and(|c| c.side() == Side::OfRun(k));
+                    self.clients.values_mut().filter(compares).for_each(Client::changed);
+                }
+                Err(error) => {
+                    let message = format!("{}: {error}", self.others[k].name());
+                    self.tell_all(&Answer::Error { id: None, message });
+                }
+            }
         }
     }
 
