@@ -155,6 +155,8 @@ fn a_person_works_in_the_tree() {
     assert_eq!(browser.eval(&other, &there), json!([true, "true"]));
     browser.wait(&other, "document.getElementById('picture').dataset.lossless === 'true'");
     browser.call(Some(&other), "Page.close", json!({}));
+    // only the window in front takes clicks of the mouse
+    browser.call(Some(&tab), "Page.bringToFront", json!({}));
     browser.eval(&tab, &format!("{}.click(); {}.click()", find("check core"), find("eye core")));
     browser.rests(&tab);
 
