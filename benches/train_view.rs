@@ -1,8 +1,8 @@
 //! What a window costs the training that it looks at: the same training alone, with a window that rests and with one that
 //! turns all the time, in turn.
 //!
-//! `cargo bench --bench train_view -- DATASET [--rounds 3] [--size 800] [more arguments of volseggs train]`: prints the seconds
-//! of each training, and the medians beside that of the trainings alone.
+//! `cargo bench --bench train_view -- DATASET [--rounds 3] [--size 800] [--program FILE] [more arguments of volseggs train]`:
+//! prints the seconds of each training, and the medians beside that of the trainings alone. `--program` is another build.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 #[path = "view/window.rs"]
@@ -23,10 +23,10 @@ enum Looking {
 }
 
 /// A training's seconds, and the frames that a window got.
-fn train(folder: &Path, arguments: &[String], size: u32, looking: Looking) -> (f64, usize) {
+fn train(program: &str, folder: &Path, arguments: &[String], size: u32, looking: Looking) -> (f64, usize) {
     let run = folder.join("run");
     drop(std::fs::remove_dir_all(&run));
-    let mut command = Command::new(env!("CARGO_BIN_EXE_volseggs"));
+    let mut command = Command::new(program);
     command.args(["train", "--out"]).arg(&run).args(arguments).stdout(Stdio::piped()).stderr(Stdio::null());
     if looking != Looking::Nobody {
         command.arg("--view");
@@ -69,11 +69,12 @@ fn main() {
         println!("cargo bench --bench train_view -- DATASET [--rounds 3] [--size 800] [arguments of volseggs train]");
         return;
     }
-    let mut taken = |flag: &str, or: u32| {
-        let Some(at) = words.iter().position(|w| w == flag) else { return or };
-        words.drain(at..at + 2).nth(1).unwrap().parse().unwrap()
+    let mut taken = |flag: &str, or: &str| {
+        let Some(at) = words.iter().position(|w| w == flag) else { return or.to_owned() };
+        words.drain(at..at + 2).nth(1).unwrap()
     };
-    let (rounds, size) = (taken("--rounds", 3), taken("--size", 800));
+    let [rounds, size]: [u32; 2] = [("--rounds", "3"), ("--size", "800")].map(|(f, or)| taken(f, or).parse().unwrap());
+    let program = taken("--program", env!("CARGO_BIN_EXE_volseggs"));
     words.insert(0, "--data".into());
     let folder = tempfile::tempdir().unwrap();
     let all = [Looking::Nobody, Looking::Resting, Looking::Turning];
@@ -82,7 +83,7 @@ fn main() {
         // each begins a round in its turn
         for k in 0..all.len() {
             let which = (round as usize + k) % all.len();
-            let (took, frames) = train(folder.path(), &words, size, all[which]);
+            let (took, frames) = train(&program, folder.path(), &words, size, all[which]);
             println!("round {round}: {:?}: {took:.1} s, {frames} frames", all[which]);
             seconds[which].push(took);
         }

@@ -98,7 +98,8 @@ fn a_pause_stops_the_steps_for_every_window_and_a_signal_ends_it_with_a_checkpoi
     pause(&mut first, 2, false);
     told(&mut third, |live| live["paused"] == false && live["steps"].as_u64() > Some(steps));
     pause(&mut first, 3, true);
-    let steps = told(&mut second, is_paused)["steps"].as_u64().unwrap();
+    let later = |live: &Value| is_paused(live) && live["steps"].as_u64() > Some(steps);
+    let steps = told(&mut second, later)["steps"].as_u64().unwrap();
     server.signal("TERM");
     let ended = third.wait_for(|m| m["type"] == "ended");
     assert!(ended["message"].as_str().unwrap().contains("interrupted"), "{ended}");

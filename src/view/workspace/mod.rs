@@ -315,7 +315,7 @@ impl Workspace {
     ) -> Result<(), ChangeError> {
         let lock = self.begin(base)?;
         let (steps, mut segments) = (self.steps(), self.segments.clone());
-        pick::commit(&mut segments, name, hit, picked, time)?;
+        pick::commit(&self.run, &mut segments, name, hit, picked, time)?;
         self.end(lock, steps, Some(segments))
     }
 
