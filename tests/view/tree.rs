@@ -192,6 +192,7 @@ fn a_person_works_in_the_tree() {
     assert_eq!(names_now(root), before, "and nothing was replaced");
 
     // a double click: the scene turns about what is there, and nothing is selected
+    let tab = browser.visit(&server);
     let middle = browser.eval(&tab, MIDDLE);
     let [x, y] = [0, 1].map(|k| middle[k].as_f64().unwrap() + 12.0);
     let address = browser.eval(&tab, "location.hash");

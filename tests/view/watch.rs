@@ -5,6 +5,7 @@ use crate::common::{self, BINARY, SIZE, dataset, run_json, train_arguments, vols
 use crate::socket::{Server, Window};
 use crate::{run, view};
 use serde_json::json;
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -75,9 +76,13 @@ fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_write
     window.wait_for(|m| m["id"] == 1 || (m["type"] == "job" && m["end"]["failed"].is_string()));
 
     let last = trainer.interrupt();
-    let done = |m: &serde_json::Value| m["type"] == "welcome" && m["step"].as_u64() == Some(last as u64);
-    window.wait_for(done);
-    window.wait_for(|m| m["type"] == "training" && m["status"] == "interrupted");
+    // the checkpoint is read beside what else is told
+    let [shown, over] = [Cell::new(false), Cell::new(false)];
+    window.wait_for(|m| {
+        shown.set(shown.get() || m["type"] == "welcome" && m["step"].as_u64() == Some(last as u64));
+        over.set(over.get() || m["type"] == "training" && m["status"] == "interrupted");
+        shown.get() && over.get()
+    });
     let out = root.join("still").display().to_string();
     let still = ["render", "run", "--camera", "3,-2,1.5", "--time", "0.3", "--out", &out];
     volseggs().current_dir(&root).args(still).assert().success();
