@@ -118,6 +118,18 @@ impl Scene {
         Self { gaussians: Gaussians::from_host(gaussians, device), field, spec }
     }
 
+    /// A scene whose parameters, by name, are these, as [`params::collect`] gives them.
+    ///
+    /// # Errors
+    /// If one is missing, or does not fit the spec.
+    ///
+    /// # Panics
+    /// As [`DeformationField::new`].
+    pub fn of(spec: SceneSpec, tensors: &BTreeMap<String, HostTensor>, device: &Device) -> Result<Self, FitError> {
+        let k = (spec.model.sh_degree + 1).pow(2);
+        params::load(Self::new(HostGaussians::zeros(1, k), spec, 0, device), tensors)
+    }
+
     /// The Gaussians at `time` in [0, 1].
     pub fn at(&self, time: f32) -> SplatInputs {
         self.at_without(time, None)
@@ -191,13 +203,10 @@ impl Scene {
         if spec.model.encoder == EncoderKind::Extra {
             ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
         }
-        let k = (spec.model.sh_degree + 1).pow(2);
-        let empty = HostGaussians::zeros(1, k);
-        let scene = Self::new(empty.clone(), spec, 0, device);
-        let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
+        let scene = Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let n = scene.gaussians.count();
         let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
-        if empty.columns().iter().any(|column| rows(column.name) != Some(n)) {
+        if HostGaussians::zeros(1, 1).columns().iter().any(|column| rows(column.name) != Some(n)) {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
         Ok(scene)

@@ -72,8 +72,14 @@ impl RunSegments {
     pub fn replacing(run: &OpenRun) -> (Self, Option<RunError>) {
         match Self::open(run) {
             Ok(segments) => (segments, None),
-            Err(error) => (Self::of(run, History::new(run.no_segments())), Some(error)),
+            Err(error) => (Self::none(run), Some(error)),
         }
+    }
+
+    /// None, whatever the file says: of a run whose scene is still being trained.
+    #[must_use]
+    pub fn none(run: &OpenRun) -> Self {
+        Self::of(run, History::new(run.no_segments()))
     }
 
     fn of(run: &OpenRun, found: History) -> Self {
