@@ -54,6 +54,11 @@ impl DeviceName {
         ]
     }
 
+    /// The first of them that computes on the CPU.
+    pub fn cpu() -> Option<Self> {
+        Self::all().into_iter().find(|name| matches!(name, Self::Flex | Self::NdArray | Self::Tch))
+    }
+
     /// All that can be compiled in.
     pub fn every() -> [Self; 5] {
         [Self::Flex, Self::NdArray, Self::Wgpu, Self::Cuda, Self::Tch]

@@ -330,3 +330,28 @@ fn the_schema_is_the_committed_one() {
         assert!(json(&committed) == schema, "run: volseggs config schema > configs/schema.json");
     }
 }
+
+/// The words of the last command that a text offers, as a shell reads them.
+fn offered(text: &str) -> Vec<String> {
+    let start = text.rfind("volseggs ").unwrap_or_else(|| panic!("no command: {text}"));
+    let command = text[start..].split(['`', '\n']).next().unwrap();
+    let shell = std::process::Command::new("sh").args(["-c", &format!("printf '%s\\n' {command}")]).output().unwrap();
+    String::from_utf8(shell.stdout).unwrap().lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn commands_that_are_offered_can_be_copied_whatever_the_path() {
+    let folder = common::dataset();
+    let root = folder.path();
+    let run = text(root, "it's my run");
+    let said = |command: &mut Command| String::from_utf8(command.output().unwrap().stderr).unwrap();
+    assert_eq!(offered(&said(&mut train(root, "it's my run", &[]))), ["volseggs", "eval", &run]);
+    for (arguments, words) in [
+        (vec!["segment", "list", &run], vec!["volseggs", "segment", "coarse", &run]),
+        (vec!["render", &run, "--show", "segments", "--out", "x"], vec!["volseggs", "segment", "coarse", &run]),
+        (vec!["compare", &run], vec!["volseggs", "eval", &run]),
+    ] {
+        let said = said(volseggs().current_dir(root).args(&arguments));
+        assert_eq!(offered(&said), words, "{said}");
+    }
+}

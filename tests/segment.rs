@@ -79,7 +79,9 @@ fn clicks_and_groups(root: &Path, name: &str) {
 
     let count = |v: &Value| v["made"][1].as_u64().unwrap();
     let all = count(&click(&["--name", "all", "--threshold", "-1"]));
-    let some = count(&click(&["--name", "some", "--threshold", "0.95", "--scale", "0.1"]));
+    let made = click(&["--name", "some", "--threshold", "0.95", "--scale", "0.1"]);
+    let some = count(&made);
+    assert!(made["from_other_times"].as_u64().unwrap() < some, "{made}");
     assert!(0 < some && some <= all, "{some} of {all}");
     let list = run_json(root, &["segment", "list", "run"]);
     let made = list["segments"].as_array().unwrap().iter().find(|s| s["name"] == "some").unwrap().clone();

@@ -1,4 +1,5 @@
-//! A window on the viewer, by its protocol: what a browser does, without the pictures.
+//! A window on a viewer, which acknowledges each frame at once.
+#![allow(dead_code)] // each benchmark uses a part of it
 
 use serde_json::{Value, json};
 use std::net::TcpStream;
@@ -7,9 +8,9 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
 
-/// A frame that came.
+/// What is told of a frame.
 pub struct Frame {
-    number: u32,
+    pub number: u32,
     pub png: bool,
     pub width: u16,
     pub time: f32,
@@ -17,7 +18,7 @@ pub struct Frame {
     pub encode_ms: f32,
 }
 
-/// A connection that acknowledges each frame at once.
+/// A window.
 pub struct Window {
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     pub welcome: Value,
@@ -40,7 +41,12 @@ impl Window {
     }
 
     pub fn say(&mut self, message: &Value) {
-        self.socket.send(Message::text(message.to_string())).unwrap();
+        assert!(self.try_say(message), "the viewer has ended");
+    }
+
+    /// Says something; false if the viewer has ended.
+    pub fn try_say(&mut self, message: &Value) -> bool {
+        self.socket.send(Message::text(message.to_string())).is_ok()
     }
 
     /// A view from `turn` (1 is once around), at a time.
@@ -64,7 +70,7 @@ impl Window {
         }
     }
 
-    /// The next frame if one comes in time.
+    /// The next frame if one comes in time; none if the viewer ends.
     pub fn frame_within(&mut self, wait: Duration) -> Option<Frame> {
         let until = Instant::now() + wait;
         loop {
@@ -75,6 +81,9 @@ impl Window {
                 Err(tungstenite::Error::Io(_)) => return None,
                 message => message.unwrap(),
             };
+            if matches!(&message, Message::Text(text) if text.as_str().contains("\"ended\"")) {
+                return None;
+            }
             if let Message::Binary(bytes) = message {
                 let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
                 let frame = Frame {
@@ -85,7 +94,7 @@ impl Window {
                     render_ms: f32::from_bits(word(24)),
                     encode_ms: f32::from_bits(word(28)),
                 };
-                self.say(&json!({ "type": "ack", "frame": frame.number }));
+                self.try_say(&json!({ "type": "ack", "frame": frame.number }));
                 return Some(frame);
             }
             if Instant::now() >= until {

@@ -48,7 +48,7 @@ impl ViewArgs {
             }
         })?;
         let saved = Box::new(match self.size {
-            Some(width) => saved.sized(width),
+            Some(width) => saved.sized(width)?,
             None => saved,
         });
         Ok(Some(ViewChoice::Saved { name, saved }))

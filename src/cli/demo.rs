@@ -2,6 +2,7 @@
 
 use super::{CliError, Common, print_json, stop_flag};
 use crate::demo::{DemoError, DemoOptions, demo};
+use crate::shell;
 use crate::volume::synthetic::Synthetic;
 use clap::Args;
 use serde_json::json;
@@ -56,7 +57,7 @@ impl DemoArgs {
             s.views,
             started.elapsed().as_secs_f64(),
             outcome.report.display(),
-            out.join("run").display()
+            shell::path(&out.join("run"))
         );
         if self.common.json {
             let stages: serde_json::Map<String, serde_json::Value> =

@@ -9,6 +9,7 @@ use crate::export::images::encode_png;
 use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
 use crate::model::scene_file::{read_tensors, refuse_not_finite};
+use crate::run::status::status;
 use crate::train::{checkpoint, live};
 use crate::volume::formats::READ;
 use clap::Args;
@@ -115,8 +116,10 @@ impl InspectArgs {
                 refuse_not_finite(&path, &read_tensors(&path)?.0)
             })
         };
+        let recorded = record.as_ref().and_then(|record| record["status"].as_str());
+        let status = recorded.map(|recorded| status(&self.path, recorded));
         let steps = live::read_all(&self.path, check).map_err(CliError::input)?;
-        self.show(&json!({ "kind": "run", "record": record, "checkpoints": steps, "readable": steps.len() }))
+        self.show(&json!({ "kind": "run", "status": status, "record": record, "checkpoints": steps, "readable": steps.len() }))
     }
 
     fn tensors(&self, path: &Path) -> Result<(), CliError> {

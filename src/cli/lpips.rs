@@ -3,6 +3,7 @@
 use super::{CliError, print_json};
 use crate::memory::Bytes;
 use crate::metrics::lpips::convert::{ConvertError, Input, convert};
+use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -53,7 +54,7 @@ impl LpipsArgs {
         outln!("backbone  {}", line(&made.backbone));
         outln!("heads     {}", line(&made.heads));
         outln!("written   {}: {} tensors, {}", made.file.display(), made.tensors.len(), Bytes(made.bytes));
-        outln!("next      volseggs eval RUN --lpips-weights {}", made.file.display());
+        outln!("next      volseggs eval RUN --lpips-weights {}", shell::path(&made.file));
         Ok(())
     }
 }

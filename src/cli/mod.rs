@@ -18,6 +18,8 @@ mod prepare;
 mod prepare_inputs;
 mod render;
 mod segment;
+#[cfg(feature = "view")]
+mod serving;
 mod shown;
 mod sweep;
 mod track;
@@ -25,6 +27,8 @@ mod train;
 mod values;
 #[cfg(feature = "view")]
 mod view;
+#[cfg(feature = "view")]
+mod watch;
 
 #[cfg(test)]
 #[path = "help_tests.rs"]
@@ -58,7 +62,7 @@ pub struct Cli {
 enum Command {
     Demo(demo::DemoArgs),
     Prepare(Box<prepare::PrepareArgs>),
-    Train(train::TrainArgs),
+    Train(Box<train::TrainArgs>),
     Eval(Box<eval::EvalArgs>),
     Segment(segment::SegmentArgs),
     Track(track::TrackArgs),

@@ -10,6 +10,7 @@ use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
     FileLabels, LENGTHS, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare,
 };
+use crate::shell;
 use crate::volume::raycast::{DEFAULT_STEP, LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -168,7 +169,7 @@ impl PrepareArgs {
                 format!(", segments {}", record.segments.join(", "))
             },
             self.out.join("contact-sheet.png").display(),
-            self.out.display()
+            shell::path(&self.out)
         );
         if !record.empty_times.is_empty() {
             let times: Vec<String> = record.empty_times.iter().take(8).map(|t| format!("{t:.3}")).collect();

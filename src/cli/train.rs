@@ -1,16 +1,36 @@
 //! `volseggs train`
 
+#[cfg(feature = "view")]
+use super::watch::WatchArgs;
 use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
 use crate::files::RunPaths;
+use crate::shell;
+#[cfg(not(feature = "view"))]
+use crate::train::observer::Nobody;
+use crate::train::observer::Observer;
 use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock, run};
 use crate::train::{checkpoint, open_dataset};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
+/// The example of what only builds with the viewer have.
+#[cfg(feature = "view")]
+macro_rules! watching {
+    () => {
+        "  volseggs train --data DATASET --config quick --out checkpoints/first --view   # and look on in a browser\n"
+    };
+}
+#[cfg(not(feature = "view"))]
+macro_rules! watching {
+    () => {
+        ""
+    };
+}
+
 /// Train a scene from posed, timed images.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # train longer\n\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on."
+    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on.")
 )]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).
@@ -27,6 +47,9 @@ pub struct TrainArgs {
     /// Stop after this many steps in all, with a checkpoint, as if interrupted.
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
+    #[cfg(feature = "view")]
+    #[command(flatten)]
+    watch: WatchArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -36,6 +59,8 @@ impl TrainArgs {
         let (name, device) = self.common.device()?;
         let (out, start) = self.place()?;
         let held = lock(&out, &command_line())?;
+        #[cfg(feature = "view")]
+        let listening = self.watch.listen()?;
         let resolved = match start {
             Start::New => self.config.resolve()?,
             _ => self.config.resolve_over(&RunPaths(&out).config())?,
@@ -64,7 +89,12 @@ impl TrainArgs {
             device_name: name.to_string(),
             stop_after: self.stop_after,
         };
-        let outcome = run(&config, &dataset, &device, &options, held.as_ref(), &stop)?;
+        let train =
+            |observer: &mut dyn Observer| run(&config, &dataset, &device, &options, held.as_ref(), &stop, observer);
+        #[cfg(feature = "view")]
+        let outcome = self.watch.train(listening, &device, self.common.json, train)?;
+        #[cfg(not(feature = "view"))]
+        let outcome = train(&mut Nobody)?;
         self.tell(&out, &outcome)
     }
 
@@ -87,13 +117,13 @@ impl TrainArgs {
     fn tell(&self, out: &Path, outcome: &RunOutcome) -> Result<(), CliError> {
         let r = &outcome.record;
         let next = if outcome.complete {
-            format!("volseggs eval {}", out.display())
+            format!("volseggs eval {}", shell::path(out))
         } else if r.steps == 0 {
             // there is no checkpoint to resume from
-            let (data, run) = (r.dataset.display(), out.display());
-            format!("volseggs train --data {data} --config {run}/config.toml --out {run}")
+            let words = [&r.dataset, &RunPaths(out).config(), &out.to_owned()].map(|path| shell::path(path));
+            format!("volseggs train --data {} --config {} --out {}", words[0], words[1], words[2])
         } else {
-            format!("volseggs train --resume {}", out.display())
+            format!("volseggs train --resume {}", shell::path(out))
         };
         errln!(
             "{} after {} steps, {:.1} min, {} Gaussians, peak memory {:.2} GB{}; next: {next}",

@@ -1,10 +1,8 @@
 //! Numbers as they are typed: the types of arguments refuse what no command can use, NaN and infinities first.
 
+use crate::run::cameras::SIDE;
 use glam::DVec3;
 use std::num::NonZero;
-
-/// Largest side of a picture in pixels.
-const SIDE: u32 = 16_384;
 
 /// A finite number for which `fits` holds; `wanted` is what the message says.
 pub(super) fn number(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {

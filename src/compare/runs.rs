@@ -6,6 +6,7 @@ use crate::eval::run::Summary;
 use crate::files::{RunPaths, read_text};
 use crate::memory::MIB;
 use crate::program;
+use crate::shell;
 use crate::train::run::RunRecord;
 use crate::words::plain;
 use std::collections::BTreeMap;
@@ -96,7 +97,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         }
         met.push(whole);
         let record: RunRecord = read(&RunPaths(folder).record(), "give folders that `volseggs train --out` made")?;
-        let first = format!("run `volseggs eval {}` first", folder.display());
+        let first = format!("run `volseggs eval {}` first", shell::path(folder));
         let summary: Summary = read(&RunPaths(folder).eval().join("test/mean.json"), &first)?;
         let path = RunPaths(folder).config();
         let bad = |problem: String| RunError::Folder { path: path.clone(), problem };

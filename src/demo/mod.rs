@@ -17,6 +17,7 @@ use crate::prepare::{
 };
 use crate::run::OpenRun;
 use crate::run::measure::{MeasuredOn, measure};
+use crate::train::observer::Nobody;
 use crate::train::run::{RunOptions, RunOutcome, Start, run};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
@@ -135,8 +136,8 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         device_name: options.device.0.clone(),
         stop_after: None,
     };
-    let outcome =
-        run(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop).map_err(failed("train"))?;
+    let outcome = run(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut Nobody)
+        .map_err(failed("train"))?;
     if !outcome.complete {
         return Err(DemoError::Interrupted);
     }

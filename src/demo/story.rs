@@ -10,6 +10,7 @@ use crate::export::images::{encode_png, to_rgb8};
 use crate::files::RunPaths;
 use crate::memory::MIB;
 use crate::report::{Block, Number, Report, Section};
+use crate::shell;
 use image::RgbImage;
 use std::path::Path;
 
@@ -213,7 +214,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
             segment_blocks(results, pictures.segments)?,
         ));
     }
-    let out = results.options.out.display();
+    let run = shell::path(&results.options.out.join("run"));
     sections.push(section(
         "time",
         "Where the time went",
@@ -244,7 +245,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
                 ("train", "volseggs train --data data/mine --config quick --out checkpoints/mine".to_owned()),
                 ("measure", "volseggs eval checkpoints/mine".to_owned()),
                 ("look", "volseggs render checkpoints/mine --path orbit --out frames".to_owned()),
-                ("this scene for any splat viewer", format!("volseggs export {out}/run --time 0.5 --out scene.ply")),
+                ("this scene for any splat viewer", format!("volseggs export {run} --time 0.5 --out scene.ply")),
             ]
             .map(|(comment, command)| (comment.to_owned(), command))
             .to_vec(),

@@ -108,8 +108,13 @@ impl Editor<'_> {
     fn edit(&mut self, operation: &Operation) {
         match operation {
             Operation::Recolour { rgb, keep_shading } => self.recolour(*rgb, *keep_shading),
-            Operation::Opacity { factor: 0.0 } | Operation::Hide => self.hide(true),
-            Operation::Opacity { factor } => self.opacity(f64::from(*factor)),
+            Operation::Opacity { factor: 0.0, .. } | Operation::Hide => self.hide(true),
+            Operation::Opacity { factor, show } => {
+                self.opacity(f64::from(*factor));
+                if *show {
+                    self.hide(false);
+                }
+            }
             Operation::Show => self.hide(false),
             Operation::Isolate => {
                 for (hidden, owner) in self.hidden.iter_mut().zip(&self.owner) {

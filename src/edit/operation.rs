@@ -23,6 +23,9 @@ pub enum Operation {
     Opacity {
         /// At least 0.
         factor: f32,
+        /// Whether segments that are hidden are shown again.
+        #[serde(default, skip_serializing_if = "is_false")]
+        show: bool,
     },
     /// Makes the segments invisible until a later `Show`.
     Hide,
@@ -68,6 +71,11 @@ pub struct Edit {
     pub operation: Operation,
 }
 
+/// Whether a key is left out of the file.
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
 impl Operation {
     /// The name in JSON.
     #[must_use]
@@ -102,7 +110,7 @@ impl Operation {
                 rgb.iter().all(|c| (0.0..=1.0).contains(c)),
                 format!("{rgb:?} is no colour; give red, green and blue from 0 to 1"),
             ),
-            Self::Opacity { factor } => check(
+            Self::Opacity { factor, .. } => check(
                 "factor",
                 factor.is_finite() && *factor >= 0.0,
                 format!("{factor} cannot multiply an opacity; give a finite number of at least 0"),
@@ -164,7 +172,10 @@ impl fmt::Display for Edit {
                 write!(f, "recolour {names} to #{r:02x}{g:02x}{b:02x}")?;
                 f.write_str(if *keep_shading { ", keeping the shading" } else { "" })
             }
-            Operation::Opacity { factor } => write!(f, "multiply the opacity of {names} by {factor}"),
+            Operation::Opacity { factor, show } => {
+                let shown = if *show { "show and " } else { "" };
+                write!(f, "{shown}multiply the opacity of {names} by {factor}")
+            }
             Operation::Hide => write!(f, "hide {names}"),
             Operation::Show => write!(f, "show {names}"),
             Operation::Isolate => write!(f, "hide everything but {names}"),

@@ -91,8 +91,11 @@ impl EditStack {
         for edit in self.operations.iter().filter(|e| e.segments.iter().any(|name| name == segment)) {
             match edit.operation {
                 Operation::Recolour { rgb, .. } => total.rgb = Some(rgb),
-                Operation::Opacity { factor: 0.0 } | Operation::Hide => total.hidden = true,
-                Operation::Opacity { factor } => total.opacity *= factor,
+                Operation::Opacity { factor: 0.0, .. } | Operation::Hide => total.hidden = true,
+                Operation::Opacity { factor, show } => {
+                    total.opacity *= factor;
+                    total.hidden &= !show;
+                }
                 Operation::Show => total.hidden = false,
                 _ => {}
             }
@@ -132,10 +135,9 @@ mod tests {
         let edit =
             |names: &[&str], operation| Edit { segments: names.iter().map(|n| (*n).into()).collect(), operation };
         let mut stack = EditStack::default();
+        let half = Operation::Opacity { factor: 0.5, show: false };
         let recolour = Operation::Recolour { rgb: [1.0, 0.5, 0.0], keep_shading: true };
-        for operation in
-            [recolour, Operation::Opacity { factor: 0.5 }, Operation::Hide, Operation::Opacity { factor: 0.5 }]
-        {
+        for operation in [recolour, half.clone(), Operation::Hide, half] {
             stack.push(edit(&["a", "b"], operation)).unwrap();
         }
         stack.push(edit(&["b"], Operation::Show)).unwrap();
@@ -147,5 +149,7 @@ mod tests {
         assert_eq!(stack.undone[0].segments, ["c"]);
         stack.redo();
         assert_eq!(stack.total("c"), Total { hidden: false, ..total });
+        stack.push(edit(&["a"], Operation::Opacity { factor: 2.0, show: true })).unwrap();
+        assert_eq!(stack.total("a"), Total { opacity: 0.5, hidden: false, ..total });
     }
 }

@@ -126,6 +126,24 @@ impl RunLock {
         Ok(Self { run: run.into(), _file: file })
     }
 
+    /// Whether somebody writes into the run in folder `run` now. Nothing is left there, not even a lock file. `None` where
+    /// the system does not tell, as on file systems without locks.
+    #[must_use]
+    pub fn is_held(run: &Path) -> Option<bool> {
+        let file = match File::open(run.join(FILE)) {
+            Ok(file) => file,
+            // whoever wrote into it would have made one
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Some(false),
+            Err(_) => return None,
+        };
+        // shared with others who ask, and let go of at once: whoever wants the lock itself tries again
+        match file.try_lock_shared() {
+            Ok(()) => Some(false),
+            Err(TryLockError::WouldBlock) => Some(true),
+            Err(TryLockError::Error(_)) => None,
+        }
+    }
+
     /// The folder of the run.
     #[must_use]
     pub fn run(&self) -> &Path {
@@ -220,7 +238,9 @@ mod tests {
         let error = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap_err().to_string();
         assert!(error.contains("`volseggs train` of") && error.contains("process"), "{error}");
         assert!(started.elapsed() < Duration::from_secs(2));
+        assert_eq!(RunLock::is_held(dir.path()), Some(true));
         drop(held);
+        assert_eq!(RunLock::is_held(dir.path()), Some(false));
         let (inside, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|s| {
             for _ in 0..8 {
@@ -267,7 +287,9 @@ mod tests {
     fn what_a_dead_process_wrote_into_the_file_holds_nobody_back() {
         let dir = tempfile::tempdir().unwrap();
         let text = serde_json::to_string(&Holder::me("volseggs train", Work::Long)).unwrap();
+        assert!(RunLock::is_held(dir.path()) == Some(false) && !dir.path().join(FILE).exists());
         std::fs::write(dir.path().join(FILE), text).unwrap();
+        assert_eq!(RunLock::is_held(dir.path()), Some(false));
         RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
         std::fs::write(dir.path().join(FILE), "garbage").unwrap();
         RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();

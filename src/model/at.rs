@@ -5,41 +5,51 @@ use super::gaussians::Gaussians;
 use super::host::HostGaussians;
 use super::params::to_vec;
 use volseggs_kernels::activation::sigmoid;
+use volseggs_kernels::splat::SplatInputs;
 
-impl Scene {
-    /// The largest opacity over evenly spaced times of each Gaussian that is `asked` `[N]`, `[N]`; 0 for the others,
-    /// which cost nothing.
-    ///
-    /// # Panics
-    /// If `asked` is not of length N.
+/// Some Gaussians of a scene, ready to be looked at at many times. All are grey: the deformation does not look at colours.
+#[derive(Debug)]
+pub struct SomeGaussians<'a> {
+    scene: &'a Scene,
+    rows: Gaussians,
+}
+
+impl SomeGaussians<'_> {
+    /// These Gaussians at `time` in [0, 1].
     #[must_use]
-    pub fn largest_opacity(&self, asked: &[bool]) -> Vec<f32> {
-        const TIMES: usize = 11;
-        assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
-        let which: Vec<usize> = (0..asked.len()).filter(|&i| asked[i]).collect();
-        let mut out = vec![0.0; asked.len()];
-        if which.is_empty() {
-            return out;
-        }
-        let changes = self.spec.deformed && self.spec.model.deform_opacity;
-        let rows = self.rows_without_colour(&which);
-        let mut largest = vec![f32::NEG_INFINITY; which.len()];
-        for k in 0..if changes { TIMES } else { 1 } {
-            let at = if changes {
-                self.field.deform(&rows, k as f32 / (TIMES - 1) as f32, None).opacity_logits
-            } else {
-                rows.opacity_logits.val()
-            };
-            largest.iter_mut().zip(to_vec(at)).for_each(|(a, b)| *a = a.max(b));
-        }
-        which.iter().zip(largest).for_each(|(&i, logit)| out[i] = sigmoid(logit));
-        out
+    pub fn at(&self, time: f32) -> HostGaussians {
+        HostGaussians::from_splat(self.inputs(time))
     }
 
-    /// Some canonical Gaussians, all grey: the deformation does not look at colours.
-    fn rows_without_colour(&self, which: &[usize]) -> Gaussians {
+    fn inputs(&self, time: f32) -> SplatInputs {
+        if self.scene.spec.deformed { self.scene.field.deform(&self.rows, time, None) } else { self.rows.val() }
+    }
+}
+
+impl Scene {
+    /// Whether opacities may differ from time to time.
+    #[must_use]
+    pub fn opacity_changes(&self) -> bool {
+        self.spec.deformed && self.spec.model.deform_opacity
+    }
+
+    /// The Gaussians that `which` lists, at least one.
+    ///
+    /// # Panics
+    /// If one is not below N.
+    #[must_use]
+    pub fn some(&self, which: &[u32]) -> SomeGaussians<'_> {
+        self.rows(&self.without_colour(), which)
+    }
+
+    fn rows(&self, all: &HostGaussians, which: &[u32]) -> SomeGaussians<'_> {
+        let rows = Gaussians::from_host(all.subset(which), &self.gaussians.means.val().device());
+        SomeGaussians { scene: self, rows }
+    }
+
+    fn without_colour(&self) -> HostGaussians {
         let g = &self.gaussians;
-        let all = HostGaussians {
+        HostGaussians {
             means: to_vec(g.means.val()),
             rotations: to_vec(g.rotations.val()),
             log_scales: to_vec(g.log_scales.val()),
@@ -47,9 +57,31 @@ impl Scene {
             sh: vec![0.0; 3 * g.count()],
             sh_stride: 1,
             shading: None,
-        };
-        let host = all.map(|column| column.gather(which.iter().copied()));
-        Gaussians::from_host(host, &g.means.val().device())
+        }
+    }
+
+    /// Which of the Gaussians that are `asked` `[N]` are at least so opaque at any of eleven evenly spaced times, `[N]`.
+    /// The others cost nothing, and one that was found costs no more.
+    ///
+    /// # Panics
+    /// If `asked` is not of length N.
+    #[must_use]
+    pub fn ever_seen(&self, asked: &[bool], least: f32) -> Vec<bool> {
+        // far from each other first, so that few are left soon
+        const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
+        assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
+        let all = self.without_colour();
+        let mut open: Vec<u32> = (0..asked.len() as u32).filter(|&i| asked[i as usize]).collect();
+        let mut seen = vec![false; asked.len()];
+        for &tenths in if self.opacity_changes() { &TENTHS[..] } else { &TENTHS[..1] } {
+            if open.is_empty() {
+                break;
+            }
+            let at = self.rows(&all, &open).inputs(f32::from(tenths) / 10.0).opacity_logits;
+            open.iter().zip(to_vec(at)).for_each(|(&i, logit)| seen[i as usize] = sigmoid(logit) >= least);
+            open.retain(|&i| !seen[i as usize]);
+        }
+        seen
     }
 
     /// The Gaussians at `time` in [0, 1], on the host.
@@ -67,7 +99,7 @@ mod tests {
     use crate::device::DeviceName;
 
     #[test]
-    fn the_largest_opacity_of_some_is_that_over_all_times_of_the_whole_scene() {
+    fn some_gaussians_are_as_in_the_whole_scene_and_seen_if_they_are_at_any_time() {
         let device = DeviceName::all()[0].open().unwrap();
         let mut model = Config::default().model;
         (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
@@ -87,13 +119,18 @@ mod tests {
             spec.deformed = deformed;
             let scene = Scene::new(gaussians.clone(), spec.clone(), 3, &device);
             let asked: Vec<bool> = (0..n).map(|i| i % 3 == 1).collect();
-            let found = scene.largest_opacity(&asked);
+            let found = scene.ever_seen(&asked, 0.5);
             for i in 0..n {
-                let over_time = (0..11).map(|k| scene.host_at(k as f32 / 10.0).opacity()[i]);
-                let want = if asked[i] { over_time.fold(0.0, f32::max) } else { 0.0 };
-                assert_eq!(found[i], want, "{i}");
+                let any = (0..11).any(|k| scene.host_at(k as f32 / 10.0).opacity()[i] >= 0.5);
+                assert_eq!(found[i], asked[i] && any, "{i}");
             }
-            assert!(scene.largest_opacity(&vec![false; n]).iter().all(|o| *o == 0.0));
+            assert!(found.contains(&true) && scene.ever_seen(&vec![false; n], 0.0).iter().all(|s| !s));
+            let (which, all) = ([3, 50, 149], scene.host_at(0.3));
+            let some = scene.some(&which).at(0.3);
+            assert_eq!(
+                (&some.means, &some.opacity_logits),
+                (&all.subset(&which).means, &all.subset(&which).opacity_logits)
+            );
         }
     }
 }

@@ -1,14 +1,16 @@
 //! A scene: what training makes and everything after reads. Gaussians, their field, and where they lie. Its file is in
 //! [`super::scene_file`].
 
+use super::appearance::HostShading;
 use super::host::HostGaussians;
-use super::params;
+use super::params::{self, FitError, HostTensor};
 use super::{DeformationField, Gaussians};
 use crate::config::types::ModelConfig;
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
 
@@ -63,6 +65,20 @@ impl Scene {
     pub fn new(gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
         let field = DeformationField::new(&spec.model, spec.centre, spec.half_size, seed, device);
         Self { gaussians: Gaussians::from_host(gaussians, device), field, spec }
+    }
+
+    /// A scene whose parameters, by name, are these, as [`params::collect`] gives them.
+    ///
+    /// # Errors
+    /// If one is missing, or does not fit the spec.
+    ///
+    /// # Panics
+    /// As [`DeformationField::new`].
+    pub fn of(spec: SceneSpec, tensors: &BTreeMap<String, HostTensor>, device: &Device) -> Result<Self, FitError> {
+        let k = (spec.model.sh_degree + 1).pow(2);
+        let shading = HostShading::first(&spec.model, 1, 0);
+        let one = HostGaussians { shading, ..HostGaussians::zeros(1, k) };
+        params::load(Self::new(one, spec, 0, device), tensors)
     }
 
     /// The Gaussians at `time` in [0, 1].

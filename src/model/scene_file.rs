@@ -89,14 +89,12 @@ impl Scene {
         if spec.model.encoder == EncoderKind::Extra {
             ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
         }
-        let k = (spec.model.sh_degree + 1).pow(2);
-        let shading = HostShading::first(&spec.model, 1, 0);
-        let empty = HostGaussians { shading, ..HostGaussians::zeros(1, k) };
-        let scene = Self::new(empty.clone(), spec, 0, device);
-        let scene = params::load(scene, &tensors).map_err(|source| SceneError::Fit { path: path.into(), source })?;
+        let scene = Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let n = scene.gaussians.count();
         let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
-        if empty.columns().iter().any(|column| rows(column.name) != Some(n)) {
+        // one of each attribute that this scene has
+        let one = HostGaussians { shading: HostShading::first(&scene.spec.model, 1, 0), ..HostGaussians::zeros(1, 1) };
+        if one.columns().iter().any(|column| rows(column.name) != Some(n)) {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
         Ok(scene)

@@ -50,6 +50,9 @@ pub enum PointsError {
         /// Radius asked for.
         radius: f64,
     },
+    /// Whoever asked for it does not want it any more.
+    #[error("stopped")]
+    Stopped,
     /// The density clustering refused its input.
     #[error("density clustering of {samples} sampled features failed: {reason}")]
     Clustering {

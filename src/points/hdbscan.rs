@@ -5,10 +5,14 @@ use super::chunks::map_chunks;
 use super::error::{PointsError, rows};
 use super::sampling::sample_indices;
 use hdbscan::{DistanceMetric, Hdbscan, HdbscanHyperParams, NnAlgorithm};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::Duration;
 
 /// Length of the random nudge of each sampled feature. Without it equal features lie at distance 0, where HDBSCAN's
 /// density is infinite and its cluster stabilities undefined.
 const NUDGE: f32 = 1e-3;
+/// How often whoever waits is asked whether to go on.
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// To what a Gaussian outside the sample is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,13 +73,16 @@ pub struct DensityClusters {
 /// and the rest is assigned by cosine. Features that are zero or not finite get label 0. Where HDBSCAN finds no
 /// cluster, or there are too few features for one, all labels are 0.
 ///
+/// It goes on as long as `goes_on`, which is asked again and again.
+///
 /// # Errors
-/// `features` not a whole number of rows; `min_cluster_size` below 2 or `min_samples` below 1.
+/// `features` not a whole number of rows; `min_cluster_size` below 2 or `min_samples` below 1; [`PointsError::Stopped`].
 pub fn cluster_features(
     features: &[f32],
     dimensions: usize,
     config: &DensityConfig,
     uniform: &mut impl FnMut() -> f32,
+    goes_on: &dyn Fn() -> bool,
 ) -> Result<DensityClusters, PointsError> {
     let count = rows("features", features.len(), dimensions, "[N, D]")?;
     for (field, value, least) in
@@ -94,7 +101,7 @@ pub fn cluster_features(
     let nudge = NUDGE * 2.0 * (3.0 / dimensions as f32).sqrt();
     let vectors: Vec<Vec<f32>> =
         sample.iter().map(|&i| row(i as usize).iter().map(|v| v + nudge * (uniform() - 0.5)).collect()).collect();
-    let found = run(&vectors, config)?;
+    let found = run(vectors, config, goes_on)?;
     let clusters = found.iter().max().map_or(0, |&m| (m + 1).max(0) as usize);
     if clusters == 0 {
         return Ok(DensityClusters { labels: vec![0; count], centres: Vec::new(), counts: Vec::new() });
@@ -136,21 +143,35 @@ pub fn cluster_features(
 }
 
 /// HDBSCAN on the sample: -1 for noise, else a cluster from 0. One thread: the crate's parallel tree does not promise
-/// the same choice among equal distances.
-fn run(vectors: &[Vec<f32>], config: &DensityConfig) -> Result<Vec<i32>, PointsError> {
-    if vectors.len() < config.min_cluster_size.max(3) {
-        return Ok(vec![-1; vectors.len()]);
+/// the same choice among equal distances. Nor can the crate be stopped: its thread is waited for, or left to end by itself.
+fn run(vectors: Vec<Vec<f32>>, config: &DensityConfig, goes_on: &dyn Fn() -> bool) -> Result<Vec<i32>, PointsError> {
+    let samples = vectors.len();
+    if samples < config.min_cluster_size.max(3) {
+        return Ok(vec![-1; samples]);
     }
     let settings = HdbscanHyperParams::builder()
         .min_cluster_size(config.min_cluster_size)
-        .min_samples(config.min_samples.min(vectors.len()))
+        .min_samples(config.min_samples.min(samples))
         .allow_single_cluster(config.single_cluster)
         .dist_metric(DistanceMetric::Euclidean)
         .nn_algorithm(NnAlgorithm::Auto)
         .build();
-    Hdbscan::new(vectors, settings)
-        .cluster()
-        .map_err(|e| PointsError::Clustering { samples: vectors.len(), reason: e.to_string() })
+    let failed = |reason: String| PointsError::Clustering { samples, reason };
+    let (out, found) = channel();
+    let work = move || {
+        let labels = Hdbscan::new(&vectors, settings).cluster().map_err(|e| e.to_string());
+        // nobody listens any more if it was stopped
+        let _ = out.send(labels);
+    };
+    std::thread::Builder::new().name("clusters".into()).spawn(work).map_err(|e| failed(e.to_string()))?;
+    loop {
+        match found.recv_timeout(PAUSE) {
+            Ok(labels) => return labels.map_err(failed),
+            Err(RecvTimeoutError::Timeout) if goes_on() => {}
+            Err(RecvTimeoutError::Timeout) => return Err(PointsError::Stopped),
+            Err(RecvTimeoutError::Disconnected) => return Err(failed("its thread ended".into())),
+        }
+    }
 }
 
 /// Rows scaled to length 1; rows that are zero or not finite become NaN.
@@ -230,7 +251,8 @@ mod tests {
         let mut features = blobs(&axes(4, 16), 300, 0.1, 2);
         features.iter_mut().enumerate().for_each(|(i, v)| *v *= 1.0 + (i / 16 % 7) as f32);
         for assignment in [Assignment::Centre, Assignment::Sample] {
-            let found = cluster_features(&features, 16, &DensityConfig { assignment, ..small() }, &mut generator(3));
+            let found =
+                cluster_features(&features, 16, &DensityConfig { assignment, ..small() }, &mut generator(3), &|| true);
             let found = found.unwrap();
             assert_eq!(found.counts, [300; 4]);
             assert!((0..1200).all(|i| found.labels[i] == found.labels[i % 4]));
@@ -243,10 +265,12 @@ mod tests {
         let mut features = blobs(&axes(2, 8), 400, 0.05, 2);
         features.extend([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]);
         let config = DensityConfig { min_similarity: 0.5, keep_noise: true, sample: 300, ..small() };
-        let found = cluster_features(&features, 8, &config, &mut generator(3)).unwrap();
+        let found = cluster_features(&features, 8, &config, &mut generator(3), &|| true).unwrap();
         assert_eq!(found.labels[800], 0);
         assert_eq!(found.counts.len(), 2);
-        let all = cluster_features(&features, 8, &DensityConfig { sample: 300, ..small() }, &mut generator(3)).unwrap();
+        let all =
+            cluster_features(&features, 8, &DensityConfig { sample: 300, ..small() }, &mut generator(3), &|| true)
+                .unwrap();
         assert!(all.labels.iter().all(|&l| l > 0));
     }
 
@@ -254,29 +278,45 @@ mod tests {
     fn equal_features_do_not_break_the_stabilities() {
         let features: Vec<f32> =
             (0..300).flat_map(|i| if i % 3 == 0 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }).collect();
-        let found = cluster_features(&features, 3, &small(), &mut generator(3)).unwrap();
+        let found = cluster_features(&features, 3, &small(), &mut generator(3), &|| true).unwrap();
         assert_eq!(found.counts, [200, 100]);
     }
 
     #[test]
     fn poison_features() {
         let config = small();
-        let none = cluster_features(&[], 16, &config, &mut generator(1)).unwrap();
+        let none = cluster_features(&[], 16, &config, &mut generator(1), &|| true).unwrap();
         assert!(none.labels.is_empty() && none.counts.is_empty());
-        assert_eq!(cluster_features(&[1.0; 16], 16, &config, &mut generator(1)).unwrap().labels, [0]);
-        assert_eq!(cluster_features(&[f32::NAN; 160], 16, &config, &mut generator(1)).unwrap().labels, [0; 10]);
+        assert_eq!(cluster_features(&[1.0; 16], 16, &config, &mut generator(1), &|| true).unwrap().labels, [0]);
+        assert_eq!(
+            cluster_features(&[f32::NAN; 160], 16, &config, &mut generator(1), &|| true).unwrap().labels,
+            [0; 10]
+        );
         let mut features = blobs(&axes(2, 4), 100, 0.05, 2);
         features[..8].copy_from_slice(&[0.0, 0.0, 0.0, 0.0, f32::NAN, 1.0, 0.0, 0.0]);
-        let found = cluster_features(&features, 4, &config, &mut generator(1)).unwrap();
+        let found = cluster_features(&features, 4, &config, &mut generator(1), &|| true).unwrap();
         assert_eq!((found.labels[0], found.labels[1], found.counts.as_slice()), (0, 0, &[99, 99][..]));
-        let same = cluster_features(&[0.5; 800], 4, &config, &mut generator(1)).unwrap();
+        let same = cluster_features(&[0.5; 800], 4, &config, &mut generator(1), &|| true).unwrap();
         assert_eq!(same.labels.len(), 200);
         let few = DensityConfig { min_samples: 500, ..config };
-        assert_eq!(cluster_features(&features, 4, &few, &mut generator(1)).unwrap().labels.len(), 200);
-        assert!(cluster_features(&[0.0; 5], 4, &config, &mut generator(1)).is_err());
+        assert_eq!(cluster_features(&features, 4, &few, &mut generator(1), &|| true).unwrap().labels.len(), 200);
+        assert!(cluster_features(&[0.0; 5], 4, &config, &mut generator(1), &|| true).is_err());
         assert!(
-            cluster_features(&[0.0; 4], 4, &DensityConfig { min_samples: 0, ..config }, &mut generator(1)).is_err()
+            cluster_features(&[0.0; 4], 4, &DensityConfig { min_samples: 0, ..config }, &mut generator(1), &|| true)
+                .is_err()
         );
+    }
+
+    #[test]
+    fn one_that_is_stopped_is_not_waited_for() {
+        let features = blobs(&axes(4, 16), 350, 0.3, 2);
+        let config = DensityConfig { sample: 1400, ..DensityConfig::default() };
+        let started = std::time::Instant::now();
+        let found = cluster_features(&features, 16, &config, &mut generator(1), &|| false);
+        assert_eq!(found.unwrap_err(), PointsError::Stopped);
+        let stopped = started.elapsed();
+        assert!(cluster_features(&features, 16, &config, &mut generator(1), &|| true).is_ok());
+        assert!(stopped < started.elapsed() / 4, "{stopped:?} of {:?}", started.elapsed());
     }
 
     #[test]
@@ -284,7 +324,7 @@ mod tests {
         let features = blobs(&axes(5, 16), 1500, 0.3, 2);
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| cluster_features(&features, 16, &small(), &mut generator(3)).unwrap())
+            pool.install(|| cluster_features(&features, 16, &small(), &mut generator(3), &|| true).unwrap())
         };
         assert_eq!(run(1), run(3));
     }

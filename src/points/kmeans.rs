@@ -73,6 +73,21 @@ pub fn kmeans(
     config: &KMeansConfig,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<KMeans, PointsError> {
+    kmeans_while(points, dimensions, weights, config, uniform, &|| true)
+}
+
+/// As [`kmeans`], as long as `goes_on`, which is asked again and again.
+///
+/// # Errors
+/// As there; [`PointsError::Stopped`].
+pub fn kmeans_while(
+    points: &[f32],
+    dimensions: usize,
+    weights: &[f32],
+    config: &KMeansConfig,
+    uniform: &mut impl FnMut() -> f32,
+    goes_on: &dyn Fn() -> bool,
+) -> Result<KMeans, PointsError> {
     let count = rows("points", points.len(), dimensions, "[N, D]")?;
     if !weights.is_empty() {
         check_len("weights", weights.len(), count, "[N]")?;
@@ -85,13 +100,18 @@ pub fn kmeans(
     let data = Data::gather(points, dimensions, weights);
     let mut best: Option<Fit> = None;
     for _ in 0..config.restarts {
-        let fit = data.fit(config, uniform);
+        let fit = data.fit(config, uniform, goes_on)?;
         if best.as_ref().is_none_or(|b| fit.distortion < b.distortion) {
             best = Some(fit);
         }
     }
     let fit = best.unwrap_or_default();
     Ok(data.finish(fit, count))
+}
+
+/// Whether to go on.
+fn check(goes_on: &dyn Fn() -> bool) -> Result<(), PointsError> {
+    if goes_on() { Ok(()) } else { Err(PointsError::Stopped) }
 }
 
 /// The usable points, packed.
@@ -141,11 +161,17 @@ impl Data {
         &self.points[i * self.dimensions..(i + 1) * self.dimensions]
     }
 
-    fn fit(&self, config: &KMeansConfig, uniform: &mut impl FnMut() -> f32) -> Fit {
-        let mut centroids = self.seed(config.clusters, uniform);
+    fn fit(
+        &self,
+        config: &KMeansConfig,
+        uniform: &mut impl FnMut() -> f32,
+        goes_on: &dyn Fn() -> bool,
+    ) -> Result<Fit, PointsError> {
+        let mut centroids = self.seed(config.clusters, uniform, goes_on)?;
         let mut labels = vec![u32::MAX; self.rows.len()];
         let mut before = f64::INFINITY;
         for _ in 0..config.max_iterations {
+            check(goes_on)?;
             let pass = self.pass(&centroids, &mut labels);
             self.mean(&pass, &mut centroids);
             let reseeded = match pass.weights.iter().position(|&w| w == 0.0) {
@@ -163,16 +189,22 @@ impl Data {
             before = pass.distortion;
         }
         let pass = self.pass(&centroids, &mut labels);
-        Fit { centroids, labels, weights: pass.weights, distortion: pass.distortion }
+        Ok(Fit { centroids, labels, weights: pass.weights, distortion: pass.distortion })
     }
 
     /// k-means++: fewer centroids come back where the points hold fewer different places.
-    fn seed(&self, clusters: usize, uniform: &mut impl FnMut() -> f32) -> Vec<f32> {
+    fn seed(
+        &self,
+        clusters: usize,
+        uniform: &mut impl FnMut() -> f32,
+        goes_on: &dyn Fn() -> bool,
+    ) -> Result<Vec<f32>, PointsError> {
         let mut costs: Vec<f64> = self.weights.iter().map(|&w| f64::from(w)).collect();
         let mut nearest = vec![f64::INFINITY; self.rows.len()];
         // no more are found than there are points
         let mut centroids: Vec<f32> = Vec::with_capacity(clusters.min(self.rows.len()) * self.dimensions);
         for _ in 0..clusters {
+            check(goes_on)?;
             let Some(chosen) = draw(&costs, fine_uniform(uniform)) else { break };
             let centre = self.row(chosen).to_vec();
             centroids.extend_from_slice(&centre);
@@ -186,7 +218,7 @@ impl Data {
                 },
             );
         }
-        centroids
+        Ok(centroids)
     }
 
     fn pass(&self, centroids: &[f32], labels: &mut [u32]) -> Pass {

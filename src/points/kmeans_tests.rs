@@ -117,3 +117,15 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn one_that_is_stopped_ends_at_once() {
+    let points = vec![0.25; 300];
+    let asked = std::cell::Cell::new(0);
+    let goes_on = || {
+        asked.set(asked.get() + 1);
+        asked.get() < 3
+    };
+    let found = kmeans_while(&points, 3, &[], &KMeansConfig::new(50), &mut generator(1), &goes_on);
+    assert_eq!((found.unwrap_err(), asked.get()), (PointsError::Stopped, 3));
+}

@@ -4,6 +4,7 @@
 pub(crate) mod chunks;
 pub mod components;
 pub mod error;
+pub(crate) mod flood;
 pub mod hdbscan;
 pub mod kmeans;
 pub mod modes;

@@ -3,6 +3,7 @@
 //! elsewhere.
 
 use super::error::{PointsError, check_len, check_positive, rows};
+use super::flood::{Hill, flood};
 
 /// Cells of the density along one side of the plane.
 const SIDE: usize = 72;
@@ -33,9 +34,8 @@ pub struct Hills {
 
 /// The hills of the density of `points` `[N, 2]` with weights `[N]`: a grid filled from its densest cell downwards, where
 /// each new summit starts a hill, and two that meet become one unless the pass between them is lower than
-/// `pass(lower summit, higher summit)` of the lower one's density (mode seeking by persistence: Chazal, Guibas, Oudot and
-/// Skraba, *Persistence-based clustering in Riemannian manifolds*, 2013). Weights that are negative or not finite count
-/// as 0.
+/// `pass(lower summit, higher summit)` of the lower one's density, see [`flood`]. Weights that are negative or not finite
+/// count as 0.
 ///
 /// # Errors
 /// Slices of the wrong length; an empty range, or a bandwidth that is not positive.
@@ -63,64 +63,40 @@ pub fn hills(
         blur(&column, &kernel).into_iter().enumerate().for_each(|(y, v)| density[y * SIDE + x] = v);
     }
     let middle = |c: usize| [c % SIDE, c / SIDE].map(|k| config.range[0] + (k as f32 + 0.5) * cell);
-    let (of_cell, summits) = flood(&density, &masses, config.smallest, |low, high| pass(middle(low), middle(high)));
+    let (of_cell, summits) =
+        of_density(&density, &masses, config.smallest, |low, high| pass(middle(low), middle(high)));
     let labels = (0..count).map(|i| if finite(i) { of_cell[at(i)[1] * SIDE + at(i)[0]] } else { 0 }).collect();
     Ok(Hills { peaks: summits.into_iter().map(middle).collect(), labels })
 }
 
 /// The hill of each cell (from 1, 0 for none) and the cells of their summits, highest first.
-fn flood(density: &[f64], masses: &[f64], smallest: f64, pass: impl Fn(usize, usize) -> f64) -> (Vec<u32>, Vec<usize>) {
+fn of_density(
+    density: &[f64],
+    masses: &[f64],
+    smallest: f64,
+    pass: impl Fn(usize, usize) -> f64,
+) -> (Vec<u32>, Vec<usize>) {
     let highest = density.iter().copied().fold(0.0, f64::max);
-    let total: f64 = masses.iter().sum();
+    let least = smallest * masses.iter().sum::<f64>();
     let mut order: Vec<usize> = (0..density.len()).filter(|&c| density[c] > FLOOR * highest).collect();
     order.sort_by(|&a, &b| density[b].total_cmp(&density[a]).then(a.cmp(&b)));
-    // hills in the order of their summits; one that became part of another points there
-    let (mut part_of, mut summits, mut mass): (Vec<usize>, Vec<usize>, Vec<f64>) = (Vec::new(), Vec::new(), Vec::new());
-    let mut of_cell = vec![usize::MAX; density.len()];
-    for c in order {
+    let around = |c: usize, near: &mut Vec<usize>| {
         let (x, y) = (c % SIDE, c / SIDE);
-        let mut met = Vec::new();
         for j in y.saturating_sub(1)..=(y + 1).min(SIDE - 1) {
-            for i in x.saturating_sub(1)..=(x + 1).min(SIDE - 1) {
-                if of_cell[j * SIDE + i] != usize::MAX {
-                    met.push(root(&part_of, of_cell[j * SIDE + i]));
-                }
-            }
+            near.extend((x.saturating_sub(1)..=(x + 1).min(SIDE - 1)).map(|i| j * SIDE + i));
         }
-        met.sort_unstable();
-        met.dedup();
-        let Some(&top) = met.first() else {
-            of_cell[c] = summits.len();
-            part_of.push(summits.len());
-            summits.push(c);
-            mass.push(masses[c]);
-            continue;
-        };
-        of_cell[c] = top;
-        mass[top] += masses[c];
-        for &low in &met[1..] {
-            let parted = density[c] <= pass(summits[low], summits[top]) * density[summits[low]];
-            if !parted || mass[low] < smallest * total {
-                part_of[low] = top;
-                mass[top] += mass[low];
-            }
-        }
-    }
-    let mut names = vec![0u32; summits.len()];
+    };
+    let parted = |low: &Hill, top: &Hill, c: usize| {
+        density[c] <= pass(low.summit, top.summit) * density[low.summit] && low.mass >= least
+    };
+    let (of_cell, hills) = flood(&order, density.len(), |c| masses[c], around, parted);
+    let mut names = vec![0u32; hills.len()];
     let mut kept = Vec::new();
-    for hill in (0..summits.len()).filter(|&h| part_of[h] == h && mass[h] >= smallest * total) {
-        kept.push(summits[hill]);
-        names[hill] = kept.len() as u32;
+    for (name, hill) in names.iter_mut().zip(&hills).filter(|(_, h)| h.mass >= least) {
+        kept.push(hill.summit);
+        *name = kept.len() as u32;
     }
-    let of_cell = of_cell.into_iter().map(|h| if h == usize::MAX { 0 } else { names[root(&part_of, h)] }).collect();
-    (of_cell, kept)
-}
-
-fn root(part_of: &[usize], mut hill: usize) -> usize {
-    while part_of[hill] != hill {
-        hill = part_of[hill];
-    }
-    hill
+    (of_cell.into_iter().map(|h| if h == usize::MAX { 0 } else { names[h] }).collect(), kept)
 }
 
 /// Where the density of `values` `[N]` with weights `[N]` has clear valleys, ascending: less dense than `pass` times the

@@ -266,12 +266,11 @@ impl Grid {
             let all = self.clamped || radius > 2.0 * farthest;
             found.clear();
             self.visit(query, if all { f32::INFINITY } else { radius as f32 }, |id, distance| {
-                if Some(id) != skip {
+                let near = found.len() < k || found.last().is_some_and(|last| (distance, id) < (last.1, last.0));
+                if near && Some(id) != skip {
                     let at = found.partition_point(|&(i, d)| (d, i) < (distance, id));
-                    if at < k {
-                        found.insert(at, (id, distance));
-                        found.truncate(k);
-                    }
+                    found.insert(at, (id, distance));
+                    found.truncate(k);
                 }
                 true
             });
@@ -293,6 +292,21 @@ impl Grid {
             });
             count.min(cap)
         })
+    }
+
+    /// For each of the `M` points the indices of the `K` others nearest to it, from near to far, `[M]`; its own where there
+    /// are too few, and for those left out.
+    pub fn nearest_of_each<const K: usize>(&self) -> Vec<[u32; K]> {
+        let mut out = self.per_point([u32::MAX; K], |slot| {
+            let mut row = [self.ids[slot]; K];
+            let found = self.nearest(self.places[slot], K, Some(self.ids[slot]));
+            row.iter_mut().zip(found).for_each(|(out, (other, _))| *out = other);
+            row
+        });
+        for (row, i) in out.iter_mut().zip(0u32..).filter(|(row, _)| row.first() == Some(&u32::MAX)) {
+            *row = [i; K];
+        }
+        out
     }
 
     /// For each of the `M` points the distance to its nearest other point `[M]`; NaN for those left out and for a

@@ -10,6 +10,7 @@ use crate::segment::fine::train::{FineError, FineOptions, train};
 use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::members_key;
+use crate::shell;
 use burn::tensor::Device;
 use std::time::Instant;
 
@@ -125,7 +126,7 @@ pub fn fit(
     Budget::now().check(what, covered).map_err(RunError::input)?;
     let at = run.scene.host_at(header.time as f32);
     let frame = Frame::around(&at.visible_means());
-    let again = format!("run `volseggs segment masks {} --replace`", run.path.display());
+    let again = format!("run `volseggs segment masks {} --replace`", shell::path(&run.path));
     let of = |(i, name): (usize, &String)| {
         // one that has another name by now still has its Gaussians
         let renamed = || {

@@ -21,6 +21,9 @@ const ABOVE: f64 = 20.0 * std::f64::consts::PI / 180.0;
 /// splatting, and its eight bits.
 const PIXEL_BYTES: usize = 64;
 
+/// Largest side of a picture that may be asked for, pixels.
+pub const SIDE: u32 = 16_384;
+
 /// A camera may stand from so near to the centre to so far from it, in half sizes of the scene: nearer it looks nowhere,
 /// farther the scene is less than a pixel.
 const DISTANCES: [f64; 2] = [1e-6, 1e5];

@@ -10,6 +10,7 @@ use crate::segment::paint::{by_segment, depth_range, flat, highlight};
 use crate::segment::palette::hex;
 use crate::segment::pictures::picture;
 use crate::segment::segmentation::Segmentation;
+use crate::shell;
 use crate::track::velocity::{Component, robust_size, velocities};
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::Serialize;
@@ -147,9 +148,9 @@ impl Look {
             Show::Segments => {
                 let all = run.segments()?;
                 if all.segments.is_empty() {
-                    let run = run.path.display();
+                    let (path, word) = (run.path.display(), shell::path(&run.path));
                     return Err(RunError::input(format!(
-                        "--show segments: {run} has none yet; run `volseggs segment coarse {run}`"
+                        "--show segments: {path} has none yet; run `volseggs segment coarse {word}`"
                     )));
                 }
                 Kind::Segments(all)

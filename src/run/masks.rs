@@ -19,6 +19,7 @@ use crate::segment::masks::origin::{MaskKind, MaskOrigin};
 use crate::segment::masks::sheet::overlay;
 use crate::segment::masks::source::{Found, Group};
 use crate::segment::pictures::Picture;
+use crate::shell;
 use burn::tensor::Device;
 use image::RgbImage;
 use std::path::Path;
@@ -259,7 +260,7 @@ fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
             "{}: no pictures yet, so there can be no masks of them; run `volseggs segment masks {} --pictures` first, then \
              your program on them",
             folder.display(),
-            run.path.display()
+            shell::path(&run.path)
         )));
     }
     Handout::read(&folder).map_err(RunError::input)

@@ -3,7 +3,7 @@
 //!
 //! [`OpenRun`] is the run; [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand
 //! for (numbers in a [`palette`]), [`frames`] writes pictures; [`view`] is all of that for one picture, which [`saved`] keeps in files; [`keyframes`] are
-//! paths of cameras through such pictures. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
+//! paths of cameras through such pictures. [`status`] is how its training stands. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
 //! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
 //! segments, [`export`] writes files of other programs, and [`measure`] evaluates the run. `files::RunPaths` says where
 //! everything lies.
@@ -27,6 +27,7 @@ pub mod saved;
 pub mod segments;
 pub mod selection;
 pub mod split;
+pub mod status;
 pub mod view;
 
 pub use error::RunError;

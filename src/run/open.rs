@@ -10,6 +10,7 @@ use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
 use crate::model::Scene;
 use crate::segment::segmentation::Segmentation;
+use crate::shell;
 use crate::train::run::RunRecord;
 use crate::train::{checkpoint, live, open_measured};
 use burn::tensor::Device;
@@ -24,7 +25,7 @@ pub struct OpenRun {
     _lock: Option<RunLock>,
     /// The scene, on the device that the run was opened with.
     pub scene: Scene,
-    /// The file that it was read from.
+    /// The file that it was read from, or, while it is trained here, where a checkpoint of it lies if there is one.
     pub scene_path: PathBuf,
     /// What training left behind.
     pub record: RunRecord,
@@ -95,6 +96,19 @@ impl OpenRun {
         let Self { path, scene, scene_path, record, config, .. } = self;
         let (path, scene_path, record, config) = (path.clone(), scene_path.clone(), record.clone(), config.clone());
         Self { path, _lock: None, scene: scene.clone(), scene_path, record, config }
+    }
+
+    /// A run that this process trains, with its scene after `step` steps, which no file may hold; `record` is the one that
+    /// was written last.
+    #[must_use]
+    pub fn in_training(path: &Path, scene: Scene, step: usize, record: RunRecord, config: Config) -> Self {
+        let scene_path = scene_at(path, step);
+        Self { path: path.to_owned(), _lock: None, scene, scene_path, record, config }
+    }
+
+    /// Puts the scene after `step` steps in the place of the one before.
+    pub fn advance(&mut self, scene: Scene, step: usize) {
+        (self.scene, self.scene_path) = (scene, scene_at(&self.path, step));
     }
 
     /// Steps that the scene was trained for.
@@ -181,7 +195,7 @@ impl OpenRun {
             "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
              --replace` to begin again",
             self.paths().segments().display(),
-            self.path.display()
+            shell::path(&self.path)
         )))
     }
 
@@ -226,6 +240,11 @@ impl OpenRun {
     }
 }
 
+/// The file of the scene after `step` steps, if there is such a checkpoint.
+fn scene_at(run: &Path, step: usize) -> PathBuf {
+    scene_of(&RunPaths(run).checkpoints().join(checkpoint::folder_name(step)))
+}
+
 fn scene_of(checkpoint: &Path) -> PathBuf {
     checkpoint.join(RunPaths::SCENE)
 }
@@ -245,8 +264,10 @@ fn no_checkpoint(path: &Path) -> RunError {
     RunError::input(match record.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok()) {
         Some(record) => format!(
             "{run}: training has reached no checkpoint yet; if it is not running any more, start it again with `volseggs train \
-             --data {} --config {run}/config.toml --out {run}`",
-            record.dataset.display()
+             --data {} --config {} --out {}`",
+            shell::path(&record.dataset),
+            shell::path(&RunPaths(path).config()),
+            shell::path(path)
         ),
         None => format!("{run}: no checkpoint here; give the folder that `volseggs train --out` made"),
     })

@@ -10,6 +10,7 @@ use crate::model::HostGaussians;
 use crate::model::params::to_vec;
 use crate::name::Name;
 use crate::segment::candidates::{Candidates, Found};
+use crate::segment::carry::carry;
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
@@ -195,17 +196,27 @@ pub fn place(
     Ok(camera.unproject(middle, depth).to_array())
 }
 
-/// Makes a segment `name` of what a click at `time` selected.
+/// A segment that a click made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Made {
+    /// Its Gaussians.
+    pub gaussians: usize,
+    /// Those of them that the click did not select: they are seen at other times.
+    pub from_other_times: usize,
+}
+
+/// Makes a segment `name` of what a click at `time` selected, carried to the other times, see [`carry`].
 ///
 /// # Errors
-/// If nothing was selected, or the name is taken.
+/// If nothing was selected, the name is taken, or the segment that was looked in is not there any more.
 pub fn commit(
+    run: &OpenRun,
     segments: &mut RunSegments,
     name: &Name,
     hit: &Hit,
     picked: &Picked,
     time: f64,
-) -> Result<usize, RunError> {
+) -> Result<Made, RunError> {
     let Picked { members, scale, threshold, .. } = picked;
     if members.is_empty() {
         return Err(RunError::input(format!(
@@ -213,13 +224,18 @@ pub fn commit(
              --threshold, or pass --keep-strays"
         )));
     }
-    let count = members.len();
     let mut all = segments.now().clone();
+    let within = match &hit.within {
+        Some(whole) => all.get(whole).map_err(RunError::input)?.members.clone(),
+        None => (0..run.scene.gaussians.count() as u32).collect(),
+    };
+    let members = carry(&run.scene, members, &within, time).map_err(RunError::failure)?;
+    let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
+    let made = Made { gaussians: members.len(), from_other_times };
     let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
     let origin = Origin::Pick { scale: *scale, threshold: *threshold };
     let (segment, parent) = (name.clone(), hit.within.clone());
-    all.add(Segment { name: segment, parent, colour, time, origin, members: members.clone() })
-        .map_err(RunError::input)?;
+    all.add(Segment { name: segment, parent, colour, time, origin, members }).map_err(RunError::input)?;
     segments.change(format!("pick {name}"), all.segments);
-    Ok(count)
+    Ok(made)
 }

@@ -3,11 +3,12 @@
 //! A picture has the JSON in a text chunk before its pixels. Reading takes at most [`LONGEST`] bytes of text and looks for
 //! it in the first megabyte, whatever the file claims.
 
+use super::cameras::SIDE;
 use super::view::View;
 use super::{OpenRun, RunError};
 use crate::export::images::{encode_png_with, to_rgb8};
 use crate::files::open_regular;
-use crate::shell::quote;
+use crate::shell;
 use crate::words::plain;
 use burn::tensor::Device;
 use flate2::Crc;
@@ -127,12 +128,22 @@ impl SavedView {
         Ok(saved)
     }
 
-    /// The same at another width in pixels, of the same shape.
-    #[must_use]
-    pub fn sized(mut self, width: u32) -> Self {
-        let [w, h] = self.view.size.map(f64::from);
-        self.view.size = [width, (h * f64::from(width) / w).round().max(1.0) as u32];
-        self
+    /// The same at another width in pixels (the value of `--size`), of the same shape.
+    ///
+    /// # Errors
+    /// If it would be taller than [`SIDE`].
+    pub fn sized(mut self, width: u32) -> Result<Self, RunError> {
+        let [w, h] = self.view.size;
+        let height = (f64::from(h) * f64::from(width) / f64::from(w)).round().max(1.0);
+        if height > f64::from(SIDE) {
+            let most = (f64::from(SIDE) * f64::from(w) / f64::from(h)).floor().max(1.0);
+            return Err(RunError::input(format!(
+                "--size {width}: a view of the shape {w}x{h} would be {height} pixels tall, and {SIDE} is the most; choose \
+                 at most {most}"
+            )));
+        }
+        self.view.size = [width, height as u32];
+        Ok(self)
     }
 
     /// Whether it was saved of another scene than this run's.
@@ -145,7 +156,7 @@ impl SavedView {
 /// The command that renders the run with an option that says what; `value` is the name of a file, or of a view the JSON itself.
 #[must_use]
 pub fn command(run: &OpenRun, option: &str, value: &str, out: &str) -> String {
-    format!("volseggs render {} {option} {} --out {out}", quote(&run.path.display().to_string()), quote(value))
+    format!("volseggs render {} {option} {} --out {out}", shell::path(&run.path), shell::quote(value))
 }
 
 /// The text of a view in a PNG, or all of another file; `None` if it is a PNG that has none.
@@ -224,7 +235,12 @@ mod tests {
         assert_eq!(reads(json.as_bytes()).unwrap(), saved());
         let alone = SavedView::parse("--view", &serde_json::to_string(&saved().view).unwrap()).unwrap();
         assert_eq!((alone.view, alone.scene), (saved().view, String::new()));
-        assert_eq!(saved().sized(400).view.size, [400, 300]);
+        assert_eq!(saved().sized(400).unwrap().view.size, [400, 300]);
+        let mut tall = saved();
+        tall.view.size = [4, 4096];
+        assert_eq!(tall.clone().sized(16).unwrap().view.size, [16, 16_384]);
+        let error = tall.sized(17).unwrap_err();
+        assert!(error.is_input() && error.to_string().contains("16384 is the most; choose at most 16"), "{error}");
     }
 
     #[test]

@@ -72,8 +72,14 @@ impl RunSegments {
     pub fn replacing(run: &OpenRun) -> (Self, Option<RunError>) {
         match Self::open(run) {
             Ok(segments) => (segments, None),
-            Err(error) => (Self::of(run, History::new(run.no_segments())), Some(error)),
+            Err(error) => (Self::none(run), Some(error)),
         }
+    }
+
+    /// None, whatever the file says: of a run whose scene is still being trained.
+    #[must_use]
+    pub fn none(run: &OpenRun) -> Self {
+        Self::of(run, History::new(run.no_segments()))
     }
 
     fn of(run: &OpenRun, found: History) -> Self {
@@ -213,8 +219,8 @@ impl RunSegments {
         if let Some(clusters) = options.clusters {
             check_clusters(clusters, n, "the scene has", 3)?;
         }
-        let largest = run.scene.largest_opacity(&options.hidden(at));
-        let found = coarse(at, Some(&largest), options).map_err(RunError::input)?;
+        let later = run.scene.ever_seen(&options.hidden(at), options.min_opacity);
+        let found = coarse(at, Some(&later), options).map_err(RunError::input)?;
         let mut all = run.no_segments();
         for (label, entry) in (1..).zip(&found.palette) {
             let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();

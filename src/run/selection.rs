@@ -5,6 +5,7 @@ use super::{OpenRun, RunError};
 use crate::edit::{Edit, EditError, EditStack, HIDDEN_LOGIT, apply, centre};
 use crate::model::{HostGaussians, Scene};
 use crate::segment::segmentation::Segmentation;
+use crate::shell;
 
 /// What of a scene is shown, with its files read and its names checked.
 #[derive(Debug, Clone)]
@@ -34,7 +35,7 @@ pub(super) fn check_edits(run: &OpenRun, edits: &EditStack, segments: &Segmentat
              to before it with `volseggs edit undo {} --count {}`",
             file.display(),
             edits.operations[edit - 1],
-            run.path.display(),
+            shell::path(&run.path),
             edits.operations.len() - edit + 1
         ))
     })
@@ -46,6 +47,18 @@ impl Selection {
     /// # Errors
     /// A name that no segment has, an edit of a segment that is not there any more, or a file that is damaged.
     pub fn open(run: &OpenRun, names: &[String], edited: bool) -> Result<Self, RunError> {
+        Self::of(run, names, edited, false)
+    }
+
+    /// The same where the names are those of another run: of segments that this one has not, nothing is shown.
+    ///
+    /// # Errors
+    /// As [`Selection::open`], but for names.
+    pub fn open_known(run: &OpenRun, names: &[String], edited: bool) -> Result<Self, RunError> {
+        Self::of(run, names, edited, true)
+    }
+
+    fn of(run: &OpenRun, names: &[String], edited: bool, lenient: bool) -> Result<Self, RunError> {
         let edits = if edited { run.edits()? } else { EditStack::default() };
         let segments = if names.is_empty() && edits.operations.is_empty() {
             // nothing to look up: a file of segments that does not fit the scene must not stop a plain render
@@ -59,7 +72,11 @@ impl Selection {
         } else {
             let mut all = Vec::new();
             for name in names {
-                all.extend_from_slice(&segments.get(name).map_err(RunError::input)?.members);
+                match segments.get(name) {
+                    Ok(segment) => all.extend_from_slice(&segment.members),
+                    Err(_) if lenient => {}
+                    Err(error) => return Err(RunError::input(error)),
+                }
             }
             all.sort_unstable();
             all.dedup();

@@ -7,6 +7,7 @@ use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::model::HostGaussians;
 use crate::name::Name;
+use crate::points::PointsError;
 use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::FEATURES;
 use crate::segment::masks::sheet::distinct_colour;
@@ -46,7 +47,8 @@ pub struct Parts {
     shades: Vec<Option<[f32; 3]>>,
 }
 
-/// Parts a segment in the place of an earlier split of it; the parts are called `WHOLE.1`, `WHOLE.2` and so on.
+/// Parts a segment in the place of an earlier split of it; the parts are called `WHOLE.1`, `WHOLE.2` and so on. `goes_on` is
+/// asked again and again; `None` if it says no, and `segments` are then as they were.
 ///
 /// # Errors
 /// If there is no such segment or no affinity field, no parts show, or something that a person made would go.
@@ -56,7 +58,8 @@ pub fn split(
     name: &str,
     options: &SplitOptions,
     device: &Device,
-) -> Result<Parts, RunError> {
+    goes_on: &dyn Fn() -> bool,
+) -> Result<Option<Parts>, RunError> {
     let mut all = segments.now().clone();
     let whole = all.get(name).map_err(RunError::input)?.clone();
     make_room(&mut all, name, options.replace)?;
@@ -67,13 +70,19 @@ pub fn split(
     let at = run.scene.host_at(spec.time as f32);
     let alone = at.subset(&whole.members);
     let clustering = options.clusters.map_or(Clustering::Density, Clustering::KMeans);
-    let labels =
-        cluster(&field, &spec.frame, &alone.means, options.scale, clustering, options.seed).map_err(RunError::input)?;
+    let (means, scale) = (&alone.means, options.scale);
+    let labels = match cluster(&field, &spec.frame, means, scale, clustering, options.seed, goes_on) {
+        Err(PointsError::Stopped) => return Ok(None),
+        found => found.map_err(RunError::input)?,
+    };
 
     let mut names = Vec::new();
     let mut shades = vec![None; labels.len()];
     let mut number = 1;
     for label in 1..=labels.iter().max().copied().unwrap_or(0) {
+        if !goes_on() {
+            return Ok(None);
+        }
         let of = whole.members.iter().zip(&labels).filter(|(_, l)| **l == label);
         let mut members: Vec<u32> = of.map(|(m, _)| *m).collect();
         if !options.keep_strays {
@@ -100,7 +109,7 @@ pub fn split(
         )));
     }
     segments.change(format!("split {}", whole.name), all.segments);
-    Ok(Parts { names, alone, shades })
+    Ok(Some(Parts { names, alone, shades }))
 }
 
 /// The whole from four sides, as it is and by its parts.

@@ -87,6 +87,18 @@ impl View {
     /// # Errors
     /// A look or segment that nobody knows, or a file of the run that is damaged.
     pub fn look(&self, run: &OpenRun) -> Result<Look, RunError> {
+        self.look_at(run, Selection::open(run, &self.alone, self.edits)?)
+    }
+
+    /// The same of a view of another run: segments that this one has not are not shown.
+    ///
+    /// # Errors
+    /// As [`View::look`], but for names of segments.
+    pub fn look_of_another(&self, run: &OpenRun) -> Result<Look, RunError> {
+        self.look_at(run, Selection::open_known(run, &self.alone, self.edits)?)
+    }
+
+    fn look_at(&self, run: &OpenRun, selection: Selection) -> Result<Look, RunError> {
         let (show, palette) = self.shows().map_err(RunError::input)?;
         let mut away = Vec::new();
         if !self.hidden.is_empty() {
@@ -96,8 +108,7 @@ impl View {
                 away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
             }
         }
-        let selection = Selection::open(run, &self.alone, self.edits)?.hiding(away);
-        let look = Look::open(run, selection, show, palette)?;
+        let look = Look::open(run, selection.hiding(away), show, palette)?;
         Ok(match self.range {
             Some(range) => look.with_range(range),
             None => look,

@@ -4,6 +4,7 @@ use crate::data::Camera;
 use crate::device::DeviceName;
 use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
+use crate::segment::colour::fibonacci_sphere;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
 use crate::segment::masks::Mask;
@@ -98,6 +99,23 @@ pub(crate) fn add(to: &mut HostGaussians, mean: [f32; 3], log_scales: [f32; 3]) 
     to.log_scales.extend(log_scales);
     to.opacity_logits.push(2.0);
     to.sh.extend([0.3; 3]);
+}
+
+/// Gaussians on the surfaces of balls along x, those inside another ball left out: centre and radius of each. With the
+/// ball that each is of.
+pub(crate) fn surfaces(balls: &[(f32, f32)]) -> (HostGaussians, Vec<usize>) {
+    let (mut out, mut of) = (HostGaussians { sh_stride: 1, ..HostGaussians::default() }, Vec::new());
+    for (ball, &(centre, radius)) in balls.iter().enumerate() {
+        for [x, y, z] in fibonacci_sphere((1800.0 * radius * radius) as usize) {
+            let place = [centre + radius * x, radius * y, radius * z];
+            let buried = |&(c, r): &(f32, f32)| (place[0] - c).hypot(place[1].hypot(place[2])) < r - 1e-3;
+            if !balls.iter().any(buried) {
+                add(&mut out, place, [-3.0; 3]);
+                of.push(ball);
+            }
+        }
+    }
+    (out, of)
 }
 
 /// `work` on so many threads.

@@ -4,13 +4,16 @@
 use super::fine::AffinityField;
 use super::fine::extract::cosines;
 use super::fine::network::Frame;
+use super::necks::parts;
 use super::pick::PickError;
-use super::pieces::pieces;
+use super::pieces::{Touch, pieces};
+use super::voxels::VoxelError;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::Components;
 use rayon::prelude::*;
 use std::cell::{OnceCell, RefCell};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use volseggs_kernels::activation::sigmoid_f64;
 
@@ -27,6 +30,8 @@ pub struct Found {
     /// Unit features `[M, 16]` by scale, the latest last.
     features: RefCell<Vec<(f32, Arc<Vec<f32>>)>>,
     pieces: OnceCell<Components>,
+    /// By piece, the part of each of its Gaussians.
+    parts: RefCell<BTreeMap<u32, Arc<Vec<u32>>>>,
 }
 
 /// The Gaussians that a click may select.
@@ -103,7 +108,7 @@ impl<'a> Candidates<'a> {
         self.found.shown.get_or_init(|| self.within.par_iter().map(|&i| shown(self.at, i as usize)).collect())
     }
 
-    /// What hangs together in space; labels `[M]` from 1, 0 for what is nowhere.
+    /// What of the seen hangs together in space; labels `[M]` from 1, 0 for what is nowhere or not seen at the time.
     ///
     /// # Errors
     /// If the arrays of `at` disagree, or points are too far apart.
@@ -111,8 +116,21 @@ impl<'a> Candidates<'a> {
         if let Some(pieces) = self.found.pieces.get() {
             return Ok(pieces);
         }
-        let pieces = pieces(self.at, self.within)?;
+        let pieces = pieces(self.at, self.within, Touch::SEEN)?;
         Ok(self.found.pieces.get_or_init(|| pieces))
+    }
+
+    /// The parts between necks, see [`parts`], of the Gaussians `members` of the piece `piece`, as many labels from 1.
+    ///
+    /// # Errors
+    /// If the arrays of `at` disagree.
+    pub fn parts(&self, piece: u32, members: &[u32]) -> Result<Arc<Vec<u32>>, VoxelError> {
+        if let Some(known) = self.found.parts.borrow().get(&piece) {
+            return Ok(known.clone());
+        }
+        let found = Arc::new(parts(&self.at.subset(members))?);
+        self.found.parts.borrow_mut().insert(piece, found.clone());
+        Ok(found)
     }
 
     fn features(&self, scale: f32) -> Arc<Vec<f32>> {

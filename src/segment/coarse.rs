@@ -5,7 +5,7 @@ use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
-use super::pieces::pieces;
+use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
@@ -56,8 +56,8 @@ impl Default for CoarseOptions {
 }
 
 impl CoarseOptions {
-    /// Which of `gaussians` are too transparent at their time to make colours, `[N]`: [`coarse`] reads the largest
-    /// opacity of these alone.
+    /// Which of `gaussians` are too transparent at their time to make colours, `[N]`: [`coarse`] asks of
+    /// these alone whether they are seen later.
     #[must_use]
     pub fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
         gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
@@ -78,38 +78,38 @@ pub struct Coarse {
     /// Gaussians with a position or colour that is not finite. With these three numbers and the labelled ones every
     /// Gaussian is accounted for.
     pub not_finite: usize,
-    /// View-independent colours `[N, 3]`, the paper's equation of the mean over directions.
-    pub colours: Vec<f32>,
 }
 
-/// Groups Gaussians at a time by colour, each weighted by its opacity. With `largest_opacity` `[N]`, the largest of
-/// each over all times (read where [`CoarseOptions::hidden`]), those that are transparent now but not always join the
-/// colour next to theirs: at another time they may be what a segment consists of.
+/// Groups Gaussians at a time by colour, each weighted by its opacity. Those of which `later` `[N]` says that
+/// they are not always transparent (read where [`CoarseOptions::hidden`]) join the colour next to theirs: at another time
+/// they may be what a segment consists of.
 ///
 /// # Errors
 /// If an option is out of range.
 ///
 /// # Panics
-/// If `largest_opacity` has another length.
+/// If `later` has another length.
 pub fn coarse(
     gaussians: &HostGaussians,
-    largest_opacity: Option<&[f32]>,
+    later: Option<&[bool]>,
     options: &CoarseOptions,
 ) -> Result<Coarse, PointsError> {
-    if let Some(largest) = largest_opacity {
-        assert_eq!(largest.len(), gaussians.len(), "largest_opacity: [N]");
+    if let Some(later) = later {
+        assert_eq!(later.len(), gaussians.len(), "later: [N]");
     }
-    let (sh, coefficients) = gaussians.material_colours();
-    let colours = mean_colour(&sh, coefficients, &fibonacci_sphere(DIRECTIONS))?;
+    let harmonics = 3 * gaussians.sh_stride;
     let opacity = gaussians.opacity();
     let too_transparent = options.hidden(gaussians);
     let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
     let (hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
-        .filter(|&i| finite(&gaussians.means[3 * i as usize..][..3]) && finite(&colours[3 * i as usize..][..3]))
+        .filter(|&i| {
+            finite(&gaussians.means[3 * i as usize..][..3])
+                && finite(&gaussians.sh[i as usize * harmonics..][..harmonics])
+        })
         .partition(|&i| too_transparent[i as usize]);
     let not_finite = gaussians.len() - shown.len() - hidden.len();
-    let later: Vec<u32> = match largest_opacity {
-        Some(largest) => hidden.into_iter().filter(|&i| largest[i as usize] >= options.min_opacity).collect(),
+    let later: Vec<u32> = match later {
+        Some(later) => hidden.into_iter().filter(|&i| later[i as usize]).collect(),
         None => Vec::new(),
     };
     let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
@@ -117,7 +117,7 @@ pub fn coarse(
     let mut uniform = || rng.uniform();
     let found = match options.space {
         ColourSpace::Material => by_material(gaussians, &shown, &later, &weights, options, &mut uniform)?,
-        ColourSpace::Rgb | ColourSpace::Lab => by_mean(&colours, &shown, &later, &weights, options, &mut uniform)?,
+        ColourSpace::Rgb | ColourSpace::Lab => by_mean(gaussians, &shown, &later, &weights, options, &mut uniform)?,
     };
     let mut labels = vec![0; gaussians.len()];
     for (&i, &label) in shown.iter().zip(&found.shown) {
@@ -135,7 +135,7 @@ pub fn coarse(
                 continue;
             }
             // thin things have few neighbours, but they hang together
-            let found = pieces(gaussians, &members)?;
+            let found = pieces(gaussians, &members, Touch::ALL)?;
             let with_others = |n: usize| {
                 found.labels[n].checked_sub(1).is_some_and(|p| found.counts[p as usize] > outliers.min_neighbours)
             };
@@ -152,7 +152,7 @@ pub fn coarse(
     let none = labels.iter().filter(|l| **l == 0).count();
     let transparent = none - removed - not_finite;
     let palette = if options.space == ColourSpace::Material { name_materials(&kept) } else { name_colours(&kept) };
-    Ok(Coarse { palette, labels, outliers: removed, transparent, not_finite, colours })
+    Ok(Coarse { palette, labels, outliers: removed, transparent, not_finite })
 }
 
 /// Labels from 1 of the Gaussians that are shown and of those that are at another time, and the groups' colours `[K,
@@ -187,13 +187,15 @@ fn by_material(
 
 /// The paper's grouping: k-means of the colours that [`mean_colour`] gives.
 fn by_mean(
-    colours: &[f32],
+    gaussians: &HostGaussians,
     shown: &[u32],
     later: &[u32],
     weights: &[f32],
     options: &CoarseOptions,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
+    let (sh, coefficients) = gaussians.material_colours();
+    let colours = mean_colour(&sh, coefficients, &fibonacci_sphere(DIRECTIONS))?;
     let points_of = |which: &[u32]| {
         let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
         if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
@@ -283,7 +285,7 @@ mod tests {
             assert_eq!(out.labels.last(), Some(&stray), "the stray");
         }
         // a part of the haze that is opaque at another time joins the colour next to it
-        let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.9 } else { 0.0 }).collect();
+        let later: Vec<bool> = (0..truth.len()).map(|i| i % 6 == 2).collect();
         for space in [ColourSpace::Rgb, ColourSpace::Material] {
             let options = CoarseOptions { space, ..CoarseOptions::default() };
             let with = coarse(&g, Some(&later), &options).unwrap();

@@ -1,7 +1,8 @@
 //! The levels of parts and wholes at a click, and the one that is likeliest meant; no label is seen.
 //!
 //! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one
-//! colour and is in one piece mostly is one thing. In a whole scene, whose things touch each other, it is a plateau of
+//! colour and is in one piece mostly is one thing, unless it has a neck: then it is things that touch, and the one is
+//! meant that was clicked (see [`super::necks`]); the whole piece is the next level. In a whole scene, whose things touch each other, it is a plateau of
 //! the affinity.
 //!
 //! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a
@@ -39,7 +40,7 @@ pub struct Level {
     pub scale: f32,
     /// Cosine from which a Gaussian is like the clicked one; -1 where none is asked for.
     pub threshold: f32,
-    /// Whether it is all that hangs together with the click, whatever the affinity.
+    /// Whether it is what hangs together with the click, or the part of that between necks, whatever the affinity.
     pub piece: bool,
     /// What stays of it if the cosine rises by 0.05, part of its weight in (0, 1].
     pub stability: f64,
@@ -50,7 +51,8 @@ pub struct Level {
 }
 
 /// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is
-/// one at least; the piece is among them where the candidates are not the whole scene. Gaussians weigh what they show,
+/// one at least; the piece, and the part of it if it has several, are among them where the candidates are not the whole
+/// scene. Gaussians weigh what they show,
 /// see [`Candidates::shown`].
 ///
 /// # Errors
@@ -60,17 +62,21 @@ pub struct Level {
 /// If an index of a candidate is not below N.
 pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let mut found = of_affinity(of, clicked)?;
-    let Some(piece) = whole_piece(of, clicked)? else {
+    let spatial = in_space(of, clicked)?;
+    if spatial.is_empty() {
         let likeliest = most_likely(&found);
         return Ok((found, likeliest));
-    };
-    found.retain(|l| overlap(&l.members, &piece.members) < ALIKE);
-    let place = found.partition_point(|l| l.members.len() <= piece.members.len());
-    found.insert(place, piece);
-    Ok((found, place))
+    }
+    found.retain(|l| spatial.iter().all(|s| overlap(&l.members, &s.members) < ALIKE));
+    let mut likeliest = 0;
+    for level in spatial.into_iter().rev() {
+        likeliest = found.partition_point(|l| l.members.len() < level.members.len());
+        found.insert(likeliest, level);
+    }
+    Ok((found, likeliest))
 }
 
-/// The likeliest of the [`levels`], without looking for the others where it is the piece.
+/// The likeliest of the [`levels`], without looking for the others where it is the piece or a part of it.
 ///
 /// # Errors
 /// As [`levels`].
@@ -78,8 +84,8 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
 /// # Panics
 /// As [`levels`].
 pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> {
-    if let Some(piece) = whole_piece(of, clicked)? {
-        return Ok(piece);
+    if let Some(level) = in_space(of, clicked)?.into_iter().next() {
+        return Ok(level);
     }
     let mut found = of_affinity(of, clicked)?;
     Ok(found.swap_remove(most_likely(&found)))
@@ -111,22 +117,31 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
     Ok(found)
 }
 
-/// The candidates that hang together with the clicked one; `None` in a whole scene, or if it is nowhere.
-fn whole_piece(of: &Candidates<'_>, clicked: u32) -> Result<Option<Level>, PickError> {
+/// What a click means by space alone: the part between necks if there are several, and the piece; nothing in a whole
+/// scene, or if the clicked one is nowhere.
+fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
     if of.within.len() == of.at.len() {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let labels = &of.pieces()?.labels;
     let mine = labels[position];
     if mine == 0 {
-        return Ok(None);
+        return Ok(Vec::new());
     }
-    let members: Vec<u32> = of.within.iter().zip(labels).filter(|(_, l)| **l == mine).map(|(&i, _)| i).collect();
     let weights = of.shown();
-    let weight: f64 = weights.iter().zip(labels).filter(|(_, l)| **l == mine).map(|(w, _)| w).sum();
-    let share = (weight / weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).min(1.0);
-    Ok(Some(Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members }))
+    let all = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    let level = |rows: &[usize]| {
+        let share = (rows.iter().map(|&n| weights[n]).sum::<f64>() / all).min(1.0);
+        let members = rows.iter().map(|&n| of.within[n]).collect();
+        Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members }
+    };
+    let rows: Vec<usize> = (0..labels.len()).filter(|&n| labels[n] == mine).collect();
+    let piece = level(&rows);
+    let parts = of.parts(mine, &piece.members)?;
+    let own = rows.binary_search(&position).map_or(1, |k| parts[k]);
+    let part: Vec<usize> = rows.iter().zip(parts.iter()).filter(|(_, p)| **p == own).map(|(&n, _)| n).collect();
+    Ok(if part.len() < rows.len() { vec![level(&part), piece] } else { vec![piece] })
 }
 
 fn cosine(k: usize) -> f32 {
@@ -186,7 +201,7 @@ fn most_likely(levels: &[Level]) -> usize {
 mod tests {
     use super::*;
     use crate::device::DeviceName;
-    use crate::segment::balls::{APART, COUNT};
+    use crate::segment::balls::{APART, COUNT, surfaces};
     use crate::segment::fine::AffinityField;
     use crate::segment::fine::network::Frame;
     use crate::segment::fine::train::{FineOptions, train};
@@ -238,6 +253,24 @@ mod tests {
         assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
         let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
         assert_eq!(alone.members, picked.members, "the piece is found without the others");
+    }
+
+    #[test]
+    fn a_click_on_one_of_two_beads_that_touch_means_it_and_the_next_level_is_both() {
+        let device = DeviceName::all()[0].open().unwrap();
+        // a third one far away, so that the beads are not the whole scene
+        let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
+        let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+        let within: Vec<u32> = (0..at.len() as u32).filter(|&i| bead_of[i as usize] < 2).collect();
+        let of = Candidates::new(&field, &frame, &at.means, &at, &within);
+        for bead in 0..2 {
+            let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
+            let clicked = own[own.len() / 2];
+            let (found, n) = levels(&of, clicked).unwrap();
+            assert!(found[n].piece && overlap(&found[n].members, &own) > 0.9, "{bead}");
+            assert!(found[n + 1..].iter().any(|l| l.piece && l.members == within), "both together are a level too");
+            assert_eq!(likeliest(&of, clicked).unwrap(), found[n]);
+        }
     }
 
     #[test]

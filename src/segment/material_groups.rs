@@ -3,7 +3,7 @@
 
 use super::material::{Materials, from_plane, to_plane, to_rgb};
 use crate::points::PointsError;
-use crate::points::chunks::{map_chunks, point};
+use crate::points::chunks::map_chunks;
 use crate::points::modes::{ModeConfig, hills, valleys};
 use crate::points::neighbours::Grid;
 use centre::{Centre, Members};
@@ -91,7 +91,7 @@ pub fn group(
     if clusters == Some(0) {
         return Err(PointsError::Setting { field: "clusters", value: "0".into(), want: "at least 1" });
     }
-    let neighbours = neighbours(means)?;
+    let neighbours = Grid::adaptive(means)?.nearest_of_each();
     let smooth = Smooth::new(of, opacity, &neighbours);
     let weights = smooth.weights();
     let mut parts = parts(&smooth, &weights)?;
@@ -169,17 +169,6 @@ fn like_mean(i: usize, plane: &[[f32; 2]], strength: &[f32], neighbours: &[u32])
     }
     let mean = if own + like > 0.0 { sum.map(|v| (v / (own + like)) as f32) } else { plane[i] };
     (mean, if all > 0.0 { (like / all) as f32 } else { 0.0 })
-}
-
-/// The nearest others of each, `[M]`; itself where there are too few.
-fn neighbours(means: &[f32]) -> Result<Vec<[u32; NEIGHBOURS]>, PointsError> {
-    let grid = Grid::adaptive(means)?;
-    Ok(per_row(means.len() / 3, |i| {
-        let mut out = [i as u32; NEIGHBOURS];
-        let found = grid.nearest(point(means, i), NEIGHBOURS, Some(i as u32));
-        out.iter_mut().zip(found).for_each(|(out, (j, _))| *out = j);
-        out
-    }))
 }
 
 fn per_row<T: Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {

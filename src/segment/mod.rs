@@ -3,14 +3,17 @@
 //! Coarse by the colour of the [`material`] or the mean colour ([`coarse`]), fine by a field trained on 2D masks
 //! ([`masks`], [`mod@fine`]); a [`segmentation`] is what the commands after it read, [`history`] takes changes of it
 //! back; [`voxels`] carries labels back to a volume, [`dice`] compares label volumes; [`pick`] is what a click selects of
-//! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together; [`paint`] shows them in colour. Published methods to compare with are in
-//! [`baselines`]. Nothing here knows what segments do over time (see `track`).
+//! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together, [`necks`] what parts
+//! it, and [`carry`] takes a selection to other times; [`paint`] shows them in colour. Published methods to compare with are in
+//! [`baselines`]. What segments do over time lives in `track`.
 
 pub mod baselines;
 pub mod candidates;
+pub mod carry;
 pub mod click;
 pub mod coarse;
 pub mod colour;
+mod depth;
 pub mod dice;
 pub mod fine;
 pub mod history;
@@ -18,6 +21,7 @@ pub mod levels;
 pub mod masks;
 pub mod material;
 pub mod material_groups;
+pub mod necks;
 pub mod paint;
 pub mod palette;
 pub mod pick;

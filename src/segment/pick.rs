@@ -9,6 +9,7 @@ use super::candidates::Candidates;
 use super::click::heaviest;
 use super::levels::{Level, levels, likeliest};
 use super::pieces::without_strays;
+use super::voxels::VoxelError;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
 
@@ -54,7 +55,7 @@ pub struct Picked {
     pub scale: f32,
     /// The threshold that was used.
     pub threshold: f32,
-    /// Whether it is all that hangs together with the click, whatever the affinity.
+    /// Whether it is what hangs together with the click, or a part of that, whatever the affinity.
     pub piece: bool,
     /// The levels that there are, from small to large, if they were looked for.
     pub levels: Vec<Level>,
@@ -81,9 +82,12 @@ pub enum PickError {
         /// How many are looked at.
         count: usize,
     },
-    /// Strays cannot be told.
+    /// What hangs together cannot be told.
     #[error(transparent)]
     Points(#[from] PointsError),
+    /// The parts of it cannot be told.
+    #[error(transparent)]
+    Parts(#[from] VoxelError),
 }
 
 /// The Gaussian that a click on a pixel means: of what the pixel is made of (indices and weights, nearest first), the

@@ -4,26 +4,44 @@ use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 
-/// Standard deviations at which Gaussians touch. At 2 a thread of Gaussians falls into dashes, from 3 on a thing joins
-/// what lies next to it: see the results of 2026-11-22 in `benches/results`.
-const REACH: f32 = 2.5;
+/// Opacity from which a Gaussian is seen, and so can hold things together: as that from which it has a colour.
+pub const SEEN: f32 = 0.02;
+/// When Gaussians hang together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touch {
+    /// Part of the sum of their largest standard deviations that two are apart at most.
+    pub reach: f32,
+    /// Less opaque ones hold nothing together.
+    pub least: f32,
+}
+
+impl Touch {
+    /// What is one thing. At a reach of 2 a thread of Gaussians falls into dashes, from 3 on a thing joins what lies next to
+    /// it: see the results of 2026-11-22 in `benches/results`.
+    pub const SEEN: Self = Self { reach: 2.5, least: SEEN };
+    /// The same, whether it is seen or not.
+    pub const ALL: Self = Self { least: 0.0, ..Self::SEEN };
+}
+
 /// Part of the largest connected piece's opacity below which another piece is a stray.
 const STRAY: f64 = 0.05;
 
-/// The pieces of `members`: Gaussians hang together where they touch. Labels `[M]` from 1; 0 for what is nowhere.
+/// The pieces of `members`: Gaussians hang together where they `touch`. Labels `[M]` from 1; 0 for those that are too
+/// transparent, and for what is nowhere.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn pieces(at: &HostGaussians, members: &[u32]) -> Result<Components, PointsError> {
+pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Components, PointsError> {
     let rows = |values: &[f32]| -> Vec<f32> {
         members.iter().flat_map(|&i| &values[3 * i as usize..][..3]).copied().collect()
     };
-    let radii = largest_scales(&rows(&at.log_scales))?;
+    let mut radii = largest_scales(&rows(&at.log_scales))?;
     let opacity: Vec<f32> = members.iter().map(|&i| at.opacity_of(i as usize)).collect();
-    components_touching(&rows(&at.means), &radii, REACH, &opacity, &ComponentFilter::default())
+    radii.iter_mut().zip(&opacity).filter(|(_, o)| **o < touch.least).for_each(|(radius, _)| *radius = 0.0);
+    components_touching(&rows(&at.means), &radii, touch.reach, &opacity, &ComponentFilter::default())
 }
 
 /// The `members` without strays: pieces that do not touch the rest and are small beside the largest. They come of
@@ -35,7 +53,7 @@ pub fn pieces(at: &HostGaussians, members: &[u32]) -> Result<Components, PointsE
 /// # Panics
 /// If a member is not below N.
 pub fn without_strays(at: &HostGaussians, members: &[u32]) -> Result<Vec<u32>, PointsError> {
-    let found = pieces(at, members)?;
+    let found = pieces(at, members, Touch::ALL)?;
     let most = found.weights.iter().copied().fold(0.0, f64::max);
     let stays = |label: u32| label > 0 && found.weights[label as usize - 1] >= STRAY * most;
     Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
@@ -63,6 +81,10 @@ mod tests {
         assert_eq!(without_strays(&at, &all).unwrap(), all[..40]);
         assert_eq!(without_strays(&at, &all[40..]).unwrap(), [40], "alone it is no stray");
         assert_eq!(without_strays(&at, &[]).unwrap(), [0u32; 0]);
+        at.opacity_logits[13..18].fill(-8.0);
+        let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
+        assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "what is not seen holds nothing together");
+        assert_eq!(pieces(&at, &all, Touch::ALL).unwrap().labels[..30], [1; 30]);
         at.means[3] = f32::NAN;
         assert!(!without_strays(&at, &all).unwrap().contains(&1));
     }

@@ -262,6 +262,20 @@ impl Segmentation {
     }
 }
 
+/// Old and new names of the segments that were only given other names between `before` and `after`: the name is gone, and one
+/// that was not there has the same Gaussians.
+#[must_use]
+pub fn renamed(before: &Segmentation, after: &Segmentation) -> Vec<[String; 2]> {
+    let new: Vec<&Segment> = after.segments.iter().filter(|s| before.get(&s.name).is_err()).collect();
+    let gone = before.segments.iter().filter(|s| after.get(&s.name).is_err());
+    let same = |a: &Segment, b: &Segment| a.time == b.time && a.origin == b.origin && a.members == b.members;
+    gone.filter_map(|old| {
+        let now = new.iter().find(|now| same(old, now))?;
+        Some([&old.name, &now.name].map(ToString::to_string))
+    })
+    .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -283,6 +297,19 @@ mod tests {
         all.add(segment("red.1", Some("red"), &[1, 3])).unwrap();
         all.add(segment("blue", None, &[])).unwrap();
         all
+    }
+
+    #[test]
+    fn only_what_stays_the_same_is_known_by_another_name() {
+        let before = three();
+        let mut after = before.clone();
+        after.rename("red", &Name::new("core").unwrap()).unwrap();
+        assert_eq!(renamed(&before, &after), [["red", "core"]]);
+        assert_eq!(renamed(&after, &before), [["core", "red"]]);
+        after.add(segment("both", None, &[1, 3, 5])).unwrap();
+        after.segments.retain(|s| s.name != *"red.1");
+        assert_eq!(renamed(&before, &after), [["red", "core"]], "one is new, one gone");
+        assert!(renamed(&before, &before).is_empty());
     }
 
     #[test]

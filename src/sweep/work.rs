@@ -14,6 +14,7 @@ use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
 use crate::run::OpenRun;
 use crate::run::measure::{MeasuredOn, measure};
+use crate::train::observer::Nobody;
 use crate::train::run::{RunOptions, RunRecord, Start};
 use crate::train::{checkpoint, open_dataset, open_measured};
 use burn::tensor::Device;
@@ -152,8 +153,9 @@ impl Worker<'_> {
             device_name: self.run.device.clone(),
             stop_after,
         };
-        let outcome = crate::train::run::run(config, &dataset, device, &options, Some(self.lock), self.stop)
-            .map_err(failed("train"))?;
+        let outcome =
+            crate::train::run::run(config, &dataset, device, &options, Some(self.lock), self.stop, &mut Nobody)
+                .map_err(failed("train"))?;
         Ok(match outcome.complete {
             true => None,
             false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),

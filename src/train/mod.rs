@@ -1,7 +1,7 @@
 //! Training: images in, a scene out. Stages, losses, densification, optimiser groups, checkpoints.
 //!
 //! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
-//! with logs, evaluation, checkpoints and signals.
+//! with logs, evaluation, checkpoints and signals, and lets an [`observer`] look on.
 
 #[cfg(test)]
 mod appearance_tests;
@@ -14,8 +14,10 @@ pub mod due;
 pub mod gather;
 pub mod init;
 pub mod live;
+mod logs;
 pub mod loss_term;
 pub mod losses;
+pub mod observer;
 mod open;
 pub mod optimizer;
 pub mod rate_schedule;

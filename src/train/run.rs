@@ -1,8 +1,10 @@
 //! A training run in a folder: steps, logs, evaluation on a few test views, checkpoints, signals.
 
 use super::checkpoint::{self, CheckpointError, State};
+use super::logs::{line, log_events, message};
+use super::observer::{Moment, Observer, wait_for};
 use super::resume::Change;
-use super::{StepReport, TrainError, Trainer};
+use super::{TrainError, Trainer};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
 use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
@@ -14,11 +16,13 @@ use crate::metrics::psnr::psnr;
 use crate::model::Scene;
 use crate::program;
 use burn::tensor::Device;
+use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
+use std::cell::Cell;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// How a run begins.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,7 +79,7 @@ pub struct RunRecord {
     pub status: String,
     /// Steps taken.
     pub steps: usize,
-    /// Seconds of training, without the wait between a stop and a resume.
+    /// Seconds of training, without pauses and the wait between a stop and a resume.
     pub training_seconds: f64,
     /// Gaussians at the end.
     pub gaussians: usize,
@@ -99,30 +103,6 @@ pub struct RunOutcome {
 /// What a run that is lengthened is told.
 const LENGTHENED: &str = ": rates and the late DSSIM follow the new length from here on, so the result is not that of a run \
                           of this length from the start";
-
-#[derive(Serialize)]
-struct Line {
-    step: usize,
-    seconds: f64,
-    stage: &'static str,
-    loss: f64,
-    train_psnr: f64,
-    gaussians: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    test_psnr: Option<f64>,
-    milliseconds: Milliseconds,
-}
-
-#[derive(Serialize)]
-struct Milliseconds {
-    data: f64,
-    deform: f64,
-    splat: f64,
-    loss: f64,
-    backward: f64,
-    adam: f64,
-    densify: f64,
-}
 
 /// Takes the lock of the run in `out` for training, if the folder is there: asked for before data are read, a run that
 /// is in use refuses at once.
@@ -176,7 +156,8 @@ fn check_out(out: &Path) -> Result<(), CheckpointError> {
 }
 
 /// Trains into `options.out` until the end, a signal or an error. `stop` is raised by a signal handler. The run is
-/// locked while that lasts: `held` is its lock, where the caller took it before.
+/// locked while that lasts: `held` is its lock, where the caller took it before. `observer` looks on between the steps, and
+/// may have the training pause there; no step depends on it.
 ///
 /// # Errors
 /// As [`Trainer`], if there is nothing to resume or another process writes into the run, and if a file cannot be written.
@@ -187,6 +168,7 @@ pub fn run(
     options: &RunOptions,
     held: Option<&RunLock>,
     stop: &AtomicBool,
+    observer: &mut dyn Observer,
 ) -> Result<RunOutcome, TrainError> {
     let mut trainer = Trainer::new(config.clone(), dataset, device)?;
     let out = &options.out;
@@ -228,7 +210,8 @@ pub fn run(
     let earlier_builds = if newest.is_some() { builds_before(&record_path, &build) } else { Vec::new() };
     let first = trainer.steps_done();
     let started = Instant::now();
-    let seconds = || seconds_before + started.elapsed().as_secs_f64();
+    let paused = Cell::new(Duration::ZERO);
+    let seconds = || seconds_before + (started.elapsed() - paused.get()).as_secs_f64();
     let mut record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         build,
@@ -279,12 +262,29 @@ pub fn run(
 
     let total = trainer.total_steps();
     let limit = options.stop_after.map_or(total, |s| s.min(total));
-    let bar = progress::step_bar(total, first);
+    // drawn from the first step on: an observer may print before
+    let mut bar = None;
+    let on_terminal = std::io::stderr().is_terminal();
     let mut saved = newest.is_some();
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
-    while trainer.steps_done() < limit && !stop.load(Ordering::Relaxed) {
-        let report = trainer.step(&dataset.train)?;
+    let mut report = None;
+    loop {
+        let (scene, steps) = (trainer.scene(), trainer.steps_done());
+        let now = Moment { run: out, config, record: &record, scene, steps, until: limit, seconds: seconds(), report };
+        let waited = wait_for(observer, &now, stop, || match &bar {
+            Some(bar) if on_terminal => ProgressBar::set_message(bar, "paused"),
+            _ => errln!("paused after {steps} steps"),
+        });
+        if !waited.is_zero() {
+            paused.set(paused.get() + waited);
+            bar.iter().for_each(ProgressBar::reset_eta);
+        }
+        if steps >= limit || stop.load(Ordering::Relaxed) {
+            break;
+        }
+        let bar = bar.get_or_insert_with(|| progress::step_bar(total, first));
+        let report = report.insert(trainer.step(&dataset.train)?);
         saved = false;
         let done = report.step + 1;
         smooth_psnr = Some(smooth_psnr.map_or(report.psnr, |p| 0.98 * p + 0.02 * report.psnr));
@@ -296,12 +296,12 @@ pub fn run(
         }
         if every(config.output.log_every) || every(config.output.eval_every) {
             let evaluated = test_psnr.filter(|_| every(config.output.eval_every));
-            let line = line(&report, seconds(), evaluated);
+            let line = line(report, seconds(), evaluated);
             metrics.append(&line)?;
             log_events(&mut events, &line).map_err(|e| log_error(&events_path, &e))?;
         }
-        let text = message(&report, smooth_psnr, test_psnr);
-        if !std::io::stderr().is_terminal() && (every(config.output.eval_every) || every(1000)) {
+        let text = message(report, smooth_psnr, test_psnr);
+        if !on_terminal && (every(config.output.eval_every) || every(1000)) {
             errln!("{done}/{total} {:.0} s {text}", seconds());
         }
         bar.set_position(done as u64);
@@ -316,7 +316,7 @@ pub fn run(
             saved = true;
         }
     }
-    bar.abandon();
+    bar.iter().for_each(ProgressBar::abandon);
     events.flush().map_err(|e| log_error(&events_path, &e))?;
     if !saved && trainer.steps_done() > 0 {
         save(&trainer)?;
@@ -340,47 +340,6 @@ fn builds_before(record: &Path, build: &str) -> Vec<String> {
     }
     builds.retain(|one| one != build);
     builds
-}
-
-fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> String {
-    let stage = if report.stage.is_joint() { "joint" } else { "warm-up" };
-    let test = test.map(|p| format!(" test {p:.2} dB")).unwrap_or_default();
-    let train = train.unwrap_or_default();
-    format!("{stage} loss {:.5} train {train:.2} dB{test} N={}", report.loss, report.gaussians)
-}
-
-fn line(report: &StepReport, seconds: f64, test_psnr: Option<f64>) -> Line {
-    let ms = |d: std::time::Duration| (d.as_secs_f64() * 1e5).round() / 100.0;
-    let t = &report.times;
-    Line {
-        step: report.step + 1,
-        seconds: (seconds * 1e3).round() / 1e3,
-        stage: if report.stage.is_joint() { "joint" } else { "warmup" },
-        loss: report.loss,
-        train_psnr: report.psnr,
-        gaussians: report.gaussians,
-        test_psnr,
-        milliseconds: Milliseconds {
-            data: ms(t.data),
-            deform: ms(t.deform),
-            splat: ms(t.splat),
-            loss: ms(t.loss),
-            backward: ms(t.backward),
-            adam: ms(t.adam),
-            densify: ms(t.densify),
-        },
-    }
-}
-
-fn log_events(events: &mut EventWriter, line: &Line) -> std::io::Result<()> {
-    let step = line.step as u64;
-    events.scalar(step, "train/loss", line.loss as f32)?;
-    events.scalar(step, "train/psnr", line.train_psnr as f32)?;
-    events.scalar(step, "train/gaussians", line.gaussians as f32)?;
-    if let Some(p) = line.test_psnr {
-        events.scalar(step, "test/psnr", p as f32)?;
-    }
-    Ok(())
 }
 
 /// Mean PSNR over `views` evenly spaced views of a split, decibels.

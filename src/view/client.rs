@@ -1,7 +1,7 @@
 //! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
 
 use super::clicks::Clicks;
-use super::compare::Compare;
+use super::compare::{Compare, Side};
 use super::gizmo::Preview;
 use super::hub::Outgoing;
 use super::pace::Pace;
@@ -42,6 +42,8 @@ pub struct Client {
     /// Grows with every change of what is selected.
     selections: u64,
     legend: Option<Legend>,
+    /// Why it has no picture beside the picture.
+    fault: Option<String>,
     /// Number of the last frame.
     pub frame: u32,
 }
@@ -76,6 +78,7 @@ impl Client {
             highlighted: [None, None],
             selections: 0,
             legend: None,
+            fault: None,
             frame: 0,
         }
     }
@@ -115,22 +118,25 @@ impl Client {
         self.pace.changes(Instant::now(), false);
     }
 
-    /// What draws the view (the one beside it, if it is the `other`), and the key by which what it prepares for a time may
-    /// be found again: clients that look at the same share it.
+    /// What draws the view of `space` that is the picture, or beside it, and the key by which what it prepares for a time
+    /// may be found again: clients that look at the same share it.
     ///
     /// # Errors
     /// A look or segment that nobody knows.
-    pub fn look(&mut self, space: &Workspace, view: &View, other: bool) -> Result<(&mut Look, String), RunError> {
+    pub fn look(&mut self, space: &Workspace, view: &View, side: Side) -> Result<(&mut Look, String), RunError> {
         let View { look, palette, alone, hidden, edits, range, .. } = view;
-        let key = format!("{look} {palette:?} {alone:?} {hidden:?} {edits} {range:?} {}", space.revision());
-        let found = &mut self.looks[usize::from(other)];
+        let run = side.run();
+        let key = format!("{run:?} {look} {palette:?} {alone:?} {hidden:?} {edits} {range:?} {}", space.revision());
+        let found = &mut self.looks[side.place()];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
-            *found = Some((key.clone(), usable(space, view).look(&space.run)?));
+            let view = usable(space, view);
+            let look = if run.is_some() { view.look_of_another(&space.run) } else { view.look(&space.run) };
+            *found = Some((key.clone(), look?));
         }
         match found {
             Some((_, look)) => {
                 // the look stays while a handle is dragged: it holds what every step of that begins with
-                let preview = self.preview.as_ref().filter(|_| !other);
+                let preview = self.preview.as_ref().filter(|_| side == Side::Picture);
                 let preview = Preview::on(preview, space.revision());
                 let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
                 look.preview(&space.run, preview)?;
@@ -140,10 +146,11 @@ impl Client {
         }
     }
 
-    /// What was prepared for the look, under `key`, with what is selected standing out.
-    pub fn highlighted(&mut self, key: &str, prepared: Prepared, other: bool, device: &Device) -> Prepared {
-        let which = usize::from(other);
-        let Some(members) = self.clicked.as_ref().map(|c| &c.picked.members) else { return prepared };
+    /// What was prepared for the look, under `key`, with what is selected standing out; nothing is in another run.
+    pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side, device: &Device) -> Prepared {
+        let which = side.place();
+        let clicked = self.clicked.as_ref().filter(|_| side.run().is_none());
+        let Some(members) = clicked.map(|c| &c.picked.members) else { return prepared };
         let Some((_, look)) = self.looks[which].as_ref().filter(|_| !members.is_empty()) else { return prepared };
         let known = &mut self.highlighted[which];
         if known.as_ref().is_none_or(|(k, s, _)| (k.as_str(), *s) != (key, self.selections)) {
@@ -165,6 +172,14 @@ impl Client {
     /// Values at the ends of the scale of the colours that it sees.
     pub fn range(&self) -> Option<[f32; 2]> {
         self.looks[0].as_ref().and_then(|(_, look)| look.legend()).and_then(|l| l.range)
+    }
+
+    /// Tells why there is no picture beside the picture, where that changed.
+    pub fn tell_beside(&mut self, fault: Option<String>) {
+        if fault != self.fault {
+            self.fault.clone_from(&fault);
+            self.answer(Answer::Beside { fault });
+        }
     }
 
     /// Tells the key to the colours, where it changed.
@@ -266,9 +281,9 @@ impl Client {
 
 /// The view as it can be drawn: while the segments on the disk cannot be used, neither can edits of them, and none is hidden.
 fn usable(space: &Workspace, view: &View) -> View {
-    match space.fault() {
-        Some(_) => View { edits: false, hidden: Vec::new(), ..view.clone() },
-        None => view.clone(),
+    match space.has_document() {
+        true => view.clone(),
+        false => View { edits: false, hidden: Vec::new(), ..view.clone() },
     }
 }
 

@@ -3,6 +3,34 @@
 use super::protocol::View;
 use serde::Deserialize;
 
+/// Which of the two pictures of a client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The picture.
+    Picture,
+    /// The one beside it, of the same run.
+    Beside,
+    /// The one beside it, of another run of this number.
+    OfRun(usize),
+}
+
+impl Side {
+    /// 0 for the picture, 1 for the one beside it.
+    #[must_use]
+    pub fn place(self) -> usize {
+        usize::from(self != Self::Picture)
+    }
+
+    /// The number of the other run that it shows.
+    #[must_use]
+    pub fn run(self) -> Option<usize> {
+        match self {
+            Self::OfRun(run) => Some(run),
+            Self::Picture | Self::Beside => None,
+        }
+    }
+}
+
 /// With what.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
 #[serde(tag = "with", rename_all = "kebab-case", deny_unknown_fields)]
@@ -19,15 +47,32 @@ pub enum Compare {
         /// In [0, 1].
         time: f64,
     },
+    /// Another run at the same time.
+    Run {
+        /// Its number among those that the viewer was started with, from 0.
+        run: usize,
+    },
 }
 
 impl Compare {
-    /// Refuses what cannot be drawn.
+    /// Which picture is drawn beside the picture.
+    #[must_use]
+    pub fn side(&self) -> Side {
+        match *self {
+            Self::Run { run } => Side::OfRun(run),
+            Self::Image { .. } | Self::Plain | Self::Time { .. } => Side::Beside,
+        }
+    }
+
+    /// Refuses what cannot be drawn with so many other `runs`.
     ///
     /// # Errors
     /// What is wrong with it.
-    pub fn check(&self) -> Result<(), String> {
+    pub fn check(&self, runs: usize) -> Result<(), String> {
         match self {
+            Self::Run { run } if *run >= runs => {
+                Err(format!("compare: this viewer was started with {runs} other runs, see --with"))
+            }
             Self::Time { time } if !(0.0..=1.0).contains(time) => Err("compare: a time between 0 and 1".into()),
             _ => Ok(()),
         }
@@ -39,6 +84,7 @@ impl Compare {
         let same = View { range: view.range.or(range), ..view.clone() };
         match *self {
             Self::Image { .. } => None,
+            Self::Run { .. } => Some(same),
             Self::Plain => Some(View { edits: false, ..same }),
             Self::Time { time } => Some(View { time, ..same }),
         }

@@ -21,6 +21,14 @@ pub enum Outgoing {
     Frame(FrameInfo, Vec<u8>),
 }
 
+impl Outgoing {
+    /// Whether nothing comes after it.
+    #[must_use]
+    pub fn is_last(&self) -> bool {
+        matches!(self, Self::Text(answer) if matches!(**answer, Answer::Ended { .. }))
+    }
+}
+
 /// What happened.
 #[derive(Debug)]
 pub enum Event {

@@ -107,6 +107,18 @@ impl Pace {
         }
     }
 
+    /// Whether the client has drawn all that was sent.
+    #[must_use]
+    pub fn keeps_up(&self) -> bool {
+        self.on_their_way.is_empty()
+    }
+
+    /// Whether all is shown that there is to be seen.
+    #[must_use]
+    pub fn is_done(&self) -> bool {
+        self.keeps_up() && self.drawn == Drawn::Lossless
+    }
+
     /// What to draw now, for a picture of `pixels` at full size.
     #[must_use]
     pub fn next(&self, now: Instant, pixels: usize) -> Next {
@@ -187,8 +199,10 @@ mod tests {
         pace.acknowledges(start, 2);
         assert_eq!(pace.next(later, PIXELS), Next::Lossless);
         pace.sent(start, Next::Lossless, 3, PIXELS, 260.0);
+        assert!(!pace.keeps_up() && !pace.is_done());
         pace.acknowledges(start, 3);
         assert_eq!(pace.next(later, PIXELS), Next::Wait, "all is shown");
+        assert!(pace.is_done());
     }
 
     #[test]

@@ -35,11 +35,12 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of its script.
-pub const MODULES: [PageFile; 23] = modules![
+pub const MODULES: [PageFile; 24] = modules![
     "address.js",
     "app.js",
     "camera.js",
     "compare.js",
+    "dialog.js",
     "edits.js",
     "gizmo.js",
     "help.js",

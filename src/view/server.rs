@@ -42,6 +42,12 @@ impl Shared {
     pub fn new(guard: Guard, hub: Arc<Hub>) -> Self {
         Self { guard: Arc::new(guard), hub, next: Arc::new(AtomicU64::new(1)), here: Arc::new(AtomicUsize::new(0)) }
     }
+
+    /// Whether a window is open.
+    #[must_use]
+    pub fn has_windows(&self) -> bool {
+        self.here.load(Ordering::SeqCst) > 0
+    }
 }
 
 /// The routes.
@@ -116,6 +122,7 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
     let id: ClientId = shared.next.fetch_add(1, Ordering::SeqCst);
     let (out, mut answers) = mpsc::channel(QUEUE);
     shared.hub.tell(id, Event::Came(out.clone()));
+    let mut ended = false;
     loop {
         let go_on = tokio::select! {
             message = socket.recv() => match message {
@@ -124,7 +131,11 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
                 _ => false,
             },
             answer = answers.recv() => match answer {
-                Some(answer) => matches!(timeout(PATIENCE, socket.send(message(answer))).await, Ok(Ok(()))),
+                Some(answer) => {
+                    ended = answer.is_last();
+                    let sent = timeout(PATIENCE, socket.send(message(answer))).await;
+                    matches!(sent, Ok(Ok(()))) && !ended
+                }
                 None => false,
             },
         };
@@ -133,6 +144,21 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
         }
     }
     shared.hub.tell(id, Event::Left);
+    if ended {
+        part(socket).await;
+    }
+}
+
+/// Ends a connection after the last message. What came meanwhile is read, as a connection that is dropped with something
+/// unread takes back what was sent.
+async fn part(mut socket: WebSocket) {
+    let closing = async {
+        if socket.send(Message::Close(None)).await.is_ok() {
+            while let Some(Ok(_)) = socket.recv().await {}
+        }
+    };
+    // one that does not answer is left
+    drop(timeout(Duration::from_secs(1), closing).await);
 }
 
 async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outgoing>) -> bool {

@@ -1,9 +1,11 @@
-//! What the page shows of a run's training, be it over or still going on in another process: the curves of its log, and how
-//! far it has come.
+//! What the page shows of a run's training, be it over or still going on, here or in another process: the curves of its log,
+//! and how far it has come.
 
+use super::live::Progress;
 use crate::compare::curves::{self, smooth};
 use crate::files::{RunPaths, read_text};
 use crate::run::OpenRun;
+use crate::run::status::status;
 use crate::train::run::RunRecord;
 use serde::Serialize;
 use std::path::Path;
@@ -15,7 +17,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// The training of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Training {
-    /// `running`, `interrupted` or `complete`, as the run's record says.
+    /// `running`, `interrupted`, `complete` or `broken off`, see [`status`].
     pub status: String,
     /// Steps that are logged.
     pub steps: usize,
@@ -27,6 +29,9 @@ pub struct Training {
     pub train: Vec<(f64, f64)>,
     /// (step, PSNR on a few test views, decibels).
     pub test: Vec<(f64, f64)>,
+    /// More of one that goes on in this process.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub live: Option<Progress>,
 }
 
 /// When a file was written, and how long it is.
@@ -54,19 +59,26 @@ impl Watch {
         self.now.as_ref()
     }
 
-    /// Looks at the log; what is known now, if that is news.
-    pub fn look(&mut self, run: &OpenRun) -> Option<&Training> {
-        if self.looked.is_some_and(|when| when.elapsed() < PAUSE) {
+    /// Looks at the log, at once if that is `urgent`; what is known now, if that is news. `live` is known of a training in
+    /// this process.
+    pub fn look(&mut self, run: &OpenRun, live: Option<Progress>, urgent: bool) -> Option<&Training> {
+        if !urgent && self.looked.is_some_and(|when| when.elapsed() < PAUSE) {
             return None;
         }
         self.looked = Some(Instant::now());
         let paths = run.paths();
         let stamps = [paths.metrics(), paths.record()].map(|path| stamp(&path));
-        if self.seen == Some(stamps) {
-            return None;
-        }
+        let mut now = match &self.now {
+            Some(now) if self.seen == Some(stamps) => now.clone(),
+            _ => read(run),
+        };
         self.seen = Some(stamps);
-        let now = read(run);
+        // whoever is killed writes nothing any more
+        now.status = status(&run.path, &now.status).to_owned();
+        if let Some(live) = live {
+            // the log has one step in so many
+            (now.steps, now.live) = (live.steps, Some(live));
+        }
         if self.now.as_ref() == Some(&now) {
             return None;
         }
@@ -89,5 +101,6 @@ fn read(run: &OpenRun) -> Training {
         loss: smooth(&curves.loss),
         train: smooth(&curves.train),
         test: curves.test,
+        live: None,
     }
 }

@@ -44,7 +44,7 @@ fn kept(run: &Path) -> BTreeSet<usize> {
     let edits = EditStack::load(&run.join("edits.json")).unwrap();
     let number = |operation: &Operation| match operation {
         Operation::Recolour { rgb, .. } => Some(rgb.iter().fold(0, |sum, c| 256 * sum + (c * 255.0).round() as usize)),
-        Operation::Opacity { factor } => Some(((factor - 0.5) * 65536.0).round() as usize),
+        Operation::Opacity { factor, .. } => Some(((factor - 0.5) * 65536.0).round() as usize),
         _ => None,
     };
     let all: Vec<usize> = edits.operations.iter().filter_map(|e| number(&e.operation)).collect();

@@ -4,6 +4,7 @@ use crate::data::with_checksums;
 use crate::driver::{Target, accepted, fuzz};
 use image::RgbImage;
 use volseggs::export::images::encode_png_with;
+use volseggs::run::cameras::SIDE;
 use volseggs::run::keyframes::SavedPath;
 use volseggs::run::saved::{KEYWORD, SavedView};
 
@@ -49,7 +50,10 @@ fn used(saved: &SavedView) {
     let [camera, half] = [1.0, 0.5].map(|part| saved.view.camera(part));
     assert!(camera.width > 0 && half.height > 0);
     let _ = camera.to_kernel();
-    assert!(saved.clone().sized(400).view.size.iter().all(|n| *n > 0));
+    match saved.clone().sized(400) {
+        Ok(sized) => assert!(sized.view.size.iter().all(|n| (1..=SIDE).contains(n))),
+        Err(error) => assert!(error.is_input(), "{error}"),
+    }
     let again = SavedView::parse("again", &serde_json::to_string(saved).unwrap()).unwrap();
     assert_eq!(again, *saved, "as it was written and read again");
 }

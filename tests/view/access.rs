@@ -39,8 +39,7 @@ fn nobody_is_kept_out() {
     let axe = axe.as_deref();
     let folder = run();
     let server = Server::start(folder.path(), &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     for scheme in ["light", "dark"] {
         let media = json!({ "features": [{ "name": "prefers-color-scheme", "value": scheme }] });
         browser.call(Some(&tab), "Emulation.setEmulatedMedia", media);
@@ -77,8 +76,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
     browser.wait(&tab, "!document.getElementById('gizmo').hasAttribute('hidden')");
     browser.rests(&tab);
@@ -119,7 +117,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
     browser.key(&tab, "Enter", 0);
     browser.wait(&tab, "!document.getElementById('part-look').open");
     browser.wait(&tab, "JSON.parse(sessionStorage.getItem('parts'))['part-look'] === false");
-    let address = format!("http://localhost:{}/?token={}", server.port, server.token);
+    let address = server.url();
     browser.call(Some(&tab), "Page.navigate", json!({ "url": address }));
     browser.wait(&tab, "document.getElementById('run').textContent !== 'volseggs'");
     browser.rests(&tab);

@@ -114,6 +114,13 @@ impl Browser {
         tab
     }
 
+    /// Opens the page of a viewer in a tab of its own, and waits for its picture.
+    pub fn visit(&mut self, server: &Server) -> Tab {
+        let tab = self.open(&server.url());
+        self.rests(&tab);
+        tab
+    }
+
     /// The value of an expression on the page.
     pub fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
         let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
@@ -219,8 +226,7 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
     let downloads = tempfile::tempdir().unwrap();
     let into = json!({ "behavior": "allow", "downloadPath": downloads.path().display().to_string() });
     browser.call(None, "Browser.setDownloadBehavior", into);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     browser.set(&tab, "when", "0.8");
     browser.set(&tab, "look", "velocity x");
     browser.eval(&tab, "document.querySelector('[data-axis=\"0,1,0\"]').click()");
@@ -336,8 +342,7 @@ fn a_person_compares_with_the_image_another_time_and_no_edits() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     browser.wait(&tab, "document.querySelectorAll('#test-view option').length > 1");
     let columns = |browser: &mut Browser| {
         let widths = "['picture', 'other'].map((id) => document.getElementById(id)).map((c) => [c.hidden, c.width])";
@@ -393,9 +398,7 @@ fn a_person_turns_scrubs_clicks_commits_edits_and_undoes() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
-    let address = format!("http://localhost:{}/?token={}", server.port, server.token);
-    let tab = browser.open(&address);
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     assert!(!browser.eval(&tab, "location.href").as_str().unwrap().contains(&server.token), "the secret is gone");
     browser.shoot(&tab, "1-start");
 

@@ -134,8 +134,7 @@ fn a_person_drags_handles_and_takes_it_back() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     let hidden = "document.getElementById('gizmo').hasAttribute('hidden')";
     assert_eq!(browser.eval(&tab, hidden), true, "nothing is checked");
     browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
@@ -185,6 +184,16 @@ fn a_person_drags_handles_and_takes_it_back() {
     }
     let by = &operations(root)[0]["operation"]["translate"]["by"];
     assert!(by[0] == 0.0 && by[1] == 0.0 && by[2].as_f64().unwrap() > 0.0, "{by}");
+
+    // where a second picture is beside it, they stay on the first
+    browser.set(&tab, "compare", "plain");
+    browser.rests(&tab);
+    let within = "(() => { const [g, c] = ['gizmo', 'picture'].map((id) => document.getElementById(id).getBoundingClientRect()); \
+                  return Math.abs(g.left - c.left) + Math.abs(g.right - c.right) < 2; })()";
+    browser.wait(&tab, within);
+    browser.set(&tab, "compare", "");
+    browser.rests(&tab);
+    browser.wait(&tab, within);
 
     // by keys, then all of it back and forth
     browser.eval(&tab, "document.querySelector('#gizmo [aria-label=\"Move along x\"]').focus()");

@@ -50,7 +50,7 @@ fn work_from_a_window_makes_the_files_that_commands_make() {
     same("segments/masks.jsonl");
     same("segments/masks.png");
     let refused = ended(&mut window, 2, &masks(false));
-    assert!(refused["end"]["failed"].as_str().unwrap().contains("may be replaced"), "{refused}");
+    assert!(refused["end"]["failed"].as_str().unwrap().contains("tick `replace` beside `make masks`"), "{refused}");
 
     start(&mut window, 3, &json!({ "kind": "fine", "steps": 40 }));
     let able = window.wait_for(|m| m["type"] == "welcome");

@@ -1,4 +1,4 @@
-//! `volseggs view` over its own network: who is let in, what is drawn, and that what is done there is what commands do.
+//! `volseggs view` and `volseggs train --view` over their own network: who is let in, what is drawn, and that what is done there is what commands do.
 //!
 //! Some tests have a short form, an ordinary part of `cargo test`, and a long one, which is the same code with more rounds:
 //!
@@ -12,6 +12,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod access;
+mod beside;
 mod browser;
 mod changes;
 #[path = "../common/mod.rs"]

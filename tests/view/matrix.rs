@@ -113,8 +113,7 @@ fn the_page_runs_nothing_that_is_not_its_own() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
     for forbidden in [
         "document.body.append(Object.assign(document.createElement('script'), { textContent: 'window.bad = 1' }))",

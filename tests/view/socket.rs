@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
@@ -14,7 +14,7 @@ use tungstenite::{Message, WebSocket};
 /// Longest wait for anything.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A running `volseggs view run`.
+/// A running `volseggs view run`, or `volseggs train --view`.
 pub struct Server {
     child: Child,
     pub port: u16,
@@ -24,8 +24,13 @@ pub struct Server {
 impl Server {
     pub fn start(root: &Path, flags: &[&str]) -> Self {
         let mut command = Command::new(BINARY);
-        command.current_dir(root).args(["view", "run"]).args(flags).stdout(Stdio::piped()).stderr(Stdio::null());
-        let mut child = command.spawn().unwrap();
+        command.current_dir(root).args(["view", "run"]).args(flags);
+        Self::of(command)
+    }
+
+    /// Waits until it says where it is.
+    pub fn of(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut url = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
         let rest = url.trim().strip_prefix("http://localhost:").unwrap_or_else(|| panic!("{url}"));
@@ -38,6 +43,22 @@ impl Server {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
         let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
         Some(1024 * line.trim().trim_end_matches(" kB").parse::<u64>().unwrap())
+    }
+
+    /// The address that it prints.
+    pub fn url(&self) -> String {
+        format!("http://localhost:{}/?token={}", self.port, self.token)
+    }
+
+    /// Sends it a signal, such as `TERM`.
+    pub fn signal(&self, name: &str) {
+        let pid = self.child.id().to_string();
+        assert!(Command::new("kill").args([&format!("-{name}"), &pid]).status().unwrap().success());
+    }
+
+    /// Waits until it ends.
+    pub fn wait(&mut self) -> ExitStatus {
+        self.child.wait().unwrap()
     }
 
     pub fn cookie(&self) -> String {
@@ -71,13 +92,15 @@ pub struct Window {
     pub takes: bool,
     /// The newest document.
     pub document: Value,
+    /// The newest picture.
+    pub picture: Vec<u8>,
 }
 
 impl Window {
     /// Opens one; gives its welcome too.
     pub fn open(server: &Server) -> (Self, Value) {
         let socket = connect(server, &[("Cookie", &server.cookie())]).unwrap();
-        let mut window = Self { socket, takes: true, document: Value::Null };
+        let mut window = Self { socket, takes: true, document: Value::Null, picture: Vec::new() };
         let welcome = window.wait_for(|m| m["type"] == "welcome");
         window.wait_for(|m| m["type"] == "document");
         (window, welcome)
@@ -205,6 +228,9 @@ impl Window {
             time: f32::from_bits(number(20)),
             picture: bytes[volseggs::view::protocol::HEADER..].to_vec(),
         };
+        if frame.kind == 0 {
+            self.picture.clone_from(&frame.picture);
+        }
         if self.takes && frame.kind == 0 {
             self.say_text(&format!("{{\"type\":\"ack\",\"frame\":{}}}", frame.number));
         }

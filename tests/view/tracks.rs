@@ -49,8 +49,7 @@ fn a_click_or_a_key_on_a_chart_goes_to_that_time() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
     browser.eval(&tab, "document.getElementById('chart-start').click()");
     browser.wait(&tab, "document.querySelectorAll('#chart-volume .line').length === 1");
@@ -72,6 +71,16 @@ fn a_click_or_a_key_on_a_chart_goes_to_that_time() {
     browser.rests(&tab);
     let now = browser.eval(&tab, "Number(document.getElementById('chart-time').getAttribute('aria-valuenow'))");
     assert!((now.as_f64().unwrap() - (time - 0.01)).abs() < 2e-3, "{now} after {time}");
+    // each letter says what it stands for, beside the charts and where it is pointed at
+    let letters = "[...document.querySelectorAll('#chart-volume .letter')].map((t) => t.textContent).join('')";
+    let explained = "[...document.querySelectorAll('#chart-key b')].map((b) => b.textContent)";
+    let said = "[...document.querySelectorAll('#chart-volume g')].every((g) => /^\\d.*(part|whole)/.test(g.querySelector('title').textContent))";
+    let [letters, explained, said] = [letters, explained, said].map(|what| browser.eval(&tab, what));
+    let explained: Vec<char> = explained.as_array().unwrap().iter().flat_map(|b| b.as_str().unwrap().chars()).collect();
+    assert!(
+        letters.as_str().unwrap().chars().all(|l| explained.contains(&l)) && said == true,
+        "{letters} {explained:?}"
+    );
     browser.shoot(&tab, "5-chart");
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
 }

@@ -1,7 +1,7 @@
 //! The tree of segments: names, parts, colours and opacities, and what a double click finds.
 
 use crate::browser::{Browser, MIDDLE};
-use crate::common::run_json;
+use crate::common::{run_json, volseggs};
 use crate::socket::{Server, Window};
 use crate::{list, run, view};
 use serde_json::{Value, json};
@@ -82,8 +82,7 @@ fn a_person_works_in_the_tree() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     let plain = browser.picture(&tab);
     let old = names(root)[0].clone();
     let find = |key: &str| format!("document.querySelector('[data-key=\"{key}\"]')");
@@ -107,6 +106,22 @@ fn a_person_works_in_the_tree() {
     browser.eval(&tab, &set(&format!("colour {old}"), "#ff8800", "['input', 'change']"));
     browser.wait(&tab, "document.querySelectorAll('#edits li').length === 2");
     assert!(operations(root)[1].to_string().contains("recolour"));
+    // one that is hidden is shown again by the same edit that sets its opacity
+    for (value, edits) in [("0", 3), ("0.5", 4)] {
+        browser.eval(&tab, &set(&opacity, value, "['input', 'change']"));
+        browser.wait(&tab, &format!("document.querySelectorAll('#edits li').length === {edits}"));
+    }
+    assert_eq!(operations(root)[3]["operation"]["opacity"]["show"], true);
+    for left in [3, 2] {
+        browser.eval(&tab, "document.getElementById('edits-undo').click()");
+        browser.wait(&tab, &format!("document.querySelectorAll('#edits li').length === {left}"));
+    }
+
+    // another window has checked and left it out too
+    let other = browser.visit(&server);
+    browser
+        .eval(&other, &format!("{}.click(); {}.click()", find(&format!("check {old}")), find(&format!("eye {old}"))));
+    browser.rests(&other);
 
     // another name; what is checked and left out stays so
     browser.eval(&tab, &format!("{}.click(); {}.click()", find(&format!("check {old}")), find(&format!("eye {old}"))));
@@ -130,6 +145,16 @@ fn a_person_works_in_the_tree() {
         find("more core")
     );
     browser.wait(&tab, &format!("{kept}.every((kept) => String(kept) === 'true')"));
+    let there = format!("[{}.checked, {}.ariaPressed]", find("check core"), find("eye core"));
+    browser.wait(&other, &format!("{there}.every((kept) => String(kept) === 'true')"));
+    // and so it does when a command gives it another name again
+    for (from, to) in [("core", "kernel"), ("kernel", "core")] {
+        volseggs().current_dir(root).args(["segment", "rename", "run", from, to]).assert().success();
+        browser.wait(&other, &format!("{}.checked", find(&format!("check {to}"))));
+    }
+    assert_eq!(browser.eval(&other, &there), json!([true, "true"]));
+    browser.wait(&other, "document.getElementById('picture').dataset.lossless === 'true'");
+    browser.call(Some(&other), "Page.close", json!({}));
     browser.eval(&tab, &format!("{}.click(); {}.click()", find("check core"), find("eye core")));
     browser.rests(&tab);
 
@@ -143,6 +168,28 @@ fn a_person_works_in_the_tree() {
         browser.eval(&tab, &click);
     }
     browser.wait(&tab, "[...document.querySelectorAll('#tree input[type=checkbox]')].every((b) => b.checked)");
+
+    // questions are asked on the page: a name is given, or not
+    let names_now = |root: &Path| names(root).len();
+    let before = names_now(root);
+    for (given, key) in [("", "Escape"), ("whole", "Enter")] {
+        browser.eval(&tab, "document.getElementById('group').click()");
+        browser.wait(&tab, "document.getElementById('question').open");
+        browser.shoot(&tab, "5-question");
+        browser.set(&tab, "question-name", given);
+        browser.eval(&tab, "document.getElementById('question-name').focus()");
+        browser.key(&tab, key, 0);
+        browser.wait(&tab, "!document.getElementById('question').open");
+    }
+    browser.wait(&tab, "document.getElementById('tree').textContent.includes('whole')");
+    assert_eq!(names_now(root), before + 1);
+    browser.eval(&tab, "document.getElementById('coarse').click()");
+    browser.wait(&tab, "document.getElementById('question-text').textContent.includes('replace all')");
+    browser.eval(&tab, "document.getElementById('question-no').click()");
+    browser.wait(&tab, "!document.getElementById('question').open");
+    browser.eval(&tab, "document.getElementById('segments-undo').click()");
+    browser.wait(&tab, "!document.getElementById('tree').textContent.includes('whole')");
+    assert_eq!(names_now(root), before, "and nothing was replaced");
 
     // a double click: the scene turns about what is there, and nothing is selected
     let middle = browser.eval(&tab, MIDDLE);

@@ -1,7 +1,7 @@
 //! A run that is watched while another process trains it.
 
 use crate::browser::Browser;
-use crate::common::{BINARY, SIZE, dataset, run_json, train_arguments, volseggs};
+use crate::common::{self, BINARY, SIZE, dataset, run_json, train_arguments, volseggs};
 use crate::socket::{Server, Window};
 use crate::{run, view};
 use serde_json::json;
@@ -108,7 +108,7 @@ fn a_person_watches_a_training() {
     let Some(mut browser) = Browser::start() else { return };
     let trainer = Trainer::start();
     let server = Server::start(trainer.root(), &[]);
-    let tab = browser.open(&format!("http://localhost:{}/?token={}", server.port, server.token));
+    let tab = browser.open(&server.url());
     browser.wait(&tab, "/step [0-9,]+/.test(document.getElementById('scene').textContent)");
     let first = browser.eval(&tab, "document.getElementById('scene').textContent");
     let picture = browser.picture(&tab);
@@ -128,6 +128,22 @@ fn a_person_watches_a_training() {
     browser.eval(&tab, "document.getElementById('training').scrollIntoView({ block: 'center' })");
     browser.shoot(&tab, "6-training");
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
+}
+
+#[test]
+fn a_training_that_was_killed_is_not_said_to_go_on() {
+    let mut trainer = Trainer::start();
+    let root = trainer.root().to_owned();
+    let server = Server::start(&root, &[]);
+    let (mut window, _) = Window::open(&server);
+    window.wait_for(|m| m["type"] == "training" && m["status"] == "running");
+    let status = || run_json(&root, &["inspect", "run"])["status"].clone();
+    assert_eq!(status(), "running");
+    trainer.child.kill().unwrap();
+    trainer.child.wait().unwrap();
+    window.wait_for(|m| m["type"] == "training" && m["status"] == "broken off");
+    assert_eq!(status(), "broken off");
+    assert_eq!(common::json(&root.join("run/run.json"))["status"], "running", "it could not write what became of it");
 }
 
 #[test]

@@ -3,6 +3,8 @@
 use crate::browser::Browser;
 use crate::run;
 use crate::socket::Server;
+use serde_json::json;
+use std::time::Duration;
 
 #[test]
 fn a_person_trains_cancels_and_splits() {
@@ -10,9 +12,7 @@ fn a_person_trains_cancels_and_splits() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
-    let address = format!("http://localhost:{}/?token={}", server.port, server.token);
-    let tab = browser.open(&address);
-    browser.rests(&tab);
+    let tab = browser.visit(&server);
     browser.set(&tab, "fine-steps", "1000000");
     browser.eval(&tab, "document.getElementById('fine-start').click()");
     browser.wait(&tab, "/steps.*left, loss/.test(document.getElementById('job-figures').textContent)");
@@ -22,8 +22,8 @@ fn a_person_trains_cancels_and_splits() {
     browser.shoot(&tab, "4-work");
 
     // it goes on without the tab, and another is told of it
-    browser.call(Some(&tab), "Page.close", serde_json::json!({}));
-    let tab = browser.open(&address);
+    browser.call(Some(&tab), "Page.close", json!({}));
+    let tab = browser.visit(&server);
     browser.wait(&tab, "/loss/.test(document.getElementById('job-figures').textContent)");
     browser.eval(&tab, "document.getElementById('job-cancel').click()");
     browser.wait(&tab, "document.getElementById('job').dataset.end === 'stopped'");
@@ -46,5 +46,16 @@ fn a_person_trains_cancels_and_splits() {
     assert!(root.join("run/track/pair/statistics.csv").is_file() && root.join("run/export/frames/0002.ply").is_file());
     browser.eval(&tab, "document.getElementById('job').scrollIntoView({ block: 'end' })");
     browser.shoot(&tab, "4-work-done");
+
+    // what is over is no news to a window that is opened later, which can read of it nevertheless
+    std::thread::sleep(Duration::from_secs(3));
+    let later = browser.visit(&server);
+    browser.wait(&later, "/^Last, .* ago, export/.test(document.getElementById('job-last').textContent)");
+    let said = "[document.getElementById('job').hidden, document.getElementById('job-news').textContent]";
+    assert_eq!(browser.eval(&later, said), json!([true, ""]));
+    browser.eval(&later, "document.getElementById('masks-start').click()");
+    browser.wait(&later, "document.getElementById('job').dataset.end === 'failed'");
+    browser.wait(&later, "document.getElementById('job-figures').textContent.includes('tick `replace`')");
+    assert_eq!(browser.eval(&later, "document.getElementById('job-last').hidden"), true);
     assert!(browser.wrong.is_empty(), "{:?}", browser.wrong);
 }

@@ -61,6 +61,9 @@ enum EditCommand {
         /// At least 0; the result is at most 0.99.
         #[arg(long, value_parser = not_negative_f32, allow_negative_numbers = true)]
         factor: f32,
+        /// Also make segments visible again that are hidden.
+        #[arg(long)]
+        show: bool,
         #[command(flatten)]
         targets: Targets,
     },
@@ -141,7 +144,7 @@ impl EditArgs {
             EditCommand::Recolour { targets, colour, flat } => {
                 (targets, Operation::Recolour { rgb: colour, keep_shading: !flat })
             }
-            EditCommand::Opacity { targets, factor } => (targets, Operation::Opacity { factor }),
+            EditCommand::Opacity { targets, factor, show } => (targets, Operation::Opacity { factor, show }),
             EditCommand::Hide(targets) => (targets, Operation::Hide),
             EditCommand::Show(targets) => (targets, Operation::Show),
             EditCommand::Isolate(targets) => (targets, Operation::Isolate),

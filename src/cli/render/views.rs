@@ -38,7 +38,7 @@ impl RenderArgs {
         }
         let (view, path) = SavedPath::parse(&file, &text)?;
         let view = Box::new(match self.view.size {
-            Some(width) => view.sized(width),
+            Some(width) => view.sized(width)?,
             None => view,
         });
         Ok(Some(Saved { name: format!("--path {file}"), view, path: Some(path) }))

@@ -7,6 +7,7 @@ use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::affinity::{self, Stage, Trained};
 use crate::segment::fine::train::{FineOptions, MaskScale, repulsion};
+use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -89,7 +90,7 @@ impl FineArgs {
             );
         }
         outln!("{} steps in {seconds:.1} s, loss {loss:.4}", self.steps);
-        errln!("next: volseggs segment split {} SEGMENT --scale 0.3", run.path.display());
+        errln!("next: volseggs segment split {} SEGMENT --scale 0.3", shell::path(&run.path));
         Ok(())
     }
 }

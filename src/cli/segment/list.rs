@@ -4,6 +4,7 @@ use super::super::{CliError, Common, print_json};
 use crate::run::OpenRun;
 use crate::run::segments::{RunSegments, Towards};
 use crate::segment::segmentation::Segment;
+use crate::shell;
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -46,7 +47,7 @@ impl ListArgs {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
             outln!("{name:30} {:>8} Gaussians  found at {:.3}", segment.members.len(), segment.time);
         }
-        let path = run.path.display();
+        let path = shell::path(&run.path);
         if tree.is_empty() {
             errln!("no segments yet; next: volseggs segment coarse {path}");
         }

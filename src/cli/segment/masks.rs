@@ -12,6 +12,7 @@ use crate::run::masks::{Made, MaskPlan, MaskRequest, hand_out, make};
 use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
 use crate::segment::masks::sam::checkpoint;
 use crate::segment::masks::source::sam::SamSource;
+use crate::shell;
 use burn::tensor::Device;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -212,7 +213,7 @@ impl MasksArgs {
             "pictures: {}; next: let your program write MASKS/SEGMENT/VIEW_NUMBER.png, then volseggs segment masks {} \
              --source dir --masks MASKS",
             folder.display(),
-            run.path.display()
+            shell::path(&run.path)
         );
         Ok(())
     }

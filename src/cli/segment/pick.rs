@@ -70,12 +70,16 @@ struct Report {
     segments: Vec<String>,
     /// The segment made, with the number of its Gaussians.
     made: Option<(Name, usize)>,
+    /// Those of them that are not seen at the time of the click, but at others.
+    from_other_times: usize,
     /// The levels at the click, from small to large, if they were asked for.
     levels: Vec<Shown>,
     /// The one that was taken, from 1, if they were asked for.
     level: Option<usize>,
-    /// Seconds from the click to the segment.
+    /// Seconds from the click to what it selects.
     seconds: f64,
+    /// Seconds to carry that to the other times.
+    carry_seconds: f64,
 }
 
 /// A level.
@@ -85,7 +89,7 @@ struct Shown {
     scale: f32,
     /// Cosine that a member has at least.
     threshold: f32,
-    /// Whether it is all that hangs together with the click, whatever the cosine.
+    /// Whether it is what hangs together with the click, or a part of that, whatever the cosine.
     piece: bool,
     /// What stays of it if the cosine rises by 0.05, in (0, 1].
     stability: f64,
@@ -145,12 +149,13 @@ impl PickArgs {
                 let count = found.levels.len();
                 return Err(CliError::input(format!("--level {n}: there are {count} at this click; see --levels")));
             }
-            if let Some(name) = &self.name {
-                made = Some((name.clone(), commit(&mut segments, name, &hit, &found, time)?));
-            }
             picked = Some(found);
         }
         let seconds = started.elapsed().as_secs_f64();
+        if let (Some(name), Some(picked)) = (&self.name, &picked) {
+            made = Some((name.clone(), commit(&run, &mut segments, name, &hit, picked, time)?));
+        }
+        let carry_seconds = started.elapsed().as_secs_f64() - seconds;
         if made.is_some() {
             segments.save()?;
         }
@@ -158,7 +163,10 @@ impl PickArgs {
         let segments: Vec<String> = segments.iter().map(ToString::to_string).collect();
         let levels = picked.iter().flat_map(|p| &p.levels).map(Shown::of).collect();
         let level = picked.as_ref().and_then(|p| p.level).map(|n| n + 1);
-        let report = Report { gaussian, weight, mean, segments, made, levels, level, seconds };
+        let from_other_times = made.as_ref().map_or(0, |(_, made)| made.from_other_times);
+        let made = made.map(|(name, made)| (name, made.gaussians));
+        let report =
+            Report { gaussian, weight, mean, segments, made, from_other_times, levels, level, seconds, carry_seconds };
         if self.common.json {
             return print_json(&report);
         }
@@ -173,7 +181,11 @@ impl PickArgs {
             let (scale, threshold) = (picked.scale, picked.threshold);
             let by =
                 if picked.piece { "in one piece".into() } else { format!("scale {scale:.2}, cosine {threshold:.3}") };
-            outln!("{name}: {count} Gaussians, {level}{by}; {:.0} ms", 1e3 * seconds);
+            let (click, carry) = (1e3 * report.seconds, 1e3 * report.carry_seconds);
+            let others = report.from_other_times;
+            outln!(
+                "{name}: {count} Gaussians, {others} of them from other times, {level}{by}; {click:.0} + {carry:.0} ms"
+            );
         }
         Ok(())
     }

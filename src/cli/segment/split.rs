@@ -52,7 +52,8 @@ impl SplitArgs {
             seed: self.seed,
             replace: self.replace,
         };
-        let parts = split(&run, &mut segments, &self.segment, &options, &device)?;
+        let parts = split(&run, &mut segments, &self.segment, &options, &device, &|| true)?;
+        let parts = parts.ok_or_else(|| CliError::failure("stopped; nothing was written"))?;
         segments.save()?;
         let path = run.paths().segment_sheet(&self.segment);
         write_picture(&path, &sheet(&run, &surroundings(&run, None), &parts, &device))?;

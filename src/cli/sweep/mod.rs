@@ -6,6 +6,7 @@ mod start;
 mod worker;
 
 use super::CliError;
+use crate::shell;
 use crate::sweep::{Plan, SweepError, file::name_of, slurm::SlurmError};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
@@ -68,7 +69,7 @@ impl Planned {
         let dir =
             if self.sweep.join("plan.json").is_file() { self.sweep.clone() } else { folder(&self.out, &self.sweep) };
         let plan = Plan::load(&dir, None)
-            .map_err(|e| CliError::input(format!("{e}; start it by `volseggs sweep {}`", self.sweep.display())))?;
+            .map_err(|e| CliError::input(format!("{e}; start it by `volseggs sweep {}`", shell::path(&self.sweep))))?;
         Ok((dir, plan))
     }
 }

@@ -5,6 +5,7 @@ use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
 use crate::durations::duration;
 use crate::program::{self, short};
+use crate::shell;
 use crate::sweep::builds::{OtherBuilds, tally};
 use crate::sweep::estimate::estimate;
 use crate::sweep::local::{self, LocalOptions};
@@ -240,7 +241,7 @@ impl StartArgs {
                 "submitted in {:.2} s; script: {}; next: volseggs sweep status {}",
                 started.elapsed().as_secs_f64(),
                 job.file().display(),
-                dir.display()
+                shell::path(dir)
             );
         }
         if self.json { print_json(&serde_json::json!({ "jobs": jobs })) } else { Ok(()) }

@@ -42,8 +42,8 @@ fn recolour_without_shading_is_one_colour_from_every_side() {
 
 #[test]
 fn opacity_multiplies_and_stops_at_0_99() {
-    let (old, half) = (state(), applied(&[edit(&["a"], Operation::Opacity { factor: 0.5 })]));
-    let many = applied(&[edit(&["a"], Operation::Opacity { factor: 1e6 })]);
+    let (old, half) = (state(), applied(&[edit(&["a"], Operation::Opacity { factor: 0.5, show: false })]));
+    let many = applied(&[edit(&["a"], Operation::Opacity { factor: 1e6, show: false })]);
     for i in 0..4 {
         let half = sigmoid(half.opacity_logits[i]);
         assert!((half - 0.5 * sigmoid(old.opacity_logits[i])).abs() < 1e-6);
@@ -52,21 +52,23 @@ fn opacity_multiplies_and_stops_at_0_99() {
     // The smallest opacities keep their precision.
     let mut faint = state();
     faint.opacity_logits[0] = -60.0;
-    apply(&stack(&[edit(&["a"], Operation::Opacity { factor: 2.0 })]), &segments, &mut faint).unwrap();
+    apply(&stack(&[edit(&["a"], Operation::Opacity { factor: 2.0, show: false })]), &segments, &mut faint).unwrap();
     assert!((faint.opacity_logits[0] - (-60.0 + 2f32.ln())).abs() < 1e-4);
 }
 
 #[test]
 fn hidden_is_zero_opacity_and_show_brings_back_what_would_be() {
     assert_eq!(sigmoid(HIDDEN_LOGIT), 0.0);
-    for hide in [Operation::Hide, Operation::Opacity { factor: 0.0 }] {
+    for hide in [Operation::Hide, Operation::Opacity { factor: 0.0, show: false }] {
         let hide = edit(&["a"], hide);
         let hidden = applied(std::slice::from_ref(&hide));
         assert!(hidden.opacity_logits[..4].iter().all(|l| *l == HIDDEN_LOGIT));
-        let half = edit(&["a"], Operation::Opacity { factor: 0.5 });
+        let half = edit(&["a"], Operation::Opacity { factor: 0.5, show: false });
         let shown = applied(&[hide, half.clone(), edit(&["a"], Operation::Show)]);
         assert_eq!(shown, applied(&[half]));
     }
+    let [hide, show] = [Operation::Hide, Operation::Opacity { factor: 0.5, show: true }].map(|o| edit(&["a"], o));
+    assert_eq!(applied(&[hide, show]), applied(&[edit(&["a"], Operation::Opacity { factor: 0.5, show: false })]));
     assert_eq!(applied(&[edit(&["ab"], Operation::Show)]), state());
 }
 
@@ -155,7 +157,7 @@ fn poisoned_gaussians_poison_no_other() {
         edit(&["ab"], rotate([0.0, 1.0, 0.0], 20.0, None)),
         edit(&["ab"], Operation::Scale { factor: 2.0, about: None }),
         edit(&["ab"], Operation::Recolour { rgb: [0.2; 3], keep_shading: true }),
-        edit(&["ab"], Operation::Opacity { factor: 0.3 }),
+        edit(&["ab"], Operation::Opacity { factor: 0.3, show: false }),
     ];
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for array in 0..5 {
@@ -205,7 +207,7 @@ fn bad_input_is_refused_and_changes_nothing() {
 fn the_centre_is_that_about_which_a_segment_turns() {
     let before = state();
     let moved = edit(&["ab"], Operation::Translate { by: [1.0, 2.0, 3.0] });
-    let now = applied(&[moved.clone(), edit(&["ab"], Operation::Opacity { factor: 0.1 })]);
+    let now = applied(&[moved.clone(), edit(&["ab"], Operation::Opacity { factor: 0.1, show: false })]);
     let members = segments("ab").unwrap();
     let [at, there] = [&before, &now].map(|n| centre(&before, n, members).unwrap());
     for k in 0..3 {

@@ -71,12 +71,21 @@ fn optional_points_may_be_left_out_or_null() {
 }
 
 #[test]
+fn opacity_shows_again_only_where_it_says_so() {
+    let plain = load(with(r#"{"opacity":{"factor":2}}"#).as_bytes()).unwrap();
+    assert_eq!(plain.operations, [edit(&["a"], Operation::Opacity { factor: 2.0, show: false })]);
+    assert!(!serde_json::to_string(&plain).unwrap().contains("show"), "as earlier versions wrote it");
+    let shown = load(with(r#"{"opacity":{"factor":2,"show":true}}"#).as_bytes()).unwrap();
+    assert_eq!(shown.operations[0].to_string(), "show and multiply the opacity of a by 2");
+}
+
+#[test]
 fn a_list_is_for_humans() {
     let mut stack = EditStack::default();
     let rotate = |about| Operation::Rotate { axis: [0.0, 0.0, 1.0], degrees: 90.0, about };
     for (names, operation) in [
         (&["jet"][..], Operation::Recolour { rgb: [1.0, 0.5, 0.0], keep_shading: true }),
-        (&["jet"], Operation::Opacity { factor: 0.5 }),
+        (&["jet"], Operation::Opacity { factor: 0.5, show: false }),
         (&["jet"], rotate(None)),
         (&["jet", "ring"], rotate(None)),
         (&["ring"], Operation::Scale { factor: 2.0, about: Some([0.0, 0.5, 1.0]) }),

@@ -17,7 +17,7 @@ fn operation() -> impl Strategy<Value = Operation> {
     prop_oneof![
         (prop::array::uniform3(0.0f32..=1.0), any::<bool>())
             .prop_map(|(rgb, keep_shading)| Operation::Recolour { rgb, keep_shading }),
-        (0.0f32..2.0).prop_map(|factor| Operation::Opacity { factor }),
+        (0.0f32..2.0, any::<bool>()).prop_map(|(factor, show)| Operation::Opacity { factor, show }),
         Just(Operation::Hide),
         Just(Operation::Show),
         Just(Operation::Isolate),
@@ -135,7 +135,7 @@ proptest! {
         p[at] = poison;
         let bad = [
             Operation::Recolour { rgb: p, keep_shading: true },
-            Operation::Opacity { factor: poison },
+            Operation::Opacity { factor: poison, show: false },
             Operation::Translate { by: p },
             Operation::Rotate { axis: p, degrees: 1.0, about: None },
             Operation::Rotate { axis: [1.0; 3], degrees: poison, about: None },

@@ -7,7 +7,7 @@ use super::options::{SegmentEvalError, SegmentOptions};
 use super::oracle;
 use super::prompt::Prompt;
 use super::result::{Outcome, SegmentEvaluation, SegmentResult, VolumeScore};
-use super::select::{Chosen, Scenery, fixed};
+use super::select::{Chosen, Scenery, Selected, fixed};
 use super::setting::{Setting, TRIES};
 use super::target::{Target, targets};
 use super::train::Trainers;
@@ -18,6 +18,7 @@ use crate::eval::results::DataId;
 use crate::export::images::to_rgb8;
 use crate::metrics::lpips::Lpips;
 use crate::model::{HostGaussians, Scene};
+use crate::segment::carry::carry;
 use image::RgbImage;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -54,8 +55,11 @@ pub fn evaluate_segments(
             ));
             continue;
         };
-        let choices: Vec<Choice> =
-            options.methods.iter().map(|&m| choose(m, scenery, &prompt, options)).collect::<Result<_, _>>()?;
+        let choices: Vec<Choice> = options
+            .methods
+            .iter()
+            .map(|&m| choose(m, scenery, &prompt, options, (scene, time)))
+            .collect::<Result<_, _>>()?;
         clicked.push(Clicked { target, prompt, choices });
     }
 
@@ -143,12 +147,23 @@ fn choose(
     scenery: Scenery<'_>,
     prompt: &Prompt,
     options: &SegmentOptions,
+    (scene, time): (&Scene, f64),
 ) -> Result<Choice, SegmentEvalError> {
     let setting = Setting::fixed(method, &options.coarse);
     let next = |members: &[u32]| prompt.next(&oracle::flags(members, scenery.at.len()));
-    let fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
+    let mut fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
     let best = || oracle::best(scenery, method, &options.coarse, prompt, options.clicks.max(1));
-    Ok(Pair { fixed, oracle: options.oracle.then(best).transpose()? })
+    let mut oracle = options.oracle.then(best).transpose()?;
+    if matches!(method, Method::Fine | Method::CoarseFine) {
+        // as `segment pick` does
+        for Selected { members, .. } in
+            [Some(&mut fixed), oracle.as_mut()].into_iter().flatten().map(|c| &mut c.selected)
+        {
+            let within = scenery.looked_in(method, members);
+            *members = carry(scene, members, &within, time).map_err(|e| e.to_string())?;
+        }
+    }
+    Ok(Pair { fixed, oracle })
 }
 
 fn outcome(chosen: Chosen) -> Outcome {

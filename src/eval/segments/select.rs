@@ -10,6 +10,7 @@ use crate::segment::baselines::sagd;
 use crate::segment::candidates::Candidates;
 use crate::segment::coarse::Coarse;
 use crate::segment::pick::{meant, pick, pick_saga};
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 /// Gaussians that a method selects.
@@ -133,6 +134,15 @@ impl Scenery<'_> {
                 Ok(Selected { members: found.members, moved, asked: None })
             }
         }
+    }
+
+    /// The Gaussians among which a field was asked for what it selected: all of the colours of these, or of the scene if
+    /// one has none.
+    pub fn looked_in(&self, method: Method, members: &[u32]) -> Vec<u32> {
+        let labels = &self.trained.coarse().labels;
+        let colours: BTreeSet<u32> = members.iter().map(|&i| labels[i as usize]).collect();
+        let all = method != Method::CoarseFine || colours.contains(&0);
+        (0..labels.len() as u32).filter(|&i| all || colours.contains(&labels[i as usize])).collect()
     }
 
     /// The clicked Gaussian that has a colour, and all of that colour.

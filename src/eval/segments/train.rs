@@ -81,8 +81,9 @@ impl Trainers<'_> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
-        let largest = self.scene.largest_opacity(&self.options.coarse.hidden(self.at));
-        let found = coarse(self.at, Some(&largest), &self.options.coarse).map_err(|e| e.to_string())?;
+        let asked = &self.options.coarse;
+        let later = self.scene.ever_seen(&asked.hidden(self.at), asked.min_opacity);
+        let found = coarse(self.at, Some(&later), asked).map_err(|e| e.to_string())?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
         let mut colours = vec![(self.options.coarse, found)];
@@ -90,7 +91,7 @@ impl Trainers<'_> {
             for setting in Setting::tries(Method::Coarse, &self.options.coarse) {
                 let Setting::Coarse(options) = setting else { continue };
                 if !colours.iter().any(|(known, _)| *known == options) {
-                    let found = coarse(self.at, Some(&largest), &options).map_err(|e| e.to_string())?;
+                    let found = coarse(self.at, Some(&later), &options).map_err(|e| e.to_string())?;
                     colours.push((options, found));
                 }
             }
@@ -290,8 +291,8 @@ pub fn write_mask_pictures(
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
-    let largest = scene.largest_opacity(&options.coarse.hidden(&at));
-    let coarse = coarse(&at, Some(&largest), &options.coarse).map_err(|e| e.to_string())?;
+    let later = scene.ever_seen(&options.coarse.hidden(&at), options.coarse.min_opacity);
+    let coarse = coarse(&at, Some(&later), &options.coarse).map_err(|e| e.to_string())?;
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {

@@ -15,6 +15,7 @@ use crate::export::labels::NamedLabel;
 use crate::memory::{Budget, product};
 use crate::segment::segmentation::Segmentation;
 use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
+use crate::shell;
 use choice::Choice;
 use std::path::{Path, PathBuf};
 
@@ -66,8 +67,8 @@ impl<'r> Labels<'r> {
         let all = run.segments()?;
         let Choice { names, labels } = choice::choose(&all, &plan.segments).map_err(RunError::input)?;
         if names.is_empty() {
-            let run = run.path.display();
-            return Err(RunError::input(format!("{run}: no segments yet; run `volseggs segment coarse {run}`")));
+            let (path, word) = (run.path.display(), shell::path(&run.path));
+            return Err(RunError::input(format!("{path}: no segments yet; run `volseggs segment coarse {word}`")));
         }
         let listed = listed(&names, &all)?;
         let selection = Selection::open(run, &plan.segments, plan.edited)?;

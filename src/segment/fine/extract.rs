@@ -3,7 +3,7 @@
 use super::network::{AffinityField, FEATURES, Frame};
 use crate::points::PointsError;
 use crate::points::hdbscan::{Assignment, DensityConfig, cluster_features};
-use crate::points::kmeans::{KMeansConfig, kmeans};
+use crate::points::kmeans::{KMeansConfig, kmeans_while};
 use crate::rng::{Purpose, Rng};
 use rayon::prelude::*;
 
@@ -17,10 +17,10 @@ pub enum Clustering {
 }
 
 /// Clusters the Gaussians with `means` `[M, 3]` by their features at `scale` in [0, 1]. Labels `[M]` from 1, the
-/// largest cluster first.
+/// largest cluster first. It goes on as long as `goes_on`, which is asked again and again.
 ///
 /// # Errors
-/// If an option is out of range.
+/// If an option is out of range; [`PointsError::Stopped`].
 pub fn cluster(
     field: &AffinityField,
     frame: &Frame,
@@ -28,6 +28,7 @@ pub fn cluster(
     scale: f32,
     clustering: Clustering,
     seed: u64,
+    goes_on: &dyn Fn() -> bool,
 ) -> Result<Vec<u32>, PointsError> {
     let features = field.features(&frame.encode(means), scale);
     let mut rng = Rng::new(seed, 1, Purpose::Clusters);
@@ -35,11 +36,11 @@ pub fn cluster(
     match clustering {
         Clustering::Density => {
             let config = DensityConfig { assignment: Assignment::Centre, ..DensityConfig::default() };
-            Ok(cluster_features(&features, FEATURES, &config, &mut uniform)?.labels)
+            Ok(cluster_features(&features, FEATURES, &config, &mut uniform, goes_on)?.labels)
         }
         Clustering::KMeans(k) => {
             let weights = vec![1.0; features.len() / FEATURES];
-            Ok(kmeans(&features, FEATURES, &weights, &KMeansConfig::new(k), &mut uniform)?.labels)
+            Ok(kmeans_while(&features, FEATURES, &weights, &KMeansConfig::new(k), &mut uniform, goes_on)?.labels)
         }
     }
 }

@@ -250,7 +250,7 @@ fn a_small_scale_parts_touching_balls_that_a_large_one_joins() {
         );
     }
     for (clustering, seed) in [(Clustering::Density, 0), (Clustering::KMeans(2), 0), (Clustering::KMeans(2), 7)] {
-        let labels = cluster(field, frame, &at.means, 0.1, clustering, seed).unwrap();
+        let labels = cluster(field, frame, &at.means, 0.1, clustering, seed, &|| true).unwrap();
         assert_eq!(labels.iter().max(), Some(&2), "{clustering:?}");
         for ball in 0..2 {
             let most = [1, 2].map(|label| {

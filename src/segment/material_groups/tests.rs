@@ -172,9 +172,8 @@ fn gaussians_of_another_time_join_the_material_of_their_colour() {
     let (mut g, truth) = cloud(&nested(), &PLAIN, 9);
     (0..g.len()).filter(|i| i % 7 == 0).for_each(|i| g.opacity_logits[i] = -9.0);
     let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
-    let hidden = options.hidden(&g);
-    let largest: Vec<f32> = hidden.iter().map(|h| if *h { 0.9 } else { 0.0 }).collect();
-    let found = coarse(&g, Some(&largest), &options).unwrap();
+    let later = options.hidden(&g);
+    let found = coarse(&g, Some(&later), &options).unwrap();
     assert_eq!(found.transparent, 0);
     let later: Vec<usize> = (0..g.len()).filter(|i| i % 7 == 0 && truth[*i] > 0).collect();
     let of_truth = |t: u32| {

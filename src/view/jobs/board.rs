@@ -34,6 +34,8 @@ pub struct JobState {
     pub stopping: bool,
     /// How it ended, if it has.
     pub end: Option<JobEnd>,
+    /// Seconds since then.
+    pub ago: Option<f64>,
 }
 
 /// How a job ended.
@@ -62,9 +64,20 @@ impl Board {
     /// Of a job that begins now.
     #[must_use]
     pub fn new(number: u64, title: String) -> Self {
-        let (losses, left, end) = (Vec::new(), None, None);
-        let state =
-            JobState { number, title, unit: "", done: 0, all: 0, seconds: 0.0, left, losses, stopping: false, end };
+        let (losses, left, end, ago) = (Vec::new(), None, None, None);
+        let state = JobState {
+            number,
+            title,
+            unit: "",
+            done: 0,
+            all: 0,
+            seconds: 0.0,
+            left,
+            losses,
+            stopping: false,
+            end,
+            ago,
+        };
         Self {
             state: Mutex::new(state),
             began: Instant::now(),
@@ -77,8 +90,10 @@ impl Board {
     #[must_use]
     pub fn state(&self) -> JobState {
         let mut state = self.lock().clone();
-        if state.end.is_none() {
-            state.seconds = self.began.elapsed().as_secs_f64();
+        let now = self.began.elapsed().as_secs_f64();
+        match state.end {
+            None => state.seconds = now,
+            Some(_) => state.ago = Some((now - state.seconds).max(0.0)),
         }
         state
     }
@@ -184,5 +199,9 @@ mod tests {
         assert!(!reporter.at("steps", 10_001, 20_000, None) && board.state().stopping);
         board.end(JobEnd::Stopped);
         assert!(board.version() > version && board.state().end == Some(JobEnd::Stopped));
+        let seconds = board.state().seconds;
+        std::thread::sleep(Duration::from_millis(5));
+        let later = board.state();
+        assert!(later.seconds == seconds && later.ago >= Some(0.005), "{later:?}");
     }
 }

@@ -221,7 +221,9 @@ fn masks(
     let path = run.paths().masks();
     if path.exists() && !replace {
         let path = path.display();
-        return Err(RunError::input(format!("{path}: masks are there already; say that they may be replaced")));
+        return Err(RunError::input(format!(
+            "{path}: masks are there already; tick `replace` beside `make masks` to make new ones"
+        )));
     }
     let mut around = run.surroundings();
     if let Some(size) = size {
@@ -260,11 +262,9 @@ fn parts(
     report: &Reporter,
 ) -> Result<Option<String>, RunError> {
     let mut segments = RunSegments::open(run)?;
-    let parts = split(run, &mut segments, segment, options, device)?;
-    // clusters are found in one piece; nothing is written yet
-    if !report.goes_on() {
+    let Some(parts) = split(run, &mut segments, segment, options, device, &|| report.goes_on())? else {
         return Ok(None);
-    }
+    };
     segments.save()?;
     let picture = sheet(run, &run.surroundings(), &parts, device);
     write_picture(&run.paths().segment_sheet(segment), &picture)?;

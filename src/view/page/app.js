@@ -15,14 +15,13 @@ import "./gizmo.js";
 import "./help.js";
 import "./jobs.js";
 import "./tracks.js";
-import "./training.js";
+import { describe } from "./training.js";
 
 hear("welcome", (message) => {
   app.welcome = message;
   say(message.note ?? "");
   $("run").textContent = message.run;
-  const step = message.step == null ? "" : `, step ${message.step.toLocaleString("en")}`;
-  $("scene").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${step}${message.read_only ? ", read only" : ""}`;
+  describe(message.gaussians, message.step);
   document.title = `${message.run} – volseggs`;
   if (!app.camera) {
     app.camera = new Camera(message.centre, message.radius, message.fov);

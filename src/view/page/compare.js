@@ -9,13 +9,18 @@ const context = other.getContext("2d");
 let views = []; // test views of the dataset
 let image = null; // the dataset's image, and the number of its view
 let flipped = false;
+let fault = null; // why there is no picture to compare with
 
 const withWhat = () => $("compare").value;
+// which other run is chosen, if one is
+const number = () => (withWhat().startsWith("run ") ? Number(withWhat().slice(4)) : null);
+const otherRun = () => app.welcome?.others[number()];
 
 function ask_for() {
   const what = withWhat();
   if (what === "image") app.compare = views.length ? { with: "image", view: value("test-view") } : null;
   else if (what === "time") app.compare = { with: "time", time: value("other-time") };
+  else if (number() !== null) app.compare = { with: "run", run: number() };
   else app.compare = what ? { with: what } : null;
   layout();
   look(false);
@@ -31,7 +36,12 @@ function layout() {
   $("other-time-row").hidden = withWhat() !== "time";
   const names = { image: `the dataset's image of view ${value("test-view")}`, plain: "without edits", time: `time ${value("other-time").toFixed(3)}` };
   const place = { side: "Right", wipe: "Right of the divider", flip: flipped ? "Shown" : "Behind" }[how];
-  $("compared").textContent = app.compare ? `${place}: ${names[withWhat()]}` : "";
+  const run = otherRun();
+  const name = run ? `${run.name}${run.step == null ? "" : `, step ${run.step.toLocaleString("en")}`}` : names[withWhat()];
+  $("compared").textContent = app.compare ? `${place}: ${name}${fault ? `: ${fault}` : ""}` : "";
+  $("compared").classList.toggle("wrong", Boolean(app.compare && fault));
+  $("compare-note").textContent = run?.note ? `${run.name}: ${run.note}.` : "";
+  $("compare-note").hidden = !run?.note;
   draw_image();
 }
 
@@ -63,6 +73,13 @@ on("other", ({ bitmap, number, isImage }) => {
   bitmap.close();
 });
 on("frame", draw_image);
+
+// nothing stays to be seen that is not what was asked for
+hear("beside", (message) => {
+  fault = message.fault;
+  if (fault) context.clearRect(0, 0, other.width, other.height);
+  layout();
+});
 
 function snap() {
   const seen = views[value("test-view")];
@@ -113,8 +130,18 @@ hear("views", ({ views: found }) => {
   views = found;
   $("test-view").replaceChildren(...views.map((v, n) => make("option", { value: n, textContent: `${n}: time ${v.time.toFixed(3)}` })));
 });
-on("welcome", () => {
-  image = null;
+function offer({ others }) {
+  const chosen = withWhat();
+  $("compare-runs").replaceChildren(...others.map((run, n) => make("option", { value: `run ${n}`, textContent: run.name })));
+  $("compare-runs").hidden = !others.length;
+  $("compare").value = chosen;
+  if (withWhat() !== chosen) $("compare").value = "";
+  layout();
+}
+on("welcome", (welcome) => {
+  // a viewer that was started anew has said nothing yet
+  fault = null;
+  offer(welcome);
   // a run whose dataset is gone has none
-  ask({ type: "views" }).catch(() => {}).then(() => ($("snap").disabled = $("test-view").disabled = !views.length));
+  if (!views.length) ask({ type: "views" }).catch(() => {}).then(() => ($("snap").disabled = $("test-view").disabled = !views.length));
 });

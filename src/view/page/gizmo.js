@@ -1,6 +1,6 @@
 // Handles on the picture that move, turn and scale the checked segments: arrows, rings, and a square in the middle. While
 // one is dragged, the edit that it would make is only shown; let go, it is made, as one step.
-import { $, app, on, say, value } from "./state.js";
+import { $, app, element, on, say, value } from "./state.js";
 import { add, cross, dot, mul, sub, unit } from "./camera.js";
 import { ask, change } from "./socket.js";
 import { look, size, view } from "./picture.js";
@@ -11,12 +11,6 @@ const svg = $("gizmo");
 let centre = null; // of the checked segments, world units
 let asked = ""; // what the centre was asked of
 let drag = null; // what is being dragged or moved by keys
-
-const element = (kind, attributes) => {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
-  for (const [name, v] of Object.entries(attributes)) made.setAttribute(name, v);
-  return made;
-};
 
 // the camera as the picture has it: where points fall, and the rays of pixels
 function lens() {

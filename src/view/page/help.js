@@ -1,11 +1,12 @@
 // Keys and mouse habits, on request.
 import { $, typing } from "./state.js";
 
-export const helping = () => $("help").open;
+// whether a dialog is open, to which all keys go
+export const asking = () => Boolean(document.querySelector("dialog[open]"));
 const open = () => $("help").showModal();
 $("help-open").onclick = open;
 $("help-close").onclick = () => $("help").close();
 
 document.addEventListener("keydown", (e) => {
-  if (e.key === "?" && !typing() && !helping()) open();
+  if (e.key === "?" && !typing() && !asking()) open();
 });

@@ -6,7 +6,7 @@ import { nudge, play } from "./time.js";
 import { centreOn, clear, click } from "./selection.js";
 import { flip } from "./compare.js";
 import { save } from "./take.js";
-import { helping } from "./help.js";
+import { asking } from "./help.js";
 import { reveal } from "./parts.js";
 
 let drag = null;
@@ -63,7 +63,7 @@ canvas.addEventListener("wheel", (e) => {
 }, { passive: false });
 
 document.addEventListener("keydown", (e) => {
-  if (helping()) return;
+  if (asking()) return;
   if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing()) {
     e.preventDefault();
     // segments or edits, whichever changed last

@@ -1,5 +1,5 @@
 // Long work: what is started, how far it has come, and how it ended.
-import { $, app, on, say, value } from "./state.js";
+import { $, app, duration, on, say, value } from "./state.js";
 import { ask, hear, start } from "./socket.js";
 import { chosen } from "./segments.js";
 import { plot } from "./plot.js";
@@ -28,23 +28,31 @@ $("job-close").onclick = () => {
   $("part-work").querySelector("summary").focus();
 };
 
-const span = (seconds) => (seconds < 90 ? `${seconds.toFixed(0)} s` : seconds < 5400 ? `${(seconds / 60).toFixed(1)} min` : `${(seconds / 3600).toFixed(1)} h`);
-
 function figures() {
   if (!job.end) {
     const counted = job.all ? `${job.done} of ${job.all} ${job.unit}, ` : "";
-    const left = job.left === null ? "" : `, ${span(job.left)} left`;
+    const left = job.left === null ? "" : `, ${duration(job.left)} left`;
     const loss = job.losses.length ? `, loss ${job.losses.at(-1)[1].toFixed(4)}` : "";
-    return `${counted}${span(job.seconds)}${left}${loss}`;
+    return `${counted}${duration(job.seconds)}${left}${loss}`;
   }
-  if (job.end === "stopped") return `cancelled after ${span(job.seconds)}; all is as before`;
-  return job.end.done ? `${job.end.done} (${span(job.seconds)})` : job.end.failed;
+  if (job.end === "stopped") return `cancelled after ${duration(job.seconds)}; all is as before`;
+  return job.end.done ? `${job.end.done} (${duration(job.seconds)})` : job.end.failed;
+}
+
+const OLD = 2; // seconds after which the end of work is no news to a window that is opened
+
+function last() {
+  $("job-last").textContent = `Last, ${duration(job.ago)} ago, ${job.title}: ${figures()}`;
+  $("job-last").hidden = false;
 }
 
 hear("job", (message) => {
   const begins = job?.number !== message.number;
-  const ends = message.end && !(job?.end && !begins);
+  // told again to a window that lost the viewer and found it again
+  if (!begins && job.end) return;
   job = message;
+  if (begins && job.end && job.ago > OLD) return last();
+  $("job-last").hidden = true;
   $("job").hidden = false;
   $("job").dataset.end = !job.end ? "" : job.end === "stopped" ? "stopped" : Object.keys(job.end)[0];
   $("job-title").textContent = job.stopping && !job.end ? `${job.title}: stopping` : job.title;
@@ -59,7 +67,7 @@ hear("job", (message) => {
   plot($("job-loss"), [{ points: job.losses }]);
   // said aloud once, not at every step
   if (begins && !job.end) $("job-news").textContent = `${job.title}: begun`;
-  if (ends) $("job-news").textContent = `${job.title}: ${figures()}`;
+  if (job.end) $("job-news").textContent = `${job.title}: ${figures()}`;
 });
 on("welcome", ({ read_only: still }) => {
   $("work").disabled = still;

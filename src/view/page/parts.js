@@ -8,6 +8,9 @@ for (const part of parts) {
   part.addEventListener("toggle", () => sessionStorage.setItem(KEY, JSON.stringify(Object.fromEntries(parts.map((p) => [p.id, p.open])))));
 }
 
+// whether a part was opened or folded before
+export const wasLeft = (id) => id in kept;
+
 // shows an element that may be hidden, or in a part that is folded
 export function reveal(element) {
   element.hidden = false;

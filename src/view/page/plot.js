@@ -1,17 +1,10 @@
 // Line plots, drawn as SVG.
-const NS = "http://www.w3.org/2000/svg";
+import { element } from "./state.js";
+
 const WIDTH = 300, HEIGHT = 96, LEFT = 4, RIGHT = 4, TOP = 14, BOTTOM = 14;
 
-// an SVG element with attributes and children
-export function draw(kind, attributes = {}, ...children) {
-  const element = document.createElementNS(NS, kind);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  element.append(...children);
-  return element;
-}
-
 const short = (v) => (Number.isInteger(v) ? v.toLocaleString("en") : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(1) : Number(v.toPrecision(3)).toString());
-const label = (x, y, text, anchor = "start") => draw("text", { x, y, "text-anchor": anchor }, text);
+const label = (x, y, text, anchor = "start") => element("text", { x, y, "text-anchor": anchor }, text);
 
 // where a value of the horizontal axis, which goes over span, stands in the plot, and the other way round
 export const place = ([from, to], x) => LEFT + ((x - from) / (to - from || 1)) * (WIDTH - LEFT - RIGHT);
@@ -39,9 +32,9 @@ export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
     });
     // a point alone is a dot
     const d = steps.filter(Boolean).length === 1 ? `${steps.join("")}h0` : steps.join("");
-    return draw("path", { d, class: `line ${look}` });
+    return element("path", { d, class: `line ${look}` });
   });
-  const axis = draw("path", { d: `M${LEFT} ${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`, class: "axis" });
+  const axis = element("path", { d: `M${LEFT} ${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`, class: "axis" });
   svg.replaceChildren(
     axis, ...paths, ...marks,
     label(LEFT, 10, `${short(high)}${unit}`), label(LEFT, HEIGHT - BOTTOM - 2, short(low)),
@@ -53,5 +46,5 @@ export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
 // a line across the plot at x
 export const upright = (span, x, look) => {
   const at = place(span, x).toFixed(1);
-  return draw("path", { d: `M${at} ${TOP}V${HEIGHT - BOTTOM}`, class: look });
+  return element("path", { d: `M${at} ${TOP}V${HEIGHT - BOTTOM}`, class: look });
 };

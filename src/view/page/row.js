@@ -1,5 +1,5 @@
 // A segment in the tree: eye, colour, name and opacity, and below it what is rarely needed.
-import { app, make } from "./state.js";
+import { app, element, make } from "./state.js";
 import { change, start } from "./socket.js";
 import { look } from "./picture.js";
 
@@ -9,45 +9,57 @@ const rgb = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 
 
 // an edit that is shown while a control is moved and made once it rests, so that one movement is one step
 let timer;
-function show(s, operations) {
+function show(s, operation) {
   clearTimeout(timer);
-  app.preview = { base: app.doc.revision, edits: operations.map((operation) => ({ segments: [s.name], operation })) };
+  app.preview = { base: app.doc.revision, edits: operation ? [{ segments: [s.name], operation }] : [] };
   look(true);
 }
-function makeSoon(s, operations) {
+function makeSoon(s, operation) {
   clearTimeout(timer);
   timer = setTimeout(async () => {
-    for (const operation of operations) await change({ kind: "edit", segments: [s.name], operation });
+    if (operation) await change({ kind: "edit", segments: [s.name], operation });
     app.preview = null;
     look(false);
   }, 400);
 }
 
-// opacity as it was, times this; 0 hides, and more shows again
+// the one edit to an opacity, if it takes any: 0 hides, and more shows again
 function fade(s, wanted) {
-  if (wanted === 0) return s.hidden ? [] : ["hide"];
+  if (wanted === 0) return s.hidden ? null : "hide";
   const factor = wanted / Math.max(s.opacity, 1e-3);
-  return [...(s.hidden ? ["show"] : []), ...(Math.abs(factor - 1) > 1e-3 ? [{ opacity: { factor } }] : [])];
+  if (Math.abs(factor - 1) > 1e-3) return { opacity: { factor, show: s.hidden } };
+  return s.hidden ? "show" : null;
 }
 
-// an input whose value becomes edits
-function edits(kind, key, label, properties, operations, s) {
+// an input whose value becomes an edit
+function edits(kind, key, label, properties, operation, s) {
   const input = make("input", { type: kind, ...properties, disabled: app.welcome?.read_only });
   input.setAttribute("aria-label", label);
   input.dataset.key = key;
   input.title = label;
-  input.oninput = () => show(s, operations(input.value));
-  input.onchange = () => makeSoon(s, operations(input.value));
+  input.oninput = () => show(s, operation(input.value));
+  input.onchange = () => makeSoon(s, operation(input.value));
   return input;
 }
 
+// an eye, open or struck out
+function icon(out) {
+  const stroke = { fill: "none", stroke: "currentColor", "stroke-width": 1.5, "stroke-linecap": "round" };
+  const lids = element("path", { d: "M1.5 8C4 4.2 6 3 8 3s4 1.2 6.5 5C12 11.8 10 13 8 13S4 11.8 1.5 8Z", ...stroke });
+  const pupil = element("circle", { cx: 8, cy: 8, r: 2.2, fill: "currentColor" });
+  const bar = element("path", { d: "M2.5 13.5 13.5 2.5", ...stroke });
+  return element("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, lids, out ? bar : pupil);
+}
+
 function eye(s) {
-  const button = make("button", { title: "Leave it out of the picture (this is no edit)" });
+  const button = make("button", { className: "eye" });
   button.dataset.key = `eye ${s.name}`;
   button.setAttribute("aria-label", `Leave ${s.name} out of the picture`);
   const shown = () => {
-    button.textContent = app.hidden.has(s.name) ? "○" : "●";
-    button.setAttribute("aria-pressed", app.hidden.has(s.name));
+    const out = app.hidden.has(s.name);
+    button.replaceChildren(icon(out));
+    button.title = out ? "Left out of the picture: show it (this is no edit)" : "Leave it out of the picture (this is no edit)";
+    button.setAttribute("aria-pressed", out);
   };
   button.onclick = () => {
     app.hidden.has(s.name) ? app.hidden.delete(s.name) : app.hidden.add(s.name);
@@ -65,13 +77,10 @@ function more(s) {
   name.dataset.key = `name ${s.name}`;
   name.setAttribute("aria-label", `Name of ${s.name}`);
   rename.append(name, make("button", { textContent: "rename" }));
-  rename.onsubmit = async (e) => {
+  rename.onsubmit = (e) => {
     e.preventDefault();
     const wanted = name.value.trim();
-    if (!wanted || wanted === s.name) return;
-    app.renames.set(s.name, wanted);
-    await change({ kind: "rename", segment: s.name, name: wanted });
-    app.renames.delete(s.name);
+    if (wanted && wanted !== s.name) change({ kind: "rename", segment: s.name, name: wanted });
   };
   const split = make("form", { className: "row" });
   const scale = make("input", { type: "range", min: 0, max: 1, step: 0.05, value: 0.5 });
@@ -108,7 +117,7 @@ export function row(s, number, check) {
   box.onclick = (e) => check(s.name, box.checked, e.shiftKey);
   const name = make("label", { className: "name", textContent: s.name, htmlFor: box.id, title: `${s.gaussians.toLocaleString("en")} Gaussians` });
   const colour = edits("color", `colour ${s.name}`, `Colour of ${s.name}`, { value: hex(s.rgb ?? s.colour) },
-    (text) => [{ recolour: { rgb: rgb(text), keep_shading: true } }], s);
+    (text) => ({ recolour: { rgb: rgb(text), keep_shading: true } }), s);
   const opacity = edits("range", `opacity ${s.name}`, `Opacity of ${s.name}`,
     { min: 0, max: 1, step: 0.05, value: s.hidden ? 0 : Math.min(1, s.opacity) }, (text) => fade(s, Number(text)), s);
   const button = make("button", { textContent: "…", title: "Rename, split" });

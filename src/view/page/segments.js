@@ -1,10 +1,11 @@
 // The tree of segments.
 import { $, app, on, say, tell, value } from "./state.js";
-import { ask, change, hear } from "./socket.js";
+import { change, hear } from "./socket.js";
 import { look, stale } from "./picture.js";
 import { renamed, row } from "./row.js";
+import { question } from "./dialog.js";
 
-// a segment that this page renamed stays checked, left out or alone
+// a segment that has another name, whoever gave it that, stays checked, left out or alone
 function keep(from, to) {
   for (const set of [app.hidden, app.checked]) if (set.delete(from)) set.add(to);
   app.alone = app.alone.map((name) => (name === from ? to : name));
@@ -18,7 +19,7 @@ function read(message) {
   app.preview = null;
   stale();
   const names = new Set(app.doc.segments.map((s) => s.name));
-  for (const [from, to] of app.renames) if (!names.has(from) && names.has(to)) keep(from, to);
+  for (const [from, to] of message.renamed) if (!names.has(from) && names.has(to)) keep(from, to);
   for (const set of [app.hidden, app.checked]) for (const name of set) if (!names.has(name)) set.delete(name);
   app.alone = app.alone.filter((name) => names.has(name));
   $("isolate").setAttribute("aria-pressed", app.alone.length > 0);
@@ -64,13 +65,14 @@ export const chosen = () => {
   return [...app.checked];
 };
 
-$("coarse").onclick = () => {
-  if (!app.doc.segments.length || confirm("All segments are replaced (undo brings them back). Go on?")) change({ kind: "coarse", time: value("when"), clusters: null });
+$("coarse").onclick = async () => {
+  const goes = !app.doc.segments.length || (await question("Segments found by colour replace all that there are; undo brings them back.", { button: "find by colour" })) !== null;
+  if (goes) change({ kind: "coarse", time: value("when"), clusters: null });
 };
-$("group").onclick = () => {
+$("group").onclick = async () => {
   const segments = chosen();
-  const name = segments.length && prompt("Name of the group");
-  if (name) ask({ type: "change", base: app.doc.revision, change: { kind: "group", name, segments } }).catch((e) => say(e, true));
+  const name = segments.length && (await question(`One segment of ${segments.join(", ")}`, { button: "group", name: true }));
+  if (name) change({ kind: "group", name, segments });
 };
 $("remove").onclick = () => { const segments = chosen(); if (segments.length) change({ kind: "remove", segments }); };
 $("isolate").onclick = () => {

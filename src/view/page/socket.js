@@ -3,6 +3,7 @@ import { app, say } from "./state.js";
 
 let socket;
 let number = 0;
+let ended = null; // what the viewer said before it ended
 const waiting = new Map();
 const hearers = {};
 
@@ -16,6 +17,7 @@ export function connect() {
   socket.onclose = () => {
     for (const { reject } of waiting.values()) reject("The viewer does not answer.");
     waiting.clear();
+    if (ended) return say(ended);
     say("The viewer does not answer; trying again …", true);
     setTimeout(connect, 1000);
   };
@@ -43,6 +45,8 @@ export const change = (what) => ask({ type: "change", base: app.doc.revision, ch
 
 // long work on the document as this page knows it; it may be null if something was missing, which was said
 export const start = (task) => task && ask({ type: "job", base: app.doc.revision, task }).catch((e) => say(e, true));
+
+hear("ended", ({ message }) => { ended = message; });
 
 function listen(message) {
   const asked = message.id != null ? waiting.get(message.id) : null;

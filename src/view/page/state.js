@@ -9,7 +9,6 @@ export const app = {
   doc: { revision: 0, segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
   hidden: new Set(), // names of segments that are left out of the picture
   checked: new Set(), // names of segments that are checked in the tree
-  renames: new Map(), // names that this page is giving segments, by the names that they have
   preview: null, // edits that are shown and not saved
   alone: [], // names of segments that are shown alone
   compare: null, // what the picture is compared with
@@ -34,7 +33,20 @@ export const typing = () => {
   return /INPUT|SELECT|TEXTAREA/.test(at?.tagName) && !/range|checkbox|color/.test(at.type);
 };
 
+// seconds in words
+export const duration = (seconds) => (seconds < 90 ? `${seconds.toFixed(0)} s` : seconds < 5400 ? `${(seconds / 60).toFixed(1)} min` : `${(seconds / 3600).toFixed(1)} h`);
+
 export const value = (id) => Number($(id).value);
+
+const SVG = "http://www.w3.org/2000/svg";
+
+// an SVG element with attributes and children
+export function element(kind, attributes = {}, ...children) {
+  const made = document.createElementNS(SVG, kind);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}
 
 // an element with properties and children
 export function make(kind, properties = {}, ...children) {

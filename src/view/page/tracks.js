@@ -1,14 +1,15 @@
 // Charts of the checked segments through time: volume, centroid and speed, with what happened to their parts.
-import { $, make, on, say, value } from "./state.js";
+import { $, element, make, on, say, value } from "./state.js";
 import { ask, hear } from "./socket.js";
 import { chosen } from "./segments.js";
 import { goTo, nudge } from "./time.js";
 import { reveal } from "./parts.js";
-import { draw, place, plot, upright, valueAt } from "./plot.js";
+import { place, plot, upright, valueAt } from "./plot.js";
 
 const CHARTS = ["chart-volume", "chart-centroid", "chart-speed"];
 const SPAN = [0, 1];
 const LETTERS = { appear: "A", vanish: "V", split: "S", merge: "M", segment_appear: "A", segment_vanish: "V" };
+const MEANINGS = { A: "appears", V: "vanishes", S: "splits", M: "merges" };
 
 let track = null;
 let nows = [];
@@ -21,11 +22,18 @@ function words({ kind, parts: [before, after] }) {
 }
 const middle = ({ from, to }) => (from + to) / 2;
 
-// the events of a chart, and the present time
+const said = (event) => `${event.to.toFixed(2)} ${words(event)}`;
+
+// the events of a chart, those of one time together, and the present time; what is pointed at says what it is
 function marks() {
-  const events = track.events.flatMap((event) => {
-    const letter = draw("text", { x: place(SPAN, middle(event)).toFixed(1), y: 10, "text-anchor": "middle" }, LETTERS[event.kind]);
-    return [upright(SPAN, middle(event), "event"), letter];
+  const times = new Map();
+  for (const event of track.events) times.set(middle(event), [...(times.get(middle(event)) ?? []), event]);
+  const events = [...times].map(([time, all]) => {
+    const x = place(SPAN, time);
+    const letters = [...new Set(all.map((event) => LETTERS[event.kind]))].join("");
+    const title = element("title", {}, all.map(said).join("\n"));
+    const around = element("rect", { x: x - 6, y: 0, width: 12, height: "100%", class: "around" });
+    return element("g", {}, title, around, upright(SPAN, time, "event"), element("text", { x, y: 10, class: "letter", "text-anchor": "middle" }, letters));
   });
   const now = upright(SPAN, value("when"), "now");
   nows.push(now);
@@ -40,8 +48,10 @@ function show() {
   plot($("chart-centroid"), [line(axis(0), "one"), line(axis(1), "two"), line(axis(2), "three")], { span: SPAN, marks: marks() });
   plot($("chart-speed"), [line(track.speed, "one")], { span: SPAN, marks: marks() });
   $("chart-title").textContent = track.segments.join(" + ");
+  const used = Object.entries(MEANINGS).filter(([letter]) => track.events.some((event) => LETTERS[event.kind] === letter));
+  $("chart-key").replaceChildren(...used.map(([letter, meaning]) => make("span", {}, make("b", { textContent: letter }), ` ${meaning}`)));
   $("events").replaceChildren(...track.events.map((event) => {
-    const button = make("button", { textContent: `${event.to.toFixed(2)} ${words(event)}`, title: "Go to this time" });
+    const button = make("button", { title: "Go to this time" }, make("b", { textContent: LETTERS[event.kind] }), ` ${said(event)}`);
     button.onclick = () => goTo(event.to);
     return make("li", {}, button);
   }));
@@ -84,7 +94,10 @@ $("chart-time").onkeydown = (e) => {
   mark();
 };
 on("frame", mark);
-on("document", ({ segments }) => {
+on("document", ({ segments, renamed }) => {
+  const names = new Map(renamed);
+  if (track) track.segments = track.segments.map((name) => names.get(name) ?? name);
+  $("chart-title").textContent = track?.segments.join(" + ") ?? "";
   if (!track || track.segments.every((name) => segments.some((s) => s.name === name))) return;
   track = null;
   $("chart").hidden = true;

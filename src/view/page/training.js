@@ -1,20 +1,44 @@
-// How the training of the run has come on: its curves, and which step is shown.
-import { $, app, on } from "./state.js";
-import { hear } from "./socket.js";
+// How the training of the run has come on: its curves, and which step is shown. One that goes on in the viewer's own process
+// can be paused.
+import { $, app, duration, on, say } from "./state.js";
+import { ask, hear } from "./socket.js";
 import { plot } from "./plot.js";
+import { wasLeft } from "./parts.js";
 
 let training = null;
 
 const count = (n) => n.toLocaleString("en");
 
-function show() {
+// says what scene is shown
+export function describe(gaussians, step) {
+  const { read_only: still, in_training: live } = app.welcome;
+  const at = step == null ? "" : `, step ${count(step)}`;
+  $("scene").textContent = `${count(gaussians)} Gaussians${at}${still && !live ? ", read only" : ""}`;
+}
+
+// what is known of one in the viewer's own process
+function showLive({ pace, left, loss, pausing, paused, shown, gaussians }, was) {
+  const parts = [pace == null ? "" : `${pace.toPrecision(3)} steps/s`, left == null || paused ? "" : `${duration(left)} left`];
+  $("live-figures").textContent = [...parts, loss == null ? "" : `loss ${loss.toFixed(4)}`].filter(Boolean).join(", ");
+  $("pause").textContent = pausing ? "go on" : "pause";
+  $("pause").title = pausing ? "Have the training go on" : "Have the training pause after this step";
+  $("pause").disabled = !app.welcome?.can_pause;
+  if (app.welcome) describe(gaussians, shown);
+  if (was && paused !== was.paused) say(paused ? "The training pauses." : "");
+}
+
+function show(was) {
   if (!training) return;
-  const { status, steps, all, loss, train, test } = training;
+  const { status, steps, all, loss, train, test, live } = training;
   const done = steps === all ? count(all) : `${count(steps)} of ${count(all)}`;
-  const step = app.welcome?.step;
+  const step = live?.shown ?? app.welcome?.step;
+  const now = !live || !live.pausing ? status : live.paused ? "paused" : "pausing";
   // a training that is complete is what is shown, unless another step is
   const shown = step == null || (step === all && steps === all) ? "" : `; step ${count(step)} is shown`;
-  $("training-figures").textContent = `Training: ${status}, ${done} steps${shown}`;
+  $("training-figures").textContent = `Training: ${now}, ${done} steps${shown}`;
+  $("live").hidden = !live;
+  if (live) showLive(live, was?.live);
+  $("training-note").hidden = status !== "broken off";
   const span = [0, steps];
   plot($("training-loss"), [{ points: loss }], { span });
   plot($("training-psnr"), [{ points: train, look: "one" }, { points: test, look: "two" }], { span, unit: " dB" });
@@ -23,5 +47,13 @@ function show() {
   $("training").hidden = false;
 }
 
-hear("training", (message) => { training = message; show(); });
-on("welcome", show);
+hear("training", (message) => {
+  const was = training;
+  training = message;
+  show(was);
+});
+on("welcome", ({ in_training: live }) => {
+  if (live && !wasLeft("training")) $("training").open = true;
+  show(null);
+});
+$("pause").onclick = () => ask({ type: "pause", pause: !training.live.pausing }).catch((message) => say(message, true));

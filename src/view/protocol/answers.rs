@@ -32,10 +32,16 @@ pub enum Answer {
         fov: f64,
         /// Width and height of their pictures.
         size: [u32; 2],
+        /// Runs that it can be compared with.
+        others: Vec<OtherRun>,
         /// Whether clicks can become segments: there is an affinity field.
         clicks: bool,
-        /// Whether nothing can be changed.
+        /// Whether segments and edits cannot be changed.
         read_only: bool,
+        /// Whether this viewer's own process trains the run.
+        in_training: bool,
+        /// Whether that training can be paused here.
+        can_pause: bool,
         /// What there is to say.
         note: Option<String>,
     },
@@ -66,6 +72,11 @@ pub enum Answer {
         /// What its file holds.
         file: Box<SavedPath>,
     },
+    /// Why there is no picture beside the picture, where one was asked for; nothing once there is.
+    Beside {
+        /// Why, and what to do.
+        fault: Option<String>,
+    },
     /// A request was carried out.
     Done {
         /// Its number.
@@ -89,6 +100,11 @@ pub enum Answer {
         /// The key; none where things have their own colours.
         legend: Option<Legend>,
     },
+    /// The viewer ends; the last that it says.
+    Ended {
+        /// Why, and what to do.
+        message: String,
+    },
     /// Something cannot be done.
     Error {
         /// Number of the request, if it has one.
@@ -98,11 +114,26 @@ pub enum Answer {
     },
 }
 
+/// A run that the one that is viewed can be compared with.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OtherRun {
+    /// A short name of it.
+    pub name: String,
+    /// Steps that it was trained for.
+    pub step: Option<usize>,
+    /// Its Gaussians.
+    pub gaussians: usize,
+    /// What there is to know before the two are compared.
+    pub note: Option<String>,
+}
+
 /// Segments and edits.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Document {
     /// Grows with every change.
     pub revision: u64,
+    /// Old and new names of segments that the last change gave others, whoever made it.
+    pub renamed: Vec<[String; 2]>,
     /// Wholes, each followed by its parts.
     pub segments: Vec<SegmentRow>,
     /// The edits that apply, in words.

@@ -119,6 +119,13 @@ pub enum Request {
         /// Times, evenly spaced over [0, 1].
         times: usize,
     },
+    /// Have the training that goes on in the viewer's process pause, or go on.
+    Pause {
+        /// Number by which the answer is known.
+        id: u32,
+        /// Whether to pause.
+        pause: bool,
+    },
     /// Stop long work.
     Cancel {
         /// Number by which the answer is known.

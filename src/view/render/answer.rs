@@ -7,9 +7,10 @@ use crate::run::pick::Hit;
 use crate::run::saved::{SavedView, command};
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
-use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
+use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, Request};
+use crate::view::refusal::ChangeError;
 use crate::view::tracks::Wanted;
-use crate::view::workspace::{ChangeError, Workspace};
+use crate::view::workspace::Workspace;
 use std::time::Instant;
 
 /// Name under which the page saves a picture.
@@ -27,7 +28,7 @@ impl Renderer {
             Request::View(wanted) => {
                 wanted.view.check().map_err(|e| (None, e))?;
                 client.pace.changes(Instant::now(), wanted.moving);
-                wanted.compare.map_or(Ok(()), |c| c.check()).map_err(|e| (None, e))?;
+                wanted.compare.map_or(Ok(()), |c| c.check(self.others.len())).map_err(|e| (None, e))?;
                 wanted.preview.as_ref().map_or(Ok(()), Preview::check).map_err(|e| (None, e))?;
                 client.view = Some(wanted.view);
                 client.preview = wanted.preview;
@@ -100,9 +101,6 @@ impl Renderer {
             }
             Request::Change { id: number, base, change } => {
                 let done = self.space.change(base, &change);
-                if let (Ok(()), Change::Rename { segment, name }) = (&done, &change) {
-                    self.clients.values_mut().for_each(|client| client.renamed(segment, name));
-                }
                 self.ended(id, number, done)?;
             }
             Request::Job { id: number, base, task } => {
@@ -117,10 +115,12 @@ impl Renderer {
                 let wanted = Wanted { client: id, id: number, segments, times, run: self.space.run.share() };
                 self.tracks.ask(wanted).map_err(|e| (Some(number), e))?;
             }
+            Request::Pause { id: number, pause } => {
+                self.space.can_pause().map_err(|e| (Some(number), e.to_string()))?.pause(pause);
+                client.answer(Answer::Done { id: number });
+            }
             Request::Cancel { id: number, job } => {
-                if self.space.read_only() {
-                    return Err((Some(number), ChangeError::ReadOnly.to_string()));
-                }
+                self.space.refuse().map_err(|e| (Some(number), e.to_string()))?;
                 self.jobs.cancel(job).map_err(|e| (Some(number), e))?;
                 client.answer(Answer::Done { id: number });
             }

@@ -3,7 +3,7 @@
 use super::Renderer;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::run::RunError;
-use crate::view::compare::Compare;
+use crate::view::compare::{Compare, Side};
 use crate::view::hub::{ClientId, Outgoing};
 use crate::view::pace::Next;
 use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, View};
@@ -38,20 +38,21 @@ impl Renderer {
         until
     }
 
-    fn draw(&mut self, id: ClientId, view: &View, next: Next) {
+    pub(super) fn draw(&mut self, id: ClientId, view: &View, next: Next) {
         let drawn = catch_unwind(AssertUnwindSafe(|| {
-            let drawn = self.frame(id, view, next, Kind::Picture)?;
+            let drawn = self.frame(id, view, next, Side::Picture)?;
             // first, so that who acknowledges the picture has taken it too
-            self.beside(id, view, next)?;
-            Ok(drawn)
+            Ok((drawn, self.beside(id, view, next)))
         }));
         let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
         let Some(client) = self.clients.get_mut(&id) else { return };
         match drawn {
-            Ok((info, bytes)) => {
+            Ok(((info, bytes), beside)) => {
                 client.frame = info.number;
                 let pixels = (info.size[0] * info.size[1]) as usize;
-                client.pace.sent(Instant::now(), next, info.number, pixels, f64::from(info.render_ms + info.encode_ms));
+                let ms = f64::from(info.render_ms + info.encode_ms + beside.as_ref().unwrap_or(&0.0));
+                client.pace.sent(Instant::now(), next, info.number, pixels, ms);
+                client.tell_beside(beside.err().map(|e| e.to_string()));
                 client.send(Outgoing::Frame(info, bytes));
                 client.tell_legend();
                 if next == Next::Lossless {
@@ -66,31 +67,35 @@ impl Renderer {
         }
     }
 
-    /// Sends what the picture is compared with.
-    fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<(), RunError> {
-        let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
-        let Some(compare) = client.compare else { return Ok(()) };
+    /// Sends what the picture is compared with; the milliseconds that it took.
+    fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<f32, RunError> {
+        let Some(client) = self.clients.get_mut(&id) else { return Ok(0.0) };
+        let Some(compare) = client.compare else { return Ok(0.0) };
         let sent = match (compare, compare.other(view, client.range())) {
-            (_, Some(other)) => self.frame(id, &other, next, Kind::Other)?,
+            (_, Some(other)) => self.frame(id, &other, next, compare.side())?,
             (Compare::Image { view: number }, None) if client.image != Some(number) => {
-                // one that cannot be read is told of once
-                client.image = Some(number);
                 let image = self.space.run.test_image(number)?;
+                client.image = Some(number);
                 let size = [image.width(), image.height()];
                 let (kind, codec, revision, time) = (Kind::Image, Codec::Png, self.space.revision(), view.time);
                 let (number, render_ms, encode_ms) = (number as u32, 0.0, 0.0);
                 let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
                 (info, encode_png(&image).map_err(RunError::failure)?)
             }
-            _ => return Ok(()),
+            _ => return Ok(0.0),
         };
+        let ms = sent.0.render_ms + sent.0.encode_ms;
         if let Some(client) = self.clients.get_mut(&id) {
             client.send(Outgoing::Frame(sent.0, sent.1));
         }
-        Ok(())
+        Ok(ms)
     }
 
-    fn frame(&mut self, id: ClientId, view: &View, next: Next, kind: Kind) -> Result<(FrameInfo, Vec<u8>), RunError> {
+    fn frame(&mut self, id: ClientId, view: &View, next: Next, side: Side) -> Result<(FrameInfo, Vec<u8>), RunError> {
+        let space = match side.run() {
+            Some(run) => &self.others.get(run).ok_or_else(|| RunError::failure("no such run"))?.space,
+            None => &self.space,
+        };
         let client = self.clients.get_mut(&id).ok_or_else(|| RunError::failure("the client left"))?;
         let (part, quality) = match next {
             Next::Moving(part) => (part, Some(QUALITY[0])),
@@ -100,10 +105,10 @@ impl Renderer {
         let started = Instant::now();
         let camera = view.camera(part);
         let number = client.frame.wrapping_add(1);
-        let other = kind == Kind::Other;
-        let dragged = client.preview.is_some() && !other;
-        let (look, key) = client.look(&self.space, view, other)?;
-        let (scene, device) = (&self.space.run.scene, &self.space.device);
+        let kind = if side == Side::Picture { Kind::Picture } else { Kind::Other };
+        let dragged = client.preview.is_some() && side == Side::Picture;
+        let (look, key) = client.look(space, view, side)?;
+        let (scene, device) = (&space.run.scene, &space.device);
         let key = format!("{} {key}", view.time);
         let prepared = match self.cache.get(&key) {
             Some(prepared) => prepared,
@@ -116,8 +121,8 @@ impl Renderer {
                 prepared
             }
         };
-        let prepared = client.highlighted(&key, prepared, other, device);
-        let (look, _) = client.look(&self.space, view, other)?;
+        let prepared = client.highlighted(&key, prepared, side, device);
+        let (look, _) = client.look(space, view, side)?;
         let image = look.draw(scene, &prepared, camera.to_kernel(), device);
         let size = [camera.width, camera.height];
         let rgb = to_rgb8(&image, size[0] as usize, size[1] as usize);

@@ -6,12 +6,18 @@ mod draw;
 
 use super::cache::Cache;
 use super::client::Client;
+use super::compare::Side;
 use super::hub::{ClientId, Event, Hub};
 use super::jobs::Jobs;
+use super::live::Wish;
+use super::others::Other;
+use super::pace::Next;
 use super::protocol::Answer;
+use super::share::Share;
 use super::tracks::Tracks;
 use super::training::Watch;
 use super::workspace::Workspace;
+use crate::shell;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -20,6 +26,9 @@ use std::time::{Duration, Instant};
 /// How often the files of the run are looked at.
 const LOOK: Duration = Duration::from_millis(500);
 
+/// A scene in training that is looked at from a moving camera is newer than that.
+const MOVING: Duration = Duration::from_secs(3);
+
 /// Why a request is refused, with its number if it has one.
 type Wrong = (Option<u32>, String);
 
@@ -27,6 +36,8 @@ type Wrong = (Option<u32>, String);
 #[derive(Debug)]
 pub struct Renderer {
     space: Workspace,
+    /// Runs that it is compared with.
+    others: Vec<Other>,
     cache: Cache,
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
@@ -37,35 +48,95 @@ pub struct Renderer {
     /// What clients were told of the scene: its step, and whether there is an affinity field.
     told: (Option<usize>, bool),
     hub: Arc<Hub>,
+    /// What drawing may take of the machine, while a training goes on beside it.
+    share: Option<Arc<Share>>,
+    /// Until when nothing is drawn.
+    rests: Instant,
+    /// When the scene of a training changed last.
+    changed: Instant,
+    /// When the files of the run were looked at last.
+    looked: Instant,
 }
 
 impl Renderer {
-    /// Draws `space` for the clients of `hub`; what is deformed is kept, up to `cache` bytes.
+    /// Draws `space` for the clients of `hub`, and beside it one of the `others` where they compare; what is deformed is
+    /// kept, of all together up to `cache` bytes.
     #[must_use]
-    pub fn new(space: Workspace, cache: usize, hub: Arc<Hub>) -> Self {
+    pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
         let (jobs, tracks) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()));
         let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
-        Self { space, cache: Cache::new(cache), clients: BTreeMap::new(), last: 0, jobs, tracks, watch, told, hub }
+        // without a thread of its own it draws as it would alone
+        let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
+        let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
+        let (last, rests, changed, looked) = (0, now, now, now);
+        Self { space, others, cache, clients, last, jobs, tracks, watch, told, hub, share, rests, changed, looked }
     }
 
     /// Works until the hub stops it.
     pub fn run(mut self) {
-        let mut looked = Instant::now();
         let mut until = Some(Instant::now());
         while let Some(events) = self.hub.wait(until) {
-            for (id, event) in events {
-                self.handle(id, event);
-            }
-            if looked.elapsed() > LOOK {
-                looked = Instant::now();
-                self.look_at_files();
-                self.tell_of_training();
-            }
-            self.tell_of_job();
-            self.tell_of_tracks();
-            until = self.draw_next();
-            self.clients.retain(|_, client| !client.lost);
+            // a training that pauses leaves the machine to the viewer
+            let share = self.share.clone().filter(|_| !self.space.live().is_some_and(|live| live.progress().paused));
+            until = match share {
+                Some(share) => share.work(|| self.turn(events, Some(&share))),
+                None => self.turn(events, None),
+            };
         }
+        self.part();
+    }
+
+    /// Does what there is to do; until when there is nothing else.
+    fn turn(&mut self, events: Vec<(ClientId, Event)>, share: Option<&Share>) -> Option<Instant> {
+        let began = Instant::now();
+        for (id, event) in events {
+            self.handle(id, event);
+        }
+        let news = self.space.live().is_some_and(|live| live.news());
+        if news || self.looked.elapsed() > LOOK {
+            self.looked = Instant::now();
+            self.look_at_files();
+            self.tell_of_training(news);
+        }
+        self.tell_of_job();
+        self.tell_of_tracks();
+        let rests = share.is_some() && began < self.rests;
+        let until = if rests { Some(self.rests) } else { self.draw_next() };
+        self.clients.retain(|_, client| !client.lost);
+        self.wish();
+        if let Some(share) = share {
+            self.rests = self.rests.max(began) + share.rest(began.elapsed());
+        }
+        until
+    }
+
+    /// Tells the trainer whether a newer scene is wanted: once all windows show the last one, or when a moving picture has
+    /// shown it for long.
+    fn wish(&self) {
+        let Some(live) = self.space.live() else { return };
+        let looking = || self.clients.values().filter(|client| client.view.is_some());
+        let all_shown = looking().all(|client| client.pace.is_done());
+        let long_ago = self.changed.elapsed() > MOVING && looking().any(|client| client.pace.keeps_up());
+        live.wish(match looking().next() {
+            None => Wish::Nothing,
+            Some(_) if all_shown || long_ago => Wish::Now,
+            Some(_) => Wish::AtRest,
+        });
+    }
+
+    /// Says that the viewer ends; after a training each window gets the last scene as it looks at it.
+    fn part(mut self) {
+        let mut message = "The viewer was closed.".to_owned();
+        if let Some(ended) = self.space.live().and_then(|live| live.ended()) {
+            message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.run.path));
+            self.look_at_files();
+            self.tell_of_training(true);
+            let views: Vec<_> = self.clients.iter().filter_map(|(id, c)| Some((*id, c.view.clone()?))).collect();
+            for (id, view) in views {
+                self.draw(id, &view, Next::Lossless);
+            }
+        }
+        self.tell_all(&Answer::Ended { message });
     }
 
     fn handle(&mut self, id: ClientId, event: Event) {
@@ -99,7 +170,7 @@ impl Renderer {
 
     fn welcome(&self) -> Answer {
         let run = &self.space.run;
-        let around = run.surroundings();
+        let around = &self.space.around;
         Answer::Welcome {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
@@ -110,9 +181,12 @@ impl Renderer {
             radius: around.sphere.radius,
             fov: around.lens.fov_x,
             size: [around.lens.width, around.lens.height],
+            others: self.others.iter().map(|other| other.told(run)).collect(),
             clicks: self.space.field().is_some(),
             read_only: self.space.read_only(),
-            note: around.note.or_else(|| self.space.fault().map(str::to_owned)),
+            in_training: self.space.live().is_some(),
+            can_pause: self.space.can_pause().is_ok(),
+            note: around.note.clone().or_else(|| self.space.fault().map(str::to_owned)),
         }
     }
 
@@ -128,6 +202,7 @@ impl Renderer {
         }
         let document = self.space.document();
         for client in self.clients.values_mut() {
+            document.renamed.iter().for_each(|[old, new]| client.renamed(old, new));
             client.changed();
             client.answer(Answer::Document(Box::new(document.clone())));
         }
@@ -137,14 +212,43 @@ impl Renderer {
     fn look_at_files(&mut self) {
         match self.space.refresh() {
             Ok(false) => {}
+            Ok(true) if self.space.live().is_some() => self.show_newer(),
             Ok(true) => self.tell_document(),
             Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
         }
+        for k in 0..self.others.len() {
+            let step = self.others[k].space.run.step();
+            match self.others[k].space.refresh() {
+                Ok(false) => {}
+                Ok(true) => {
+                    self.cache.clear();
+                    let newer = self.others[k].space.run.step() != step;
+                    if newer {
+                        self.tell_all(&self.welcome());
+                    }
+                    let compares = |client: &&mut Client| client.compare.is_some_and(|c| c.side() == Side::OfRun(k));
+                    self.clients.values_mut().filter(compares).for_each(Client::changed);
+                }
+                Err(error) => {
+                    let message = format!("{}: {error}", self.others[k].name());
+                    self.tell_all(&Answer::Error { id: None, message });
+                }
+            }
+        }
     }
 
-    /// Tells how the training of the run has come on.
-    fn tell_of_training(&mut self) {
-        if let Some(training) = self.watch.look(&self.space.run) {
+    /// Shows the newer scene of a training. There is no document that would change with it.
+    fn show_newer(&mut self) {
+        self.changed = Instant::now();
+        self.cache.clear();
+        self.told.0 = self.space.run.step();
+        self.clients.values_mut().for_each(Client::clear);
+    }
+
+    /// Tells how the training of the run has come on, at once if that is `urgent`.
+    fn tell_of_training(&mut self, urgent: bool) {
+        let live = self.space.live().map(|live| live.progress());
+        if let Some(training) = self.watch.look(&self.space.run, live, urgent) {
             let news = Answer::Training(Box::new(training.clone()));
             self.tell_all(&news);
         }

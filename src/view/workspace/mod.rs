@@ -1,65 +1,61 @@
 //! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
 //! run meanwhile.
 
+mod told;
+
+use super::live::Live;
 use super::order::{Order, Stack, Steps};
-use super::protocol::{Change, Document, SegmentRow};
-use super::training::{Stamp, stamp};
-use crate::edit::{Edit, EditStack, Total};
+use super::protocol::Change;
+use super::reading::{Newer, Read, Seen, field, seen};
+use super::refusal::ChangeError;
+use crate::edit::{Edit, EditStack};
 use crate::files::{RunLock, Work};
+use crate::run::cameras::Surroundings;
 use crate::run::segments::{RunSegments, Towards};
-use crate::run::selection::Selection;
-use crate::run::{OpenRun, RunError, affinity, edits, pick};
+use crate::run::{OpenRun, RunError, edits, pick};
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::pick::Picked;
+use crate::segment::segmentation::renamed;
 use crate::train::checkpoint;
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// What others are told of who holds the run.
 const COMMAND: &str = "volseggs view";
-
-/// Why a change is refused.
-#[derive(Debug, thiserror::Error)]
-pub enum ChangeError {
-    /// Somebody else changed the document before.
-    #[error("segments or edits were changed meanwhile; look at them and try again")]
-    Stale,
-    /// Nothing may be changed.
-    #[error("this viewer was started with --read-only")]
-    ReadOnly,
-    /// It cannot be done.
-    #[error(transparent)]
-    Run(#[from] RunError),
-}
 
 /// The run, its segments and edits.
 #[derive(Debug)]
 pub struct Workspace {
     /// The run.
     pub run: OpenRun,
+    /// Where the cameras of its dataset stand.
+    pub around: Surroundings,
     /// Its device.
     pub device: Device,
     /// Whether newer checkpoints take its place: the run was opened, not one of its checkpoints.
     follows: bool,
     /// The newest checkpoint that was seen.
     newest: Option<PathBuf>,
+    newer: Newer,
     segments: RunSegments,
     /// Why the segments on the disk cannot be used with this scene, if they cannot.
     fault: Option<String>,
     edits: EditStack,
     field: Option<(AffinityField, AffinitySpec)>,
     revision: u64,
+    /// Old and new names of segments that the last change gave others.
+    renamed: Vec<[String; 2]>,
     /// Which of segments and edits changed last.
     order: Order,
     /// What the files looked like when they were read.
     seen: Seen,
     read_only: bool,
+    /// The training of the run, if it goes on in this process.
+    live: Option<Arc<Live>>,
 }
-
-/// Stamps of the files of segments, edits and affinity field.
-type Seen = [Stamp; 3];
 
 impl Workspace {
     /// Opens a run, which may be training: its newest checkpoint is shown. Segments of another state of its scene are left
@@ -68,14 +64,57 @@ impl Workspace {
     /// # Errors
     /// If the run or a file of it cannot be used.
     pub fn open(path: &Path, device: &Device, read_only: bool) -> Result<Self, RunError> {
-        let run = OpenRun::open(path, device)?;
-        let seen = seen(&run);
-        let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
-        let (fault, field) = (fault.map(|e| e.to_string()), field(&run, device));
+        let Read { run, around, seen, segments, fault, edits, field } = Read::new(path, device)?;
         let (device, follows) = (device.clone(), checkpoint::locate(path).0 == path);
         let newest = run.scene_path.parent().map(Path::to_owned);
-        let order = Order::default();
-        Ok(Self { run, device, follows, newest, segments, fault, edits, field, revision: 1, order, seen, read_only })
+        Ok(Self {
+            run,
+            around,
+            device,
+            follows,
+            newest,
+            newer: Newer::default(),
+            segments,
+            fault,
+            edits,
+            field,
+            revision: 1,
+            renamed: Vec::new(),
+            order: Order::default(),
+            seen,
+            read_only,
+            live: None,
+        })
+    }
+
+    /// A run that this process trains. What is shown are the scenes that the trainer leaves; there are no segments and edits,
+    /// whatever files say, as those would be of another state of the scene.
+    #[must_use]
+    pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Self {
+        let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
+        let (device, seen) = (device.clone(), Seen::default());
+        let (follows, newest, fault, field, revision) = (false, None, None, None, 1);
+        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.surroundings());
+        live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
+        let live = Some(live);
+        Self {
+            run,
+            around,
+            device,
+            follows,
+            newest,
+            newer,
+            segments,
+            fault,
+            edits,
+            field,
+            revision,
+            renamed,
+            order,
+            seen,
+            read_only,
+            live,
+        }
     }
 
     /// Grows with every change of segments or edits.
@@ -90,10 +129,46 @@ impl Workspace {
         self.fault.as_deref()
     }
 
-    /// Whether nothing may be changed.
+    /// Whether segments and edits of the run can be shown.
+    #[must_use]
+    pub fn has_document(&self) -> bool {
+        self.fault.is_none() && self.live.is_none()
+    }
+
+    /// Whether segments and edits cannot be changed.
     #[must_use]
     pub fn read_only(&self) -> bool {
-        self.read_only
+        self.refuse().is_err()
+    }
+
+    /// Refuses changes where there can be none.
+    ///
+    /// # Errors
+    /// Why.
+    pub fn refuse(&self) -> Result<(), ChangeError> {
+        match self.live {
+            _ if self.read_only => Err(ChangeError::ReadOnly),
+            Some(_) => Err(ChangeError::InTraining),
+            None => Ok(()),
+        }
+    }
+
+    /// The training of the run, if it goes on in this process.
+    #[must_use]
+    pub fn live(&self) -> Option<&Arc<Live>> {
+        self.live.as_ref()
+    }
+
+    /// The same for who wants it to pause or go on.
+    ///
+    /// # Errors
+    /// If there is none, or nothing may be changed.
+    pub fn can_pause(&self) -> Result<&Live, ChangeError> {
+        match &self.live {
+            _ if self.read_only => Err(ChangeError::ReadOnly),
+            Some(live) => Ok(live),
+            None => Err(ChangeError::NoTraining),
+        }
     }
 
     /// The affinity field, if there is one.
@@ -108,17 +183,32 @@ impl Workspace {
         &self.segments
     }
 
-    /// Reads what commands and a training wrote meanwhile; whether there was any. What cannot be read leaves all as it was.
+    /// Reads what commands and a training wrote meanwhile; whether there was any. A newer checkpoint is read on another
+    /// thread, and is there at a later call. What cannot be read leaves all as it was.
     ///
     /// # Errors
     /// If a file is damaged now.
     pub fn refresh(&mut self) -> Result<bool, RunError> {
-        let newest = if self.follows { checkpoint::list(&self.run.path).pop().map(|(_, path)| path) } else { None };
-        if newest.is_some() && newest != self.newest {
-            // one that cannot be read is told of once
-            self.newest = newest;
-            self.reload()?;
+        if let Some(live) = &self.live {
+            let Some(copy) = live.take() else { return Ok(false) };
+            let (scene, step) = copy.open(&self.device).map_err(RunError::failure)?;
+            live.shows(step, scene.gaussians.count());
+            self.run.advance(scene, step);
+            self.revision += 1;
             return Ok(true);
+        }
+        if let Some(read) = self.newer.take() {
+            self.show(read?);
+            return Ok(true);
+        }
+        if let Some(newest) = self.unread() {
+            // one that cannot be read is told of once
+            self.newest = Some(newest);
+            self.newer.begin(&self.run.path, &self.device)?;
+        }
+        if self.newer.is_under_way() {
+            // what the files hold may be of that state of the scene
+            return Ok(false);
         }
         let now = seen(&self.run);
         if now == self.seen {
@@ -127,7 +217,9 @@ impl Workspace {
         // told once, not at every look at the files
         let before = std::mem::replace(&mut self.seen, now);
         let steps = self.steps();
-        (self.segments, self.edits) = (RunSegments::open(&self.run)?, self.run.edits()?);
+        let (segments, edits) = (RunSegments::open(&self.run)?, self.run.edits()?);
+        self.renamed = renamed(self.segments.now(), segments.now());
+        (self.segments, self.edits) = (segments, edits);
         self.note(steps, before);
         self.fault = None;
         self.field = field(&self.run, &self.device);
@@ -135,20 +227,31 @@ impl Workspace {
         Ok(true)
     }
 
-    /// Shows the newest checkpoint in place of the one that is shown. Checkpoints appear whole, by a change of their name, so
-    /// that none is read half.
-    fn reload(&mut self) -> Result<(), RunError> {
-        let run = OpenRun::open(&self.run.path, &self.device)?;
-        let (seen, edits) = (seen(&run), run.edits()?);
-        let (segments, fault) = RunSegments::replacing(&run);
-        self.field = field(&run, &self.device);
-        self.newest = run.scene_path.parent().map(Path::to_owned);
-        (self.run, self.seen, self.edits, self.segments) = (run, seen, edits, segments);
+    /// The newest checkpoint, if it was not seen before and is to be shown. Checkpoints appear whole, by a change of their
+    /// name, so that none is read half.
+    fn unread(&self) -> Option<PathBuf> {
+        if !self.follows || self.newer.is_under_way() {
+            return None;
+        }
+        let (_, newest) = checkpoint::list(&self.run.path).pop()?;
+        (self.newest.as_ref() != Some(&newest)).then_some(newest)
+    }
+
+    /// Shows a newer checkpoint in place of the one that is shown.
+    fn show(&mut self, read: Read) {
+        self.newest = read.run.scene_path.parent().map(Path::to_owned);
+        Read {
+            run: self.run,
+            around: self.around,
+            seen: self.seen,
+            segments: self.segments,
+            fault: self.fault,
+            edits: self.edits,
+            field: self.field,
+        } = read;
         // what was changed before was of another state of the scene
-        self.order = Order::default();
-        self.fault = fault.map(|e| e.to_string());
+        (self.order, self.renamed) = (Order::default(), Vec::new());
         self.revision += 1;
-        Ok(())
     }
 
     /// Carries out a change of a client that knows revision `base`.
@@ -212,7 +315,7 @@ impl Workspace {
     ) -> Result<(), ChangeError> {
         let lock = self.begin(base)?;
         let (steps, mut segments) = (self.steps(), self.segments.clone());
-        pick::commit(&mut segments, name, hit, picked, time)?;
+        pick::commit(&self.run, &mut segments, name, hit, picked, time)?;
         self.end(lock, steps, Some(segments))
     }
 
@@ -221,17 +324,16 @@ impl Workspace {
     /// # Errors
     /// If nothing may be changed, or the document has another revision by now.
     pub fn for_work(&mut self, base: u64) -> Result<OpenRun, ChangeError> {
-        if self.read_only {
-            return Err(ChangeError::ReadOnly);
-        }
+        self.refuse()?;
         self.check(base)?;
         Ok(self.run.share())
     }
 
     /// Takes the lock, reads what others wrote, and checks that the client knows it.
     fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
-        if self.read_only {
-            return Err(ChangeError::ReadOnly);
+        self.refuse()?;
+        if self.newer.is_under_way() || self.unread().is_some() {
+            return Err(ChangeError::Reading);
         }
         let lock = self.run.lock(COMMAND, Work::Short)?;
         self.check(base)?;
@@ -243,6 +345,7 @@ impl Workspace {
         self.refresh()?;
         match &self.fault {
             _ if self.revision != base => Err(ChangeError::Stale),
+            _ if self.newer.is_under_way() => Err(ChangeError::Reading),
             Some(fault) => Err(RunError::input(fault).into()),
             None => Ok(()),
         }
@@ -250,15 +353,17 @@ impl Workspace {
 
     /// Ends a change, before which there were these `steps`.
     fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
+        let mut names = Vec::new();
         if let Some(mut segments) = segments {
             segments.save()?;
+            names = renamed(self.segments.now(), segments.now());
             self.segments = segments;
             // those of a segment that has another name now followed
             self.edits = self.run.edits()?;
         }
         let before = std::mem::replace(&mut self.seen, seen(&self.run));
         self.note(steps, before);
-        self.revision += 1;
+        (self.renamed, self.revision) = (names, self.revision + 1);
         drop(lock);
         Ok(())
     }
@@ -295,47 +400,4 @@ impl Workspace {
             None => Err(RunError::input(if undo { "nothing to undo" } else { "nothing to redo" })),
         }
     }
-
-    /// Where segments are at `time` in [0, 1], edits applied: their opacity-weighted centre in world units.
-    ///
-    /// # Errors
-    /// A time out of range, no segments, a name that none has, or segments that hold no Gaussians.
-    pub fn centre(&self, segments: &[String], time: f64) -> Result<[f64; 3], RunError> {
-        if !(0.0..=1.0).contains(&time) {
-            return Err(RunError::input("time: between 0 and 1"));
-        }
-        if segments.is_empty() {
-            return Err(RunError::input("segments: name at least one"));
-        }
-        let centre = Selection::open(&self.run, segments, true)?.centre(&self.run.scene, time as f32)?;
-        centre.ok_or_else(|| RunError::input(format!("{}: no Gaussians", segments.join(", "))))
-    }
-
-    /// What clients are told.
-    #[must_use]
-    pub fn document(&self) -> Document {
-        let row = |(depth, s): (usize, &crate::segment::segmentation::Segment)| {
-            let Total { rgb, opacity, hidden } = self.edits.total(&s.name);
-            let (name, gaussians) = (s.name.to_string(), s.members.len());
-            SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
-        };
-        let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
-        Document {
-            revision: self.revision,
-            segments: self.segments.now().tree().into_iter().map(row).collect(),
-            edits: self.edits.operations.iter().map(ToString::to_string).collect(),
-            segment_steps: [step(Towards::Undo), step(Towards::Redo)],
-            edit_steps: [!self.edits.operations.is_empty(), !self.edits.undone.is_empty()],
-        }
-    }
-}
-
-fn seen(run: &OpenRun) -> Seen {
-    let paths = run.paths();
-    [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
-}
-
-/// A field that cannot be used is none: the viewer then says how to make one.
-fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinitySpec)> {
-    affinity::open(run, device).ok()
 }

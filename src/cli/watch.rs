@@ -1,0 +1,59 @@
+//! `volseggs train --view`
+
+use super::CliError;
+use super::serving::{ServingArgs, explain};
+use crate::device::DeviceName;
+use crate::train::TrainError;
+use crate::train::observer::{Nobody, Observer};
+use crate::train::run::RunOutcome;
+use crate::view::beside::{BesideOptions, beside};
+use crate::view::listen::Listening;
+use burn::tensor::Device;
+use clap::Args;
+
+/// Whether and how a run is shown while it trains.
+#[derive(Debug, Args)]
+#[command(mut_group("serving", |group| group.requires("view")))]
+pub struct WatchArgs {
+    /// Serve the viewer from this training: the scene as it comes on, metrics, and a button that has it pause. The result is
+    /// the same, bit for bit. The viewer ends with the training.
+    #[arg(long)]
+    view: bool,
+    #[command(flatten, next_help_heading = "With --view")]
+    serving: ServingArgs,
+}
+
+impl WatchArgs {
+    /// Listens, if the run is to be shown.
+    pub(super) fn listen(&self) -> Result<Option<Listening>, CliError> {
+        Ok(self.view.then(|| Listening::open(&self.serving.reach())).transpose()?)
+    }
+
+    /// Trains, `listening` beside it. The address goes to standard output, or, where that is for JSON, to standard error.
+    pub(super) fn train(
+        &self,
+        listening: Option<Listening>,
+        device: &Device,
+        json: bool,
+        train: impl FnOnce(&mut dyn Observer) -> Result<RunOutcome, TrainError>,
+    ) -> Result<RunOutcome, CliError> {
+        let Some(listening) = listening else { return Ok(train(&mut Nobody)?) };
+        // a GPU is left to the training
+        let drawn_on = DeviceName::cpu().and_then(|name| name.open().ok()).unwrap_or_else(|| device.clone());
+        let (read_only, cache) = (self.serving.read_only, self.serving.cache());
+        let serving = listening.serving().clone();
+        let ready = || {
+            if json {
+                errln!("{}", serving.url);
+            } else {
+                outln!("{}", serving.url);
+            }
+            explain(&serving, "the viewer ends with the training, Ctrl-C ends both and saves a checkpoint");
+        };
+        let (outcome, served) = beside(listening, &BesideOptions { device: drawn_on, read_only, cache }, ready, train);
+        if let Err(error) = served {
+            errln!("note: the viewer ended before the training did: {error}");
+        }
+        Ok(outcome?)
+    }
+}

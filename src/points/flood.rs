@@ -1,0 +1,89 @@
+//! Hills of a landscape of cells, filled from its highest cell downwards; which of them stay apart is for the caller to
+//! say. What the heights are lives elsewhere: densities in `modes`, depths inside a body in `segment`.
+
+/// A summit with what lies around it so far.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Hill {
+    /// Its highest cell.
+    pub(crate) summit: usize,
+    /// Sum of the masses of its cells.
+    pub(crate) mass: f64,
+}
+
+/// The hill of each cell, `usize::MAX` for none, and the hills, the one of the highest summit first; those that became
+/// part of another are not told of, and no cell points to them.
+///
+/// `order` lists the cells that are looked at, highest first. Each cell joins the highest of the hills that it touches
+/// (`around` adds the cells about one to a list), or starts one. Where hills meet in a cell, each lower one becomes part
+/// of the highest unless `parted(lower, highest, cell)` (mode seeking by persistence: Chazal, Guibas, Oudot and Skraba,
+/// *Persistence-based clustering in Riemannian manifolds*, 2013).
+pub(crate) fn flood(
+    order: &[usize],
+    cells: usize,
+    mass: impl Fn(usize) -> f64,
+    mut around: impl FnMut(usize, &mut Vec<usize>),
+    parted: impl Fn(&Hill, &Hill, usize) -> bool,
+) -> (Vec<usize>, Vec<Hill>) {
+    // hills in the order of their summits; one that became part of another points there
+    let (mut part_of, mut hills): (Vec<usize>, Vec<Hill>) = (Vec::new(), Vec::new());
+    let mut of_cell = vec![usize::MAX; cells];
+    let (mut near, mut met) = (Vec::new(), Vec::new());
+    for &c in order {
+        near.clear();
+        met.clear();
+        around(c, &mut near);
+        met.extend(near.iter().map(|&n| of_cell[n]).filter(|h| *h != usize::MAX).map(|h| root(&part_of, h)));
+        met.sort_unstable();
+        met.dedup();
+        let Some(&top) = met.first() else {
+            of_cell[c] = hills.len();
+            part_of.push(hills.len());
+            hills.push(Hill { summit: c, mass: mass(c) });
+            continue;
+        };
+        of_cell[c] = top;
+        hills[top].mass += mass(c);
+        for &low in &met[1..] {
+            if !parted(&hills[low], &hills[top], c) {
+                part_of[low] = top;
+                hills[top].mass += hills[low].mass;
+            }
+        }
+    }
+    let mut numbers = vec![usize::MAX; hills.len()];
+    let mut kept = Vec::new();
+    for hill in (0..hills.len()).filter(|&h| part_of[h] == h) {
+        numbers[hill] = kept.len();
+        kept.push(hills[hill]);
+    }
+    for hill in of_cell.iter_mut().filter(|h| **h != usize::MAX) {
+        *hill = numbers[root(&part_of, *hill)];
+    }
+    (of_cell, kept)
+}
+
+fn root(part_of: &[usize], mut hill: usize) -> usize {
+    while part_of[hill] != hill {
+        hill = part_of[hill];
+    }
+    hill
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hills_meet_in_the_pass_and_become_one_where_they_are_not_parted() {
+        let heights = [0.0, 3.0, 5.0, 4.0, 1.0, 4.0, 3.5, 6.0, 0.5];
+        let mut order: Vec<usize> = (0..heights.len()).filter(|&c| heights[c] > 0.0).collect();
+        order.sort_by(|&a, &b| f64::total_cmp(&heights[b], &heights[a]));
+        let around = |c: usize, near: &mut Vec<usize>| near.extend([c.saturating_sub(1), (c + 1).min(8)]);
+        let deep = |low: &Hill, _: &Hill, cell: usize| heights[cell] < 0.5 * heights[low.summit];
+        let (of_cell, hills) = flood(&order, 9, |_| 1.0, around, deep);
+        assert_eq!(hills.iter().map(|h| (h.summit, h.mass)).collect::<Vec<_>>(), [(7, 5.0), (2, 3.0)]);
+        assert_eq!(of_cell, [usize::MAX, 1, 1, 1, 0, 0, 0, 0, 0]);
+        let (of_cell, hills) = flood(&order, 9, |_| 1.0, around, |_, _, _| false);
+        assert_eq!((hills.len(), of_cell[2], of_cell[7]), (1, 0, 0));
+    }
+}

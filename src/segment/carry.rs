@@ -1,0 +1,155 @@
+//! A selection made at one time, carried to the others: Gaussians that are not seen at the time of a click and come up
+//! at another belong to what they come up in.
+//!
+//! Training may learn a motion as fading: some Gaussians go out where a thing was, others come up where it is. A click
+//! then selects what the thing consists of at its time, and nothing of what it consists of later. In between both are
+//! seen, as they overlap: at each of many times, from that of the click outwards, what has come up joins those that it
+//! overlaps with and is nearest to, whether they are selected or not. What comes up on its own, as a new thing does, joins
+//! none.
+
+use super::pieces::SEEN;
+use crate::model::{HostGaussians, Scene};
+use crate::points::PointsError;
+use crate::points::chunks::point;
+use crate::points::components::largest_scales;
+use crate::points::neighbours::Grid;
+use rayon::prelude::*;
+
+/// Step between the times that are looked at, about that between 15 training times.
+const STEP: f64 = 1.0 / 15.0;
+/// Largest standard deviations, those of both together, within which two Gaussians overlap. From 0.7 to 1.5 it makes no
+/// difference; at 2.5, what comes up beside a thing joins it too: see the results of 2026-11-23 in `benches/results`.
+const OVERLAP: f32 = 1.0;
+/// Neighbours that vote.
+const VOTERS: usize = 6;
+
+/// What was `selected` at `time` in [0, 1] of the Gaussians `within`, at all times: of those not seen at that time, the
+/// ones that come up in it. Both lists and the result are ascending. In a scene whose opacities stay, what was selected.
+///
+/// # Errors
+/// If arrays of the scene disagree.
+pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Result<Vec<u32>, PointsError> {
+    if !scene.opacity_changes() || within.is_empty() {
+        return Ok(selected.to_vec());
+    }
+    let some = scene.some(within);
+    let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
+    let is = carried(&was, time, |t| some.at(t as f32))?;
+    Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
+}
+
+/// The same of M Gaussians `at` a time: whether each belongs to what `was` selected, `[M]`.
+fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
+    let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
+    let first = at(time);
+    let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| seen(&first, i).then_some(was[i])).collect();
+    for time in outwards(time) {
+        let at = at(time);
+        let (there, open): (Vec<u32>, Vec<u32>) =
+            (0..was.len() as u32).filter(|&i| seen(&at, i as usize)).partition(|&i| known[i as usize].is_some());
+        for (i, is) in joining(&at, &there, &open, &known)? {
+            known[i as usize] = Some(is);
+        }
+    }
+    Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
+}
+
+/// The times from one on to the end, then from it back to the beginning, itself left out.
+fn outwards(time: f64) -> Vec<f64> {
+    let steps = |to: f64| {
+        let count = ((to - time).abs() / STEP).ceil() as usize;
+        (1..=count).map(move |k| if k == count { to } else { time + (to - time).signum() * STEP * k as f64 })
+    };
+    steps(1.0).chain(steps(0.0)).collect()
+}
+
+/// Which of the `open` overlap with any of those `there` that are nearest, and whether most of the opacity of these is
+/// selected, as is `known` of them.
+fn joining(
+    at: &HostGaussians,
+    there: &[u32],
+    open: &[u32],
+    known: &[Option<bool>],
+) -> Result<Vec<(u32, bool)>, PointsError> {
+    if there.is_empty() || open.is_empty() {
+        return Ok(Vec::new());
+    }
+    let radii = largest_scales(&at.log_scales)?;
+    let means: Vec<f32> = there.iter().flat_map(|&i| point(&at.means, i as usize)).collect();
+    let grid = Grid::adaptive(&means)?;
+    let vote = |&i: &u32| {
+        let mut sums: Option<[f32; 2]> = None;
+        for (n, square) in grid.nearest(point(&at.means, i as usize), VOTERS, None) {
+            let voter = there[n as usize] as usize;
+            let limit = OVERLAP * (radii[i as usize] + radii[voter]);
+            if square <= limit * limit {
+                sums.get_or_insert_default()[usize::from(known[voter] == Some(true))] += at.opacity_of(voter);
+            }
+        }
+        sums.map(|[rest, selected]| (i, selected > rest))
+    };
+    Ok(open.par_iter().filter_map(vote).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::balls::{add, on_threads};
+
+    const ALONG: usize = 12;
+    const STAGES: usize = 8;
+
+    /// Two rods side by side that rise by fading: of each, a row of Gaussians at each of some heights is seen while the rod
+    /// is about there. Rows of the first rod, then of the second; and one that is never seen.
+    fn rods(time: f64) -> HostGaussians {
+        let mut out = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        for (rod, stage) in (0..2).flat_map(|rod| (0..STAGES).map(move |s| (rod, s))) {
+            let away = (time * (STAGES - 1) as f64 - stage as f64).abs();
+            for k in 0..ALONG {
+                add(&mut out, [0.1 * k as f32, 2.0 * rod as f32, 0.12 * stage as f32], [-2.7; 3]);
+                *out.opacity_logits.last_mut().unwrap() = if away < 0.8 { 2.0 } else { -8.0 };
+            }
+        }
+        add(&mut out, [0.0; 3], [-2.7; 3]);
+        *out.opacity_logits.last_mut().unwrap() = -8.0;
+        out
+    }
+
+    #[test]
+    fn what_comes_up_where_the_selected_goes_out_is_selected_and_what_comes_up_elsewhere_is_not() {
+        let n = 2 * STAGES * ALONG + 1;
+        for time in [0.0, 0.5, 1.0] {
+            let seen = rods(time).opacity();
+            let first = |i: usize| i < STAGES * ALONG;
+            let was: Vec<bool> = (0..n).map(|i| first(i) && seen[i] > 0.1).collect();
+            let found = carried(&was, time, rods).unwrap();
+            assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
+            assert_eq!(found, on_threads(1, || carried(&was, time, rods)).unwrap());
+        }
+    }
+
+    #[test]
+    fn what_never_comes_up_stays_as_it_was_and_poison_joins_nothing() {
+        let n = 2 * STAGES * ALONG + 1;
+        let mut was = vec![false; n];
+        was[n - 1] = true;
+        let poisoned = |t: f64| {
+            let mut at = rods(t);
+            at.means[3] = f32::NAN;
+            at
+        };
+        assert_eq!(carried(&was, 0.5, poisoned).unwrap(), was);
+        assert_eq!(
+            carried(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(),
+            [false; 0]
+        );
+    }
+
+    #[test]
+    fn times_go_outwards_and_reach_both_ends() {
+        let times = outwards(0.49);
+        assert!(times.contains(&0.0) && times.contains(&1.0) && !times.contains(&0.49));
+        assert_eq!((times.len(), outwards(1.0).len()), (16, 15));
+        assert!((times[0] - 0.49 - STEP).abs() < 1e-12);
+    }
+}

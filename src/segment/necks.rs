@@ -1,0 +1,202 @@
+//! The parts of a body between its necks, such as beads of one colour that touch: a click on one of them means that one.
+//!
+//! The Gaussians are drawn into a grid of cells, what they enclose is filled, and each cell gets its depth, the distance
+//! to the outside. Where the body is thick depth has a summit; on the way to the next it falls to the radius of the neck
+//! between. Two summits are two parts if the neck is thin beside the thinner of them: the watershed of the distance
+//! transform, by which particles that touch are parted in images (Beucher and Lantuéjoul, *Use of watersheds in contour
+//! detection*, 1979). As there, it is for round things: a plume or a ring has necks too and is one, so a body is parted
+//! only if each of its parts is round.
+
+use super::depth::depths;
+use super::voxels::{LabelledCloud, Vote, VoxelError, label_voxels};
+use crate::model::HostGaussians;
+use crate::points::flood::{Hill, flood};
+use crate::points::neighbours::Grid as Neighbours;
+use crate::volume::grid::Grid;
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// Cells along the longest side of the body, its border left out.
+const CELLS: usize = 80;
+/// Cells of border around it.
+const BORDER: usize = 4;
+/// Radius of a neck over that of the thinner of two parts below which they are two; see the results of 2026-11-23 in
+/// `benches/results`.
+const NECK: f32 = 0.7;
+/// Cells that a part is deep at least: the shapes of thinner ones are those of the cells.
+const LEAST: f32 = 3.0;
+/// Share of a part that the ball of its greatest depth fills at least. Balls fill themselves, plumes 0.2 to 0.5, tubes and
+/// rings 0.1.
+const ROUND: f64 = 0.6;
+/// What is less deep than this beside the deepest is no part but a bump of one.
+const BUMP: f32 = 0.25;
+
+/// The part of each Gaussian of `body`, all of one piece, `[M]` from 1; all 1 where there is no neck, or a part is not round. Those in no part
+/// of their own, on the skin or on bumps, go with the nearest one.
+///
+/// # Errors
+/// If the arrays of `body` disagree.
+pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
+    let one = vec![1; body.len()];
+    let Some(grid) = grid(body) else { return Ok(one) };
+    let [x, y, _] = grid.dims;
+    let opacity = body.opacity();
+    let cloud = LabelledCloud {
+        means: &body.means,
+        rotations: &body.rotations,
+        log_scales: &body.log_scales,
+        opacity: &opacity,
+        labels: &one,
+    };
+    let inside = |c: usize| {
+        let place = [c % x, c / x % y, c / (x * y)];
+        place.iter().zip(grid.dims).all(|(p, d)| *p > 0 && p + 1 < d)
+    };
+    let labels = label_voxels(&cloud, &grid, &Vote::default())?;
+    let solid: Vec<bool> = labels.iter().enumerate().map(|(c, label)| *label > 0 && inside(c)).collect();
+    let depth = depths(&solid, grid.dims);
+    let mut order: Vec<usize> = (0..depth.len()).filter(|&c| depth[c] > 0.0).collect();
+    order.par_sort_by(|&a, &b| depth[b].total_cmp(&depth[a]).then(a.cmp(&b)));
+    let around = |c: usize, near: &mut Vec<usize>| {
+        // cells with depth do not lie in the border
+        for k in [c - x * y, c, c + x * y] {
+            near.extend([k - x, k, k + x].into_iter().flat_map(|j| j - 1..=j + 1));
+        }
+    };
+    let large = |low: f32, top: f32| low >= LEAST && low >= BUMP * top;
+    let parted = |low: &Hill, top: &Hill, c: usize| {
+        let (low, top) = (depth[low.summit], depth[top.summit]);
+        large(low, top) && depth[c] < NECK * low
+    };
+    let (of_cell, hills) = flood(&order, depth.len(), |_| 1.0, around, parted);
+    let of_cell = upwards(&order, of_cell, around);
+    let highest = hills.first().map_or(0.0, |h| depth[h.summit]);
+    let kept: Vec<bool> = hills.iter().map(|h| large(depth[h.summit], highest)).collect();
+    let mut cells = vec![0usize; hills.len()];
+    of_cell.iter().filter(|h| **h != usize::MAX).for_each(|h| cells[*h] += 1);
+    let round = |n: usize| {
+        let ball = 4.0 / 3.0 * PI * f64::from(depth[hills[n].summit]).powi(3);
+        ball >= ROUND * cells[n] as f64
+    };
+    let of_parts: Vec<usize> = (0..hills.len()).filter(|&n| kept[n]).collect();
+    if of_parts.len() < 2 || !of_parts.into_iter().all(round) {
+        return Ok(one);
+    }
+    let own = |i: usize| {
+        let place: [f64; 3] = std::array::from_fn(|a| f64::from(body.means[3 * i + a]));
+        let cell: [usize; 3] =
+            std::array::from_fn(|a| ((place[a] - grid.origin[a]) / grid.spacing[a]).round().max(0.0) as usize);
+        let within = cell.iter().zip(grid.dims).all(|(c, d)| *c < d);
+        let hill = if within { of_cell[cell[0] + x * (cell[1] + y * cell[2])] } else { usize::MAX };
+        if kept.get(hill).copied().unwrap_or(false) { hill as u32 + 1 } else { 0 }
+    };
+    Ok(joined(body, &(0..body.len()).map(own).collect::<Vec<u32>>()))
+}
+
+/// The hill that the steepest way up from each cell leads to; [`flood`] gives a cell between two hills to the higher one,
+/// by and by all that is below the pass. `of_cell` has it for the summits.
+fn upwards(order: &[usize], of_cell: Vec<usize>, around: impl Fn(usize, &mut Vec<usize>)) -> Vec<usize> {
+    let mut place = vec![u32::MAX; of_cell.len()];
+    order.iter().zip(0u32..).for_each(|(&c, n)| place[c] = n);
+    let mut out = of_cell;
+    let mut near = Vec::new();
+    for &c in order {
+        near.clear();
+        around(c, &mut near);
+        let highest = near.iter().copied().min_by_key(|&n| place[n]).filter(|&n| place[n] < place[c]);
+        if let Some(above) = highest {
+            out[c] = out[above];
+        }
+    }
+    out
+}
+
+/// Those without a part with the nearest that have one.
+fn joined(body: &HostGaussians, own: &[u32]) -> Vec<u32> {
+    let place = |i: usize| [0, 1, 2].map(|a| body.means[3 * i + a]);
+    let known: Vec<f32> =
+        own.iter().enumerate().flat_map(|(i, l)| if *l > 0 { place(i) } else { [f32::NAN; 3] }).collect();
+    // rows of three by construction
+    let Ok(near) = Neighbours::adaptive(&known) else { return own.to_vec() };
+    let nearest = |i: usize| near.nearest(place(i), 1, None).first().map_or(1, |(j, _)| own[*j as usize]);
+    (0..own.len()).into_par_iter().map(|i| if own[i] > 0 { own[i] } else { nearest(i) }).collect()
+}
+
+/// Cubic cells around the body; none if it is nowhere or has no size.
+fn grid(body: &HostGaussians) -> Option<Grid> {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for place in body.means.chunks_exact(3).filter(|p| p.iter().all(|v| v.is_finite())) {
+        for a in 0..3 {
+            low[a] = low[a].min(f64::from(place[a]));
+            high[a] = high[a].max(f64::from(place[a]));
+        }
+    }
+    let side = (0..3).map(|a| high[a] - low[a]).fold(f64::NEG_INFINITY, f64::max);
+    let cell = side / CELLS as f64;
+    (cell.is_finite() && cell > 0.0).then(|| Grid {
+        dims: std::array::from_fn(|a| ((high[a] - low[a]) / cell).ceil() as usize + 1 + 2 * BORDER),
+        spacing: [cell; 3],
+        origin: low.map(|v| v - BORDER as f64 * cell),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::balls::{add, surfaces};
+
+    #[test]
+    fn beads_that_touch_are_parts_whatever_their_size_and_number() {
+        for balls in [
+            vec![(-0.9, 1.0), (0.9, 1.0)],
+            vec![(-1.0, 1.0), (0.62, 0.7)],
+            vec![(-3.6, 1.0), (-1.8, 1.0), (0.0, 1.0), (1.8, 1.0)],
+        ] {
+            let (body, of) = surfaces(&balls);
+            let found = parts(&body).unwrap();
+            let mut wrong = 0;
+            for (ball, _) in balls.iter().enumerate() {
+                let labels: Vec<u32> = found.iter().zip(&of).filter(|(_, b)| **b == ball).map(|(l, _)| *l).collect();
+                let most = (1..9).max_by_key(|l| labels.iter().filter(|m| *m == l).count()).unwrap();
+                wrong += labels.iter().filter(|l| **l != most).count();
+            }
+            assert_eq!(found.iter().collect::<std::collections::BTreeSet<_>>().len(), balls.len());
+            assert!(wrong * 25 < of.len(), "{wrong} of {} in {balls:?}", of.len());
+        }
+    }
+
+    #[test]
+    fn one_ball_two_that_have_melted_and_a_rod_have_no_neck() {
+        for balls in [vec![(0.0, 1.0)], vec![(-0.4, 1.0), (0.4, 1.0)], (0..20).map(|i| (0.1 * i as f32, 0.5)).collect()]
+        {
+            let (body, _) = surfaces(&balls);
+            assert_eq!(parts(&body).unwrap(), vec![1; body.len()], "{balls:?}");
+        }
+    }
+
+    #[test]
+    fn a_ring_with_two_necks_is_one() {
+        // its halves are half circles
+        let mut ring = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        for k in 0..1200 {
+            let along = k as f32 * std::f32::consts::TAU / 1200.0;
+            let radius = 0.22 + 0.1 * (2.0 * along).cos();
+            for around in (0..10).map(|a| (a as f32 + 0.5 * (k % 2) as f32) * std::f32::consts::TAU / 10.0) {
+                let out = 1.5 + radius * around.cos();
+                add(&mut ring, [out * along.cos(), out * along.sin(), radius * around.sin()], [-3.2; 3]);
+            }
+        }
+        assert_eq!(parts(&ring).unwrap(), vec![1; ring.len()]);
+    }
+
+    #[test]
+    fn what_is_nowhere_or_has_no_size_is_one() {
+        let (mut body, _) = surfaces(&[(-0.9, 1.0), (0.9, 1.0)]);
+        body.means[0] = f32::NAN;
+        body.log_scales[6] = f32::INFINITY;
+        assert!(parts(&body).unwrap().iter().all(|l| *l > 0));
+        let point = body.subset(&[7]);
+        assert_eq!(parts(&point).unwrap(), [1]);
+        assert_eq!(parts(&body.subset(&[])).unwrap(), [0u32; 0]);
+    }
+}

@@ -1,0 +1,83 @@
+//! The viewer beside a training in this process.
+
+use super::hub::Hub;
+use super::listen::{Listening, ViewError};
+use super::live::{Live, Onlooker};
+use super::workspace::Workspace;
+use crate::run::RunError;
+use crate::train::TrainError;
+use crate::train::observer::Observer;
+use crate::train::run::RunOutcome;
+use burn::tensor::Device;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// How it is served.
+#[derive(Clone, Debug)]
+pub struct BesideOptions {
+    /// Where it draws: where the training does not compute, if there is such a device.
+    pub device: Device,
+    /// Whether windows cannot pause the training.
+    pub read_only: bool,
+    /// Bytes of deformed Gaussians that are kept.
+    pub cache: usize,
+}
+
+/// Ends the viewer when the training ends, be it by a panic.
+struct End<'a> {
+    live: &'a Live,
+    stop: &'a AtomicBool,
+}
+
+impl Drop for End<'_> {
+    fn drop(&mut self) {
+        self.live.end("The training failed.");
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Serves the viewer while `train` trains on this thread, with an observer that it hands to [`crate::train::run::run`].
+/// `ready` is called when the first scene is there. The viewer ends with the training; that it failed, if it did, is told
+/// beside how the training ended, which does not depend on it.
+pub fn beside(
+    listening: Listening,
+    options: &BesideOptions,
+    ready: impl FnOnce(),
+    train: impl FnOnce(&mut dyn Observer) -> Result<RunOutcome, TrainError>,
+) -> (Result<RunOutcome, TrainError>, Result<(), ViewError>) {
+    let hub = Arc::new(Hub::default());
+    let live = Arc::new(Live::new(hub.clone()));
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let serve = || {
+            let Some(begun) = live.begun() else { return Ok(()) };
+            let run = begun.open(&options.device).map_err(RunError::failure)?;
+            let space = Workspace::in_training(run, live.clone(), &options.device, options.read_only);
+            listening.serve(space, Vec::new(), options.cache, hub, &stop, || ())
+        };
+        let server = std::thread::Builder::new().name("viewer".into()).spawn_scoped(scope, serve);
+        let outcome = {
+            let _end = End { live: &live, stop: &stop };
+            let outcome = train(&mut Onlooker::new(&live, ready));
+            live.end(farewell(&outcome));
+            outcome
+        };
+        let served = match server.map(std::thread::ScopedJoinHandle::join) {
+            Ok(Ok(served)) => served,
+            Ok(Err(_)) => Err(ViewError::System(std::io::Error::other("it failed at something"))),
+            Err(error) => Err(ViewError::System(error)),
+        };
+        (outcome, served)
+    })
+}
+
+/// What windows are told at the end.
+fn farewell(outcome: &Result<RunOutcome, TrainError>) -> String {
+    match outcome {
+        Ok(RunOutcome { record, .. }) => {
+            let how = if record.status == "complete" { "is complete" } else { "was interrupted" };
+            format!("The training {how} after {} steps, and this viewer ended with it.", record.steps)
+        }
+        Err(error) => format!("The training failed: {error}"),
+    }
+}

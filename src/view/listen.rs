@@ -1,0 +1,198 @@
+//! Where a viewer listens, and serving there.
+
+use super::auth::{Guard, Token};
+use super::hub::Hub;
+#[cfg(unix)]
+use super::local;
+use super::others::Other;
+use super::render::Renderer;
+use super::server::{Shared, router};
+use super::workspace::Workspace;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+
+/// Longest time for what windows are told when the viewer ends.
+const FAREWELL: Duration = Duration::from_secs(3);
+
+/// Where a viewer is to be reached.
+#[derive(Clone, Debug)]
+pub struct Reach {
+    /// Address to listen on.
+    pub bind: IpAddr,
+    /// Port; any that is free if 0.
+    pub port: u16,
+    /// Socket file in the place of address and port, on Unix.
+    pub socket: Option<PathBuf>,
+    /// Names under which it may be reached, beside those of the machine itself.
+    pub hosts: Vec<String>,
+}
+
+/// Where a viewer can be reached.
+#[derive(Clone, Debug)]
+pub struct Serving {
+    /// Address and port; the port of one's own machine that the address in `url` takes, where it is a socket file.
+    pub address: SocketAddr,
+    /// The socket file.
+    pub socket: Option<PathBuf>,
+    /// What a browser opens; holds the secret.
+    pub url: String,
+}
+
+/// Why there is no viewer.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// The run.
+    #[error(transparent)]
+    Run(#[from] crate::run::RunError),
+    /// The address cannot be used.
+    #[error("{address}: {source}; choose another --port, or leave it out")]
+    Address {
+        /// The address.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The socket file cannot be used.
+    #[error("--socket {}: {source}", path.display())]
+    Socket {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: std::io::Error,
+    },
+    /// The system gives no random numbers or threads.
+    #[error("the viewer cannot start: {0}")]
+    System(std::io::Error),
+}
+
+/// Port of one's own machine from which a socket file is forwarded, if no other is asked for.
+const FORWARDED: u16 = 8137;
+
+/// What is listened at.
+enum Listener {
+    Port(TcpListener),
+    #[cfg(unix)]
+    File(local::SocketFile, tokio::net::UnixListener),
+}
+
+impl Listener {
+    #[cfg(unix)]
+    fn file(path: &Path) -> std::io::Result<Self> {
+        local::SocketFile::listen(path).map(|(file, listener)| Self::File(file, listener))
+    }
+
+    #[cfg(not(unix))]
+    fn file(_: &Path) -> std::io::Result<Self> {
+        Err(std::io::Error::new(std::io::ErrorKind::Unsupported, "there are socket files on Unix alone"))
+    }
+
+    async fn serve(self, router: axum::Router) -> std::io::Result<()> {
+        match self {
+            Self::Port(listener) => axum::serve(listener, router).await,
+            #[cfg(unix)]
+            Self::File(_file, listener) => axum::serve(listener, router).await,
+        }
+    }
+}
+
+/// A viewer that listens; who connects waits until it serves.
+pub struct Listening {
+    runtime: Runtime,
+    listener: Listener,
+    guard: Guard,
+    serving: Serving,
+}
+
+impl Listening {
+    /// Listens, with a new secret.
+    ///
+    /// # Errors
+    /// If the address or the socket file cannot be used.
+    pub fn open(reach: &Reach) -> Result<Self, ViewError> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build();
+        let runtime = runtime.map_err(ViewError::System)?;
+        let wanted = SocketAddr::new(reach.bind, reach.port);
+        let failed = |source| ViewError::Address { address: wanted, source };
+        let (listener, address) = match &reach.socket {
+            Some(path) => {
+                let wrong = |source| ViewError::Socket { path: path.clone(), source };
+                let port = if reach.port == 0 { FORWARDED } else { reach.port };
+                let listener = runtime.block_on(async { Listener::file(path) }).map_err(wrong)?;
+                (listener, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
+            }
+            None => {
+                let listener = runtime.block_on(TcpListener::bind(wanted)).map_err(failed)?;
+                let address = listener.local_addr().map_err(failed)?;
+                (Listener::Port(listener), address)
+            }
+        };
+        let token = Token::new().map_err(ViewError::System)?;
+        let host = match address.ip() {
+            ip if ip.is_unspecified() || ip.is_loopback() => "localhost".to_owned(),
+            IpAddr::V6(ip) => format!("[{ip}]"),
+            IpAddr::V4(ip) => ip.to_string(),
+        };
+        let url = format!("http://{host}:{}/?token={}", address.port(), token.text());
+        let mut hosts = reach.hosts.clone();
+        if !address.ip().is_unspecified() {
+            hosts.push(address.ip().to_string());
+        }
+        let guard = Guard::new(token, address.port(), hosts);
+        Ok(Self { runtime, listener, guard, serving: Serving { address, socket: reach.socket.clone(), url } })
+    }
+
+    /// Where it can be reached.
+    #[must_use]
+    pub fn serving(&self) -> &Serving {
+        &self.serving
+    }
+
+    /// Serves `space`, and the `others` that it can be compared with, until `stop` is raised; what is deformed is kept, of all
+    /// together up to `cache` bytes. `ready` is called first.
+    ///
+    /// # Errors
+    /// If the system gives no thread, or the connection breaks.
+    pub fn serve(
+        self,
+        space: Workspace,
+        others: Vec<Other>,
+        cache: usize,
+        hub: Arc<Hub>,
+        stop: &AtomicBool,
+        ready: impl FnOnce(),
+    ) -> Result<(), ViewError> {
+        let Self { runtime, listener, guard, .. } = self;
+        let shared = Shared::new(guard, hub.clone());
+        let router = router(shared.clone());
+        std::thread::scope(|scope| {
+            let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {
+                Renderer::new(space, others, cache, hub.clone()).run();
+            });
+            drawing.map_err(ViewError::System)?;
+            ready();
+            let asked = async {
+                while !stop.load(Ordering::Relaxed) {
+                    tokio::time::sleep(Duration::from_millis(100)).await;
+                }
+                hub.stop();
+                let asked = Instant::now();
+                while shared.has_windows() && asked.elapsed() < FAREWELL {
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                }
+            };
+            let served = runtime.block_on(async {
+                tokio::select! {
+                    served = listener.serve(router) => served,
+                    () = asked => Ok(()),
+                }
+            });
+            hub.stop();
+            served.map_err(ViewError::System)
+        })
+    }
+}

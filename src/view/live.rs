@@ -1,0 +1,265 @@
+//! A training in this process, between the thread that trains and the one that draws. The trainer leaves copies of the scene,
+//! on the host, when somebody looks; nothing of its device is shared, and nothing comes back but whether to pause.
+
+use super::hub::Hub;
+use crate::config::types::Config;
+use crate::model::params::{FitError, HostTensor, collect};
+use crate::model::{Scene, SceneSpec};
+use crate::run::OpenRun;
+use crate::train::observer::{Moment, Next, Observer};
+use crate::train::run::RunRecord;
+use burn::tensor::Device;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The scene is not copied more often than that.
+const PERIOD: Duration = Duration::from_secs(1);
+/// Nor more often than so many times the time that a copy takes, for which the training waits.
+const RARELY: u32 = 60;
+/// Seconds of training over which the pace is measured.
+const PACE: f64 = 3.0;
+
+/// How far the training has come.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Progress {
+    /// Steps taken.
+    pub steps: usize,
+    /// Step that is shown.
+    pub shown: usize,
+    /// Gaussians that are shown.
+    pub gaussians: usize,
+    /// Steps a second, lately.
+    pub pace: Option<f64>,
+    /// Seconds until the end at that pace.
+    pub left: Option<f64>,
+    /// Loss of the last step.
+    pub loss: Option<f64>,
+    /// Whether it is asked to pause.
+    pub pausing: bool,
+    /// Whether it pauses.
+    pub paused: bool,
+}
+
+/// The scene after some steps.
+#[derive(Debug)]
+pub struct SceneCopy {
+    step: usize,
+    spec: SceneSpec,
+    tensors: BTreeMap<String, HostTensor>,
+}
+
+impl SceneCopy {
+    fn of(now: &Moment<'_>) -> Self {
+        Self { step: now.steps, spec: now.scene.spec.clone(), tensors: collect(now.scene) }
+    }
+
+    /// The scene on a device, and its step.
+    ///
+    /// # Errors
+    /// If it does not fit its own spec.
+    pub fn open(self, device: &Device) -> Result<(Scene, usize), FitError> {
+        Ok((Scene::of(self.spec, &self.tensors, device)?, self.step))
+    }
+}
+
+/// A run before its first step.
+#[derive(Debug)]
+pub struct Begun {
+    path: PathBuf,
+    record: RunRecord,
+    config: Config,
+    copy: SceneCopy,
+}
+
+impl Begun {
+    /// The run, its scene on a device.
+    ///
+    /// # Errors
+    /// If the scene does not fit its own spec.
+    pub fn open(self, device: &Device) -> Result<OpenRun, FitError> {
+        let Self { path, record, config, copy } = self;
+        let (scene, step) = copy.open(device)?;
+        Ok(OpenRun::in_training(&path, scene, step, record, config))
+    }
+}
+
+/// What windows want of the trainer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Wish {
+    /// Nothing: nobody looks.
+    #[default]
+    Nothing,
+    /// The scene when the training pauses or ends.
+    AtRest,
+    /// The scene of now.
+    Now,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    progress: Progress,
+    wish: Wish,
+    copy: Option<SceneCopy>,
+    run: Option<Begun>,
+    /// Something is to be told at once.
+    news: bool,
+    /// Why the training ended, if it has.
+    end: Option<String>,
+}
+
+/// What the two threads share.
+#[derive(Debug)]
+pub struct Live {
+    state: Mutex<State>,
+    begins: Condvar,
+    hub: Arc<Hub>,
+}
+
+impl Live {
+    /// Of a training that has not begun; `hub` wakes the thread that draws.
+    #[must_use]
+    pub fn new(hub: Arc<Hub>) -> Self {
+        Self { state: Mutex::default(), begins: Condvar::new(), hub }
+    }
+
+    /// Waits for the run with the scene before the first step; none if the training ends before that.
+    #[must_use]
+    pub fn begun(&self) -> Option<Begun> {
+        let mut state = self.lock();
+        while state.run.is_none() && state.end.is_none() {
+            state = self.begins.wait(state).unwrap_or_else(PoisonError::into_inner);
+        }
+        state.run.take()
+    }
+
+    /// How far the training has come.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        self.lock().progress.clone()
+    }
+
+    /// Says what windows want.
+    pub fn wish(&self, wish: Wish) {
+        self.lock().wish = wish;
+    }
+
+    /// Takes the copy that the trainer left, which is shown from now on.
+    #[must_use]
+    pub fn take(&self) -> Option<SceneCopy> {
+        self.lock().copy.take()
+    }
+
+    /// What is shown.
+    pub fn shows(&self, step: usize, gaussians: usize) {
+        let mut state = self.lock();
+        (state.progress.shown, state.progress.gaussians) = (step, gaussians);
+    }
+
+    /// Whether something is to be told at once; no more after that.
+    #[must_use]
+    pub fn news(&self) -> bool {
+        std::mem::take(&mut self.lock().news)
+    }
+
+    /// Has the training pause before its next step, or go on.
+    pub fn pause(&self, pause: bool) {
+        let mut state = self.lock();
+        (state.progress.pausing, state.news) = (pause, true);
+    }
+
+    /// The training is over; `why` is told to windows.
+    pub fn end(&self, why: impl Into<String>) {
+        self.lock().end.get_or_insert_with(|| why.into());
+        self.begins.notify_all();
+    }
+
+    /// Why the training ended, if it has.
+    #[must_use]
+    pub fn ended(&self) -> Option<String> {
+        self.lock().end.clone()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Looks on for windows.
+pub struct Onlooker<'a> {
+    live: &'a Live,
+    /// Called when the first scene is there.
+    ready: Option<Box<dyn FnOnce() + 'a>>,
+    /// Step of the last copy.
+    copied: Option<usize>,
+    /// Not before that is the next copy made.
+    next: Instant,
+    /// Seconds and steps since which the pace is measured.
+    since: (f64, usize),
+}
+
+impl<'a> Onlooker<'a> {
+    /// One that leaves scenes with `live`; `ready` is called when the first is there.
+    pub fn new(live: &'a Live, ready: impl FnOnce() + 'a) -> Self {
+        Self { live, ready: Some(Box::new(ready)), copied: None, next: Instant::now(), since: (0.0, 0) }
+    }
+
+    /// Leaves the run with the scene before the first step.
+    fn begin(&mut self, now: &Moment<'_>) {
+        let (path, record, config) = (now.run.to_owned(), now.record.clone(), now.config.clone());
+        self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::of(now) });
+        self.live.begins.notify_all();
+        (self.copied, self.since) = (Some(now.steps), (now.seconds, now.steps));
+        if let Some(ready) = self.ready.take() {
+            ready();
+        }
+    }
+
+    /// Steps a second, where they are known anew.
+    fn pace(&mut self, now: &Moment<'_>) -> Option<f64> {
+        let (seconds, steps) = (now.seconds - self.since.0, now.steps - self.since.1);
+        if seconds < PACE || steps == 0 {
+            return None;
+        }
+        self.since = (now.seconds, now.steps);
+        Some(steps as f64 / seconds)
+    }
+}
+
+impl Observer for Onlooker<'_> {
+    fn look(&mut self, now: &Moment<'_>) -> Next {
+        if self.copied.is_none() {
+            self.begin(now);
+        }
+        let (rests, wish) = {
+            let state = self.live.lock();
+            (state.progress.pausing || now.steps >= now.until, state.wish)
+        };
+        let due = if rests { wish >= Wish::AtRest } else { wish == Wish::Now && Instant::now() >= self.next };
+        let copy = (due && self.copied != Some(now.steps)).then(|| {
+            let began = Instant::now();
+            let copy = SceneCopy::of(now);
+            self.copied = Some(now.steps);
+            self.next = Instant::now() + PERIOD.max(RARELY * began.elapsed());
+            copy
+        });
+        let pace = self.pace(now);
+
+        let mut state = self.live.lock();
+        let paused = state.progress.pausing && now.steps < now.until;
+        let wakes = copy.is_some() || paused != state.progress.paused;
+        let progress = &mut state.progress;
+        (progress.steps, progress.paused, progress.pace) = (now.steps, paused, pace.or(progress.pace));
+        progress.loss = now.report.map(|report| report.loss).or(progress.loss);
+        progress.left = progress.pace.map(|pace| now.until.saturating_sub(now.steps) as f64 / pace);
+        state.copy = copy.or(state.copy.take());
+        state.news |= wakes;
+        drop(state);
+        if wakes {
+            self.live.hub.wake();
+        }
+        if paused { Next::Pause } else { Next::GoOn }
+    }
+}

@@ -1,0 +1,90 @@
+//! A run as it is read from its folder; a newer checkpoint beside the thread that draws, so that frames go on meanwhile.
+
+use super::training::{Stamp, stamp};
+use crate::edit::EditStack;
+use crate::run::cameras::Surroundings;
+use crate::run::segments::RunSegments;
+use crate::run::{OpenRun, RunError, affinity};
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::file::AffinitySpec;
+use burn::tensor::Device;
+use std::path::Path;
+use std::thread::JoinHandle;
+
+/// Stamps of the files of segments, edits and affinity field.
+pub type Seen = [Stamp; 3];
+
+/// What the files of `run` look like.
+#[must_use]
+pub fn seen(run: &OpenRun) -> Seen {
+    let paths = run.paths();
+    [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
+}
+
+/// A field that cannot be used is none: the viewer then says how to make one.
+#[must_use]
+pub fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinitySpec)> {
+    affinity::open(run, device).ok()
+}
+
+/// A run with all that is shown of it.
+#[derive(Debug)]
+pub struct Read {
+    /// The run.
+    pub run: OpenRun,
+    /// Where the cameras of its dataset stand.
+    pub around: Surroundings,
+    /// What its files looked like before they were read.
+    pub seen: Seen,
+    /// Its segments; none if those on the disk are of another state of its scene.
+    pub segments: RunSegments,
+    /// Why that is so.
+    pub fault: Option<String>,
+    /// Its edits.
+    pub edits: EditStack,
+    /// Its affinity field, if there is one.
+    pub field: Option<(AffinityField, AffinitySpec)>,
+}
+
+impl Read {
+    /// Reads the run, or one of its checkpoints, at `path`.
+    ///
+    /// # Errors
+    /// If the run or a file of it cannot be used.
+    pub fn new(path: &Path, device: &Device) -> Result<Self, RunError> {
+        let run = OpenRun::open(path, device)?;
+        let seen = seen(&run);
+        let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
+        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.surroundings());
+        Ok(Self { run, around, seen, segments, fault, edits, field })
+    }
+}
+
+/// The thread that reads a newer checkpoint, if one does.
+#[derive(Debug, Default)]
+pub struct Newer(Option<JoinHandle<Result<Read, RunError>>>);
+
+impl Newer {
+    /// Begins to read the run at `path` anew.
+    ///
+    /// # Errors
+    /// If the system gives no thread.
+    pub fn begin(&mut self, path: &Path, device: &Device) -> Result<(), RunError> {
+        let (path, device) = (path.to_owned(), device.clone());
+        let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(move || Read::new(&path, &device));
+        self.0 = Some(thread.map_err(|e| RunError::failure(format!("no thread to read a checkpoint: {e}")))?);
+        Ok(())
+    }
+
+    /// Whether one is being read, or was and nobody took it.
+    #[must_use]
+    pub fn is_under_way(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// What was read, once; none while it is being read.
+    pub fn take(&mut self) -> Option<Result<Read, RunError>> {
+        let thread = self.0.take_if(|thread| thread.is_finished())?;
+        Some(thread.join().unwrap_or_else(|_| Err(RunError::failure("a checkpoint cannot be read"))))
+    }
+}

@@ -1,0 +1,26 @@
+//! Why something that a client wants is refused.
+
+use crate::run::RunError;
+
+/// Why a change is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ChangeError {
+    /// Somebody else changed the document before.
+    #[error("segments or edits were changed meanwhile; look at them and try again")]
+    Stale,
+    /// The document is of an older checkpoint.
+    #[error("a newer checkpoint of the run is being read; try again in a moment")]
+    Reading,
+    /// Nothing may be changed.
+    #[error("this viewer was started with --read-only")]
+    ReadOnly,
+    /// The scene is not what it will be.
+    #[error("this run is being trained here; segments and edits can be made once that is over, in `volseggs view`")]
+    InTraining,
+    /// There is nothing to pause.
+    #[error("no training goes on in this viewer")]
+    NoTraining,
+    /// It cannot be done.
+    #[error(transparent)]
+    Run(#[from] RunError),
+}

@@ -1,0 +1,45 @@
+//! What clients are told of the run that is viewed.
+
+use super::Workspace;
+use crate::edit::Total;
+use crate::run::RunError;
+use crate::run::segments::Towards;
+use crate::run::selection::Selection;
+use crate::segment::segmentation::Segment;
+use crate::view::protocol::{Document, SegmentRow};
+
+impl Workspace {
+    /// Where segments are at `time` in [0, 1], edits applied: their opacity-weighted centre in world units.
+    ///
+    /// # Errors
+    /// A time out of range, no segments, a name that none has, or segments that hold no Gaussians.
+    pub fn centre(&self, segments: &[String], time: f64) -> Result<[f64; 3], RunError> {
+        if !(0.0..=1.0).contains(&time) {
+            return Err(RunError::input("time: between 0 and 1"));
+        }
+        if segments.is_empty() {
+            return Err(RunError::input("segments: name at least one"));
+        }
+        let centre = Selection::open(&self.run, segments, true)?.centre(&self.run.scene, time as f32)?;
+        centre.ok_or_else(|| RunError::input(format!("{}: no Gaussians", segments.join(", "))))
+    }
+
+    /// What clients are told.
+    #[must_use]
+    pub fn document(&self) -> Document {
+        let row = |(depth, s): (usize, &Segment)| {
+            let Total { rgb, opacity, hidden } = self.edits.total(&s.name);
+            let (name, gaussians) = (s.name.to_string(), s.members.len());
+            SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
+        };
+        let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
+        Document {
+            revision: self.revision,
+            renamed: self.renamed.clone(),
+            segments: self.segments.now().tree().into_iter().map(row).collect(),
+            edits: self.edits.operations.iter().map(ToString::to_string).collect(),
+            segment_steps: [step(Towards::Undo), step(Towards::Redo)],
+            edit_steps: [!self.edits.operations.is_empty(), !self.edits.undone.is_empty()],
+        }
+    }
+}
