@@ -101,7 +101,8 @@ pub fn coarse(
     let harmonics = 3 * coefficients;
     let opacity = gaussians.opacity();
     let too_transparent = options.hidden(gaussians);
-    let finite = |v: &[f32]| v.iter().all(|v| v.is_finite());
+    // of the sum, so that no colour of these overflows either
+    let finite = |v: &[f32]| v.iter().map(|v| v.abs()).sum::<f32>().is_finite();
     let (hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
         .filter(|&i| {
             finite(&gaussians.means[3 * i as usize..][..3]) && finite(&sh[i as usize * harmonics..][..harmonics])
