@@ -34,7 +34,7 @@ pub struct Hills {
 
 /// The hills of the density of `points` `[N, 2]` with weights `[N]`: a grid filled from its densest cell downwards, where
 /// each new summit starts a hill, and two that meet become one unless the pass between them is lower than
-/// `pass(lower summit, higher summit)` of the lower one's density, see [`flood`]. Weights that are negative or not finite
+/// `pass(lower summit, higher summit)` of the lower one's density. Weights that are negative or not finite
 /// count as 0.
 ///
 /// # Errors

@@ -161,12 +161,11 @@ fn cosine(a: &Tensor<2>, b: &Tensor<2>) -> Tensor<2> {
     (dot(a, b) / lengths).abs()
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "flex"))]
 mod tests {
     use super::*;
 
     #[test]
-    #[cfg(feature = "flex")]
     fn tensor_operations_say_what_the_kernel_says() {
         let device = Device::flex();
         let rows = |seed: usize, width: usize| {
