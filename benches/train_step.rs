@@ -251,7 +251,7 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
         let rows = densify::plan(due, &statistics, &host, config, DISTANCE);
         let new = densify::apply(&rows, &host, 1, 2);
         let moments: Vec<_> =
-            host.columns().iter().map(|c| [0, 1].map(|_| densify::gather_moments(c.values, &rows, c.width))).collect();
+            host.columns().map(|c| [0, 1].map(|_| densify::gather_moments(c.values, &rows, c.width))).collect();
         (new, moments)
     };
     measure(repeats, change).0

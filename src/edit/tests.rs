@@ -47,7 +47,7 @@ pub fn applied(edits: &[Edit]) -> HostGaussians {
 }
 
 pub fn arrays(s: &HostGaussians) -> Vec<&[f32]> {
-    s.columns().into_iter().map(|column| column.values).collect()
+    s.columns().map(|column| column.values).collect()
 }
 
 /// The largest difference of any two values.

@@ -79,10 +79,7 @@ pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), PlyError> {
 
 fn write_to(gaussians: &HostGaussians, out: &mut impl Write) -> io::Result<()> {
     let k = gaussians.sh_stride;
-    let columns = gaussians.columns();
-    let [means, rotations, log_scales, opacity_logits, sh, ..] = columns.as_slice() else {
-        unreachable!("every Gaussian has these attributes")
-    };
+    let [means, rotations, log_scales, opacity_logits, sh] = gaussians.common_columns();
     out.write_all(header::text(gaussians.len(), k).as_bytes())?;
     let mut row: Vec<u8> = Vec::new();
     for i in 0..gaussians.len() {

@@ -67,20 +67,22 @@ impl Column<'_> {
 
 impl HostGaussians {
     /// The attributes, in the order in which the op of splatting takes them; normals only where there is a shading.
+    pub fn columns(&self) -> impl Iterator<Item = Column<'_>> {
+        let normals = self.shading.iter().map(|s| Column { name: NORMALS, width: 3, values: &s.normals });
+        self.common_columns().into_iter().chain(normals)
+    }
+
+    /// Those of the attributes that every Gaussian has, in that order.
     #[must_use]
-    pub fn columns(&self) -> Vec<Column<'_>> {
+    pub fn common_columns(&self) -> [Column<'_>; 5] {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
-        let mut columns = vec![
+        [
             Column { name: "means", width: means, values: &self.means },
             Column { name: "rotations", width: rotations, values: &self.rotations },
             Column { name: "log_scales", width: log_scales, values: &self.log_scales },
             Column { name: "opacity_logits", width: opacity_logits, values: &self.opacity_logits },
             Column { name: "sh", width: sh, values: &self.sh },
-        ];
-        if let Some(shading) = &self.shading {
-            columns.push(Column { name: NORMALS, width: 3, values: &shading.normals });
-        }
-        columns
+        ]
     }
 
     /// N Gaussians of K coefficients, every number 0, without a shading.
@@ -100,7 +102,7 @@ impl HostGaussians {
     /// New Gaussians with the same attributes, each made by `f` from the old one.
     #[must_use]
     pub fn map(&self, f: impl FnMut(Column<'_>) -> Vec<f32>) -> Self {
-        let mut columns = self.columns().into_iter().map(f);
+        let mut columns = self.columns().map(f);
         // in the order of `columns`, which gives as many
         let mut next = || columns.next().unwrap_or_default();
         Self {
@@ -136,7 +138,7 @@ impl HostGaussians {
     #[must_use]
     pub fn misshapen(&self) -> Option<(Column<'_>, usize)> {
         let n = self.len();
-        self.columns().into_iter().map(|c| (c, n * c.width)).find(|(c, wanted)| c.values.len() != *wanted)
+        self.columns().map(|c| (c, n * c.width)).find(|(c, wanted)| c.values.len() != *wanted)
     }
 
     /// Whether every number of Gaussian `i` is finite.
@@ -145,7 +147,7 @@ impl HostGaussians {
     /// If `i` is not below N.
     #[must_use]
     pub fn is_finite(&self, i: usize) -> bool {
-        self.columns().iter().all(|column| column.row(i).iter().all(|v| v.is_finite()))
+        self.columns().all(|column| column.row(i).iter().all(|v| v.is_finite()))
     }
 
     /// Linear opacity `[N]`.
@@ -287,9 +289,9 @@ mod tests {
         assert_eq!((all.len(), all.sh_degree(), all.misshapen()), (3, 1, None));
         assert_eq!(all.map(|column| column.values.to_vec()), all);
         assert_eq!(all.map(|column| vec![0.0; column.values.len()]), HostGaussians::zeros(3, 4));
-        let names = |g: &HostGaussians| g.columns().into_iter().map(|c| c.name).collect::<Vec<_>>();
+        let names = |g: &HostGaussians| g.columns().map(|c| c.name).collect::<Vec<_>>();
         assert_eq!(names(&all), ["means", "rotations", "log_scales", "opacity_logits", "sh"]);
-        assert_eq!(all.columns()[1].row(2), [108.0, 109.0, 110.0, 111.0]);
+        assert_eq!(all.columns().nth(1).unwrap().row(2), [108.0, 109.0, 110.0, 111.0]);
         let some = all.subset(&[2, 0]);
         assert_eq!((some.misshapen(), some.opacity_logits.as_slice()), (None, [302.0, 300.0].as_slice()));
         assert_eq!(some.subset(&[1]), all.subset(&[0]));

@@ -92,7 +92,7 @@ impl Scene {
         let scene = Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let n = scene.gaussians.count();
         let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
-        if one.columns().iter().any(|column| rows(column.name) != Some(n)) {
+        if one.columns().any(|column| rows(column.name) != Some(n)) {
             return Err(format("the Gaussians' tensors differ in length".into()));
         }
         Ok(scene)

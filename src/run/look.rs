@@ -128,7 +128,7 @@ impl Prepared {
                 let colours = if *shared { 0 } else { inputs.sh.dims().iter().product::<usize>() + normals };
                 4 * (11 * inputs.means.dims()[0] + colours)
             }
-            Shown::Depth(at) => 4 * at.columns().iter().map(|column| column.values.len()).sum::<usize>(),
+            Shown::Depth(at) => 4 * at.columns().map(|column| column.values.len()).sum::<usize>(),
         }
     }
 }
