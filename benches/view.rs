@@ -134,15 +134,21 @@ impl Drop for Server {
     }
 }
 
-/// Views of full size one after the other, the next as soon as a frame is there: frames a second, and how much longer one takes than bare drawing.
+/// A view of full size that changes 60 times a second, as a mouse moves it: frames a second, and how much longer one takes
+/// than bare drawing.
 fn full_size(window: &mut Window, bare: f64) {
-    let (started, mut frames, mut turn) = (Instant::now(), 0, 0.0);
-    while started.elapsed() < SPAN {
-        turn += 0.003;
-        let view = window.view(turn, 0.5, false);
+    let (started, mut frames) = (Instant::now(), 0);
+    for step in 0.. {
+        let at = started + step * Duration::from_micros(16_667);
+        while let Some(left) = at.checked_duration_since(Instant::now()) {
+            let Some(frame) = window.frame_within(left) else { continue };
+            frames += i32::from(!frame.png && u32::from(frame.width) == window.size);
+        }
+        if started.elapsed() > SPAN {
+            break;
+        }
+        let view = window.view(0.001 * f64::from(step), 0.5, false);
         window.say(&view);
-        let frame = window.frame();
-        frames += i32::from(!frame.png && u32::from(frame.width) == window.size);
     }
     let rate = f64::from(frames) / started.elapsed().as_secs_f64();
     line("full size, time held, frames/s", format!("{rate:.1}"));

@@ -9,10 +9,21 @@ use std::io::Write;
 
 /// The colours of a render `[H, W, 4]` (already over its background) as 8-bit RGB, rounded and clamped.
 pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
-    RgbImage::from_fn(width as u32, height as u32, |x, y| {
-        let p = &image[4 * (y as usize * width + x as usize)..][..3];
-        image::Rgb(std::array::from_fn(|c| (p[c].clamp(0.0, 1.0) * 255.0).round() as u8))
-    })
+    let mut out = RgbImage::new(width as u32, height as u32);
+    for (rgb, p) in out.chunks_exact_mut(3).zip(image[..4 * width * height].chunks_exact(4)) {
+        for (out, p) in rgb.iter_mut().zip(p) {
+            *out = to_8_bits(*p);
+        }
+    }
+    out
+}
+
+/// A value in [0, 1] as the nearest of 256 levels, from the middle between two up; 0 for NaN.
+fn to_8_bits(value: f32) -> u8 {
+    let scaled = value.clamp(0.0, 1.0) * 255.0;
+    // as `round`, which is a call for each value where the processor that is compiled for has no instruction for it
+    let below = scaled as u8;
+    below + u8::from(scaled - f32::from(below) >= 0.5)
 }
 
 /// The PNG file of an image.
@@ -79,6 +90,19 @@ pub(super) fn encoder<W: Write>(
 mod tests {
     use super::*;
     use crate::files::{check_file, write_named};
+
+    #[test]
+    fn levels_are_those_of_round() {
+        let near = |n: u32| {
+            [-1, 0, 1].map(|ulps: i32| f32::from_bits(((n as f32 + 0.5) / 255.0).to_bits().wrapping_add_signed(ulps)))
+        };
+        let even = (0..=100_000).map(|k| k as f32 * 1e-5);
+        for v in
+            (0..255).flat_map(near).chain(even).chain([-1.0, -0.0, 2.0, f32::INFINITY, f32::NEG_INFINITY, f32::NAN])
+        {
+            assert_eq!(to_8_bits(v), (v.clamp(0.0, 1.0) * 255.0).round() as u8, "{v}");
+        }
+    }
 
     #[test]
     fn a_picture_comes_back_and_is_known_as_our_own() {

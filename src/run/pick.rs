@@ -14,7 +14,7 @@ use crate::segment::carry::carry;
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
-use crate::segment::levels::levels;
+use crate::segment::levels::prepare;
 use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::{PickOptions, Picked, meant, pick};
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
@@ -101,17 +101,20 @@ impl Clicking {
         Self { at, time, segments, field, places, known: RefCell::default(), device }
     }
 
-    /// Finds out what the first click on any of the wholes would have to, so that it is answered at once. What cannot be
-    /// found out is left to that click, which says why.
+    /// Finds out what the first click on any of the wholes would have to, or on the scene where there are none, so that it is
+    /// answered at once. What cannot be found out is left to that click, which says why.
     pub fn prepare(&self) {
         let Some((field, spec)) = &self.field else { return };
-        let wholes = self.segments.segments.iter().filter(|s| s.parent.is_none());
-        for whole in wholes.take(KNOWN) {
-            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &whole.members);
-            let clicked = whole.members.first().copied();
-            if clicked.is_some_and(|clicked| levels(&of, clicked).is_ok()) {
-                self.known.borrow_mut().insert(Some(whole.name.clone()), of.into_found());
+        let ready = |name: Option<Name>, members: &[u32]| {
+            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members);
+            if prepare(&of).is_ok() {
+                self.known.borrow_mut().insert(name, of.into_found());
             }
+        };
+        let wholes = self.segments.segments.iter().filter(|s| s.parent.is_none());
+        wholes.take(KNOWN).for_each(|whole| ready(Some(whole.name.clone()), &whole.members));
+        if self.segments.segments.is_empty() {
+            ready(None, &(0..self.at.len() as u32).collect::<Vec<_>>());
         }
     }
 

@@ -133,7 +133,11 @@ impl<'a> Candidates<'a> {
         Ok(found)
     }
 
-    fn features(&self, scale: f32) -> Arc<Vec<f32>> {
+    /// Unit features `[M, 16]` at the mask `scale` in [0, 1].
+    ///
+    /// # Panics
+    /// If an index is not below N.
+    pub fn features(&self, scale: f32) -> Arc<Vec<f32>> {
         let mut kept = self.found.features.borrow_mut();
         if let Some(place) = kept.iter().position(|(s, _)| *s == scale) {
             let latest = kept.remove(place);

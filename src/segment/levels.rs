@@ -33,6 +33,11 @@ const LARGE: f64 = 0.1;
 /// ... and how much one that leaves something out is to one that takes all: power of the rest.
 const NOT_ALL: f64 = 0.3;
 
+/// Pieces whose parts are found before a click, see [`prepare`] ...
+const PIECES: usize = 8;
+/// ... if they hold a Gaussian of so many at least.
+const SMALL: usize = 50;
+
 /// A part or whole that a click can mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Level {
@@ -91,6 +96,34 @@ pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> 
     Ok(found.swap_remove(most_likely(&found)))
 }
 
+/// Finds out what a click on any of the candidates needs, so that it is answered at once: their features, and the parts of
+/// the largest pieces. Small ones are left to the click.
+///
+/// # Errors
+/// If the arrays of the Gaussians disagree.
+///
+/// # Panics
+/// If an index of a candidate is not below N.
+pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
+    of.shown();
+    SCALES.into_iter().for_each(|scale| drop(of.features(scale)));
+    if is_whole(of) {
+        return Ok(());
+    }
+    let pieces = of.pieces()?;
+    let large = pieces.counts.iter().take(PIECES).take_while(|&&count| count as usize * SMALL >= of.within.len());
+    for (piece, _) in (1..).zip(large) {
+        let members = of.within.iter().zip(&pieces.labels).filter(|(_, label)| **label == piece).map(|(&i, _)| i);
+        of.parts(piece, &members.collect::<Vec<_>>())?;
+    }
+    Ok(())
+}
+
+/// Whether the candidates are the whole scene, of which no piece is meant.
+fn is_whole(of: &Candidates<'_>) -> bool {
+    of.within.len() == of.at.len()
+}
+
 /// The plateaus of the affinity, from small to large; one at least.
 fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let (within, position) = (of.within, of.position(clicked)?);
@@ -121,7 +154,7 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
 /// scene, or if the clicked one is nowhere.
 fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
-    if of.within.len() == of.at.len() {
+    if is_whole(of) {
         return Ok(Vec::new());
     }
     let labels = &of.pieces()?.labels;

@@ -36,8 +36,10 @@ impl Clicks {
         if space.field().is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
             return;
         }
-        let clicking = Self::begin(space, time);
+        let (run, segments, field) = (space.run.share(), space.segments().now().clone(), space.field().cloned());
+        let device = space.device.clone();
         let thread = std::thread::Builder::new().name("clicks".into()).spawn(move || {
+            let clicking = Clicking::new(&run, &segments, field.as_ref(), time, &device);
             clicking.prepare();
             clicking
         });

@@ -35,7 +35,8 @@ pub struct Client {
     looks: [Option<(String, Look)>; 2],
     /// The scene that it clicks on.
     clicks: Option<Clicks>,
-    clicked: Option<Clicked>,
+    /// What is selected, with the number of that selection.
+    clicked: Option<(u64, Clicked)>,
     /// What was prepared last of both with the selection standing out, with the key of the rest and the number of the
     /// selection.
     highlighted: [Option<(String, u64, Prepared)>; 2],
@@ -93,8 +94,8 @@ impl Client {
         self.send(Outgoing::Text(Box::new(answer)));
     }
 
-    /// What is selected.
-    pub fn clicked(&self) -> Option<&Clicked> {
+    /// What is selected, and the number of that selection.
+    pub fn clicked(&self) -> Option<&(u64, Clicked)> {
         self.clicked.as_ref()
     }
 
@@ -102,6 +103,13 @@ impl Client {
     pub fn clear(&mut self) {
         self.clicked = None;
         self.changed();
+    }
+
+    /// Forgets what is selected, unless it is another selection by now.
+    pub fn clear_selection(&mut self, number: u64) {
+        if self.clicked.as_ref().is_some_and(|(now, _)| *now == number) {
+            self.clear();
+        }
     }
 
     /// A segment has another name: what it wants to see goes by that.
@@ -150,7 +158,7 @@ impl Client {
     pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side, device: &Device) -> Prepared {
         let which = side.place();
         let clicked = self.clicked.as_ref().filter(|_| side.run().is_none());
-        let Some(members) = clicked.map(|c| &c.picked.members) else { return prepared };
+        let Some(members) = clicked.map(|(_, c)| &c.picked.members) else { return prepared };
         let Some((_, look)) = self.looks[which].as_ref().filter(|_| !members.is_empty()) else { return prepared };
         let known = &mut self.highlighted[which];
         if known.as_ref().is_none_or(|(k, s, _)| (k.as_str(), *s) != (key, self.selections)) {
@@ -191,11 +199,11 @@ impl Client {
         }
     }
 
-    /// Makes the scene ready for clicks while nothing else is to be done. While something is selected, its sliders need
+    /// Makes the scene that is shown ready for clicks once all of it is shown. While something is selected, its sliders need
     /// the scene that was clicked on.
-    pub fn prepare_clicks(&mut self, space: &Workspace, time: f64) {
-        if self.clicked.is_none() {
-            Clicks::prepare(&mut self.clicks, space, time);
+    pub fn prepare_clicks(&mut self, space: &Workspace) {
+        if let Some(view) = self.view.as_ref().filter(|_| self.pace.is_done() && self.clicked.is_none()) {
+            Clicks::prepare(&mut self.clicks, space, view.time);
         }
     }
 
@@ -215,7 +223,7 @@ impl Client {
         let started = Instant::now();
         let clicking = Clicks::get(&mut self.clicks, space, view.time)?;
         let hit = clicking.hit(&view.camera(1.0), pixel, within)?;
-        let before = self.clicked.take().map(|c| c.picked.members).unwrap_or_default();
+        let before = self.clicked.take().map(|(_, c)| c.picked.members).unwrap_or_default();
         self.select(id, hit, view.time, (before, combine), meaning, started)
     }
 
@@ -235,7 +243,7 @@ impl Client {
     /// # Errors
     /// If there was none.
     pub fn adjust(&mut self, id: u32, meaning: Option<Asked>) -> Result<Selected, ClickError> {
-        let Some(Clicked { hit, time, before, .. }) = &self.clicked else {
+        let Some((_, Clicked { hit, time, before, .. })) = &self.clicked else {
             return Err(RunError::input("click on something first").into());
         };
         let (hit, time, before) = (hit.clone(), *time, before.clone());
@@ -254,7 +262,7 @@ impl Client {
         let Some(clicking) = self.clicks.as_ref().and_then(Clicks::last) else { return Err(ClickError::NoField) };
         // a slider asks again and again: the levels at the click stay what they are
         let known =
-            self.clicked.as_ref().map(|c| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));
+            self.clicked.as_ref().map(|(_, c)| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));
         let list = known.is_none();
         let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, of), keep_strays: false, list };
         let mut picked = clicking.select(&hit, &options)?;
@@ -273,8 +281,8 @@ impl Client {
             level: picked.level.map(|n| n + 1),
             ms: 1e3 * started.elapsed().as_secs_f64(),
         };
-        self.clicked = Some(Clicked { hit, picked, time, before });
         self.changed();
+        self.clicked = Some((self.selections, Clicked { hit, picked, time, before }));
         Ok(told)
     }
 }

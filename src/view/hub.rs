@@ -1,5 +1,6 @@
 //! Between the network and the thread that draws: what clients said, in order, and where their answers go.
 
+use super::encode::Picture;
 use super::protocol::{Answer, FrameInfo, Request};
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -19,6 +20,8 @@ pub enum Outgoing {
     Text(Box<Answer>),
     /// A frame.
     Frame(FrameInfo, Vec<u8>),
+    /// A frame that is to be encoded.
+    Picture(Box<Picture>),
 }
 
 impl Outgoing {

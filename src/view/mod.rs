@@ -3,8 +3,8 @@
 //!
 //! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
 //! run ([`workspace`]) and those that it is compared with ([`others`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
-//! lately. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`jobs`] and
-//! [`tracks`], on other threads.
+//! lately, and what is drawn is [`encode`]d where it is sent. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`slow`],
+//! [`jobs`] and [`tracks`], on other threads.
 //!
 //! [`serve`] shows a run folder. [`beside`] shows a run while this process trains it: the trainer leaves copies of the scene
 //! with [`live`], and [`share`] keeps the drawing to a small part of the machine.
@@ -15,6 +15,7 @@ pub mod cache;
 pub mod clicks;
 pub mod client;
 pub mod compare;
+pub mod encode;
 pub mod gizmo;
 pub mod hub;
 pub mod jobs;
@@ -32,6 +33,7 @@ pub mod refusal;
 pub mod render;
 pub mod server;
 pub mod share;
+pub mod slow;
 pub mod tracks;
 pub mod training;
 pub mod workspace;

@@ -3,7 +3,7 @@
 use super::auth::Guard;
 use super::hub::{ClientId, Event, Hub, Outgoing};
 use super::page::{FILES, MODULES, PageFile};
-use super::protocol::{Answer, LONGEST, Request};
+use super::protocol::{Answer, FrameInfo, LONGEST, Request};
 use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -17,6 +17,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::sync::mpsc;
+use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 /// Clients at once.
@@ -133,7 +134,7 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
             answer = answers.recv() => match answer {
                 Some(answer) => {
                     ended = answer.is_last();
-                    let sent = timeout(PATIENCE, socket.send(message(answer))).await;
+                    let sent = timeout(PATIENCE, socket.send(message(answer).await)).await;
                     matches!(sent, Ok(Ok(()))) && !ended
                 }
                 None => false,
@@ -177,10 +178,17 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outg
     true
 }
 
-fn message(answer: Outgoing) -> Message {
+async fn message(answer: Outgoing) -> Message {
+    let frame = |(info, bytes): (FrameInfo, Vec<u8>)| Message::Binary(info.with(&bytes).into());
+    // these types have no maps with odd keys, so that they always are JSON
+    let text = |answer: &Answer| Message::Text(serde_json::to_string(answer).unwrap_or_default().into());
     match answer {
-        Outgoing::Frame(info, picture) => Message::Binary(info.with(&picture).into()),
-        // these types have no maps with odd keys, so that they always are JSON
-        Outgoing::Text(answer) => Message::Text(serde_json::to_string(&answer).unwrap_or_default().into()),
+        Outgoing::Frame(info, bytes) => frame((info, bytes)),
+        Outgoing::Picture(picture) => match spawn_blocking(move || picture.encode()).await {
+            Ok(Ok(encoded)) => frame(encoded),
+            Ok(Err(error)) => text(&Answer::Error { id: None, message: error.to_string() }),
+            Err(_) => text(&Answer::Error { id: None, message: "this picture cannot be encoded".into() }),
+        },
+        Outgoing::Text(answer) => text(&answer),
     }
 }

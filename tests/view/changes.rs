@@ -2,8 +2,8 @@
 
 use crate::common::{BINARY, run_json};
 use crate::socket::{Server, Window};
-use crate::{run, setting};
-use serde_json::json;
+use crate::{list, run, setting, view};
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::process::{Command, Stdio};
 
@@ -66,4 +66,35 @@ fn of_changes_by_windows_and_commands_at_once_none_is_lost() {
     // and the viewer knows them all
     let (mut window, _) = Window::open(&server);
     window.wait_for(|m| m["edits"].as_array().is_some_and(|e| e.len() as u64 == count));
+}
+
+#[test]
+fn of_two_clicks_that_become_segments_at_once_one_is_stale_and_a_window_need_not_stay_for_its_own() {
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let open = |pixel: [u32; 2]| {
+        let (mut window, welcome) = Window::open(&server);
+        window.say(&view(&welcome, 0.5, "colour", false));
+        window.say(&json!({ "type": "pick", "id": 1, "pixel": pixel, "within": null, "meaning": null }));
+        window.wait_for(|m| m["type"] == "picked");
+        window
+    };
+    let commit = |base: &Value, name: &str| json!({ "type": "commit", "id": 2, "base": base, "name": name });
+    let (mut first, mut second) = (open([16, 16]), open([15, 16]));
+    let base = first.document["revision"].clone();
+    first.say(&commit(&base, "one"));
+    second.say(&commit(&base, "two"));
+    let mut answers = [&mut first, &mut second].map(|w| w.wait_for(|m| m["id"] == 2)["type"].clone());
+    answers.sort_by_key(ToString::to_string);
+    assert_eq!(answers, ["done", "error"]);
+    let names = || list(root).iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>();
+    assert_eq!(names().iter().filter(|n| ["one", "two"].contains(&n.as_str())).count(), 1);
+
+    let mut third = open([16, 16]);
+    let base = third.document["revision"].clone();
+    third.say(&commit(&base, "three"));
+    drop(third);
+    first.wait_for(|m| m["type"] == "document" && m["segments"].to_string().contains("three"));
+    assert!(names().contains(&"three".to_owned()));
 }

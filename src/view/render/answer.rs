@@ -1,16 +1,19 @@
 //! Answers of requests.
 
 use super::{Renderer, Wrong};
-use crate::run::RunError;
 use crate::run::keyframes::{CameraPath, SavedPath};
-use crate::run::pick::Hit;
+use crate::run::pick::{self, Hit};
 use crate::run::saved::{SavedView, command};
+use crate::run::segments::RunSegments;
+use crate::run::{OpenRun, RunError};
+use crate::view::client::Clicked;
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
-use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, Request};
+use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
 use crate::view::refusal::ChangeError;
-use crate::view::tracks::Wanted;
-use crate::view::workspace::Workspace;
+use crate::view::slow::Wanted;
+use crate::view::tracks;
+use crate::view::workspace::{Workspace, coarse};
 use std::time::Instant;
 
 /// Name under which the page saves a picture.
@@ -91,13 +94,16 @@ impl Renderer {
             }
             Request::Commit { id: number, base, name } => {
                 let nothing = || (Some(number), "click on something first".to_owned());
-                let clicked = client.clicked().cloned().ok_or_else(nothing)?;
-                let hit = part_of(&self.space, clicked.hit, &clicked.picked.members);
-                let done = self.space.commit(base, &name, &hit, &clicked.picked, clicked.time);
-                if done.is_ok() {
-                    client.clear();
-                }
-                self.ended(id, number, done)?;
+                let (selection, Clicked { hit, picked, time, .. }) = client.clicked().cloned().ok_or_else(nothing)?;
+                let hit = part_of(&self.space, hit, &picked.members);
+                let wanted = Wanted { client: id, id: number, base, selection: Some(selection) };
+                self.begin(wanted, move |run, segments| {
+                    pick::commit(run, segments, &name, &hit, &picked, time).map(drop)
+                })?;
+            }
+            Request::Change { id: number, base, change: Change::Coarse { time, clusters } } => {
+                let wanted = Wanted { client: id, id: number, base, selection: None };
+                self.begin(wanted, move |run, segments| coarse(run, segments, time, clusters))?;
             }
             Request::Change { id: number, base, change } => {
                 let done = self.space.change(base, &change);
@@ -112,7 +118,8 @@ impl Renderer {
                 client.answer(Answer::Done { id: number });
             }
             Request::Track { id: number, segments, times } => {
-                let wanted = Wanted { client: id, id: number, segments, times, run: self.space.run.share() };
+                let run = self.space.run.share();
+                let wanted = tracks::Wanted { client: id, id: number, segments, times, run };
                 self.tracks.ask(wanted).map_err(|e| (Some(number), e))?;
             }
             Request::Pause { id: number, pause } => {
@@ -126,6 +133,39 @@ impl Renderer {
             }
         }
         Ok(())
+    }
+
+    /// Begins a change of the segments that takes its time.
+    fn begin(
+        &mut self,
+        wanted: Wanted,
+        change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<(), RunError> + Send + 'static,
+    ) -> Result<(), Wrong> {
+        match self.space.copy(wanted.base) {
+            Ok((run, segments)) => {
+                self.slow.begin(wanted, run, segments, change).map_err(|e| (Some(wanted.id), e.to_string()))
+            }
+            Err(error) => self.ended(wanted.client, wanted.id, Err(error)),
+        }
+    }
+
+    /// Takes the changes over that were found meanwhile.
+    pub(super) fn take_changes(&mut self) {
+        while let Some((wanted, found)) = self.slow.news() {
+            self.take_change(wanted, found);
+        }
+    }
+
+    /// Takes a change over, unless the document changed meanwhile.
+    pub(super) fn take_change(&mut self, wanted: Wanted, found: Result<RunSegments, RunError>) {
+        let Wanted { client: id, id: number, base, selection } = wanted;
+        let done = found.map_err(ChangeError::from).and_then(|segments| self.space.adopt(base, segments));
+        if let (Ok(()), Some(selection), Some(client)) = (&done, selection, self.clients.get_mut(&id)) {
+            client.clear_selection(selection);
+        }
+        if let (Err((number, message)), Some(client)) = (self.ended(id, number, done), self.clients.get_mut(&id)) {
+            client.answer(Answer::Error { id: number, message });
+        }
     }
 
     /// Tells everybody of a change, or the one who wanted it why it is refused.

@@ -1,14 +1,14 @@
-//! What clients want to see, drawn and encoded.
+//! What clients want to see, drawn.
 
 use super::Renderer;
-use crate::export::images::{encode_png, to_rgb8};
+use crate::export::images::to_rgb8;
 use crate::run::RunError;
+use crate::view::client::Client;
 use crate::view::compare::{Compare, Side};
+use crate::view::encode::Picture;
 use crate::view::hub::{ClientId, Outgoing};
 use crate::view::pace::Next;
 use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, View};
-use image::RgbImage;
-use jpeg_encoder::{ColorType, Encoder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
@@ -47,17 +47,15 @@ impl Renderer {
         let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
         let Some(client) = self.clients.get_mut(&id) else { return };
         match drawn {
-            Ok(((info, bytes), beside)) => {
+            Ok((picture, beside)) => {
+                let info = picture.info();
                 client.frame = info.number;
-                let pixels = (info.size[0] * info.size[1]) as usize;
-                let ms = f64::from(info.render_ms + info.encode_ms + beside.as_ref().unwrap_or(&0.0));
-                client.pace.sent(Instant::now(), next, info.number, pixels, ms);
+                let (number, pixels) = (info.number, (info.size[0] * info.size[1]) as usize);
+                let ms = f64::from(info.render_ms + beside.as_ref().unwrap_or(&0.0));
+                client.pace.sent(Instant::now(), next, number, pixels, ms);
                 client.tell_beside(beside.err().map(|e| e.to_string()));
-                client.send(Outgoing::Frame(info, bytes));
+                send(client, picture, self.share.is_some());
                 client.tell_legend();
-                if next == Next::Lossless {
-                    client.prepare_clicks(&self.space, view.time);
-                }
             }
             Err(error) => {
                 // not again before it changes
@@ -76,22 +74,19 @@ impl Renderer {
             (Compare::Image { view: number }, None) if client.image != Some(number) => {
                 let image = self.space.run.test_image(number)?;
                 client.image = Some(number);
-                let size = [image.width(), image.height()];
-                let (kind, codec, revision, time) = (Kind::Image, Codec::Png, self.space.revision(), view.time);
-                let (number, render_ms, encode_ms) = (number as u32, 0.0, 0.0);
-                let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
-                (info, encode_png(&image).map_err(RunError::failure)?)
+                let info = self.info(Kind::Image, number as u32, view.time, 0.0);
+                Picture::new(info, image, None)
             }
             _ => return Ok(0.0),
         };
-        let ms = sent.0.render_ms + sent.0.encode_ms;
+        let ms = sent.info().render_ms;
         if let Some(client) = self.clients.get_mut(&id) {
-            client.send(Outgoing::Frame(sent.0, sent.1));
+            send(client, sent, self.share.is_some());
         }
         Ok(ms)
     }
 
-    fn frame(&mut self, id: ClientId, view: &View, next: Next, side: Side) -> Result<(FrameInfo, Vec<u8>), RunError> {
+    fn frame(&mut self, id: ClientId, view: &View, next: Next, side: Side) -> Result<Picture, RunError> {
         let space = match side.run() {
             Some(run) => &self.others.get(run).ok_or_else(|| RunError::failure("no such run"))?.space,
             None => &self.space,
@@ -124,23 +119,26 @@ impl Renderer {
         let prepared = client.highlighted(&key, prepared, side, device);
         let (look, _) = client.look(space, view, side)?;
         let image = look.draw(scene, &prepared, camera.to_kernel(), device);
-        let size = [camera.width, camera.height];
-        let rgb = to_rgb8(&image, size[0] as usize, size[1] as usize);
+        let rgb = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let render_ms = 1e3 * started.elapsed().as_secs_f32();
-        let started = Instant::now();
-        let (codec, bytes) = encode(&rgb, quality)?;
-        let encode_ms = 1e3 * started.elapsed().as_secs_f32();
-        let revision = self.space.revision();
-        Ok((FrameInfo { kind, codec, number, revision, size, time: view.time, render_ms, encode_ms }, bytes))
+        Ok(Picture::new(self.info(kind, number, view.time, render_ms), rgb, quality))
+    }
+
+    fn info(&self, kind: Kind, number: u32, time: f64, render_ms: f32) -> FrameInfo {
+        // the picture tells the rest
+        let (codec, size, encode_ms, revision) = (Codec::Png, [0; 2], 0.0, self.space.revision());
+        FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms }
     }
 }
 
-/// A picture as JPEG of this quality, or as PNG.
-fn encode(rgb: &RgbImage, quality: Option<u8>) -> Result<(Codec, Vec<u8>), RunError> {
-    let Some(quality) = quality else { return Ok((Codec::Png, encode_png(rgb).map_err(RunError::failure)?)) };
-    let (width, height) = rgb.dimensions();
-    let mut bytes = Vec::new();
-    let encoder = Encoder::new(&mut bytes, quality);
-    encoder.encode(rgb.as_raw(), width as u16, height as u16, ColorType::Rgb).map_err(RunError::failure)?;
-    Ok((Codec::Jpeg, bytes))
+/// Sends a picture, to be encoded on the way. It is encoded here if it shall count as drawing, of which a training beside
+/// leaves little.
+fn send(client: &mut Client, picture: Picture, here: bool) {
+    if !here {
+        return client.send(Outgoing::Picture(Box::new(picture)));
+    }
+    match picture.encode() {
+        Ok((info, bytes)) => client.send(Outgoing::Frame(info, bytes)),
+        Err(error) => client.answer(Answer::Error { id: None, message: error.to_string() }),
+    }
 }

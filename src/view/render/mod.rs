@@ -14,6 +14,7 @@ use super::others::Other;
 use super::pace::Next;
 use super::protocol::Answer;
 use super::share::Share;
+use super::slow::Slow;
 use super::tracks::Tracks;
 use super::training::Watch;
 use super::workspace::Workspace;
@@ -44,6 +45,7 @@ pub struct Renderer {
     last: ClientId,
     jobs: Jobs,
     tracks: Tracks,
+    slow: Slow,
     watch: Watch,
     /// What clients were told of the scene: its step, and whether there is an affinity field.
     told: (Option<usize>, bool),
@@ -63,13 +65,29 @@ impl Renderer {
     /// kept, of all together up to `cache` bytes.
     #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
-        let (jobs, tracks) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()));
+        let (jobs, tracks, slow) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()), Slow::new(hub.clone()));
         let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
         // without a thread of its own it draws as it would alone
         let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
         let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
         let (last, rests, changed, looked) = (0, now, now, now);
-        Self { space, others, cache, clients, last, jobs, tracks, watch, told, hub, share, rests, changed, looked }
+        Self {
+            space,
+            others,
+            cache,
+            clients,
+            last,
+            jobs,
+            tracks,
+            slow,
+            watch,
+            told,
+            hub,
+            share,
+            rests,
+            changed,
+            looked,
+        }
     }
 
     /// Works until the hub stops it.
@@ -100,9 +118,12 @@ impl Renderer {
         }
         self.tell_of_job();
         self.tell_of_tracks();
+        self.take_changes();
         let rests = share.is_some() && began < self.rests;
         let until = if rests { Some(self.rests) } else { self.draw_next() };
         self.clients.retain(|_, client| !client.lost);
+        // asked again and again: another time may still have been at it when the picture came to rest
+        self.clients.values_mut().for_each(|client| client.prepare_clicks(&self.space));
         self.wish();
         if let Some(share) = share {
             self.rests = self.rests.max(began) + share.rest(began.elapsed());
@@ -126,6 +147,10 @@ impl Renderer {
 
     /// Says that the viewer ends; after a training each window gets the last scene as it looks at it.
     fn part(mut self) {
+        // what was asked for is done
+        while let Some((wanted, found)) = self.slow.wait() {
+            self.take_change(wanted, found);
+        }
         let mut message = "The viewer was closed.".to_owned();
         if let Some(ended) = self.space.live().and_then(|live| live.ended()) {
             message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.run.path));

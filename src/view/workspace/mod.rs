@@ -1,30 +1,26 @@
 //! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
 //! run meanwhile.
 
+mod change;
 mod told;
+
+pub use change::coarse;
 
 use super::live::Live;
 use super::order::{Order, Stack, Steps};
-use super::protocol::Change;
 use super::reading::{Newer, Read, Seen, field, seen};
 use super::refusal::ChangeError;
-use crate::edit::{Edit, EditStack};
-use crate::files::{RunLock, Work};
+use crate::edit::EditStack;
 use crate::run::cameras::Surroundings;
 use crate::run::segments::{RunSegments, Towards};
-use crate::run::{OpenRun, RunError, edits, pick};
-use crate::segment::coarse::CoarseOptions;
+use crate::run::{OpenRun, RunError};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
-use crate::segment::pick::Picked;
 use crate::segment::segmentation::renamed;
 use crate::train::checkpoint;
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// What others are told of who holds the run.
-const COMMAND: &str = "volseggs view";
 
 /// The run, its segments and edits.
 #[derive(Debug)]
@@ -254,71 +250,6 @@ impl Workspace {
         self.revision += 1;
     }
 
-    /// Carries out a change of a client that knows revision `base`.
-    ///
-    /// # Errors
-    /// If the document has another revision by now, or it cannot be done; all is then as it was.
-    pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
-        let lock = self.begin(base)?;
-        let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
-        let steps = self.steps();
-        let mut segments = self.segments.clone();
-        let last;
-        let change = match change {
-            Change::Last { undo } => {
-                last = self.last(*undo)?;
-                &last
-            }
-            other => other,
-        };
-        match change {
-            Change::Edit { segments, operation } => {
-                let edit = Edit { segments: segments.clone(), operation: operation.clone() };
-                self.edits = edits::push(&self.run, edit)?;
-                return self.end(lock, steps, None);
-            }
-            Change::Edits { undo } => {
-                self.edits = edits::step(&self.run, towards(*undo), 1)?;
-                return self.end(lock, steps, None);
-            }
-            Change::Coarse { time, clusters } => {
-                if !(0.0..=1.0).contains(time) {
-                    return Err(RunError::input("time: between 0 and 1").into());
-                }
-                let at = self.run.scene.host_at(*time as f32);
-                let options = CoarseOptions { clusters: *clusters, ..CoarseOptions::default() };
-                let found = segments.coarse(&self.run, &at, *time, &options)?;
-                if found.palette.is_empty() {
-                    return Err(RunError::input("no segments: nothing shows at this time").into());
-                }
-            }
-            Change::Group { name, segments: of } => segments.group(name, of)?,
-            Change::Rename { segment, name } => segments.rename(&self.run, segment, name)?,
-            Change::Remove { segments: of } => drop(segments.remove(of)?),
-            Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
-            Change::Last { .. } => {}
-        }
-        self.end(lock, steps, Some(segments))
-    }
-
-    /// Makes a segment of what clicks selected, for a client that knows revision `base`.
-    ///
-    /// # Errors
-    /// As [`Workspace::change`].
-    pub fn commit(
-        &mut self,
-        base: u64,
-        name: &crate::name::Name,
-        hit: &pick::Hit,
-        picked: &Picked,
-        time: f64,
-    ) -> Result<(), ChangeError> {
-        let lock = self.begin(base)?;
-        let (steps, mut segments) = (self.steps(), self.segments.clone());
-        pick::commit(&self.run, &mut segments, name, hit, picked, time)?;
-        self.end(lock, steps, Some(segments))
-    }
-
     /// The run for long work on another thread, which is to lock it, for a client that knows revision `base`.
     ///
     /// # Errors
@@ -327,17 +258,6 @@ impl Workspace {
         self.refuse()?;
         self.check(base)?;
         Ok(self.run.share())
-    }
-
-    /// Takes the lock, reads what others wrote, and checks that the client knows it.
-    fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
-        self.refuse()?;
-        if self.newer.is_under_way() || self.unread().is_some() {
-            return Err(ChangeError::Reading);
-        }
-        let lock = self.run.lock(COMMAND, Work::Short)?;
-        self.check(base)?;
-        Ok(lock)
     }
 
     /// Reads what others wrote, and refuses a client that does not know it.
@@ -349,23 +269,6 @@ impl Workspace {
             Some(fault) => Err(RunError::input(fault).into()),
             None => Ok(()),
         }
-    }
-
-    /// Ends a change, before which there were these `steps`.
-    fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
-        let mut names = Vec::new();
-        if let Some(mut segments) = segments {
-            segments.save()?;
-            names = renamed(self.segments.now(), segments.now());
-            self.segments = segments;
-            // those of a segment that has another name now followed
-            self.edits = self.run.edits()?;
-        }
-        let before = std::mem::replace(&mut self.seen, seen(&self.run));
-        self.note(steps, before);
-        (self.renamed, self.revision) = (names, self.revision + 1);
-        drop(lock);
-        Ok(())
     }
 
     /// Steps to undo and redo of segments and edits.
@@ -387,17 +290,6 @@ impl Workspace {
             if self.seen[file] != before[file] && !only_names {
                 self.order.saw(stack, before_it, after_it);
             }
-        }
-    }
-
-    /// The change that undoes or redoes what was changed last.
-    fn last(&self, undo: bool) -> Result<Change, RunError> {
-        let [segments, edits] = self.steps();
-        let found = if undo { self.order.to_undo(segments, edits) } else { self.order.to_redo(segments, edits) };
-        match found {
-            Some(Stack::Segments) => Ok(Change::Segments { undo }),
-            Some(Stack::Edits) => Ok(Change::Edits { undo }),
-            None => Err(RunError::input(if undo { "nothing to undo" } else { "nothing to redo" })),
         }
     }
 }

@@ -1,0 +1,75 @@
+//! Pictures on their way to a client, encoded where they are sent: the thread that draws begins the next one meanwhile.
+
+use super::protocol::{Codec, FrameInfo};
+use crate::export::images::encode_png;
+use crate::run::RunError;
+use image::RgbImage;
+use jpeg_encoder::{ColorType, Encoder};
+use std::time::Instant;
+
+/// A picture that is to be sent.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    info: FrameInfo,
+    rgb: RgbImage,
+    /// Quality of JPEG in percent; without loss if there is none.
+    quality: Option<u8>,
+}
+
+impl Picture {
+    /// `rgb` as JPEG of a quality in percent, or without loss. Codec and size of `info` follow from the two.
+    #[must_use]
+    pub fn new(info: FrameInfo, rgb: RgbImage, quality: Option<u8>) -> Self {
+        let codec = if quality.is_some() { Codec::Jpeg } else { Codec::Png };
+        let size = [rgb.width(), rgb.height()];
+        Self { info: FrameInfo { codec, size, ..info }, rgb, quality }
+    }
+
+    /// What is told of it; it took no time to encode yet.
+    #[must_use]
+    pub fn info(&self) -> &FrameInfo {
+        &self.info
+    }
+
+    /// The file of it, and how long that took.
+    ///
+    /// # Errors
+    /// If the encoder fails.
+    pub fn encode(mut self) -> Result<(FrameInfo, Vec<u8>), RunError> {
+        let started = Instant::now();
+        let bytes = match self.quality {
+            None => encode_png(&self.rgb).map_err(RunError::failure)?,
+            Some(quality) => {
+                let (width, height) = self.rgb.dimensions();
+                let mut bytes = Vec::new();
+                let encoder = Encoder::new(&mut bytes, quality);
+                encoder
+                    .encode(self.rgb.as_raw(), width as u16, height as u16, ColorType::Rgb)
+                    .map_err(RunError::failure)?;
+                bytes
+            }
+        };
+        self.info.encode_ms = 1e3 * started.elapsed().as_secs_f32();
+        Ok((self.info, bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::view::protocol::Kind;
+
+    #[test]
+    fn a_picture_without_loss_is_that_of_the_file_and_one_with_is_smaller() {
+        let rgb = RgbImage::from_fn(64, 48, |x, y| image::Rgb([(3 * x) as u8, (5 * y) as u8, (x * y) as u8]));
+        let (number, revision, time, render_ms, encode_ms) = (3, 1, 0.5, 2.0, 0.0);
+        let (kind, codec, size) = (Kind::Picture, Codec::Png, [0; 2]);
+        let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
+        let (told, png) = Picture::new(info, rgb.clone(), None).encode().unwrap();
+        assert_eq!((told.codec, told.size, told.number), (Codec::Png, [64, 48], 3));
+        assert_eq!(png, encode_png(&rgb).unwrap());
+        let (told, jpeg) = Picture::new(info, rgb, Some(60)).encode().unwrap();
+        assert_eq!((told.codec, &jpeg[..2]), (Codec::Jpeg, &[0xff, 0xd8][..]));
+        assert!(jpeg.len() < png.len());
+    }
+}

@@ -1,0 +1,97 @@
+//! Changes of segments that take so long to find that pictures would stop for it: found on a thread of their own, on a copy
+//! of the segments, and taken over by the thread that draws, unless somebody else changed the document meanwhile.
+
+use super::hub::{ClientId, Hub};
+use crate::run::segments::RunSegments;
+use crate::run::{OpenRun, RunError};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+/// Changes that are looked for at once; who wants more waits.
+const AT_ONCE: usize = 4;
+
+/// Who wants a change, and of what.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wanted {
+    /// The client.
+    pub client: ClientId,
+    /// Number by which the answer is known.
+    pub id: u32,
+    /// Revision of the document that the client knows.
+    pub base: u64,
+    /// Number of the selection of the client that becomes a segment, if one does.
+    pub selection: Option<u64>,
+}
+
+/// The segments after a change, not saved yet, or why there is none.
+type Found = Result<RunSegments, RunError>;
+
+/// What is being looked for.
+#[derive(Debug)]
+pub struct Slow {
+    hub: Arc<Hub>,
+    running: Vec<(Wanted, Receiver<Found>)>,
+}
+
+impl Slow {
+    /// Nothing yet; `hub` wakes the thread that draws.
+    #[must_use]
+    pub fn new(hub: Arc<Hub>) -> Self {
+        Self { hub, running: Vec::new() }
+    }
+
+    /// Begins to change `segments` of `run`.
+    ///
+    /// # Errors
+    /// If several are under way, or the system gives no thread.
+    pub fn begin(
+        &mut self,
+        wanted: Wanted,
+        run: OpenRun,
+        mut segments: RunSegments,
+        change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<(), RunError> + Send + 'static,
+    ) -> Result<(), RunError> {
+        if self.running.len() >= AT_ONCE {
+            return Err(RunError::input("other changes of the segments are under way; try again in a moment"));
+        }
+        let (hub, (out, found)) = (self.hub.clone(), channel());
+        let work = move || {
+            let done = catch_unwind(AssertUnwindSafe(|| change(&run, &mut segments)));
+            let done = done.unwrap_or_else(|_| Err(failed())).map(|()| segments);
+            // nobody waits any more where the viewer has ended
+            let _ = out.send(done);
+            hub.wake();
+        };
+        std::thread::Builder::new().name("segments".into()).spawn(work).map_err(RunError::failure)?;
+        self.running.push((wanted, found));
+        Ok(())
+    }
+
+    /// One that was found; of several the one that was wanted first.
+    pub fn news(&mut self) -> Option<(Wanted, Found)> {
+        for (place, (wanted, found)) in self.running.iter().enumerate() {
+            let news = match found.try_recv() {
+                Ok(found) => (*wanted, found),
+                Err(TryRecvError::Empty) => continue,
+                Err(TryRecvError::Disconnected) => (*wanted, Err(failed())),
+            };
+            self.running.remove(place);
+            return Some(news);
+        }
+        None
+    }
+
+    /// The one of those under way that was wanted first; its end is waited for.
+    pub fn wait(&mut self) -> Option<(Wanted, Found)> {
+        if self.running.is_empty() {
+            return None;
+        }
+        let (wanted, found) = self.running.remove(0);
+        Some((wanted, found.recv().unwrap_or_else(|_| Err(failed()))))
+    }
+}
+
+fn failed() -> RunError {
+    RunError::failure("the viewer failed at this; it goes on")
+}

@@ -1,0 +1,129 @@
+//! Changes of segments and edits: each takes the lock, looks at what others wrote, and is refused to who does not know
+//! that.
+
+use super::Workspace;
+use crate::edit::Edit;
+use crate::files::{RunLock, Work};
+use crate::run::segments::{RunSegments, Towards};
+use crate::run::{OpenRun, RunError, edits};
+use crate::segment::coarse::CoarseOptions;
+use crate::segment::segmentation::renamed;
+use crate::view::order::{Stack, Steps};
+use crate::view::protocol::Change;
+use crate::view::reading::seen;
+use crate::view::refusal::ChangeError;
+
+/// What others are told of who holds the run.
+const COMMAND: &str = "volseggs view";
+
+impl Workspace {
+    /// Carries out a change of a client that knows revision `base`.
+    ///
+    /// # Errors
+    /// If the document has another revision by now, or it cannot be done; all is then as it was.
+    pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
+        let lock = self.begin(base)?;
+        let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
+        let steps = self.steps();
+        let mut segments = self.segments.clone();
+        let last;
+        let change = match change {
+            Change::Last { undo } => {
+                last = self.last(*undo)?;
+                &last
+            }
+            other => other,
+        };
+        match change {
+            Change::Edit { segments, operation } => {
+                let edit = Edit { segments: segments.clone(), operation: operation.clone() };
+                self.edits = edits::push(&self.run, edit)?;
+                return self.end(lock, steps, None);
+            }
+            Change::Edits { undo } => {
+                self.edits = edits::step(&self.run, towards(*undo), 1)?;
+                return self.end(lock, steps, None);
+            }
+            Change::Coarse { time, clusters } => coarse(&self.run, &mut segments, *time, *clusters)?,
+            Change::Group { name, segments: of } => segments.group(name, of)?,
+            Change::Rename { segment, name } => segments.rename(&self.run, segment, name)?,
+            Change::Remove { segments: of } => drop(segments.remove(of)?),
+            Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
+            Change::Last { .. } => {}
+        }
+        self.end(lock, steps, Some(segments))
+    }
+
+    /// Run and segments, to be changed on another thread, for a client that knows revision `base`.
+    ///
+    /// # Errors
+    /// If nothing may be changed, or the document has another revision by now.
+    pub fn copy(&mut self, base: u64) -> Result<(OpenRun, RunSegments), ChangeError> {
+        Ok((self.for_work(base)?, self.segments.clone()))
+    }
+
+    /// Puts a changed [`Self::copy`] of revision `base` in the place of the segments.
+    ///
+    /// # Errors
+    /// As [`Workspace::change`].
+    pub fn adopt(&mut self, base: u64, segments: RunSegments) -> Result<(), ChangeError> {
+        let lock = self.begin(base)?;
+        let steps = self.steps();
+        self.end(lock, steps, Some(segments))
+    }
+
+    /// Takes the lock, reads what others wrote, and checks that the client knows it.
+    fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
+        self.refuse()?;
+        if self.newer.is_under_way() || self.unread().is_some() {
+            return Err(ChangeError::Reading);
+        }
+        let lock = self.run.lock(COMMAND, Work::Short)?;
+        self.check(base)?;
+        Ok(lock)
+    }
+
+    /// Ends a change, before which there were these `steps`.
+    fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
+        let mut names = Vec::new();
+        if let Some(mut segments) = segments {
+            segments.save()?;
+            names = renamed(self.segments.now(), segments.now());
+            self.segments = segments;
+            // those of a segment that has another name now followed
+            self.edits = self.run.edits()?;
+        }
+        let before = std::mem::replace(&mut self.seen, seen(&self.run));
+        self.note(steps, before);
+        (self.renamed, self.revision) = (names, self.revision + 1);
+        drop(lock);
+        Ok(())
+    }
+
+    /// The change that undoes or redoes what was changed last.
+    fn last(&self, undo: bool) -> Result<Change, RunError> {
+        let [segments, edits] = self.steps();
+        let found = if undo { self.order.to_undo(segments, edits) } else { self.order.to_redo(segments, edits) };
+        match found {
+            Some(Stack::Segments) => Ok(Change::Segments { undo }),
+            Some(Stack::Edits) => Ok(Change::Edits { undo }),
+            None => Err(RunError::input(if undo { "nothing to undo" } else { "nothing to redo" })),
+        }
+    }
+}
+
+/// Puts segments by colour at `time` in the place of all that there are.
+///
+/// # Errors
+/// A time outside [0, 1], or one at which nothing shows.
+pub fn coarse(run: &OpenRun, segments: &mut RunSegments, time: f64, clusters: Option<usize>) -> Result<(), RunError> {
+    if !(0.0..=1.0).contains(&time) {
+        return Err(RunError::input("time: between 0 and 1"));
+    }
+    let at = run.scene.host_at(time as f32);
+    let options = CoarseOptions { clusters, ..CoarseOptions::default() };
+    if segments.coarse(run, &at, time, &options)?.palette.is_empty() {
+        return Err(RunError::input("no segments: nothing shows at this time"));
+    }
+    Ok(())
+}
