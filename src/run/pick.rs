@@ -101,12 +101,20 @@ impl Clicking {
         Self { at, time, segments, field, places, known: RefCell::default(), device }
     }
 
+    /// The same with what `before` found out that holds at any time. `before` is to be of the same segments and field.
+    #[must_use]
+    pub fn recalling(self, before: Self) -> Self {
+        let known = before.known.into_inner().into_iter().map(|(name, found)| (name, found.at_another_time()));
+        Self { known: RefCell::new(known.collect()), ..self }
+    }
+
     /// Finds out what the first click on any of the wholes would have to, or on the scene where there are none, so that it is
     /// answered at once. What cannot be found out is left to that click, which says why.
     pub fn prepare(&self) {
         let Some((field, spec)) = &self.field else { return };
         let ready = |name: Option<Name>, members: &[u32]| {
-            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members);
+            let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
+            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members).knowing(known);
             if prepare(&of).is_ok() {
                 self.known.borrow_mut().insert(name, of.into_found());
             }

@@ -34,6 +34,14 @@ pub struct Found {
     parts: RefCell<BTreeMap<u32, Arc<Vec<u32>>>>,
 }
 
+impl Found {
+    /// What of it holds for the same candidates at another time: what the field says of them.
+    #[must_use]
+    pub fn at_another_time(self) -> Self {
+        Self { encoded: self.encoded, features: self.features, ..Self::default() }
+    }
+}
+
 /// The Gaussians that a click may select.
 #[derive(Debug)]
 pub struct Candidates<'a> {
@@ -189,6 +197,14 @@ mod tests {
             found = kept.into_found();
         }
         assert_eq!(found.features.borrow().len(), KEPT);
+        // of what was found at a time, what holds at another answers as there
+        let mut later = at.clone();
+        later.opacity_logits.iter_mut().step_by(2).for_each(|logit| *logit = -9.0);
+        let new = || Candidates::new(&field, &frame, &at.means, &later, &within);
+        let kept = new().knowing(found.at_another_time());
+        assert_eq!(kept.found.features.borrow().len(), KEPT);
+        assert_eq!(kept.cosines(7, 0.3), new().cosines(7, 0.3));
+        assert_eq!((kept.shown(), kept.pieces().unwrap()), (new().shown(), new().pieces().unwrap()));
     }
 
     #[test]

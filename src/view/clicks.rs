@@ -26,6 +26,15 @@ impl Clicks {
         self.revision == space.revision() && self.time == time
     }
 
+    /// The scene, if it is ready.
+    fn into_ready(self) -> Option<Clicking> {
+        match self.state {
+            State::Ready(clicking) => Some(*clicking),
+            State::Soon(thread) if thread.is_finished() => thread.join().ok(),
+            State::Soon(_) => None,
+        }
+    }
+
     fn begin(space: &Workspace, time: f64) -> Clicking {
         Clicking::new(&space.run, space.segments().now(), space.field(), time, &space.device)
     }
@@ -38,8 +47,14 @@ impl Clicks {
         }
         let (run, segments, field) = (space.run.share(), space.segments().now().clone(), space.field().cloned());
         let device = space.device.clone();
+        // what the field says of the Gaussians is the same at all times
+        let before = now.take().filter(|c| c.revision == space.revision()).and_then(Self::into_ready);
         let thread = std::thread::Builder::new().name("clicks".into()).spawn(move || {
             let clicking = Clicking::new(&run, &segments, field.as_ref(), time, &device);
+            let clicking = match before {
+                Some(before) => clicking.recalling(before),
+                None => clicking,
+            };
             clicking.prepare();
             clicking
         });
