@@ -20,7 +20,7 @@ const PURPOSE: u64 = 0xC4A0;
 /// Kills of each command without a number from the environment.
 const ROUNDS: usize = 3;
 /// Nor is there a second kill of a command after this long.
-const ENOUGH: Duration = Duration::from_secs(75);
+const ENOUGH: Duration = Duration::from_secs(45);
 /// Most seconds from the first sight of a temporary to the kill.
 const WRITING: f64 = 0.006;
 /// Longest wait for one.
