@@ -94,6 +94,9 @@ fn of_two_clicks_that_become_segments_at_once_one_is_stale_and_a_window_need_not
     let mut third = open([16, 16]);
     let base = third.document["revision"].clone();
     third.say(&commit(&base, "three"));
+    // what comes after it is answered: it was heard
+    third.say(&json!({ "type": "command", "id": 3 }));
+    third.wait_for(|m| m["id"] == 3);
     drop(third);
     first.wait_for(|m| m["type"] == "document" && m["segments"].to_string().contains("three"));
     assert!(names().contains(&"three".to_owned()));
