@@ -91,6 +91,7 @@ fn scene(n: usize, device: &Device) -> Scene {
         half_size: [1.0; 3],
         background: [1.0; 3],
         deformed: true,
+        d3dgs: None,
     };
     Scene::new(gaussians, spec, 0, device)
 }

@@ -1,5 +1,5 @@
-//! Extension points: loss terms, space-time encoders, learning-rate schedules and metrics of your own, without a
-//! change of this crate.
+//! Extension points: loss terms, space-time encoders, learning-rate schedules, metrics and whole methods of your own,
+//! without a change of this crate.
 //!
 //! A small program registers them by name, then hands over to [`crate::main`]; configurations, sweeps and commands
 //! know them by these names from then on. `docs/research.md` shows one of each, `examples/extended` is such a program.
@@ -10,12 +10,16 @@
 //! Here are the calls that register; each trait stands beside what uses it.
 
 pub use crate::eval::metric::{Metric, MetricInput, registered as metrics};
+pub use crate::method::network::{Network, OneNetwork, Seen};
+pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 pub use crate::registry::NotRegistered;
 pub use crate::train::loss_term::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
+pub use volseggs_kernels::Camera as PinholeCamera;
 
 use crate::eval::metric::METRICS;
+use crate::method::METHODS;
 use crate::model::encoder_definition::ENCODERS;
 use crate::train::loss_term::LOSS_TERMS;
 use crate::train::rate_schedule::SCHEDULES;
@@ -39,4 +43,15 @@ pub fn schedule(name: &str, schedule: impl Schedule + 'static) {
 /// Registers a metric; every evaluation takes it from then on. Its name should not be that of a built-in metric.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Arc::new(metric));
+}
+
+/// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. A built-in one of that name is
+/// replaced.
+pub fn method(name: &str, method: impl Method + 'static) {
+    METHODS.insert(name, Arc::new(method));
+}
+
+/// Registers a method that is one network, see [`Network`].
+pub fn network(name: &str, network: impl Network) {
+    method(name, OneNetwork(network));
 }

@@ -24,6 +24,7 @@ pub mod extend;
 pub mod files;
 pub mod log;
 pub mod memory;
+pub mod method;
 pub mod metrics;
 pub mod model;
 pub mod name;

@@ -152,6 +152,8 @@ pub enum Purpose {
     MeasuredViews,
     /// First normals of shaded Gaussians.
     Normals,
+    /// Noise on the time of a step.
+    TimeNoise,
     /// Of tests and of programs of your own. The number is taken as it is: one of those above gives their stream.
     Custom(u64),
 }
@@ -176,6 +178,7 @@ impl Purpose {
             Self::ViewTimes => 0x6465_616c,
             Self::MeasuredViews => 0x6d65_6173,
             Self::Normals => 0x6e6f_726d,
+            Self::TimeNoise => 0x7469_6d65,
             Self::Custom(number) => number,
         }
     }
@@ -226,6 +229,7 @@ mod tests {
             (Purpose::ViewTimes, u32::from_be_bytes(*b"deal").into()),
             (Purpose::MeasuredViews, u32::from_be_bytes(*b"meas").into()),
             (Purpose::Normals, u32::from_be_bytes(*b"norm").into()),
+            (Purpose::TimeNoise, u32::from_be_bytes(*b"time").into()),
         ];
         for (i, (purpose, number)) in all.into_iter().enumerate() {
             assert_eq!(Rng::new(1, 2, purpose).next_u64(), Rng::new(1, 2, Purpose::Custom(number)).next_u64());

@@ -89,7 +89,7 @@ fn the_page_shows_the_files() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
     let page = read("docs/research.md");
-    for name in ["main", "loss", "encoder", "schedule", "metric"] {
+    for name in ["main", "loss", "encoder", "schedule", "metric", "method"] {
         let path = format!("examples/extended/{name}.rs");
         assert!(page.contains(&format!("```rust\n{}```\n", read(&path))), "docs/research.md does not show {path}");
     }

@@ -1,7 +1,8 @@
-//! volseggs with four extensions. Every command works as in the program itself; configurations know the new names.
+//! volseggs with five extensions. Every command works as in the program itself; configurations know the new names.
 
 mod encoder;
 mod loss;
+mod method;
 mod metric;
 mod schedule;
 
@@ -15,5 +16,6 @@ fn main() -> std::process::ExitCode {
     volseggs::extend::encoder("fast-waves", encoder::Waves { frequency: 9.0 });
     volseggs::extend::schedule("warm-cosine", schedule::WarmCosine { warm: 0.05, last: 0.01 });
     volseggs::extend::metric("foreground_psnr", metric::ForegroundPsnr);
+    volseggs::extend::network("pixels", method::Pixels);
     volseggs::main()
 }

@@ -2,9 +2,9 @@
 
 use super::CliError;
 use super::values::{pixels, point};
-use crate::run::OpenRun;
 use crate::run::cameras::{Surroundings, ViewChoice};
 use crate::run::saved::SavedView;
+use crate::run::{OpenRun, Trained};
 use clap::Args;
 use glam::DVec3;
 use std::path::Path;
@@ -56,7 +56,7 @@ impl ViewArgs {
 }
 
 /// The surroundings of a run, at `width` pixels if that is given; what there is to say about them is said.
-pub(super) fn surroundings(run: &OpenRun, width: Option<u32>) -> Surroundings {
+pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Surroundings {
     let around = run.surroundings();
     if let Some(note) = &around.note {
         errln!("note: {note}");

@@ -6,13 +6,18 @@ use crate::config::legacy::implied;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::files::is_mendable;
+use crate::method;
 use clap::{Args, Subcommand};
 use std::path::Path;
 
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Args)]
 pub struct ConfigSource {
-    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static.
+    /// Method: volseggs (ours, if not given), d3dgs, or one that a program of your own registered. The preset of that name
+    /// comes first, then --config.
+    #[arg(long, value_name = "NAME")]
+    method: Option<String>,
+    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static, d3dgs, d3dgs-small.
     #[arg(long, value_name = "FILE")]
     config: Option<String>,
     /// Override a key, such as loss.dssim=0.2; may be given many times.
@@ -21,14 +26,28 @@ pub struct ConfigSource {
 }
 
 impl ConfigSource {
-    /// Defaults, the file and what it extends, `VOLSEGGS_*` variables, `--set`.
+    /// Defaults, the method's preset, the file and what it extends, `VOLSEGGS_*` variables, `--set`.
     pub(super) fn resolve(&self) -> Result<Resolved<Config>, CliError> {
         let mut layers = Layers::new(PRESETS);
+        if let Some(name) = &self.method {
+            method::find(name).map_err(|e| CliError::input(format!("--method: {e}")))?;
+            layers = match PRESETS.iter().any(|(preset, _)| preset == name) {
+                true => layers.source(name),
+                false => layers.sets([format!("method={name}")]),
+            };
+        }
         if let Some(source) = &self.config {
             layers = layers.source(source);
         }
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES)?;
-        Ok(layers.sets(self.set.iter().cloned()).resolve::<Config>()?)
+        let resolved = layers.sets(self.set.iter().cloned()).resolve::<Config>()?;
+        match &self.method {
+            Some(name) if *name != resolved.value.method => Err(CliError::input(format!(
+                "--method {name}: the rest of the configuration is of the method {}; leave one of them out",
+                resolved.value.method
+            ))),
+            _ => Ok(resolved),
+        }
     }
 }
 
@@ -47,7 +66,8 @@ impl ConfigSource {
         let table: Option<toml::Table> = std::fs::read_to_string(run_config).ok().and_then(|text| text.parse().ok());
         let kept = table.iter().flat_map(implied).map(|(key, value)| format!("{key}={value}"));
         let set = kept.chain(self.set.iter().cloned()).collect();
-        Self { config: Some(run_config.to_string_lossy().into_owned()), set }.resolve()
+        let config = Some(run_config.to_string_lossy().into_owned());
+        Self { method: self.method.clone(), config, set }.resolve()
     }
 }
 

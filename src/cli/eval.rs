@@ -12,7 +12,7 @@ use crate::log::progress;
 use crate::memory::MIB;
 use crate::metrics::lpips::Lpips;
 use crate::run::measure::{MeasuredOn, measure};
-use crate::run::{OpenRun, RunError};
+use crate::run::{AnyRun, OpenRun, RunError, Trained};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -46,14 +46,14 @@ pub struct EvalArgs {
 impl EvalArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = OpenRun::open_locked(&self.run, &device, &command_line(), Work::Long)?;
+        let run = AnyRun::open_locked(&self.run, &device, &command_line(), Work::Long)?;
         let networks = self
             .lpips_weights
             .iter()
             .map(|path| Lpips::load(path, &device).map_err(CliError::input))
             .collect::<Result<Vec<_>, _>>()?;
         if self.segments.segments {
-            return self.segments.run(&run, self.data.as_deref(), &networks, self.common.json);
+            return self.segments.run(&run.gaussians()?, self.data.as_deref(), &networks, self.common.json);
         }
         let split = run.measured(self.split, self.data.as_deref(), self.views)?;
         if !run.config.data.only_times.is_empty() {
@@ -88,16 +88,17 @@ impl EvalArgs {
         }
         print_diagnosis(s);
         let fps = s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
-        outln!("frames/second  {fps} ({} frames): deformation and splatting, anew for each frame", s.speed.fps_frames);
+        let drawn = if s.gaussians > 0 { "deformation and splatting" } else { "all that drawing takes" };
+        outln!("frames/second  {fps} ({} frames): {drawn}, anew for each frame", s.speed.fps_frames);
         outln!("               {:.1} with the copy of each image to the host", s.speed.fps_with_copy);
         outln!("training       {:.1} min", s.training_seconds / 60.0);
         let bytes = s.model_bytes as f64;
-        outln!(
-            "model          {:.2} MiB ({:.2} MB), scene.safetensors in f32, {} Gaussians",
-            bytes / MIB,
-            bytes / 1e6,
-            s.gaussians
-        );
+        let held = if s.gaussians > 0 {
+            format!("{} Gaussians", s.gaussians)
+        } else {
+            format!("{} parameters", s.parameters.unwrap_or_default())
+        };
+        outln!("model          {:.2} MiB ({:.2} MB), scene.safetensors in f32, {held}", bytes / MIB, bytes / 1e6);
         for note in &s.notes {
             outln!("note: {note}");
         }
@@ -119,7 +120,12 @@ fn print_diagnosis(summary: &Summary) {
 }
 
 /// The folder of results called `what`; says what there is to say about the data that are measured on.
-pub(super) fn results(run: &OpenRun, on: &MeasuredOn, what: &str, kind: &FolderKind) -> Result<PathBuf, CliError> {
+pub(super) fn results<S: Trained>(
+    run: &OpenRun<S>,
+    on: &MeasuredOn,
+    what: &str,
+    kind: &FolderKind,
+) -> Result<PathBuf, CliError> {
     if let Some(note) = &on.note {
         errln!("note: {note}");
     }

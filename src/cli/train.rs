@@ -4,11 +4,12 @@
 use super::watch::WatchArgs;
 use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
 use crate::files::RunPaths;
+use crate::method;
 use crate::shell;
 #[cfg(not(feature = "view"))]
 use crate::train::observer::Nobody;
 use crate::train::observer::Observer;
-use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock, run};
+use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock};
 use crate::train::{checkpoint, open_dataset};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ macro_rules! watching {
     };
 }
 
-/// Train a scene from posed, timed images.
+/// Train a scene from posed, timed images, with our method or another one.
 #[derive(Debug, Args)]
 #[command(
     after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on.")
@@ -70,6 +71,9 @@ impl TrainArgs {
             None => dataset_of(&out)?,
         };
         let config = resolved.value.clone();
+        method::check(&config)?;
+        #[cfg(feature = "view")]
+        self.watch.check(&config)?;
         let dataset = open_dataset(&data, &config)?;
         errln!(
             "{}: {} training views of {}x{} at {} times; device {name}, {} threads",
@@ -89,8 +93,9 @@ impl TrainArgs {
             device_name: name.to_string(),
             stop_after: self.stop_after,
         };
-        let train =
-            |observer: &mut dyn Observer| run(&config, &dataset, &device, &options, held.as_ref(), &stop, observer);
+        let train = |observer: &mut dyn Observer| {
+            method::train(&config, &dataset, &device, &options, held.as_ref(), &stop, observer)
+        };
         #[cfg(feature = "view")]
         let outcome = self.watch.train(listening, &device, self.common.json, train)?;
         #[cfg(not(feature = "view"))]
@@ -126,11 +131,11 @@ impl TrainArgs {
             format!("volseggs train --resume {}", shell::path(out))
         };
         errln!(
-            "{} after {} steps, {:.1} min, {} Gaussians, peak memory {:.2} GB{}; next: {next}",
+            "{} after {} steps, {:.1} min{}, peak memory {:.2} GB{}; next: {next}",
             r.status,
             r.steps,
             r.training_seconds / 60.0,
-            r.gaussians,
+            if r.gaussians > 0 { format!(", {} Gaussians", r.gaussians) } else { String::new() },
             r.peak_memory_bytes as f64 / 1e9,
             outcome.test_psnr.map(|p| format!(", test PSNR {p:.2} dB on a few views")).unwrap_or_default(),
         );

@@ -2,7 +2,9 @@
 
 use super::CliError;
 use super::serving::{ServingArgs, explain};
+use crate::config::types::Config;
 use crate::device::DeviceName;
+use crate::method;
 use crate::train::TrainError;
 use crate::train::observer::{Nobody, Observer};
 use crate::train::run::RunOutcome;
@@ -27,6 +29,17 @@ impl WatchArgs {
     /// Listens, if the run is to be shown.
     pub(super) fn listen(&self) -> Result<Option<Listening>, CliError> {
         Ok(self.view.then(|| Listening::open(&self.serving.reach())).transpose()?)
+    }
+
+    /// Refuses to show the training of a method that gives no Gaussians.
+    pub(super) fn check(&self, config: &Config) -> Result<(), CliError> {
+        if !self.view || method::of(config)?.has_persistent_gaussians() {
+            return Ok(());
+        }
+        Err(CliError::input(format!(
+            "--view: shows Gaussians that stay the same over time, and the method {} has none",
+            config.method
+        )))
     }
 
     /// Trains, `listening` beside it. The address goes to standard output, or, where that is for JSON, to standard error.

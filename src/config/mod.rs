@@ -12,6 +12,8 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("paper", include_str!("../../configs/paper.toml")),
     ("official", include_str!("../../configs/official.toml")),
     ("static", include_str!("../../configs/static.toml")),
+    ("d3dgs", include_str!("../../configs/methods/d3dgs.toml")),
+    ("d3dgs-small", include_str!("../../configs/methods/d3dgs-small.toml")),
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.
@@ -61,7 +63,8 @@ mod tests {
         let defaults = toml::Table::try_from(Config::default()).unwrap();
         let keys = |table: &toml::Table| table.keys().cloned().collect::<std::collections::BTreeSet<_>>();
         // neither of them says anything of the method
-        let sections: Vec<_> = keys(&defaults).into_iter().filter(|k| k != "seed" && k != "output").collect();
+        let sections: Vec<_> =
+            keys(&defaults).into_iter().filter(|k| !["seed", "method", "output"].contains(&k.as_str())).collect();
         for name in ["paper", "official", "static"] {
             let (_, text) = PRESETS.iter().find(|(preset, _)| *preset == name).unwrap();
             let file: toml::Table = text.parse().unwrap();
@@ -71,6 +74,22 @@ mod tests {
                 assert_eq!(of(&file), of(&defaults), "{name}: [{section}] is to state each key of its own");
             }
         }
+    }
+
+    #[test]
+    fn presets_of_other_methods_state_every_key_that_these_read() {
+        let defaults = toml::Table::try_from(Config::default()).unwrap();
+        let keys = |table: &toml::Table| table.keys().cloned().collect::<std::collections::BTreeSet<_>>();
+        let of = |name: &str| -> toml::Table { PRESETS.iter().find(|(n, _)| *n == name).unwrap().1.parse().unwrap() };
+        let d3dgs = of("d3dgs");
+        for section in ["data", "init", "stages", "loss", "optim", "densify", "speed"] {
+            let of = |table: &toml::Table| keys(table[section].as_table().unwrap());
+            assert_eq!(of(&d3dgs), of(&defaults), "d3dgs: [{section}] is to state each key");
+        }
+        let section = toml::Table::try_from(types::methods::D3dgsConfig::default()).unwrap();
+        assert_eq!(d3dgs["d3dgs"].as_table(), Some(&section), "the defaults are the published settings");
+        let small = Layers::new(PRESETS).source("d3dgs-small").resolve::<Config>().unwrap().value;
+        assert_eq!((small.method.as_str(), small.loss.kind), ("d3dgs", types::LossKind::L1));
     }
 
     #[test]

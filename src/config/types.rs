@@ -4,12 +4,17 @@
 
 mod defaults;
 mod densify;
+pub mod methods;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
+use methods::D3dgsConfig;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+
+/// The name of our own method.
+pub const VOLSEGGS: &str = "volseggs";
 
 /// A training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -17,6 +22,12 @@ use std::collections::BTreeMap;
 pub struct Config {
     /// Seed of every random choice.
     pub seed: u64,
+    /// The method: `volseggs` (the paper's and ours), `d3dgs` or a registered one, see `docs/reference.md`.
+    #[serde(default = "defaults::method")] // a run from before this key still opens
+    pub method: String,
+    /// Settings of a registered method by name, see `docs/research.md`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub method_settings: BTreeMap<String, f64>,
     /// Images and background.
     pub data: DataConfig,
     /// The first Gaussians.
@@ -35,6 +46,9 @@ pub struct Config {
     pub speed: SpeedConfig,
     /// Logs and checkpoints.
     pub output: OutputConfig,
+    /// Of the method `d3dgs`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub d3dgs: Option<D3dgsConfig>,
 }
 
 /// `data.*`
@@ -263,6 +277,8 @@ pub struct LossConfig {
     pub dssim_last: usize,
     /// Its weight rises from zero over the first so many of them; 1 switches it on at once.
     pub dssim_ramp: usize,
+    /// Whether it counts in all of warm-up as well, as in 3DGS.
+    pub dssim_warmup: bool,
     /// Distance of alpha, as a multiple of that of the colours.
     pub alpha: f64,
     /// Weight of total variation on planes and lines.
@@ -342,10 +358,22 @@ pub struct OptimConfig {
     pub attributes_final_fraction: f64,
     /// How means, encoder and decoder fall: `log-linear`, `cosine`, `constant` or a registered schedule.
     pub schedule: String,
+    /// Over each stage anew (`stage`, in warm-up over `warmup_decay_steps`), or once over the whole run (`run`, as 3DGS).
+    pub decay_over: DecayOver,
     /// First and second decay of Adam.
     pub betas: [f64; 2],
     /// Adam's epsilon.
     pub epsilon: f64,
+}
+
+/// What the rates fall over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DecayOver {
+    /// Each stage, beginning anew.
+    Stage,
+    /// The whole run.
+    Run,
 }
 
 /// `speed.*`

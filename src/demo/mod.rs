@@ -11,14 +11,15 @@ use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::run::Evaluation;
 use crate::files::{LockError, RunLock, Work};
 use crate::log::progress;
+use crate::method;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
     PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, image_count, prepare,
 };
-use crate::run::OpenRun;
 use crate::run::measure::{MeasuredOn, measure};
+use crate::run::{AnyRun, OpenRun};
 use crate::train::observer::Nobody;
-use crate::train::run::{RunOptions, RunOutcome, Start, run};
+use crate::train::run::{RunOptions, RunOutcome, Start};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::synthetic::Synthetic;
@@ -136,8 +137,9 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         device_name: options.device.0.clone(),
         stop_after: None,
     };
-    let outcome = run(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut Nobody)
-        .map_err(failed("train"))?;
+    let outcome =
+        method::train(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut Nobody)
+            .map_err(failed("train"))?;
     if !outcome.complete {
         return Err(DemoError::Interrupted);
     }
@@ -145,7 +147,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     errln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
-    let trained = OpenRun::open(&run_folder, &options.device.1).map_err(failed("evaluate"))?;
+    let trained = AnyRun::open_any(&run_folder, &options.device.1).map_err(failed("evaluate"))?;
     let on = MeasuredOn::own(&trained, dataset.times());
     let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");
@@ -160,6 +162,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     errln!("4/5 segment and track");
     let started = Instant::now();
+    let trained = trained.gaussians().map_err(failed("segment"))?;
     let segments = segments::segments(options, &trained, &data).map_err(failed("segment"))?;
     stages.push(("segment and track".to_owned(), started.elapsed().as_secs_f64()));
 

@@ -1,4 +1,4 @@
-//! Evaluation of a scene over a split: the paper's metrics for each view and their mean.
+//! Evaluation of a trained model over a split: the paper's metrics for each view and their mean.
 
 use super::diagnosis::TrainingViews;
 use super::distance::{AtDistance, by_distance};
@@ -11,7 +11,7 @@ use crate::data::Split;
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::psnr;
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
-use crate::model::Scene;
+use crate::model::Model;
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,7 +40,7 @@ pub struct ViewMetrics {
     pub extra: BTreeMap<String, f64>,
 }
 
-/// Means over a split, and what the scene costs.
+/// Means over a split, and what the model costs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Summary {
     /// Split.
@@ -80,12 +80,15 @@ pub struct Summary {
     pub speed: Speed,
     /// Seconds of training.
     pub training_seconds: f64,
-    /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (59 numbers for
-    /// each Gaussian at SH degree 3, and the field) and some 2 kB of header and digest; nothing that only training, edits
+    /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (of ours 59 numbers
+    /// for each Gaussian at SH degree 3, and the field) and some 2 kB of header and digest; nothing that only training, edits
     /// or segments need.
     pub model_bytes: u64,
-    /// Gaussians.
+    /// Gaussians; 0 of a method without primitives.
     pub gaussians: usize,
+    /// Numbers in the model; absent in results of early versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parameters: Option<usize>,
     /// Width of the images in pixels.
     pub width: u32,
     /// Height of the images in pixels.
@@ -160,7 +163,7 @@ fn quantise(v: f32) -> f32 {
 struct Pair {
     /// `[H, W, 3]`
     render: Vec<f32>,
-    /// `[H, W, 3]` over the scene's background.
+    /// `[H, W, 3]` over the model's background.
     truth: Vec<f32>,
     /// `[H, W]` of the truth.
     alpha: Vec<f32>,
@@ -173,26 +176,26 @@ impl Pair {
     }
 
     /// Draws view `i` of `split` beside its truth.
-    fn fill(&mut self, scene: &Scene, split: &Split, i: usize) {
+    fn fill(&mut self, model: &dyn Model, split: &Split, i: usize) {
         let frame = &split.frames[i];
-        let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
+        let image = model.render(frame.camera.to_kernel(), frame.time as f32);
         for (to, from) in self.render.chunks_exact_mut(3).zip(image.chunks_exact(4)) {
             to.iter_mut().zip(from).for_each(|(to, from)| *to = quantise(*from));
         }
-        split.images.composite(i, scene.spec.background, &mut self.truth);
+        split.images.composite(i, model.background(), &mut self.truth);
         self.truth.iter_mut().for_each(|v| *v = quantise(*v));
         split.images.alpha(i, &mut self.alpha);
     }
 }
 
 /// The means over views that were trained on, of which there is at least one.
-fn measure_sample(scene: &Scene, sample: &Sample) -> Result<TrainingViews, String> {
+fn measure_sample(model: &dyn Model, sample: &Sample) -> Result<TrainingViews, String> {
     let split = &sample.split;
     let (w, h) = (split.images.width as usize, split.images.height as usize);
     let mut pair = Pair::new(w, h);
     let (mut sums, mut regions) = ([0.0; 3], RegionSums::default());
     for i in 0..split.frames.len() {
-        pair.fill(scene, split, i);
+        pair.fill(model, split, i);
         let Pair { render, truth, alpha } = &pair;
         regions.add(render, truth, alpha, w);
         for (sum, value) in sums.iter_mut().zip([
@@ -213,7 +216,7 @@ fn measure_sample(scene: &Scene, sample: &Sample) -> Result<TrainingViews, Strin
 /// # Errors
 /// A message if a metric cannot be computed (an image too small for its window), or the device fails.
 pub fn evaluate(
-    scene: &Scene,
+    model: &dyn Model,
     split: &Split,
     networks: &[Lpips],
     costs: &Costs,
@@ -221,16 +224,16 @@ pub fn evaluate(
 ) -> Result<Evaluation, String> {
     let (w, h) = (split.images.width as usize, split.images.height as usize);
     let n = split.frames.len();
-    let background = scene.spec.background;
+    let background = model.background();
     let shown: Vec<usize> = (0..n.min(6)).map(|k| (2 * k + 1) * n / (2 * n.min(6))).collect();
     let (mut kept, mut pictures) = (Vec::new(), Vec::new());
     let mut views = Vec::with_capacity(n);
     let mut pair = Pair::new(w, h);
     let mut regions = RegionSums::default();
     let registered = metric::registered();
-    let speed = speed::measure(scene, split)?;
+    let speed = speed::measure(model, split)?;
     for (i, frame) in split.frames.iter().enumerate() {
-        pair.fill(scene, split, i);
+        pair.fill(model, split, i);
         let Pair { render, truth, alpha } = &pair;
         let lpips = |net: LpipsNet| -> Result<Option<f64>, String> {
             let network = networks.iter().find(|n| n.net() == net);
@@ -271,6 +274,7 @@ pub fn evaluate(
     if networks.is_empty() {
         notes.push(LPIPS_WEIGHTS.to_owned());
     }
+    let counts = model.counts();
     let summary = Summary {
         split: split.name.as_str().to_owned(),
         dataset: costs.data.dataset.clone(),
@@ -283,12 +287,13 @@ pub fn evaluate(
         lpips_vgg: mean_option(&|v| v.lpips_vgg),
         extra: metric::means(views.iter().map(|v| &v.extra)),
         by_distance: by_distance(&views, &costs.trained_times),
-        training_views: costs.training_views.as_ref().map(|sample| measure_sample(scene, sample)).transpose()?,
+        training_views: costs.training_views.as_ref().map(|sample| measure_sample(model, sample)).transpose()?,
         by_region: Some(regions.finish()),
         speed,
         training_seconds: costs.training_seconds,
         model_bytes: costs.model_bytes,
-        gaussians: scene.gaussians.count(),
+        gaussians: counts.primitives,
+        parameters: Some(counts.parameters),
         width: split.images.width,
         height: split.images.height,
         background,

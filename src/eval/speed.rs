@@ -1,7 +1,8 @@
-//! How fast a scene is drawn, in two ways: as a viewer draws it, and with each image copied to the host.
+//! How fast a model is drawn, in two ways: as a viewer draws it, and with each image copied to the host.
 
 use crate::data::Split;
-use crate::model::Scene;
+use crate::model::Model;
+use crate::model::params::to_vec;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -16,8 +17,8 @@ const MOST: usize = 200;
 /// The frames come in so many blocks, each drawn the one way and then the other: whatever else the machine does hits both.
 const BLOCKS: usize = 5;
 
-/// Frames per second of a split's views, each at its own time. Both figures count deformation and splatting, anew for
-/// every frame; neither counts reading, warm-up or metrics.
+/// Frames per second of a split's views, each at its own time. Both figures count all that drawing takes (of ours
+/// deformation and splatting), anew for every frame; neither counts reading, warm-up or metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Recorded")]
 pub struct Speed {
@@ -56,27 +57,23 @@ impl TryFrom<Recorded> for Speed {
 ///
 /// # Errors
 /// If there is no view, or the device fails.
-pub fn measure(scene: &Scene, split: &Split) -> Result<Speed, String> {
+pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
     let views = split.frames.len();
     if views == 0 {
         return Err("frames per second: there is no view".to_owned());
     }
-    let device = scene.gaussians.means.val().device();
-    let wait = || device.sync().map_err(|e| format!("frames per second: {e:?}"));
     let draw = |view: usize| {
         let frame = &split.frames[view];
-        let at = scene.at(frame.time as f32);
-        drop(scene.draw(at, frame.camera.to_kernel(), scene.spec.background, None));
+        model.image(frame.camera.to_kernel(), frame.time as f32)
     };
-    let copy = |view: usize| {
-        let frame = &split.frames[view];
-        drop(scene.render(frame.camera.to_kernel(), frame.time as f32));
-    };
+    let copy = |view: usize| drop(to_vec(draw(view)));
+    let device = model.device();
+    let wait = || device.sync().map_err(|e| format!("frames per second: {e:?}"));
     copy(0);
     let mut seconds = 0.0;
     for i in 1..=WARM_UP {
         let started = Instant::now();
-        draw(i * (views - 1) / WARM_UP);
+        drop(draw(i * (views - 1) / WARM_UP));
         wait()?;
         seconds = started.elapsed().as_secs_f64();
     }
@@ -85,7 +82,7 @@ pub fn measure(scene: &Scene, split: &Split) -> Result<Speed, String> {
     let (mut alone, mut copied) = (0.0, 0.0);
     for block in order.chunks(frames.div_ceil(BLOCKS)) {
         let started = Instant::now();
-        block.iter().for_each(|view| draw(*view));
+        block.iter().for_each(|view| drop(draw(*view)));
         // the host may be far ahead of the device
         wait()?;
         alone += started.elapsed().as_secs_f64();

@@ -30,7 +30,7 @@ impl Scene {
     /// Whether opacities may differ from time to time.
     #[must_use]
     pub fn opacity_changes(&self) -> bool {
-        self.spec.deformed && self.spec.model.deform_opacity
+        self.spec.deformed && self.spec.model.deform_opacity && self.spec.d3dgs.is_none()
     }
 
     /// The Gaussians that `which` lists, at least one.
@@ -114,7 +114,8 @@ mod tests {
             shading: None,
         };
         let (centre, half_size) = ([0.0; 3], [1.5; 3]);
-        let mut spec = SceneSpec { model, centre, half_size, background: [1.0; 3], deformed: true, sh_degree: 0 };
+        let background = [1.0; 3];
+        let mut spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0, d3dgs: None };
         for deformed in [true, false] {
             spec.deformed = deformed;
             let scene = Scene::new(gaussians.clone(), spec.clone(), 3, &device);

@@ -2,10 +2,12 @@
 
 use super::Gaussians;
 use super::appearance::Headlight;
+use super::d3dgs::DeformationNetwork;
 use super::decoder::Decoder;
 use super::encoder::{Encoder, FactorisedEncoder};
 use super::extra_encoder::ExtraEncoder;
 use super::implicit::ImplicitEncoder;
+use crate::config::types::methods::D3dgsConfig;
 use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -19,8 +21,8 @@ const TRANSPARENT: f32 = -1e4;
 pub struct DeformationField {
     /// Space-time features.
     pub encoder: Encoder,
-    /// Features to changes.
-    pub decoder: Decoder,
+    /// Features to changes; none if the encoder gives those.
+    pub decoder: Option<Decoder>,
     #[module(skip)]
     placing: Placing,
 }
@@ -55,7 +57,14 @@ impl DeformationField {
         let decoder = Decoder::new(config, features, seed, device);
         let placing =
             Placing { centre, half_size, time_range: config.time_range, deform_opacity: config.deform_opacity };
-        Self { encoder, decoder, placing }
+        Self { encoder, decoder: Some(decoder), placing }
+    }
+
+    /// That of D3DGS, which knows no box.
+    pub fn d3dgs(config: &D3dgsConfig, seed: u64, device: &Device) -> Self {
+        let encoder = Encoder::D3dgs(DeformationNetwork::new(config, seed, device));
+        let (centre, half_size, time_range) = ([0.0; 3], [1.0; 3], TimeRange::Full);
+        Self { encoder, decoder: None, placing: Placing { centre, half_size, time_range, deform_opacity: false } }
     }
 
     /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes; colours and
@@ -81,8 +90,12 @@ impl DeformationField {
             Encoder::Factorised(e) => e.forward(points, u),
             Encoder::Implicit(e) => e.forward(points, u),
             Encoder::Extra(e) => e.forward(points, u),
+            Encoder::D3dgs(network) => return network.deform(gaussians, time),
         };
-        let change = self.decoder.forward(features);
+        let change = match &self.decoder {
+            Some(decoder) => decoder.forward(features),
+            None => features,
+        };
         let [n, _] = change.dims();
         let columns = |from: usize, to: usize| change.clone().slice([0..n, from..to]);
         let mut opacity_logits = gaussians.opacity_logits.val();

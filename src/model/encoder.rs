@@ -1,5 +1,6 @@
 //! Space-time encoders: a point and a time in, features out. Registered ones are in [`super::extra_encoder`].
 
+use super::d3dgs::DeformationNetwork;
 use super::extra_encoder::ExtraEncoder;
 use super::implicit::ImplicitEncoder;
 use crate::config::types::{GridInit, ModelConfig};
@@ -81,4 +82,6 @@ pub enum Encoder {
     Implicit(ImplicitEncoder),
     /// A registered one.
     Extra(ExtraEncoder),
+    /// The whole network of D3DGS: it gives the changes themselves, and there is no decoder.
+    D3dgs(DeformationNetwork),
 }

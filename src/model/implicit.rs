@@ -86,20 +86,30 @@ impl ImplicitEncoder {
 
     /// `[N, 3 + 6 * octaves + 1 + 2 * time_octaves]`
     fn encode(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
-        let ([n, _], device) = (points.dims(), points.device());
-        let scale = |k: usize| (1u32 << k) as f32;
-        let mut parts = vec![points.clone()];
-        if self.octaves > 0 {
-            let angles = (0..self.octaves).map(|k| points.clone().mul_scalar(scale(k)));
-            let angles = Tensor::cat(angles.collect(), 1);
-            parts.extend([angles.clone().sin(), angles.cos()]);
-        }
-        let angles = (0..self.time_octaves).map(|k| time * scale(k));
-        let times: Vec<f32> = std::iter::once(time).chain(angles.flat_map(|a| [a.sin(), a.cos()])).collect();
-        let row = [1, times.len()];
-        parts.push(Tensor::<2>::from_data(TensorData::new(times, row), &device).repeat_dim(0, n));
-        Tensor::cat(parts, 1)
+        let time = encode_time(time, self.time_octaves, &points.device()).repeat_dim(0, points.dims()[0]);
+        Tensor::cat(vec![encode_points(points, self.octaves), time], 1)
     }
+}
+
+/// Points `[N, 3]` with sine and cosine of 2^k of them, k below `octaves`: `[N, 3 + 6 * octaves]`.
+pub(super) fn encode_points(points: Tensor<2>, octaves: usize) -> Tensor<2> {
+    if octaves == 0 {
+        return points;
+    }
+    let angles = Tensor::cat((0..octaves).map(|k| points.clone().mul_scalar(octave(k))).collect(), 1);
+    Tensor::cat(vec![points, angles.clone().sin(), angles.cos()], 1)
+}
+
+/// The same of a time, `[1, 1 + 2 * octaves]`.
+pub(super) fn encode_time(time: f32, octaves: usize, device: &Device) -> Tensor<2> {
+    let angles = (0..octaves).map(|k| time * octave(k));
+    let times: Vec<f32> = std::iter::once(time).chain(angles.flat_map(|a| [a.sin(), a.cos()])).collect();
+    let row = [1, times.len()];
+    Tensor::from_data(TensorData::new(times, row), device)
+}
+
+fn octave(k: usize) -> f32 {
+    (1u32 << k) as f32
 }
 
 #[cfg(test)]

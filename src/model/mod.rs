@@ -4,8 +4,10 @@
 
 pub mod appearance;
 pub mod at;
+pub mod d3dgs;
 pub mod decoder;
 pub mod deformation;
+pub mod drawing;
 pub mod encoder;
 pub mod encoder_definition;
 pub mod extra_encoder;
@@ -19,6 +21,7 @@ pub mod sh;
 pub mod size;
 
 pub use deformation::DeformationField;
+pub use drawing::{Counts, Model};
 pub use gaussians::Gaussians;
 pub use host::HostGaussians;
 pub use scene::{Scene, SceneSpec};

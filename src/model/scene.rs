@@ -5,6 +5,7 @@ use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::{DeformationField, Gaussians};
 use crate::config::types::ModelConfig;
+use crate::config::types::methods::D3dgsConfig;
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use glam::DVec3;
@@ -28,6 +29,9 @@ pub struct SceneSpec {
     pub deformed: bool,
     /// Spherical-harmonics degree in use.
     pub sh_degree: usize,
+    /// The network of D3DGS, in the place of the model's field.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub d3dgs: Option<D3dgsConfig>,
 }
 
 impl SceneSpec {
@@ -62,7 +66,10 @@ pub struct View {
 impl Scene {
     /// A scene from canonical Gaussians, with a new field.
     pub fn new(gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
-        let field = DeformationField::new(&spec.model, spec.centre, spec.half_size, seed, device);
+        let field = match &spec.d3dgs {
+            Some(network) => DeformationField::d3dgs(network, seed, device),
+            None => DeformationField::new(&spec.model, spec.centre, spec.half_size, seed, device),
+        };
         Self { gaussians: Gaussians::from_host(gaussians, device), field, spec }
     }
 
@@ -101,7 +108,7 @@ impl Scene {
     /// The Gaussians at `time` in [0, 1] as splatting takes them, without gradients: their tape would hold the hidden
     /// layers of every view that is rendered until the next step of the training.
     pub fn inputs_at(&self, time: f32) -> SplatInputs {
-        self.valid().at(time)
+        if self.gaussians.means.val().device().is_autodiff() { self.valid().at(time) } else { self.at(time) }
     }
 
     /// Renders `[H, W, 4]` (colour over the scene's background, and alpha) to the host.
@@ -110,7 +117,7 @@ impl Scene {
     }
 
     /// What [`Scene::render`] shows, on the device.
-    fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
+    pub(super) fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
         let (background, sh_degree) = (self.spec.background, self.spec.sh_degree);
         splat(self.inputs_at(time), SplatSettings { camera, background, sh_degree }).image
     }
@@ -153,7 +160,7 @@ pub(super) mod tests {
             shading: None,
         };
         let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
-        let spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0 };
+        let spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0, d3dgs: None };
         Scene::new(gaussians, spec, 0, &device)
     }
 

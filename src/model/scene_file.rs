@@ -1,9 +1,10 @@
 //! The file of a scene, and files of named f32 tensors, which checkpoints and affinity fields are too.
 
+use super::d3dgs;
 use super::extra_encoder::ExtraEncoder;
 use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
-use super::size::{check_model, field_parameters};
+use super::size::{self, check_model};
 use super::{Scene, SceneSpec};
 use crate::config::types::EncoderKind;
 use crate::tensors::{self, DIGEST, TensorFileError};
@@ -122,7 +123,13 @@ fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Resul
     }
     let of_field = tensors.iter().filter(|(name, _)| name.starts_with("field."));
     let held: u128 = of_field.map(|(_, tensor)| tensor.values.len() as u128).sum();
-    let asked = field_parameters(&spec.model);
+    let asked = match &spec.d3dgs {
+        Some(network) => {
+            d3dgs::check(network)?;
+            d3dgs::parameters(network)
+        }
+        None => size::field_parameters(&spec.model),
+    };
     if asked > held {
         return Err(format!("the model has a field of {asked} values, the file holds {held}"));
     }

@@ -8,9 +8,9 @@ use crate::memory::product;
 use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 
 /// Octaves of the positional encoding beyond which single precision says nothing about a position.
-const MAX_OCTAVES: usize = 24;
+pub(super) const MAX_OCTAVES: usize = 24;
 /// Layers of the implicit encoder beyond which gradients hardly reach the first ones.
-const MAX_DEPTH: usize = 64;
+pub(super) const MAX_DEPTH: usize = 64;
 
 /// Refuses sizes that no model can have, by key.
 ///
@@ -119,7 +119,7 @@ pub fn widest_layer(config: &ModelConfig) -> u128 {
 }
 
 /// Parameters of a layer.
-fn layer(inputs: u128, outputs: u128) -> u128 {
+pub(super) fn layer(inputs: u128, outputs: u128) -> u128 {
     inputs.saturating_add(1).saturating_mul(outputs)
 }
 

@@ -2,7 +2,7 @@
 //! allows.
 
 use super::saved::SavedView;
-use super::{OpenRun, RunError};
+use super::{OpenRun, RunError, Trained};
 use crate::data::images::ImageSet;
 use crate::data::paths::{FOV_X, Lens, RADIUS, Sphere, orbit};
 use crate::data::transforms::FrameRecord;
@@ -117,7 +117,7 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
     Err(RunError::input(format!("{flag}: {problem}; choose a distance from it of {near:.1e} to {far:.1e}")))
 }
 
-impl OpenRun {
+impl<S: Trained> OpenRun<S> {
     /// The lens of the run's dataset, and where its cameras stand around the scene; those of the published data, which
     /// [`Surroundings::note`] says, where the dataset is not there any more.
     #[must_use]
@@ -133,7 +133,7 @@ impl OpenRun {
                 self.record.dataset.display()
             )
         });
-        let centre = self.scene.spec.centre();
+        let (centre, _) = self.model().place();
         let sphere = first.map_or(Sphere { centre, radius: RADIUS }, |c| Sphere::through(c, centre));
         Surroundings { lens: Lens { fov_x, width, height }, sphere, note }
     }
@@ -161,8 +161,8 @@ impl OpenRun {
     /// # Errors
     /// If it stands at the centre, or too far away to see anything.
     pub fn camera_at(&self, eye: DVec3, lens: Lens) -> Result<Camera, RunError> {
-        let (centre, DVec3 { x, y, z }) = (self.scene.spec.centre(), eye);
-        check_distance(&format!("--camera {x},{y},{z}"), eye.distance(centre), self.half_size())?;
+        let ((centre, half_size), DVec3 { x, y, z }) = (self.model().place(), eye);
+        check_distance(&format!("--camera {x},{y},{z}"), eye.distance(centre), half_size)?;
         Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height))
     }
 
@@ -187,7 +187,7 @@ impl OpenRun {
     pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
         let json = Transforms::read(&SplitName::Test.json_path(self.dataset(None)?))?;
         let Lens { width, height, .. } = self.surroundings().lens;
-        let centre = self.scene.spec.centre();
+        let (centre, _) = self.model().place();
         let placed = |frame: &FrameRecord| {
             let camera = json.intrinsics.camera(width, height, frame.camera_to_world);
             let eye = camera.position();
@@ -212,7 +212,7 @@ impl OpenRun {
             return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", path.display())));
         };
         let images = ImageSet::load(&path, &[frame.image_path(root)], self.config.data.downscale)?;
-        let pixels = images.composite_with_alpha(0, self.scene.spec.background);
+        let pixels = images.composite_with_alpha(0, self.model().background());
         Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }
 
@@ -221,12 +221,7 @@ impl OpenRun {
     /// # Errors
     /// As [`OpenRun::camera_at`].
     pub fn check_radius(&self, radius: f64) -> Result<(), RunError> {
-        check_distance(&format!("--radius {radius}"), radius, self.half_size())
-    }
-
-    /// Half the longest side of the scene's box.
-    fn half_size(&self) -> f64 {
-        self.scene.spec.half_size.into_iter().fold(f32::MIN_POSITIVE, f32::max).into()
+        check_distance(&format!("--radius {radius}"), radius, self.model().place().1)
     }
 }
 

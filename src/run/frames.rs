@@ -1,14 +1,12 @@
 //! The folder of a render: frames as they are drawn, their animation, and the record of what they show; or a film in one
 //! file.
 
-use super::look::Look;
-use super::{OpenRun, RunError};
+use super::RunError;
 use crate::data::Camera;
 use crate::export::animation::{AnimationError, try_write_apng};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::export::video::{Mp4, VideoError};
 use crate::files::{AtomicDir, FolderKind, check_file};
-use burn::tensor::Device;
 use image::RgbImage;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -53,10 +51,12 @@ pub struct Record {
     pub edits: usize,
 }
 
+/// What draws a frame: a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a model does.
+pub type Draw<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
+
 /// A frame, whose drawing adds to the `seconds`.
 fn picture(
-    (run, device): (&OpenRun, &Device),
-    look: &mut Look,
+    draw: &mut Draw<'_>,
     (camera, time): (&Camera, f64),
     stop: &AtomicBool,
     seconds: &mut f64,
@@ -65,8 +65,7 @@ fn picture(
         return Err(RunError::failure("interrupted; nothing was written"));
     }
     let started = Instant::now();
-    let prepared = look.prepare(&run.scene, time as f32, device)?;
-    let image = look.draw(&run.scene, &prepared, camera.to_kernel(), device);
+    let image = draw(camera, time)?;
     *seconds += started.elapsed().as_secs_f64();
     Ok(to_rgb8(&image, camera.width as usize, camera.height as usize))
 }
@@ -94,16 +93,14 @@ pub fn is_film(out: &Path) -> bool {
 /// A frame that cannot be drawn or written, no `ffmpeg`, something else at `out`; `stop` was raised.
 pub fn film(
     out: &Path,
-    (run, device): (&OpenRun, &Device),
-    look: &mut Look,
+    draw: &mut Draw<'_>,
     views: &[(Camera, f64)],
     fps: u16,
     stop: &AtomicBool,
 ) -> Result<f64, RunError> {
     let mut seconds = 0.0;
     let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
-    let mut frames =
-        views.iter().map(|(camera, time)| picture((run, device), look, (camera, *time), stop, &mut seconds));
+    let mut frames = views.iter().map(|(camera, time)| picture(draw, (camera, *time), stop, &mut seconds));
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
         let of_video = |e: VideoError| match e {
             VideoError::Replace(e) => e.into(),
@@ -146,15 +143,14 @@ impl Frames {
     /// A frame that cannot be drawn or written; `stop` was raised.
     pub fn draw(
         &mut self,
-        (run, device): (&OpenRun, &Device),
-        look: &mut Look,
+        draw: &mut Draw<'_>,
         views: &[(Camera, f64)],
         fps: u16,
         stop: &AtomicBool,
     ) -> Result<(), RunError> {
         let animation = self.folder.dir().join(ANIMATION);
         let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
-        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame((run, device), look, i, view, stop));
+        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame(draw, i, view, stop));
         if frames.len() < 2 {
             return frames.next().map_or(Ok(()), |frame| frame.map(drop));
         }
@@ -163,13 +159,12 @@ impl Frames {
 
     fn frame(
         &mut self,
-        (run, device): (&OpenRun, &Device),
-        look: &mut Look,
+        draw: &mut Draw<'_>,
         i: usize,
         (camera, time): &(Camera, f64),
         stop: &AtomicBool,
     ) -> Result<Vec<u8>, RunError> {
-        let image = picture((run, device), look, (camera, *time), stop, &mut self.seconds)?;
+        let image = picture(draw, (camera, *time), stop, &mut self.seconds)?;
         let path = self.folder.dir().join(format!("{i:04}.png"));
         let bytes = encode_png(&image).map_err(RunError::failure)?;
         std::fs::write(&path, bytes).map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;
@@ -180,10 +175,10 @@ impl Frames {
     ///
     /// # Errors
     /// Something else stands there by now, or the file system says no.
-    pub fn finish(self, record: &Record, run: &OpenRun) -> Result<(), RunError> {
+    pub fn finish(self, record: &Record, run: &Path) -> Result<(), RunError> {
         let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;
         let path = self.folder.dir().join(RECORD);
         std::fs::write(&path, json).map_err(|e| RunError::failure(format!("{}: {e}", self.out.display())))?;
-        Ok(self.folder.commit_replacing(&KIND, &[&run.path])?)
+        Ok(self.folder.commit_replacing(&KIND, &[run])?)
     }
 }

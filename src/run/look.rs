@@ -272,6 +272,20 @@ impl Look {
         out
     }
 
+    /// One frame `[H, W, 4]`: what [`Look::prepare`] and [`Look::draw`] make of a time and a camera.
+    ///
+    /// # Errors
+    /// As [`Look::prepare`].
+    pub fn frame(
+        &mut self,
+        scene: &Scene,
+        (camera, time): (Camera, f32),
+        device: &Device,
+    ) -> Result<Vec<f32>, RunError> {
+        let prepared = self.prepare(scene, time, device)?;
+        Ok(self.draw(scene, &prepared, camera, device))
+    }
+
     /// One frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
     pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera, device: &Device) -> Vec<f32> {
         let background = scene.spec.background;

@@ -1,6 +1,6 @@
 //! A run measured: on which data, into which folder, and with what it cost.
 
-use super::{OpenRun, RunError};
+use super::{AnyRun, OpenRun, RunError, Trained};
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
 use crate::eval::results::{DataId, WriteError, results_folder, write_results};
 use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
@@ -28,7 +28,7 @@ impl MeasuredOn {
     ///
     /// # Errors
     /// If the training views of another dataset, by which it is known, are there and cannot be read.
-    pub fn open(run: &OpenRun, given: Option<&Path>) -> Result<Self, RunError> {
+    pub fn open<S: Trained>(run: &OpenRun<S>, given: Option<&Path>) -> Result<Self, RunError> {
         let folder = given.unwrap_or(&run.record.dataset);
         let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
@@ -55,14 +55,14 @@ impl MeasuredOn {
 
     /// The run's own data, as it was when the run was trained.
     #[must_use]
-    pub fn own(run: &OpenRun, trained_times: Vec<f64>) -> Self {
+    pub fn own<S: Trained>(run: &OpenRun<S>, trained_times: Vec<f64>) -> Self {
         let (dataset, fingerprint) = (run.record.dataset.clone(), run.record.fingerprint.clone());
         Self { data: DataId { dataset, fingerprint }, trained_times, note: None }
     }
 
     /// Whether it is what the run was trained on.
     #[must_use]
-    pub fn is_own(&self, run: &OpenRun) -> bool {
+    pub fn is_own<S: Trained>(&self, run: &OpenRun<S>) -> bool {
         self.data.fingerprint == run.record.fingerprint
     }
 
@@ -71,7 +71,7 @@ impl MeasuredOn {
     ///
     /// # Errors
     /// If something else is there.
-    pub fn folder(&self, run: &OpenRun, what: &str, kind: &FolderKind) -> Result<PathBuf, RunError> {
+    pub fn folder<S: Trained>(&self, run: &OpenRun<S>, what: &str, kind: &FolderKind) -> Result<PathBuf, RunError> {
         let file = kind.markers.first().copied().unwrap_or_default();
         // results of an older checkpoint are not those of the run
         let what = run.older_step().map_or_else(|| what.to_owned(), |step| format!("{what}-{step}"));
@@ -88,7 +88,7 @@ impl MeasuredOn {
 /// # Errors
 /// If images are too small for a metric, or weights do not fit them; if the results cannot be written.
 pub fn measure(
-    run: &OpenRun,
+    run: &AnyRun,
     split: &Split,
     networks: &[Lpips],
     on: &MeasuredOn,
@@ -111,7 +111,7 @@ pub fn measure(
         trained_times: on.trained_times.clone(),
         training_views,
     };
-    let mut evaluation = evaluate(&run.scene, split, networks, &costs, progress).map_err(RunError::input)?;
+    let mut evaluation = evaluate(run.model(), split, networks, &costs, progress).map_err(RunError::input)?;
     evaluation.summary.notes.extend(note);
     write_results(folder, &evaluation)?;
     Ok(evaluation)

@@ -3,12 +3,13 @@
 use super::RunError;
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
-use crate::config::types::Config;
+use crate::config::types::{Config, VOLSEGGS};
 use crate::data::dataset::read_split;
 use crate::data::{Split, SplitName};
 use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
-use crate::model::Scene;
+use crate::method;
+use crate::model::{Model, Scene};
 use crate::segment::segmentation::Segmentation;
 use crate::shell;
 use crate::train::run::RunRecord;
@@ -16,15 +17,37 @@ use crate::train::{checkpoint, live, open_measured};
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 
-/// A trained run: its newest scene, its record and its configuration.
+/// What a run was opened as: Gaussians, or whatever draws.
+pub trait Trained {
+    /// It as something that draws.
+    fn model(&self) -> &dyn Model;
+}
+
+impl Trained for Scene {
+    fn model(&self) -> &dyn Model {
+        self
+    }
+}
+
+impl Trained for Box<dyn Model> {
+    fn model(&self) -> &dyn Model {
+        &**self
+    }
+}
+
+/// A run of any method: what can be drawn and measured.
+pub type AnyRun = OpenRun<Box<dyn Model>>;
+
+/// A trained run: its newest scene, its record and its configuration. Without a parameter it is one of a method with
+/// Gaussians that persist, as segments, tracks, edits and exports need them; an [`AnyRun`] may be of any method.
 #[derive(Debug)]
-pub struct OpenRun {
+pub struct OpenRun<S = Scene> {
     /// Folder of the run.
     pub path: PathBuf,
     /// Held while something is written into the run.
     _lock: Option<RunLock>,
-    /// The scene, on the device that the run was opened with.
-    pub scene: Scene,
+    /// What was trained, on the device that the run was opened with.
+    pub scene: S,
     /// The file that it was read from, or, while it is trained here, where a checkpoint of it lies if there is one.
     pub scene_path: PathBuf,
     /// What training left behind.
@@ -37,9 +60,9 @@ impl OpenRun {
     /// Opens a run, or one of its checkpoints in place of the newest, to look at it.
     ///
     /// # Errors
-    /// If there is no checkpoint, or a file of the run is damaged.
+    /// If there is no checkpoint, a file of the run is damaged, or its method has no Gaussians that persist.
     pub fn open(path: &Path, device: &Device) -> Result<Self, RunError> {
-        Self::open_with(path, device, None)
+        AnyRun::open_any(path, device)?.gaussians()
     }
 
     /// Opens a run to write into it: nobody else can until this is dropped. What others wrote before is then read.
@@ -50,7 +73,7 @@ impl OpenRun {
     /// # Errors
     /// As [`OpenRun::open`]; if another process writes into the run, or `path` is an older checkpoint.
     pub fn open_to_write(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
-        let run = Self::open_locked(path, device, command, work)?;
+        let run = AnyRun::open_locked(path, device, command, work)?.gaussians()?;
         match run.older_step() {
             None => Ok(run),
             Some(_) => Err(RunError::input(format!(
@@ -58,34 +81,6 @@ impl OpenRun {
                  first with `volseggs train --resume`",
                 path.display(),
                 run.path.display()
-            ))),
-        }
-    }
-
-    /// The same for work that keeps what it writes about an older checkpoint apart, see [`Self::older_step`].
-    ///
-    /// # Errors
-    /// As [`OpenRun::open`]; if another process writes into the run.
-    pub fn open_locked(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
-        let (run, checkpoint) = checkpoint::locate(path);
-        // asked first, so that no lock file is left in a folder that is no run
-        check_newest(path)?;
-        checkpoint.ok_or_else(|| no_checkpoint(path))?;
-        let lock = RunLock::acquire(&run, command, work)?;
-        Self::open_with(path, device, Some(lock))
-    }
-
-    /// Takes the lock of a run that is open to be looked at, for one change: what others wrote since is to be read anew.
-    ///
-    /// # Errors
-    /// If another process writes into the run, or the run was trained on since it was opened.
-    pub fn lock(&self, command: &str, work: Work) -> Result<RunLock, RunError> {
-        let lock = RunLock::acquire(&self.path, command, work)?;
-        match self.older_step() {
-            None => Ok(lock),
-            Some(_) => Err(RunError::input(format!(
-                "{}: was trained on since it was opened; open it again",
-                self.path.display()
             ))),
         }
     }
@@ -109,57 +104,6 @@ impl OpenRun {
     /// Puts the scene after `step` steps in the place of the one before.
     pub fn advance(&mut self, scene: Scene, step: usize) {
         (self.scene, self.scene_path) = (scene, scene_at(&self.path, step));
-    }
-
-    /// Steps that the scene was trained for.
-    #[must_use]
-    pub fn step(&self) -> Option<usize> {
-        checkpoint::step_of(self.scene_path.parent()?)
-    }
-
-    /// Name of the checkpoint that was opened, where it is not the newest of the run.
-    #[must_use]
-    pub fn older_step(&self) -> Option<String> {
-        let opened = self.scene_path.parent()?.file_name()?;
-        let newest = checkpoint::list(&self.path).pop();
-        let is_newest = newest.is_some_and(|(_, path)| path.file_name() == Some(opened));
-        (!is_newest).then(|| opened.to_string_lossy().into_owned())
-    }
-
-    fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, RunError> {
-        let load = |checkpoint: &Path| {
-            Scene::load(&scene_of(checkpoint), device).map_err(|e| match e.is_damage() {
-                true => RunError::input(format!("{e}; {}", checkpoint::advice(checkpoint))),
-                false => RunError::input(e),
-            })
-        };
-        check_newest(path)?;
-        let (run, found) = live::read_located(path, load)?;
-        let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
-        let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
-        let paths = RunPaths(path);
-        let read = |file: &Path| {
-            std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
-        };
-        let (record, file) = (paths.record(), paths.config());
-        let record =
-            serde_json::from_str(&read(&record)?).map_err(|e| RunError::input(format!("{}: {e}", record.display())))?;
-        if !read(&file)?.contains("[stages]") {
-            return Err(RunError::input(format!(
-                "{}: is not the configuration of a run any more; restore it",
-                file.display()
-            )));
-        }
-        // through the layers, so that a run from before a key existed still opens
-        let source = file.to_string_lossy().into_owned();
-        let config = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value;
-        Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
-    }
-
-    /// Where everything of it lies.
-    #[must_use]
-    pub fn paths(&self) -> RunPaths<'_> {
-        RunPaths(&self.path)
     }
 
     /// The run's segments; none if there is no file yet.
@@ -197,6 +141,118 @@ impl OpenRun {
             self.paths().segments().display(),
             shell::path(&self.path)
         )))
+    }
+}
+
+impl AnyRun {
+    /// Opens a run of whatever method, or one of its checkpoints in place of the newest, to look at it.
+    ///
+    /// # Errors
+    /// If there is no checkpoint, or a file of the run is damaged.
+    pub fn open_any(path: &Path, device: &Device) -> Result<Self, RunError> {
+        Self::open_with(path, device, None)
+    }
+
+    /// The same for work that writes into the run, and keeps what it writes about an older checkpoint apart, see
+    /// [`OpenRun::older_step`]: nobody else can write until this is dropped. `command` is what others are told of who holds
+    /// the run.
+    ///
+    /// # Errors
+    /// As [`OpenRun::open_any`]; if another process writes into the run.
+    pub fn open_locked(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
+        let (run, checkpoint) = checkpoint::locate(path);
+        // asked first, so that no lock file is left in a folder that is no run
+        check_newest(path)?;
+        checkpoint.ok_or_else(|| no_checkpoint(path))?;
+        let lock = RunLock::acquire(&run, command, work)?;
+        Self::open_with(path, device, Some(lock))
+    }
+
+    /// The same run for what needs Gaussians that persist.
+    ///
+    /// # Errors
+    /// If its method has none.
+    pub fn gaussians(self) -> Result<OpenRun, RunError> {
+        let Self { path, _lock, scene, scene_path, record, config } = self;
+        match scene.into_scene() {
+            Some(scene) => Ok(OpenRun { path, _lock, scene, scene_path, record, config }),
+            None => Err(no_gaussians(&path, &record.method)),
+        }
+    }
+
+    fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, RunError> {
+        check_newest(path)?;
+        let method = method_of(path)?;
+        let load = |checkpoint: &Path| {
+            method.open(&scene_of(checkpoint), device).map_err(|e| match e.is_damage() {
+                true => RunError::input(format!("{e}; {}", checkpoint::advice(checkpoint))),
+                false => RunError::input(e),
+            })
+        };
+        let (run, found) = live::read_located(path, load)?;
+        let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
+        let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
+        let paths = RunPaths(path);
+        let read = |file: &Path| {
+            std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
+        };
+        let (record, file) = (paths.record(), paths.config());
+        let record =
+            serde_json::from_str(&read(&record)?).map_err(|e| RunError::input(format!("{}: {e}", record.display())))?;
+        if !read(&file)?.contains("[stages]") {
+            return Err(RunError::input(format!(
+                "{}: is not the configuration of a run any more; restore it",
+                file.display()
+            )));
+        }
+        // through the layers, so that a run from before a key existed still opens
+        let source = file.to_string_lossy().into_owned();
+        let config = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value;
+        Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
+    }
+}
+
+impl<S: Trained> OpenRun<S> {
+    /// What was trained, as something that draws.
+    #[must_use]
+    pub fn model(&self) -> &dyn Model {
+        self.scene.model()
+    }
+
+    /// Takes the lock of a run that is open to be looked at, for one change: what others wrote since is to be read anew.
+    ///
+    /// # Errors
+    /// If another process writes into the run, or the run was trained on since it was opened.
+    pub fn lock(&self, command: &str, work: Work) -> Result<RunLock, RunError> {
+        let lock = RunLock::acquire(&self.path, command, work)?;
+        match self.older_step() {
+            None => Ok(lock),
+            Some(_) => Err(RunError::input(format!(
+                "{}: was trained on since it was opened; open it again",
+                self.path.display()
+            ))),
+        }
+    }
+
+    /// Steps that the scene was trained for.
+    #[must_use]
+    pub fn step(&self) -> Option<usize> {
+        checkpoint::step_of(self.scene_path.parent()?)
+    }
+
+    /// Name of the checkpoint that was opened, where it is not the newest of the run.
+    #[must_use]
+    pub fn older_step(&self) -> Option<String> {
+        let opened = self.scene_path.parent()?.file_name()?;
+        let newest = checkpoint::list(&self.path).pop();
+        let is_newest = newest.is_some_and(|(_, path)| path.file_name() == Some(opened));
+        (!is_newest).then(|| opened.to_string_lossy().into_owned())
+    }
+
+    /// Where everything of it lies.
+    #[must_use]
+    pub fn paths(&self) -> RunPaths<'_> {
+        RunPaths(&self.path)
     }
 
     /// The run's edits; none if there is no file yet.
@@ -238,6 +294,23 @@ impl OpenRun {
         }
         Ok(root)
     }
+}
+
+/// The method of the run that `path` stands for. A record that cannot be read is told of later, with what is missing.
+fn method_of(path: &Path) -> Result<method::Found, RunError> {
+    let record = RunPaths(&checkpoint::locate(path).0).record();
+    let read = std::fs::read_to_string(&record).ok().and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
+    let name = read.map_or_else(|| VOLSEGGS.to_owned(), |record| record.method);
+    method::find(&name).map_err(|e| RunError::input(format!("{}: {e}", record.display())))
+}
+
+/// Says of a run that what was asked for needs Gaussians, and its method has none.
+fn no_gaussians(run: &Path, method: &str) -> RunError {
+    RunError::input(format!(
+        "{}: trained with the method {method}, which has no Gaussians that stay the same over time, and this needs them; \
+         eval, render, sweep and compare work with every method",
+        run.display()
+    ))
 }
 
 /// The file of the scene after `step` steps, if there is such a checkpoint.

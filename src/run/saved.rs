@@ -65,8 +65,7 @@ impl SavedView {
         view.check().map_err(RunError::input)?;
         let mut look = view.look(run)?;
         let camera = view.camera(1.0);
-        let prepared = look.prepare(&run.scene, view.time as f32, device)?;
-        let image = look.draw(&run.scene, &prepared, camera.to_kernel(), device);
+        let image = look.frame(&run.scene, (camera.to_kernel(), view.time as f32), device)?;
         view.range = look.legend().and_then(|l| l.range);
         let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let text = serde_json::to_string(&Self::new(run, view, file)).map_err(RunError::failure)?;

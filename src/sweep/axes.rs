@@ -16,6 +16,8 @@ pub type Settings = BTreeMap<String, Value>;
 pub struct Variant {
     /// Name in tables.
     pub name: String,
+    /// What it starts from in the place of the sweep's configuration.
+    pub config: Option<String>,
     /// What it sets.
     pub settings: Settings,
 }
@@ -46,7 +48,7 @@ pub fn flatten(table: &Table) -> Settings {
 pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
     check_count(file, 1, 1, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
-    let mut found = vec![Variant { name: String::new(), settings: Settings::new() }];
+    let mut found = vec![Variant { name: String::new(), config: None, settings: Settings::new() }];
     if !file.variant.is_empty() {
         let mut named = Vec::new();
         for (i, spec) in file.variant.iter().enumerate() {
@@ -56,7 +58,8 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
             if file.variant[..i].iter().any(|other| other.name == spec.name) {
                 return Err(bad(&format!("variant {}", i + 1), format!("there are two called \"{}\"", spec.name)));
             }
-            named.push(Variant { name: spec.name.clone(), settings: flatten(&spec.set) });
+            let (name, config) = (spec.name.clone(), spec.config.clone());
+            named.push(Variant { name, config, settings: flatten(&spec.set) });
         }
         found = named;
     }

@@ -3,9 +3,9 @@
 use crate::config::types::Config;
 use crate::data::Dataset;
 use crate::device::DeviceName;
-use crate::model::params::collect;
+use crate::method;
+use crate::train::TrainError;
 use crate::train::run::mean_psnr;
-use crate::train::{TrainError, Trainer};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -60,9 +60,9 @@ pub fn compare_devices(
     let mut trainers = Vec::new();
     for name in devices {
         let device = name.open().map_err(|e| TrainError::Config(e.to_string()))?;
-        trainers.push(Trainer::new(config.clone(), dataset, &device)?);
+        trainers.push(method::start(config, dataset, &device)?);
     }
-    let total = trainers.first().map_or(0, Trainer::total_steps);
+    let total = trainers.first().map_or(0, |trainer| trainer.total_steps());
     let every = every.max(1);
     let mut seconds = vec![0.0; devices.len()];
     let mut drifts = vec![Vec::new(); devices.len()];
@@ -75,15 +75,16 @@ pub fn compare_devices(
             for _ in done..to {
                 trainer.step(&dataset.train)?;
             }
-            wait(trainer);
+            // one that runs ahead of the host has not finished
+            let _ = trainer.model().device().sync();
             if done > 0 {
                 *seconds += started.elapsed().as_secs_f64();
             }
         }
         done = to;
-        let reference = collect(trainers[0].scene());
+        let reference = trainers[0].model().parameters();
         for (i, trainer) in trainers.iter().enumerate().skip(1) {
-            let drift = drift(done, &reference, &collect(trainer.scene()));
+            let drift = drift(done, &reference, &trainer.model().parameters());
             say(&format!("{done}/{total} {} {drift}", devices[i]));
             drifts[i].push(drift);
         }
@@ -93,15 +94,10 @@ pub fn compare_devices(
         devices.iter().zip(trainers).zip(seconds).zip(drifts).map(|(((name, trainer), seconds), drift)| DeviceResult {
             device: name.to_string(),
             step_milliseconds: 1e3 * seconds / done.saturating_sub(1).max(1) as f64,
-            psnr: mean_psnr(trainer.scene(), split, 12),
+            psnr: mean_psnr(trainer.model(), split, 12),
             drift,
         });
     Ok(DeviceComparison { steps: done, devices: results.collect() })
-}
-
-/// Waits for a device that runs ahead of the host.
-fn wait(trainer: &Trainer) {
-    let _ = crate::model::params::to_vec(trainer.scene().gaussians.opacity_logits.val().inner());
 }
 
 type Tensors = std::collections::BTreeMap<String, crate::model::params::HostTensor>;

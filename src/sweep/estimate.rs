@@ -9,7 +9,7 @@ use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
 use crate::files::RunPaths;
-use crate::model::size;
+use crate::model::{d3dgs, size};
 use crate::train::run::RunRecord;
 use std::path::Path;
 
@@ -81,8 +81,12 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let n = if growing { 0.5 * (config.init.points as f64 + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
     let registered = if config.model.encoder == EncoderKind::Extra { REGISTERED } else { 1.0 };
-    let implicit = config.model.encoder == EncoderKind::Implicit;
-    let products = if implicit { size::encoder_parameters(&config.model) as f64 * PER_WEIGHT } else { 0.0 };
+    let weights = match (&config.d3dgs, config.model.encoder) {
+        (Some(network), _) => d3dgs::parameters(network) as f64,
+        (None, EncoderKind::Implicit) => size::encoder_parameters(&config.model) as f64,
+        (None, EncoderKind::Factorised | EncoderKind::Extra) => 0.0,
+    };
+    let products = weights * PER_WEIGHT;
     // without a joint stage, DSSIM counts and Gaussians grow in warm-up
     let (last, warm_n) = if joint > 0.0 { (joint, config.init.points as f64) } else { (warm, n) };
     let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
@@ -92,7 +96,8 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
         + dssim * pixels * PER_PIXEL_DSSIM;
     // images as bytes; parameters, gradients, two moments and the tape's copies of each Gaussian; the program itself
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
-    let tape = size::encoder_values(&config.model) as f64 * 4.0;
+    let kept = config.d3dgs.as_ref().map_or_else(|| size::encoder_values(&config.model), d3dgs::kept_values);
+    let tape = kept as f64 * 4.0;
     let memory = views * pixels * 4.0 + end * (4.0e3 + tape) + 1.5e8;
     let measured = eval.views.unwrap_or(data.test_views).min(data.test_views) as f64;
     let live = match config.output.eval_every {

@@ -68,6 +68,10 @@ pub struct EvalSpec {
 pub struct VariantSpec {
     /// Its name in the table.
     pub name: String,
+    /// Configuration that it starts from in the place of the sweep's: a file beside the sweep, or a preset, such as that of a
+    /// method.
+    #[serde(default)]
+    pub config: Option<String>,
     /// Keys it sets.
     #[serde(default)]
     pub set: Table,
@@ -198,7 +202,8 @@ impl SweepFile {
             file.head = "variant".to_owned();
         }
         let dir = path.parent().unwrap_or(Path::new(""));
-        file.config = file.config.map(|name| beside(dir, &name));
+        let configs = file.variant.iter_mut().map(|variant| &mut variant.config).chain([&mut file.config]);
+        configs.flatten().for_each(|name| *name = beside(dir, name));
         for weights in &mut file.eval.lpips_weights {
             *weights = std::path::absolute(dir.join(&*weights)).map_err(|e| bad(e.to_string()))?;
         }

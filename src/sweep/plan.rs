@@ -16,6 +16,7 @@ use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::memory::Budget;
+use crate::method;
 use crate::program;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
@@ -234,7 +235,7 @@ impl Plan {
                 device: device.to_owned(),
                 dataset: dataset.to_owned(),
                 config: one.toml,
-                steps: one.config.stages.warmup_steps + one.config.stages.joint_steps,
+                steps: method::find(&one.config.method).map_or(0, |method| method.steps(&one.config)),
                 segments: Vec::new(),
             });
             self.runs.len() - 1
@@ -254,7 +255,8 @@ impl Plan {
             ));
         }
         let text = |(k, v): (&String, &Value)| (k.clone(), v.to_string());
-        let settings = variant.settings.iter().map(text).collect();
+        let mut settings: BTreeMap<_, _> = variant.settings.iter().map(text).collect();
+        settings.extend(variant.config.iter().map(|config| ("config".to_owned(), config.clone())));
         self.entries.push(Entry { variant: variant.name.clone(), seed, settings, run: index, segments });
         Ok(())
     }
@@ -338,7 +340,7 @@ impl Base<'_> {
         let place = format!("variant \"{}\"", variant.name);
         let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
         let mut layers = Layers::new(PRESETS);
-        if let Some(config) = &self.file.config {
+        if let Some(config) = variant.config.as_ref().or(self.file.config.as_ref()) {
             layers = layers.source(config);
         }
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(|e| bad(e.to_string()))?;
@@ -349,11 +351,15 @@ impl Base<'_> {
             .sets(assignments(&variant.settings))
             .sets([format!("seed={seed}")]);
         let resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
-        crate::train::check_config(&resolved.value).map_err(|e| bad(e.to_string()))?;
+        method::check(&resolved.value).map_err(|e| bad(e.to_string()))?;
         let toml = resolved.to_toml().map_err(|e| bad(e.to_string()))?;
         let segments = self.segments(&set, &variant.settings).map_err(&bad)?;
         if let Some(spec) = &segments {
-            spec.options(seed).map_err(bad)?;
+            spec.options(seed).map_err(&bad)?;
+            let name = &resolved.value.method;
+            if !method::find(name).map_err(&bad)?.has_persistent_gaussians() {
+                return Err(bad(format!("segments: the method {name} has no Gaussians that stay the same over time")));
+            }
         }
         Ok(Resolved { config: resolved.value, toml, segments })
     }

@@ -40,12 +40,30 @@ fn entries_are_all_combinations_with_seeds_outermost() {
 }
 
 #[test]
+fn a_variant_may_start_from_a_configuration_of_its_own() {
+    let text = format!(
+        "config = 'quick'\n[[variant]]\nname = 'ours'\n[[variant]]\nname = 'D3DGS'\nconfig = 'd3dgs-small'\nset = {{ 'init.points' = \
+         70 }}\n{DATA}"
+    );
+    let plan = plan(&text).unwrap();
+    let config = |i: usize| -> Config { toml::from_str(&plan.runs[i].config).unwrap() };
+    assert_eq!((config(0).method.as_str(), config(1).method.as_str()), ("volseggs", "d3dgs"));
+    assert_eq!((config(0).init.points, config(1).init.points, plan.runs[1].steps), (30_000, 70, 3000));
+    assert_eq!(plan.entries[1].settings["config"], "d3dgs-small");
+    assert!(!plan.entries[0].settings.contains_key("config"));
+    let told = error(&format!("[[variant]]\nname = 'x'\nconfig = 'no-such-preset'\n{DATA}"));
+    assert!(told.contains("variant \"x\"") && told.contains("no-such-preset"), "{told}");
+}
+
+#[test]
 fn what_would_not_run_is_an_error_that_names_it() {
     let with = |more: &str| error(&format!("{more}\n{DATA}"));
     for (text, part) in [
         ("[[variant]]\nname = 'x'\nset = { 'loss.knid' = 'l1' }", "variant \"x\""),
         ("[[variant]]\nname = 'x'\nset = { 'loss.kind' = 'l3' }", "loss.kind"),
         ("[[variant]]\nname = 'x'\nset = { 'init.points' = 0 }", "init.points"),
+        ("[[variant]]\nname = 'x'\nset = { method = 'guess' }", "there is no method \"guess\""),
+        ("[[variant]]\nname = 'x'\nset = { method = 'd3dgs' }", "section [d3dgs]"),
         ("devices = ['abacus']", "abacus"),
         ("seeds = [1, 1]", "twice"),
         ("seeds = []", "seeds: an empty list"),

@@ -12,8 +12,8 @@ use crate::device::DeviceName;
 use crate::eval::segments;
 use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
-use crate::run::OpenRun;
 use crate::run::measure::{MeasuredOn, measure};
+use crate::run::{AnyRun, OpenRun};
 use crate::train::observer::Nobody;
 use crate::train::run::{RunOptions, RunRecord, Start};
 use crate::train::{checkpoint, open_dataset, open_measured};
@@ -113,12 +113,16 @@ impl Worker<'_> {
         if self.stop.load(Ordering::Relaxed) {
             return Ok(Ended::Interrupted);
         }
-        let trained = OpenRun::open(self.folder, &device).map_err(failed("eval"))?;
+        let trained = AnyRun::open_any(self.folder, &device).map_err(failed("eval"))?;
         let load = |path: &std::path::PathBuf| Lpips::load(path, &device).map_err(failed("eval"));
         let networks = self.plan.eval.lpips_weights.iter().map(load).collect::<Result<Vec<_>, _>>()?;
         if !metrics_path(self.folder, &self.plan.eval).is_file() {
             self.measure(&config, &data.folder, &trained, &networks)?;
         }
+        if self.run.segments.is_empty() {
+            return Ok(Ended::Done);
+        }
+        let trained = trained.gaussians().map_err(failed("segments"))?;
         for spec in &self.run.segments {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(Ended::Interrupted);
@@ -153,9 +157,8 @@ impl Worker<'_> {
             device_name: self.run.device.clone(),
             stop_after,
         };
-        let outcome =
-            crate::train::run::run(config, &dataset, device, &options, Some(self.lock), self.stop, &mut Nobody)
-                .map_err(failed("train"))?;
+        let outcome = crate::method::train(config, &dataset, device, &options, Some(self.lock), self.stop, &mut Nobody)
+            .map_err(failed("train"))?;
         Ok(match outcome.complete {
             true => None,
             false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),
@@ -163,7 +166,7 @@ impl Worker<'_> {
         })
     }
 
-    fn measure(&self, config: &Config, data: &Path, trained: &OpenRun, networks: &[Lpips]) -> Result<(), Failure> {
+    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &[Lpips]) -> Result<(), Failure> {
         let split = open_measured(data, SplitName::Test, config, self.plan.eval.views);
         let split = split.map_err(failed("eval"))?;
         let (on, folder) = (MeasuredOn::own(trained, Vec::new()), trained.paths().eval().join("test"));

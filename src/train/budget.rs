@@ -5,7 +5,7 @@ use super::TrainError;
 use super::due::Span;
 use crate::config::types::{Config, DensifyMode};
 use crate::memory::Budget;
-use crate::model::size;
+use crate::model::{d3dgs, size};
 
 /// Bytes of a value.
 const VALUE: u128 = 4;
@@ -43,14 +43,18 @@ pub(super) fn check_memory(config: &Config, views: Views, on_gpu: bool, budget: 
 fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
     let (model, count) = (&config.model, views.count as u128);
     let (n, attributes) = (most_gaussians(config), size::attributes(model));
-    let parameters = size::field_parameters(model);
+    let network = config.d3dgs.as_ref();
+    let parameters = network.map_or_else(|| size::field_parameters(model), d3dgs::parameters);
     let pixels = views.pixels as u128;
     let (each, copies, shown) = if on_gpu {
         (attributes.saturating_mul(3), 2, 16)
     } else {
-        let features = size::features(model).saturating_mul(2);
-        let step = attributes.saturating_mul(COPIES - 1).saturating_add(features);
-        let step = step.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model));
+        let field = || {
+            let features = size::features(model).saturating_mul(2);
+            features.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model))
+        };
+        let step = attributes.saturating_mul(COPIES - 1);
+        let step = step.saturating_add(network.map_or_else(field, d3dgs::kept_values));
         let step = step.saturating_add(VALUES_DRAWN);
         (step.max(attributes.saturating_mul(COPIES_MOVED)), COPIES, VALUES_PIXEL)
     };

@@ -4,6 +4,7 @@ use super::rate_schedule::find_schedule;
 use super::{TrainError, losses, schedule};
 use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
 use crate::memory::product;
+use crate::model::d3dgs;
 use crate::model::extra_encoder::ExtraEncoder;
 use crate::model::size::{check_model, widest_layer};
 use crate::volume::transfer::color::parse_hex;
@@ -51,11 +52,11 @@ pub(super) fn check_device(
     let n = config.densify.budget.max(config.densify.warmup_budget).max(start);
     let m = &config.model;
     let k = m.sh_degree + 1;
-    let widest = widest_layer(m);
+    let widest = config.d3dgs.as_ref().map_or_else(|| widest_layer(m), d3dgs::widest);
     let needs = [
         ("spherical harmonics of densify.budget Gaussians", product(&[n, 4 * 3, k, k])),
         ("hidden layers of the decoder for densify.budget Gaussians", product(&[n, 4 * 4, m.width])),
-        ("widest layer of the implicit encoder for densify.budget Gaussians", widest.saturating_mul(4 * n as u128)),
+        ("widest layer of the implicit network for densify.budget Gaussians", widest.saturating_mul(4 * n as u128)),
         ("statistics of DSSIM at this image size", product(&[images[0], images[1], 4 * 15])),
     ];
     let (what, bytes) = needs.into_iter().max_by_key(|(_, bytes)| *bytes).unwrap_or_default();

@@ -3,12 +3,9 @@
 //! `checkpoints/step-NNNNNN/{scene,optimizer}.safetensors` and `state.json`, written to a temporary folder
 //! and renamed, so that a checkpoint is either whole or not there.
 
-use super::Trainer;
-use super::densify::Statistics;
 use super::resume::{self, Change};
+use super::{Saved, Training};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
-use crate::model::Scene;
-use crate::model::params::{self, HostTensor};
 use crate::model::scene_file::{SceneError, read_tensors, write_tensors};
 use crate::tensors;
 use serde::{Deserialize, Serialize};
@@ -75,14 +72,17 @@ fn listed(changes: &[Change]) -> String {
 
 /// The folder of a checkpoint.
 const KIND: FolderKind =
-    FolderKind { what: "a checkpoint", markers: &["state.json"], entries: &[RunPaths::SCENE, "optimizer.safetensors"] };
+    FolderKind { what: "a checkpoint", markers: &["state.json"], entries: &[RunPaths::SCENE, OPTIMIZER] };
+
+/// What only training needs.
+const OPTIMIZER: &str = "optimizer.safetensors";
 
 /// What is not a tensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Steps taken.
     pub step: usize,
-    /// Gaussians at the start of the run.
+    /// Primitives at the start of the run, see [`Training::first_primitives`].
     pub initial: usize,
     /// Fingerprint of the dataset.
     pub dataset: String,
@@ -172,7 +172,7 @@ pub fn advice(path: &Path) -> String {
     let whole = |checkpoint: &Path| {
         let read = std::fs::read(checkpoint.join("state.json")).ok();
         read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
-            && [RunPaths::SCENE, "optimizer.safetensors"].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
+            && [RunPaths::SCENE, OPTIMIZER].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
     };
     let before = step_of(path).unwrap_or(usize::MAX);
     let older = list(run).into_iter().rev().filter(|(step, _)| *step < before).map(|(_, p)| p);
@@ -214,20 +214,13 @@ fn set_aside(path: &Path) -> Result<(), CheckpointError> {
 ///
 /// # Errors
 /// If a file cannot be written; nothing half-written is left under a final name.
-pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result<PathBuf, CheckpointError> {
+pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> Result<PathBuf, CheckpointError> {
     let path = RunPaths(run).checkpoints().join(folder_name(state.step));
     let file_error = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     std::fs::create_dir_all(RunPaths(run).checkpoints()).map_err(|e| file_error(&e))?;
     let dir = AtomicDir::create(&path).map_err(|e| file_error(&e))?;
-    trainer.scene().save(&dir.dir().join(RunPaths::SCENE))?;
-    let mut tensors = trainer.optimizer.to_tensors();
-    tensors.extend(trainer.culling.to_tensors());
-    let s = trainer.statistics.to_host();
-    for (name, values) in [("gradient", &s.gradient), ("views", &s.views), ("opacity", &s.opacity)] {
-        let tensor = HostTensor { shape: vec![values.len()], values: values.clone() };
-        tensors.insert(format!("statistics.{name}"), tensor);
-    }
-    write_tensors(&dir.dir().join("optimizer.safetensors"), &tensors, None)?;
+    training.model().save(&dir.dir().join(RunPaths::SCENE))?;
+    write_tensors(&dir.dir().join(OPTIMIZER), &training.state(), None)?;
     let json = serde_json::to_vec_pretty(state).map_err(|e| file_error(&e))?;
     write_atomic(&dir.dir().join("state.json"), &json).map_err(|e| file_error(&e))?;
     dir.commit_replacing(&KIND, &[])?;
@@ -242,18 +235,18 @@ pub fn save(run: &Path, trainer: &Trainer, state: &State, keep: usize) -> Result
     Ok(path)
 }
 
-/// Takes a trainer, new from the same data and a configuration that may differ in what [`resume`] allows, to where the
+/// Takes a training, new from the same data and a configuration that may differ in what [`resume`] allows, to where the
 /// checkpoint was. Gives the keys that differ.
 ///
 /// # Errors
 /// If a file is missing or damaged, or the configuration or the dataset is another.
 pub fn restore(
     path: &Path,
-    trainer: &mut Trainer,
+    training: &mut dyn Training,
     config: &str,
     dataset: &str,
 ) -> Result<(State, Vec<Change>), CheckpointError> {
-    restore_whole(path, trainer, config, dataset).map_err(|e| {
+    restore_whole(path, training, config, dataset).map_err(|e| {
         let reason = match &e {
             CheckpointError::File { .. } => e.to_string(),
             CheckpointError::Scene(error) if error.is_damage() => e.to_string(),
@@ -265,7 +258,7 @@ pub fn restore(
 
 fn restore_whole(
     path: &Path,
-    trainer: &mut Trainer,
+    training: &mut dyn Training,
     config: &str,
     dataset: &str,
 ) -> Result<(State, Vec<Change>), CheckpointError> {
@@ -280,27 +273,14 @@ fn restore_whole(
     if !refused.is_empty() {
         return Err(CheckpointError::Changed { path: path.into(), changes: refused });
     }
-    let device = trainer.device().clone();
-    let scene = Scene::load(&path.join(RunPaths::SCENE), &device)?;
-    let n = scene.gaussians.count();
-    let tensors_path = path.join("optimizer.safetensors");
-    let (tensors, _) = read_tensors(&tensors_path)?;
-    let statistic = |name: &str| {
-        let values = tensors.get(&format!("statistics.{name}")).map(|t| t.values.clone());
-        values.filter(|v| v.len() == n).ok_or_else(|| CheckpointError::File {
-            path: tensors_path.clone(),
-            reason: format!("statistics.{name} is missing or has not {n} entries"),
-        })
-    };
-    let statistics =
-        Statistics { gradient: statistic("gradient")?, views: statistic("views")?, opacity: statistic("opacity")? };
-    trainer.statistics.replace(|_| statistics);
-    let sizes = params::sizes(&scene);
-    let loaded = trainer.optimizer.load(&tensors, &sizes, &device.inner());
-    loaded.map_err(|reason| CheckpointError::File { path: tensors_path.clone(), reason })?;
-    trainer.culling.load(&tensors, n);
-    trainer.scene = Some(scene);
-    trainer.step = state.step;
-    trainer.initial = state.initial;
+    let state_path = path.join(OPTIMIZER);
+    let (tensors, _) = read_tensors(&state_path)?;
+    training.resume(Saved {
+        model: &path.join(RunPaths::SCENE),
+        state: tensors,
+        state_path: &state_path,
+        step: state.step,
+        first_primitives: state.initial,
+    })?;
     Ok((state, allowed))
 }

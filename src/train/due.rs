@@ -74,9 +74,11 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
     };
     let prunes = prunes && every(d.prune_every);
     let was_reset = d.opacity_reset > 0 && (stage.is_joint() || step > d.opacity_reset);
-    let reset = !stage.is_joint()
+    // counted over the run where resets go on in the joint stage
+    let of_run = stage.step_of_run(config) + 1;
+    let reset = (!stage.is_joint() || d.opacity_reset_joint)
         && d.opacity_reset > 0
-        && (step == d.opacity_reset || step <= d.opacity_reset_until && step.is_multiple_of(d.opacity_reset));
+        && (of_run == d.opacity_reset || of_run <= d.opacity_reset_until && of_run.is_multiple_of(d.opacity_reset));
     Due {
         grow_to,
         prune: prunes && d.prune_opacity > 0.0,
@@ -103,6 +105,8 @@ fn line(stage: Stage, config: &Config, start: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::PRESETS;
+    use crate::config::layers::Layers;
 
     /// The warm-up steps, counted from 1, at which `what` is due.
     fn warmup_steps(config: &Config, what: impl Fn(Due) -> bool) -> Vec<usize> {
@@ -172,6 +176,20 @@ mod tests {
         config.stages.warmup_steps = 3000;
         assert_eq!(resets(&config), [3000], "its last step");
         assert!(!due(Stage::Joint(2999), &config, 100).reset);
+    }
+
+    #[test]
+    fn resets_may_go_on_in_the_joint_stage_counted_over_the_run() {
+        let config = Layers::new(PRESETS).source("d3dgs").resolve::<Config>().unwrap().value;
+        let steps = config.stages.warmup_steps + config.stages.joint_steps;
+        let run = (1..=steps).map(|step| (step, due(Stage::at(step - 1, &config), &config, 100)));
+        let run: Vec<(usize, Due)> = run.collect();
+        let at = |what: fn(&Due) -> bool| run.iter().filter(|(_, due)| what(due)).map(|(s, _)| *s).collect::<Vec<_>>();
+        assert_eq!(at(|d| d.reset), [3000, 6000, 9000, 12_000], "as 3DGS, but for step 500 on white");
+        let added = at(|d| d.grow_to.is_some());
+        assert_eq!((added.first(), added.last(), added.len()), (Some(&600), Some(&14_900), 144));
+        assert_eq!(at(|d| d.prune), added);
+        assert_eq!(at(|d| d.prune_large).first(), Some(&3100), "above step 3,000");
     }
 
     #[test]

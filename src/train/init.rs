@@ -66,6 +66,7 @@ pub fn initialise(
         background,
         deformed: false,
         sh_degree: 0,
+        d3dgs: config.d3dgs.clone(),
     };
     Ok((gaussians, spec))
 }

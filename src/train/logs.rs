@@ -31,10 +31,10 @@ struct Milliseconds {
 
 /// What the progress bar says beside the steps.
 pub fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> String {
-    let stage = if report.stage.is_joint() { "joint" } else { "warm-up" };
     let test = test.map(|p| format!(" test {p:.2} dB")).unwrap_or_default();
     let train = train.unwrap_or_default();
-    format!("{stage} loss {:.5} train {train:.2} dB{test} N={}", report.loss, report.gaussians)
+    let count = if report.primitives > 0 { format!(" N={}", report.primitives) } else { String::new() };
+    format!("{} loss {:.5} train {train:.2} dB{test}{count}", report.stage, report.loss)
 }
 
 /// The line of a step.
@@ -44,10 +44,10 @@ pub fn line(report: &StepReport, seconds: f64, test_psnr: Option<f64>) -> Line {
     Line {
         step: report.step + 1,
         seconds: (seconds * 1e3).round() / 1e3,
-        stage: if report.stage.is_joint() { "joint" } else { "warmup" },
+        stage: report.stage,
         loss: report.loss,
         train_psnr: report.psnr,
-        gaussians: report.gaussians,
+        gaussians: report.primitives,
         test_psnr,
         milliseconds: Milliseconds {
             data: ms(t.data),

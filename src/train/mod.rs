@@ -1,7 +1,8 @@
 //! Training: images in, a scene out. Stages, losses, densification, optimiser groups, checkpoints.
 //!
-//! [`Trainer`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it
-//! with logs, evaluation, checkpoints and signals, and lets an [`observer`] look on.
+//! A [`Training`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it, of whichever
+//! [method](crate::method), with logs, evaluation, checkpoints and signals, and lets an [`observer`] look on. [`Trainer`] is
+//! that of Gaussians with a deformation field.
 
 #[cfg(test)]
 mod appearance_tests;
@@ -11,7 +12,9 @@ pub mod checkpoint;
 pub mod culling;
 pub mod densify;
 pub mod due;
+mod error;
 pub mod gather;
+mod gaussian_training;
 pub mod init;
 pub mod live;
 mod logs;
@@ -21,6 +24,7 @@ pub mod observer;
 mod open;
 pub mod optimizer;
 pub mod rate_schedule;
+mod report;
 pub mod resume;
 pub mod run;
 pub mod schedule;
@@ -28,8 +32,14 @@ pub mod spatial;
 mod target;
 #[cfg(test)]
 mod tests;
+mod time_noise;
 mod trainer;
+mod training;
+pub mod watch;
 
 pub use check::{check as check_config, evaluation_background};
+pub use error::TrainError;
 pub use open::{open_dataset, open_measured, open_trained, trained_times};
-pub use trainer::{StepReport, TrainError, Trainer};
+pub use report::{StepReport, StepTimes};
+pub use trainer::Trainer;
+pub use training::{Saved, Training};

@@ -1,12 +1,12 @@
 //! Who looks on while a run trains, and may have it pause between two steps.
 //!
-//! Whatever an observer does, no step depends on it: it sees the scene and cannot change it, and the training draws no
+//! Whatever an observer does, no step depends on it: it sees the model and cannot change it, and the training draws no
 //! random numbers of its account.
 
 use super::StepReport;
 use super::run::RunRecord;
 use crate::config::types::Config;
-use crate::model::Scene;
+use crate::model::Model;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -23,8 +23,8 @@ pub struct Moment<'a> {
     pub config: &'a Config,
     /// Its record, as it was written last.
     pub record: &'a RunRecord,
-    /// The scene, on the device that it trains on.
-    pub scene: &'a Scene,
+    /// What is trained, on the device that it trains on.
+    pub model: &'a dyn Model,
     /// Steps taken, those before a resume with them.
     pub steps: usize,
     /// Steps at which this training ends.

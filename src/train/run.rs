@@ -4,8 +4,8 @@ use super::checkpoint::{self, CheckpointError, State};
 use super::logs::{line, log_events, message};
 use super::observer::{Moment, Observer, wait_for};
 use super::resume::Change;
-use super::{TrainError, Trainer};
-use crate::config::types::Config;
+use super::{TrainError, Training};
+use crate::config::types::{Config, VOLSEGGS};
 use crate::data::{Dataset, Split};
 use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
@@ -13,9 +13,8 @@ use crate::log::progress;
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
 use crate::metrics::psnr::psnr;
-use crate::model::Scene;
+use crate::model::Model;
 use crate::program;
-use burn::tensor::Device;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
@@ -59,6 +58,9 @@ pub struct RunOptions {
 pub struct RunRecord {
     /// Version of the program.
     pub version: String,
+    /// The method; ours in records of early versions, which had no other.
+    #[serde(default = "ours")]
+    pub method: String,
     /// Digest of the program, see [`crate::program`]; empty in records of early versions.
     #[serde(default)]
     pub build: String,
@@ -81,10 +83,14 @@ pub struct RunRecord {
     pub steps: usize,
     /// Seconds of training, without pauses and the wait between a stop and a resume.
     pub training_seconds: f64,
-    /// Gaussians at the end.
+    /// Gaussians at the end; 0 of a method without primitives.
     pub gaussians: usize,
     /// Peak memory of the process, bytes; 0 where unknown.
     pub peak_memory_bytes: u64,
+}
+
+fn ours() -> String {
+    VOLSEGGS.to_owned()
 }
 
 /// How a run ended.
@@ -155,22 +161,21 @@ fn check_out(out: &Path) -> Result<(), CheckpointError> {
     }
 }
 
-/// Trains into `options.out` until the end, a signal or an error. `stop` is raised by a signal handler. The run is
-/// locked while that lasts: `held` is its lock, where the caller took it before. `observer` looks on between the steps, and
+/// Takes `training`, new from `dataset` with `config`, into `options.out` until the end, a signal or an error; see
+/// [`crate::method::train`], which starts it too. `stop` is raised by a signal handler. The run is locked while that lasts: `held` is its lock, where the caller took it before. `observer` looks on between the steps, and
 /// may have the training pause there; no step depends on it.
 ///
 /// # Errors
-/// As [`Trainer`], if there is nothing to resume or another process writes into the run, and if a file cannot be written.
+/// As [`Training::step`], if there is nothing to resume or another process writes into the run, and if a file cannot be written.
 pub fn run(
     config: &Config,
     dataset: &Dataset,
-    device: &Device,
+    mut training: Box<dyn Training>,
     options: &RunOptions,
     held: Option<&RunLock>,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<RunOutcome, TrainError> {
-    let mut trainer = Trainer::new(config.clone(), dataset, device)?;
     let out = &options.out;
     let log_error =
         |path: &Path, e: &dyn std::fmt::Display| TrainError::Log { path: path.into(), reason: e.to_string() };
@@ -192,10 +197,10 @@ pub fn run(
     let newest = beginning(out, &options.start).map_err(TrainError::Resume)?;
     let (mut seconds_before, mut changed) = (0.0, Vec::new());
     if let Some(path) = &newest {
-        let restored = checkpoint::restore(path, &mut trainer, &options.config_toml, &fingerprint);
+        let restored = checkpoint::restore(path, &mut *training, &options.config_toml, &fingerprint);
         let (state, changes) = restored.map_err(TrainError::Resume)?;
         (seconds_before, changed) = (state.seconds, changes);
-        truncate_after(&metrics_path, trainer.steps_done() as u64)?;
+        truncate_after(&metrics_path, training.steps_done() as u64)?;
         let aside = checkpoint::set_newer_aside(out, state.step).map_err(TrainError::Resume)?;
         if aside > 0 {
             errln!("note: {aside} newer checkpoints are kept as {}/checkpoints/aside-step-*", out.display());
@@ -208,12 +213,13 @@ pub fn run(
     let record_path = RunPaths(out).record();
     let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
     let earlier_builds = if newest.is_some() { builds_before(&record_path, &build) } else { Vec::new() };
-    let first = trainer.steps_done();
+    let first = training.steps_done();
     let started = Instant::now();
     let paused = Cell::new(Duration::ZERO);
     let seconds = || seconds_before + (started.elapsed() - paused.get()).as_secs_f64();
     let mut record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
+        method: config.method.clone(),
         build,
         earlier_builds,
         seed: config.seed,
@@ -224,7 +230,7 @@ pub fn run(
         status: "running".into(),
         steps: first,
         training_seconds: seconds_before,
-        gaussians: trainer.scene().gaussians.count(),
+        gaussians: training.model().counts().primitives,
         peak_memory_bytes: 0,
     };
     let write_record = |record: &RunRecord| {
@@ -248,19 +254,19 @@ pub fn run(
     };
     let mut events = events.map_err(|e| log_error(&events_path, &e))?;
 
-    let save = |trainer: &Trainer| -> Result<(), TrainError> {
+    let save = |training: &dyn Training| -> Result<(), TrainError> {
         let state = State {
-            step: trainer.steps_done(),
-            initial: trainer.initial,
+            step: training.steps_done(),
+            initial: training.first_primitives(),
             dataset: fingerprint.clone(),
             config: options.config_toml.clone(),
             seconds: seconds(),
         };
-        checkpoint::save(out, trainer, &state, config.output.keep).map_err(TrainError::Save)?;
+        checkpoint::save(out, training, &state, config.output.keep).map_err(TrainError::Save)?;
         Ok(())
     };
 
-    let total = trainer.total_steps();
+    let total = training.total_steps();
     let limit = options.stop_after.map_or(total, |s| s.min(total));
     // drawn from the first step on: an observer may print before
     let mut bar = None;
@@ -270,8 +276,8 @@ pub fn run(
     let mut smooth_psnr: Option<f64> = None;
     let mut report = None;
     loop {
-        let (scene, steps) = (trainer.scene(), trainer.steps_done());
-        let now = Moment { run: out, config, record: &record, scene, steps, until: limit, seconds: seconds(), report };
+        let (model, steps) = (training.model(), training.steps_done());
+        let now = Moment { run: out, config, record: &record, model, steps, until: limit, seconds: seconds(), report };
         let waited = wait_for(observer, &now, stop, || match &bar {
             Some(bar) if on_terminal => ProgressBar::set_message(bar, "paused"),
             _ => errln!("paused after {steps} steps"),
@@ -284,7 +290,7 @@ pub fn run(
             break;
         }
         let bar = bar.get_or_insert_with(|| progress::step_bar(total, first));
-        let report = report.insert(trainer.step(&dataset.train)?);
+        let report = report.insert(training.step(&dataset.train)?);
         saved = false;
         let done = report.step + 1;
         smooth_psnr = Some(smooth_psnr.map_or(report.psnr, |p| 0.98 * p + 0.02 * report.psnr));
@@ -292,7 +298,7 @@ pub fn run(
         if every(config.output.eval_every)
             && let Some(test) = &dataset.test
         {
-            test_psnr = Some(mean_psnr(trainer.scene(), test, config.output.eval_views));
+            test_psnr = Some(mean_psnr(training.model(), test, config.output.eval_views));
         }
         if every(config.output.log_every) || every(config.output.eval_every) {
             let evaluated = test_psnr.filter(|_| every(config.output.eval_every));
@@ -307,10 +313,10 @@ pub fn run(
         bar.set_position(done as u64);
         bar.set_message(text);
         if every(config.output.checkpoint_every) {
-            save(&trainer)?;
+            save(&*training)?;
             record.steps = done;
             record.training_seconds = seconds();
-            record.gaussians = report.gaussians;
+            record.gaussians = report.primitives;
             write_record(&record)?;
             metrics.sync()?;
             saved = true;
@@ -318,14 +324,14 @@ pub fn run(
     }
     bar.iter().for_each(ProgressBar::abandon);
     events.flush().map_err(|e| log_error(&events_path, &e))?;
-    if !saved && trainer.steps_done() > 0 {
-        save(&trainer)?;
+    if !saved && training.steps_done() > 0 {
+        save(&*training)?;
     }
-    let complete = trainer.steps_done() == total;
+    let complete = training.steps_done() == total;
     record.status = if complete { "complete" } else { "interrupted" }.into();
-    record.steps = trainer.steps_done();
+    record.steps = training.steps_done();
     record.training_seconds = seconds();
-    record.gaussians = trainer.scene().gaussians.count();
+    record.gaussians = training.model().counts().primitives;
     record.peak_memory_bytes = peak_memory();
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })
@@ -344,7 +350,7 @@ fn builds_before(record: &Path, build: &str) -> Vec<String> {
 
 /// Mean PSNR over `views` evenly spaced views of a split, decibels.
 #[must_use]
-pub fn mean_psnr(scene: &Scene, split: &Split, views: usize) -> f64 {
+pub fn mean_psnr(model: &dyn Model, split: &Split, views: usize) -> f64 {
     let n = split.frames.len();
     let views = views.clamp(1, n);
     let mut truth = vec![0.0; 3 * split.images.width as usize * split.images.height as usize];
@@ -352,9 +358,9 @@ pub fn mean_psnr(scene: &Scene, split: &Split, views: usize) -> f64 {
     for k in 0..views {
         let i = k * n / views;
         let frame = &split.frames[i];
-        let image = scene.render(frame.camera.to_kernel(), frame.time as f32);
+        let image = model.render(frame.camera.to_kernel(), frame.time as f32);
         let rgb: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-        split.images.composite(i, scene.spec.background, &mut truth);
+        split.images.composite(i, model.background(), &mut truth);
         sum += psnr(&rgb, &truth).unwrap_or(f64::NAN);
     }
     sum / views as f64

@@ -1,7 +1,7 @@
 //! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
 
 use super::rate_schedule::find_schedule;
-use crate::config::types::{Config, OptimConfig, ViewOrder};
+use crate::config::types::{Config, DecayOver, OptimConfig, ViewOrder};
 use crate::model::appearance::MATERIAL_NAME;
 use crate::rng::{Purpose, Rng};
 
@@ -25,21 +25,35 @@ impl Stage {
     /// not fall back in the joint stage unless there was no warm-up long enough to reach the top.
     pub fn sh_degree(self, config: &Config) -> usize {
         let every = config.stages.sh_every;
-        let steps = match self {
-            Self::Warmup(s) => s,
-            Self::Joint(s) => s + config.stages.warmup_steps,
-        };
-        steps.checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
+        self.step_of_run(config).checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
     }
 
     /// How far the rates have come, in [0, 1]: over `optim.warmup_decay_steps` in warm-up, over the joint stage in that.
-    /// As in the reference code, they start over with the joint stage.
+    /// As in the reference code, they start over with the joint stage; with `optim.decay_over = "run"` they fall once over
+    /// both, as in 3DGS.
     pub fn progress(self, config: &Config) -> f64 {
+        let stages = &config.stages;
         let (done, steps) = match self {
+            _ if config.optim.decay_over == DecayOver::Run => {
+                (self.step_of_run(config), stages.warmup_steps + stages.joint_steps)
+            }
             Self::Warmup(s) => (s, config.optim.warmup_decay_steps),
-            Self::Joint(s) => (s, config.stages.joint_steps),
+            Self::Joint(s) => (s, stages.joint_steps),
         };
         (done as f64 / steps.max(1) as f64).min(1.0)
+    }
+
+    /// The step of the whole run, from 0.
+    pub fn step_of_run(self, config: &Config) -> usize {
+        match self {
+            Self::Warmup(s) => s,
+            Self::Joint(s) => s + config.stages.warmup_steps,
+        }
+    }
+
+    /// Its name in logs.
+    pub fn name(self) -> &'static str {
+        if self.is_joint() { "joint" } else { "warmup" }
     }
 
     /// True in the joint stage.
@@ -49,13 +63,14 @@ impl Stage {
 
     /// Weight of DSSIM: on in the last `loss.dssim_last` steps of the joint stage (of warm-up if there is no joint stage),
     /// rising over the first `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and Adam's second moment
-    /// takes some hundred steps to learn their size; switched on at once it throws the scene back.
+    /// takes some hundred steps to learn their size; switched on at once it throws the scene back. With `loss.dssim_warmup` it
+    /// counts in full in warm-up too.
     pub fn dssim_weight(self, config: &Config) -> f64 {
         let stages = &config.stages;
         let (s, steps) = match self {
             Self::Joint(s) => (s, stages.joint_steps),
             Self::Warmup(s) if stages.joint_steps == 0 => (s, stages.warmup_steps),
-            Self::Warmup(_) => return 0.0,
+            Self::Warmup(_) => return if config.loss.dssim_warmup { config.loss.dssim } else { 0.0 },
         };
         let start = steps.saturating_sub(config.loss.dssim_last);
         if s < start || config.loss.dssim_last == 0 {
@@ -156,6 +171,24 @@ mod tests {
         }
         (config.stages.warmup_steps, config.optim.warmup_decay_steps) = (30_000, 30_000);
         assert!((rate(15_000, &config) - 0.1).abs() < 1e-12 && (rate(30_000, &config) - 0.01).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rates_may_fall_once_over_the_whole_run_and_dssim_count_from_the_first_step() {
+        let mut config = Config::default();
+        (config.stages.warmup_steps, config.stages.joint_steps) = (3000, 27_000);
+        (config.optim.decay_over, config.loss.dssim_warmup) = (DecayOver::Run, true);
+        let rate = |name, stage| learning_rate(name, stage, &config, 1.0).unwrap();
+        let start = rate("gaussians.means", Stage::Warmup(0));
+        for (stage, progress) in [(Stage::Warmup(1500), 0.05), (Stage::Joint(0), 0.1), (Stage::Joint(12_000), 0.5)] {
+            assert!((rate("gaussians.means", stage) / start - 0.01f64.powf(progress)).abs() < 1e-12, "{stage:?}");
+        }
+        // the network's own begins where the schedule has come by then, as in the published code of D3DGS
+        let network = rate("field.encoder.D3dgs.output.weight", Stage::Joint(0));
+        assert!((network / config.optim.encoder - 0.01f64.powf(0.1)).abs() < 1e-12);
+        (config.loss.dssim_last, config.loss.dssim_ramp) = (27_000, 1);
+        let weights = [Stage::Warmup(0), Stage::Warmup(2999), Stage::Joint(0), Stage::Joint(26_999)];
+        assert_eq!(weights.map(|stage| stage.dssim_weight(&config)), [config.loss.dssim; 4]);
     }
 
     #[test]

@@ -115,7 +115,7 @@ fn a_static_scene_is_trained_without_a_joint_stage() {
     let reports: Vec<_> = (0..steps).map(|_| trainer.step(&data.train).unwrap()).collect();
     let mean = |from: usize, to: usize| reports[from..to].iter().map(|r| r.psnr).sum::<f64>() / (to - from) as f64;
     assert!(mean(220, 240) > mean(0, 20) + 3.0, "{} dB, then {} dB", mean(0, 20), mean(220, 240));
-    let counts: Vec<usize> = reports.iter().map(|r| r.gaussians).collect();
+    let counts: Vec<usize> = reports.iter().map(|r| r.primitives).collect();
     assert_eq!((counts[128] < 333, counts[129], counts[239]), (true, 333, 333), "the line ends with warmup_until");
     let rate = |step: usize| learning_rate("gaussians.means", Stage::at(step, &config), &config, 1.0).unwrap();
     assert!((rate(120) / rate(0) - 0.1).abs() < 1e-12 && rate(239) / rate(0) < 0.011);

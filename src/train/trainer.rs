@@ -11,9 +11,9 @@ use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
 use super::spatial;
 use super::target::target;
-use super::{init, losses};
+use super::watch::LossWatch;
+use super::{StepReport, StepTimes, TrainError, init, losses, time_noise};
 use crate::config::types::{Config, WarmupTimes};
-use crate::data::error::DataError;
 use crate::data::{Dataset, Split};
 use crate::memory::Budget;
 use crate::model::params::to_vec;
@@ -22,87 +22,6 @@ use crate::rng::{Purpose, Rng};
 use burn::tensor::{Device, Tensor};
 use std::time::{Duration, Instant};
 use volseggs_kernels::activation::logit;
-
-/// Why training stops.
-#[derive(Debug, thiserror::Error)]
-pub enum TrainError {
-    /// The data do not allow to start.
-    #[error(transparent)]
-    Data(#[from] DataError),
-    /// A number is not finite.
-    #[error(
-        "step {step}: {what} is not finite (NaN or infinite); nothing after the last checkpoint was kept. \
-         Lower the learning rate of that group, or resume with another seed"
-    )]
-    NotFinite {
-        /// Global step, from 0.
-        step: usize,
-        /// The loss or the tensor, with the element.
-        what: String,
-    },
-    /// The configuration contradicts itself.
-    #[error("configuration: {0}")]
-    Config(String),
-    /// Another process writes into the run.
-    #[error(transparent)]
-    Lock(#[from] crate::files::LockError),
-    /// The metrics file cannot be used.
-    #[error(transparent)]
-    Metrics(#[from] crate::log::jsonl::JsonlError),
-    /// There is nothing to resume from, or it does not fit.
-    #[error(transparent)]
-    Resume(super::checkpoint::CheckpointError),
-    /// A checkpoint cannot be written.
-    #[error(transparent)]
-    Save(super::checkpoint::CheckpointError),
-    /// A log cannot be written.
-    #[error("{path}: {reason}")]
-    Log {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What happened.
-        reason: String,
-    },
-}
-
-/// Steps between two looks at the loss on a device that runs ahead of the host.
-const LOOK_EVERY: usize = 20;
-
-/// Where the time of a step went.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StepTimes {
-    /// Choosing and compositing the view.
-    pub data: Duration,
-    /// Field and decoder, forward.
-    pub deform: Duration,
-    /// Splatting, forward.
-    pub splat: Duration,
-    /// Loss, forward.
-    pub loss: Duration,
-    /// Everything backward.
-    pub backward: Duration,
-    /// Optimiser.
-    pub adam: Duration,
-    /// Statistics and densification.
-    pub densify: Duration,
-}
-
-/// What a step did.
-#[derive(Clone, Copy, Debug)]
-pub struct StepReport {
-    /// Global step, from 0.
-    pub step: usize,
-    /// Its stage.
-    pub stage: Stage,
-    /// The whole loss; on a device that runs ahead of the host, of the last step that was looked at.
-    pub loss: f64,
-    /// PSNR of that step's training view, decibels.
-    pub psnr: f64,
-    /// Gaussians after the step.
-    pub gaussians: usize,
-    /// Where the time went.
-    pub times: StepTimes,
-}
 
 /// The state of a training run.
 #[derive(Debug)]
@@ -117,6 +36,8 @@ pub struct Trainer {
     /// Gaussians at the start: the foot of the line towards the budget.
     pub(super) initial: usize,
     extent: f64,
+    /// Between two training times.
+    interval: f64,
     background: Background,
     warmup_views: Vec<usize>,
     extra: losses::ExtraTerms,
@@ -125,8 +46,7 @@ pub struct Trainer {
     device: Device,
     /// Whether asking the device for a number makes it wait.
     runs_ahead: bool,
-    /// Loss and PSNR when they were last looked at.
-    last: (f64, f64),
+    watch: LossWatch,
 }
 
 impl Trainer {
@@ -169,7 +89,7 @@ impl Trainer {
         check_device(&config, initial, [images.width as usize, images.height as usize], &device)?;
         Ok(Self {
             runs_ahead,
-            last: (f64::NAN, f64::NAN),
+            watch: LossWatch::new(&device, config.output.checkpoint_every, total_steps(&config)),
             device,
             optimizer: Optimizer::new(constants),
             statistics: Gathered::new(initial, runs_ahead),
@@ -177,6 +97,7 @@ impl Trainer {
             step: 0,
             initial,
             extent: dataset.scene_extent(),
+            interval: 1.0 / dataset.train.times().len().saturating_sub(1).max(1) as f64,
             background: parse_background(&config.data.background)?,
             warmup_views: warmup_views(&dataset.train, config.stages.warmup_times),
             extra: losses::ExtraTerms::new(&config.loss).map_err(|e| TrainError::Config(e.to_string()))?,
@@ -188,7 +109,7 @@ impl Trainer {
 
     /// Steps of the whole run.
     pub fn total_steps(&self) -> usize {
-        self.config.stages.warmup_steps + self.config.stages.joint_steps
+        total_steps(&self.config)
     }
 
     /// Steps already taken.
@@ -214,19 +135,6 @@ impl Trainer {
     /// The device with gradients that the scene lives on.
     pub fn device(&self) -> &Device {
         &self.device
-    }
-
-    /// Whether the loss of `step` is brought to the host: always, but on a device that runs ahead only in the first steps,
-    /// every [`LOOK_EVERY`]th, and before a checkpoint.
-    fn looks(&self, step: usize) -> bool {
-        let done = step + 1;
-        let every = |n: usize| n > 0 && done.is_multiple_of(n);
-        !self.runs_ahead
-            || self.last.0.is_nan()
-            || done <= LOOK_EVERY
-            || every(LOOK_EVERY)
-            || every(self.config.output.checkpoint_every)
-            || done == self.total_steps()
     }
 
     fn view(&self, stage: Stage, views: usize) -> usize {
@@ -278,7 +186,8 @@ impl Trainer {
 
         let n = self.scene().gaussians.count();
         let culled = if stage.is_joint() { self.culling.visit(frame.time) } else { None };
-        let at = self.scene().at_without(frame.time as f32, culled.as_deref());
+        let time = time_noise::noisy(frame.time, &self.config, step, self.interval);
+        let at = self.scene().at_without(time, culled.as_deref());
         let logits = at.opacity_logits.clone();
         let kept = self.extra.keep(&at);
         lap(&mut times.deform);
@@ -305,14 +214,7 @@ impl Trainer {
         {
             loss = loss + tv;
         }
-        if self.looks(step) {
-            let value = f64::from(loss.clone().into_scalar::<f32>());
-            if !value.is_finite() {
-                return Err(TrainError::NotFinite { step, what: format!("the loss ({value})") });
-            }
-            let psnr = -10.0 * f64::from(distance.squared.into_scalar::<f32>()).max(1e-12).log10();
-            self.last = (value, psnr);
-        }
+        self.watch.look(step, &loss, || distance.squared)?;
         lap(&mut times.loss);
         let mut gradients = loss.backward();
         lap(&mut times.backward);
@@ -350,8 +252,8 @@ impl Trainer {
         }
         lap(&mut times.densify);
         self.step += 1;
-        let (loss, psnr) = self.last;
-        Ok(StepReport { step, stage, loss, psnr, gaussians: self.scene().gaussians.count(), times })
+        let ((loss, psnr), primitives) = (self.watch.last(), self.scene().gaussians.count());
+        Ok(StepReport { step, stage: stage.name(), loss, psnr, primitives, times })
     }
 
     fn densify(&mut self, due: Due) {
@@ -402,6 +304,10 @@ impl Trainer {
         let device = self.device.clone();
         self.scene_mut().gaussians = Gaussians::from_host(new, &device);
     }
+}
+
+fn total_steps(config: &Config) -> usize {
+    config.stages.warmup_steps + config.stages.joint_steps
 }
 
 fn warmup_views(split: &Split, times: WarmupTimes) -> Vec<usize> {

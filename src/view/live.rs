@@ -52,8 +52,8 @@ pub struct SceneCopy {
 }
 
 impl SceneCopy {
-    fn of(now: &Moment<'_>) -> Self {
-        Self { step: now.steps, spec: now.scene.spec.clone(), tensors: collect(now.scene) }
+    fn of(now: &Moment<'_>, scene: &Scene) -> Self {
+        Self { step: now.steps, spec: scene.spec.clone(), tensors: collect(scene) }
     }
 
     /// The scene on a device, and its step.
@@ -207,9 +207,9 @@ impl<'a> Onlooker<'a> {
     }
 
     /// Leaves the run with the scene before the first step.
-    fn begin(&mut self, now: &Moment<'_>) {
+    fn begin(&mut self, now: &Moment<'_>, scene: &Scene) {
         let (path, record, config) = (now.run.to_owned(), now.record.clone(), now.config.clone());
-        self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::of(now) });
+        self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::of(now, scene) });
         self.live.begins.notify_all();
         (self.copied, self.since) = (Some(now.steps), (now.seconds, now.steps));
         if let Some(ready) = self.ready.take() {
@@ -230,8 +230,10 @@ impl<'a> Onlooker<'a> {
 
 impl Observer for Onlooker<'_> {
     fn look(&mut self, now: &Moment<'_>) -> Next {
+        // the viewer is refused before a training that gives no Gaussians
+        let Some(scene) = now.model.scene() else { return Next::GoOn };
         if self.copied.is_none() {
-            self.begin(now);
+            self.begin(now, scene);
         }
         let (rests, wish) = {
             let state = self.live.lock();
@@ -240,7 +242,7 @@ impl Observer for Onlooker<'_> {
         let due = if rests { wish >= Wish::AtRest } else { wish == Wish::Now && Instant::now() >= self.next };
         let copy = (due && self.copied != Some(now.steps)).then(|| {
             let began = Instant::now();
-            let copy = SceneCopy::of(now);
+            let copy = SceneCopy::of(now, scene);
             self.copied = Some(now.steps);
             self.next = Instant::now() + PERIOD.max(RARELY * began.elapsed());
             copy

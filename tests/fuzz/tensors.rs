@@ -80,7 +80,8 @@ fn small() -> ModelConfig {
 }
 
 fn spec(model: ModelConfig) -> SceneSpec {
-    SceneSpec { model, centre: [0.0; 3], half_size: [1.0; 3], background: [1.0; 3], deformed: true, sh_degree: 1 }
+    let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
+    SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 1, d3dgs: None }
 }
 
 /// A scene of three Gaussians.

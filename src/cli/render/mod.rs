@@ -8,13 +8,13 @@ use super::shown::ShownArgs;
 use super::values::{count, fraction, positive};
 use super::{CliError, Common, print_json, stop_flag};
 use crate::data::Camera;
-use crate::run::OpenRun;
-use crate::run::frames::{Frames, Record, film, is_film};
+use crate::run::frames::{Draw, Frames, Record, film, is_film};
 use crate::run::look::{Legend, Look};
+use crate::run::{AnyRun, OpenRun, Trained};
 use clap::Args;
 use look::LookArgs;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use views::Saved;
 
 /// Render a run along a path of cameras and times, as PNG files and an animation.
@@ -55,6 +55,9 @@ pub struct RenderArgs {
     common: Common,
 }
 
+/// What is shown of a run without Gaussians, and of one with them if nothing else is asked for.
+const COLOUR: &str = "colour";
+
 #[derive(Serialize)]
 struct Report {
     frames: usize,
@@ -91,18 +94,37 @@ impl RenderArgs {
         Ok((look, view.look.clone(), view.alone.clone()))
     }
 
+    /// The colours of a run without Gaussians, and their name; refuses options that say anything else.
+    fn plain(&self, run: &AnyRun, saved: Option<&Saved>) -> Result<String, CliError> {
+        let what = match saved {
+            None => self.look.given().or(self.shown.given()).map(str::to_owned),
+            Some(Saved { name, view: saved, .. }) => {
+                let view = &saved.view;
+                let is_plain = view.look == COLOUR && view.alone.is_empty() && view.hidden.is_empty();
+                (!is_plain).then(|| format!("{name} shows more than colours, which"))
+            }
+        };
+        match what {
+            None => Ok(COLOUR.to_owned()),
+            Some(what) => Err(CliError::input(format!(
+                "{what}: needs Gaussians that stay the same over time, and the method {}, with which {} was trained, has none",
+                run.record.method,
+                run.path.display()
+            ))),
+        }
+    }
+
     /// Draws the views into a folder with its record, or into one film; gives the frames a second.
-    fn draw(&self, run: &OpenRun, look: &mut Look, views: &[(Camera, f64)], record: &Record) -> Result<f64, CliError> {
-        let (_, device) = self.common.device()?;
+    fn draw(&self, run: &Path, draw: &mut Draw<'_>, views: &[(Camera, f64)], record: &Record) -> Result<f64, CliError> {
         let stop = stop_flag("stopping; nothing is written")?;
         let seconds = if is_film(&self.out) {
-            film(&self.out, (run, &device), look, views, self.fps, &stop)?
+            film(&self.out, draw, views, self.fps, &stop)?
         } else {
-            let mut needed = vec![run.path.as_path()];
+            let mut needed = vec![run];
             // `orbit` and `test` are names of paths, not of files
             needed.extend(self.path.is_file().then_some(self.path.as_path()));
             let mut frames = Frames::create(&self.out, &needed)?;
-            frames.draw((run, &device), look, views, self.fps, &stop)?;
+            frames.draw(draw, views, self.fps, &stop)?;
             let seconds = frames.seconds;
             frames.finish(record, run)?;
             seconds
@@ -110,28 +132,47 @@ impl RenderArgs {
         Ok(views.len() as f64 / seconds)
     }
 
-    pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open(&self.run, &device)?;
-        let saved = self.saved()?;
-        let views = self.views(&run, saved.as_ref())?;
-        let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
+    /// The record of `views`, all but what they show.
+    fn record<S: Trained>(&self, run: &OpenRun<S>, views: &[(Camera, f64)]) -> Result<Record, CliError> {
         let [width, height] = views.first().map_or([0; 2], |(c, _)| [c.width, c.height]);
-        let record = Record {
+        Ok(Record {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
             path: self.view.choice()?.map_or(self.path.display().to_string(), |c| c.to_string()),
             frames: views.len(),
             size: [width, height],
             times: views.iter().map(|(_, time)| *time).collect(),
-            show,
-            light: self.look.light.map(|v| v.to_array()),
-            segments,
-            edits: look.selection().edits(),
-        };
-        let render_fps = self.draw(&run, &mut look, &views, &record)?;
-        let out = self.out.display().to_string();
-        let report = Report { frames: views.len(), width, height, render_fps, out, legend: look.legend() };
+            show: COLOUR.to_owned(),
+            light: None,
+            segments: Vec::new(),
+            edits: 0,
+        })
+    }
+
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let (_, device) = self.common.device()?;
+        let run = AnyRun::open_any(&self.run, &device)?;
+        let saved = self.saved()?;
+        let views = self.views(&run, saved.as_ref())?;
+        let record = self.record(&run, &views)?;
+        if run.model().scene().is_none() {
+            let record = Record { show: self.plain(&run, saved.as_ref())?, ..record };
+            let draw = &mut |camera: &Camera, time: f64| Ok(run.model().render(camera.to_kernel(), time as f32));
+            let fps = self.draw(&run.path, draw, &views, &record)?;
+            return self.tell(&record, fps, None);
+        }
+        let run = run.gaussians()?;
+        let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
+        let light = self.look.light.map(|v| v.to_array());
+        let record = Record { show, light, segments, edits: look.selection().edits(), ..record };
+        let draw = &mut |camera: &Camera, time: f64| look.frame(&run.scene, (camera.to_kernel(), time as f32), &device);
+        let fps = self.draw(&run.path, draw, &views, &record)?;
+        self.tell(&record, fps, look.legend())
+    }
+
+    fn tell(&self, record: &Record, render_fps: f64, legend: Option<Legend>) -> Result<(), CliError> {
+        let ([width, height], out) = (record.size, self.out.display().to_string());
+        let report = Report { frames: record.frames, width, height, render_fps, out, legend };
         errln!(
             "{} frames of {width}x{height} in {}, rendered at {render_fps:.1} frames/second",
             report.frames,

@@ -7,11 +7,11 @@ use crate::data::paths::{Lens, test_spiral};
 use crate::data::{Camera, Transforms};
 use crate::files::read_text;
 use crate::memory::{Budget, product};
-use crate::run::OpenRun;
 use crate::run::cameras::{ViewChoice, check_lens};
 use crate::run::keyframes::{CameraPath, SavedPath};
 use crate::run::saved::SavedView;
 use crate::run::view::View;
+use crate::run::{OpenRun, Trained};
 use std::path::Path;
 
 /// Frames of an orbit if not told otherwise.
@@ -45,7 +45,11 @@ impl RenderArgs {
     }
 
     /// The cameras with the times they show; at least one, all of one size.
-    pub(super) fn views(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<Vec<(Camera, f64)>, CliError> {
+    pub(super) fn views<S: Trained>(
+        &self,
+        run: &OpenRun<S>,
+        saved: Option<&Saved>,
+    ) -> Result<Vec<(Camera, f64)>, CliError> {
         if let Some(Saved { name, view, path: Some(path) }) = saved {
             return self.along(name, &view.view, path);
         }

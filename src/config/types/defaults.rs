@@ -6,6 +6,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 0,
+            method: method(),
+            method_settings: BTreeMap::new(),
             data: DataConfig {
                 downscale: 1,
                 background: "white".into(),
@@ -58,6 +60,7 @@ impl Default for Config {
                 dssim: 0.2,
                 dssim_last: 5000,
                 dssim_ramp: 500,
+                dssim_warmup: false,
                 alpha: 0.1,
                 tv: 1e-4,
                 tv_time: 1e-4,
@@ -81,6 +84,7 @@ impl Default for Config {
                 final_fraction: 0.01,
                 attributes_final_fraction: 0.1,
                 schedule: "log-linear".into(),
+                decay_over: DecayOver::Stage,
                 betas: [0.9, 0.999],
                 epsilon: 1e-15,
             },
@@ -103,11 +107,17 @@ impl Default for Config {
                 prune_joint: true,
                 opacity_reset: 0,
                 opacity_reset_until: 0,
+                opacity_reset_joint: false,
             },
             speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000, cull_visits: 0 },
             output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
+            d3dgs: None,
         }
     }
+}
+
+pub(super) fn method() -> String {
+    VOLSEGGS.into()
 }
 
 /// Of the default implicit encoder; also what a scene from before its keys is read with.

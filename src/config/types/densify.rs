@@ -45,6 +45,8 @@ pub struct DensifyConfig {
     pub opacity_reset: usize,
     /// They are reset again every `opacity_reset` steps up to this step of warm-up; 0 for once only.
     pub opacity_reset_until: usize,
+    /// Whether that goes on in the joint stage, up to the same step counted from the first of the run.
+    pub opacity_reset_joint: bool,
 }
 
 /// How new Gaussians are chosen.

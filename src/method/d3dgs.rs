@@ -1,0 +1,46 @@
+//! D3DGS, see [`crate::model::d3dgs`]: our Gaussians and their training, with its network in the place of our field. Its
+//! Gaussians are the same ones at every time, so that everything works that works with ours.
+
+use super::{Method, Model, Training};
+use crate::config::types::Config;
+use crate::data::Dataset;
+use crate::model::{Scene, SceneError, d3dgs};
+use crate::train::{TrainError, Trainer};
+use burn::tensor::Device;
+use std::path::Path;
+
+/// D3DGS. Its settings are the section `[d3dgs]` and, of its Gaussians, the sections that ours has.
+#[derive(Clone, Copy, Debug)]
+pub struct D3dgs;
+
+/// Its name, and that of its section.
+pub(super) const NAME: &str = "d3dgs";
+
+impl Method for D3dgs {
+    fn has_persistent_gaussians(&self) -> bool {
+        true
+    }
+
+    fn check(&self, config: &Config) -> Result<(), String> {
+        let Some(network) = &config.d3dgs else {
+            return Err(format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"));
+        };
+        d3dgs::check(network)?;
+        if config.speed.cull_visits > 1 {
+            return Err(format!("speed.cull_visits = {}: only with the method volseggs", config.speed.cull_visits));
+        }
+        Ok(())
+    }
+
+    fn steps(&self, config: &Config) -> usize {
+        super::VolSegGs.steps(config)
+    }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        Ok(Box::new(Trainer::new(config.clone(), dataset, device)?))
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        Ok(Box::new(Scene::load(path, device)?))
+    }
+}

@@ -1,0 +1,138 @@
+//! Training with the network of D3DGS: it learns, goes on from a checkpoint with the same bits, and its scene is a scene.
+
+use super::Training;
+use crate::config::PRESETS;
+use crate::config::layers::Layers;
+use crate::config::types::Config;
+use crate::data::Dataset;
+use crate::data::dataset::{OpenOptions, tests::dataset};
+use crate::device::DeviceName;
+use crate::method;
+use crate::model::Scene;
+use crate::model::params::{HostTensor, to_vec};
+use crate::train::checkpoint::{self, State};
+use crate::train::open_dataset;
+use burn::tensor::Device;
+use std::collections::BTreeMap;
+
+/// The small preset in some steps on some Gaussians.
+fn config(more: &[&str]) -> Config {
+    let few = [
+        "init.points=200",
+        "d3dgs.width=24",
+        "stages.warmup_steps=12",
+        "stages.joint_steps=40",
+        "densify.budget=260",
+        "densify.every=5",
+        "densify.warmup_from=0",
+        "densify.warmup_until=12",
+        "densify.joint_until=30",
+        "densify.prune_every=5",
+        "d3dgs.time_noise_steps=40",
+    ];
+    let sets = few.iter().chain(more).map(|s| (*s).to_owned());
+    Layers::new(PRESETS).source("d3dgs-small").sets(sets).resolve::<Config>().unwrap().value
+}
+
+fn data() -> Dataset {
+    Dataset::open(dataset(6, 16).path(), &OpenOptions::default()).unwrap()
+}
+
+fn device() -> Device {
+    DeviceName::all()[0].open().unwrap()
+}
+
+fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize) -> Vec<f64> {
+    (0..steps).map(|_| training.step(&data.train).unwrap().loss).collect()
+}
+
+fn parameters(training: &dyn Training) -> BTreeMap<String, HostTensor> {
+    training.model().parameters()
+}
+
+#[test]
+fn every_layer_is_trained_in_the_joint_stage_alone_and_time_matters_then() {
+    let (config, data) = (config(&[]), data());
+    let mut training = method::start(&config, &data, &device()).unwrap();
+    let start = parameters(&*training);
+    let of_network = |name: &&String| name.starts_with("field.encoder.D3dgs");
+    assert_eq!(start.keys().filter(of_network).count(), 2 * (4 + 1), "four hidden layers and the outputs");
+    assert!(start.keys().all(|name| name.starts_with("gaussians.") || of_network(&name)), "{:?}", start.keys());
+    let losses = stepped(&mut *training, &data, 12);
+    let warm = parameters(&*training);
+    for name in start.keys().filter(of_network) {
+        assert_eq!(start[name], warm[name], "{name} was trained in warm-up");
+    }
+    let means = |training: &dyn Training, time: f32| to_vec(training.model().scene().unwrap().at(time).means);
+    assert_eq!(means(&*training, 0.0), means(&*training, 1.0));
+    let more = stepped(&mut *training, &data, 40);
+    let end = parameters(&*training);
+    for name in start.keys().filter(of_network) {
+        assert_ne!(start[name], end[name], "{name}");
+    }
+    assert_ne!(means(&*training, 0.0), means(&*training, 1.0));
+    let mean = |losses: &[f64]| losses.iter().sum::<f64>() / losses.len() as f64;
+    assert!(mean(&more[34..]) < mean(&losses[..6]), "{losses:?} {more:?}");
+    assert_eq!(training.model().counts().primitives, 260, "added up to the budget");
+}
+
+#[test]
+fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
+    let (config, data, folder) = (config(&["d3dgs.time_noise=0.4"]), data(), tempfile::tempdir().unwrap());
+    let text = toml::to_string(&config).unwrap();
+    let mut whole = method::start(&config, &data, &device()).unwrap();
+    stepped(&mut *whole, &data, 23);
+    let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
+    let state = State { step: 23, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0 };
+    let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
+    stepped(&mut *whole, &data, 20);
+    let mut resumed = method::start(&config, &data, &device()).unwrap();
+    checkpoint::restore(&path, &mut *resumed, &text, &dataset).unwrap();
+    stepped(&mut *resumed, &data, 20);
+    assert_eq!(parameters(&*resumed), parameters(&*whole));
+}
+
+#[test]
+fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
+    let root = dataset(6, 16);
+    let more = [
+        "data.times=1",
+        "data.views_per_time=1",
+        "stages.warmup_steps=100",
+        "stages.joint_steps=200",
+        "loss.dssim=0",
+        "optim.sh=0.02",
+        "densify.mode=off",
+    ];
+    let config = config(&more);
+    let data = open_dataset(root.path(), &config).unwrap();
+    let mut training = method::start(&config, &data, &device()).unwrap();
+    let psnr = (0..300).map(|_| training.step(&data.train).unwrap().psnr).last().unwrap();
+    assert!(psnr > 30.0, "{psnr} dB");
+    let path = root.path().join("scene.safetensors");
+    training.model().save(&path).unwrap();
+    let read = method::of(&config).unwrap().open(&path, &device()).unwrap();
+    let camera = data.train.frames[0].camera.to_kernel();
+    assert_eq!(read.render(camera, 0.3), training.model().render(camera, 0.3));
+    let scene: Scene = read.into_scene().unwrap();
+    assert!(scene.spec.d3dgs.is_some() && !scene.opacity_changes());
+    let some = scene.some(&[3, 50]).at(0.3);
+    assert_eq!(some.means, scene.host_at(0.3).subset(&[3, 50]).means);
+}
+
+#[test]
+fn settings_of_another_method_are_refused() {
+    let told = |config: &Config| method::check(config).unwrap_err().to_string();
+    let mut ours = config(&[]);
+    ours.method = "volseggs".into();
+    assert!(told(&ours).contains("[d3dgs]: is of the method d3dgs"), "{}", told(&ours));
+    let none = Config { method: "d3dgs".into(), ..Config::default() };
+    assert!(told(&none).contains("section [d3dgs]"), "{}", told(&none));
+    for (key, words) in
+        [("d3dgs.skip=4", "d3dgs.skip = 4: below"), ("d3dgs.octaves=25", "d3dgs.octaves = 25: from 0 to 24")]
+    {
+        assert!(told(&config(&[key])).contains(words), "{}", told(&config(&[key])));
+    }
+    assert!(told(&config(&["speed.cull_visits=4"])).contains("speed.cull_visits"));
+    method::check(&config(&[])).unwrap();
+}

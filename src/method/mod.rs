@@ -1,0 +1,180 @@
+//! Methods: ways of making pictures of a time-varying dataset, one interface over all of them.
+//!
+//! A [`Method`] starts a [`Training`] from a dataset, or opens the [`Model`] that a training left behind; `method` of the
+//! configuration names it. What is common to all stays outside and is written once: the loop over the steps, logs,
+//! checkpoints and their folders, evaluation, signals and pauses ([`crate::train::run`]), guards against NaN
+//! ([`crate::train::watch`], the optimiser, `model::scene_file`), locks, records, sweeps and tables.
+//!
+//! | trait | is | lives |
+//! |---|---|---|
+//! | [`Method`] | the method itself: what it can do, how it begins | for the whole process, found by its name ([`find`]) |
+//! | [`Training`] | a training that is under way: parameters, moments, the step | in memory, while it is trained |
+//! | [`Model`] | what was trained, with all that drawing needs and nothing more | in memory, from and to `scene.safetensors` |
+//!
+//! No trait has a type parameter: tensors and devices of burn carry their backend at run time, so a run that is opened from
+//! disk is a `Box<dyn Model>` whichever method its record names.
+//!
+//! # Adding a method
+//!
+//! 1. A folder here with burn modules (`#[derive(Module)]`); random numbers from [`crate::rng::Rng`] with a `Purpose` of their
+//!    own, keyed by seed and step, so that a checkpoint needs no state of a generator.
+//! 2. A section of the configuration: a struct in `config/types/methods.rs` with all settings of the method, and a field
+//!    `NAME: Option<...>` of `Config`; `seed`, `[data]` and `[output]` mean the same for every method. The published
+//!    settings as `configs/methods/NAME.toml`, for two cores as `configs/methods/NAME-small.toml`, both in
+//!    `config::PRESETS`: `volseggs train --method NAME` takes the preset of that name.
+//! 3. [`Method`], [`Training`] and [`Model`] for it, and a line in [`BUILT_IN`]; of a method that is one network, a
+//!    [`network::Network`] is enough, from which [`network::OneNetwork`] makes all three.
+//! 4. Tests: one image can be learnt by heart; a resumed run has the bits of one that was not stopped.
+//!
+//! A method outside of this crate is registered instead, see [`crate::extend::method`] and `docs/research.md`.
+
+mod d3dgs;
+#[cfg(test)]
+mod d3dgs_tests;
+pub mod network;
+mod volseggs;
+
+pub use crate::model::{Counts, Model};
+pub use crate::train::{Saved, Training};
+pub use d3dgs::D3dgs;
+pub use volseggs::VolSegGs;
+
+use crate::config::types::{Config, VOLSEGGS};
+use crate::data::Dataset;
+use crate::files::RunLock;
+use crate::model::SceneError;
+use crate::registry::Registry;
+use crate::train::observer::Observer;
+use crate::train::run::{RunOptions, RunOutcome};
+use crate::train::{TrainError, check_config};
+use burn::tensor::Device;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// A method. One value of it serves the whole process: it holds no state of any run.
+pub trait Method: Send + Sync {
+    /// Whether it gives Gaussians that are the same ones at every time, as segments, tracks, edits and exports need them.
+    /// Its models then are a [`crate::model::Scene`] ([`Model::into_scene`]), and every command works with them; otherwise
+    /// commands that need Gaussians refuse.
+    fn has_persistent_gaussians(&self) -> bool {
+        false
+    }
+
+    /// Refuses settings of its own that no training can start with; what all methods share is checked already.
+    ///
+    /// # Errors
+    /// The first such key with its value, and what it may be.
+    fn check(&self, config: &Config) -> Result<(), String>;
+
+    /// Steps of the whole training.
+    fn steps(&self, config: &Config) -> usize;
+
+    /// Starts a training on `device` (without gradients; add `.autodiff()`), after [`Method::check`]. Sizes are to be held
+    /// against [`crate::memory::Budget`] before anything large is allocated.
+    ///
+    /// # Errors
+    /// If the data do not allow to start.
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError>;
+
+    /// Opens the file that [`Model::save`] wrote.
+    ///
+    /// # Errors
+    /// If it is missing or damaged, holds a NaN or an infinity, or is of another method.
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError>;
+}
+
+/// The methods that are built in, by name.
+pub const BUILT_IN: &[(&str, &dyn Method)] = &[(VOLSEGGS, &VolSegGs), (d3dgs::NAME, &D3dgs)];
+
+/// Those that a program of one's own added.
+pub(crate) static METHODS: Registry<dyn Method> = Registry::new("method");
+
+/// A method that was found.
+#[derive(Clone)]
+pub enum Found {
+    /// It is built in.
+    BuiltIn(&'static dyn Method),
+    /// It was registered.
+    Registered(Arc<dyn Method>),
+}
+
+impl std::ops::Deref for Found {
+    type Target = dyn Method;
+
+    fn deref(&self) -> &Self::Target {
+        match self {
+            Self::BuiltIn(method) => *method,
+            Self::Registered(method) => &**method,
+        }
+    }
+}
+
+/// The method of that name; one that was registered comes before one that is built in.
+///
+/// # Errors
+/// If there is none; the message lists those that there are.
+pub fn find(name: &str) -> Result<Found, String> {
+    if let Ok(method) = METHODS.get(name) {
+        return Ok(Found::Registered(method));
+    }
+    let built_in = BUILT_IN.iter().find(|(known, _)| *known == name);
+    built_in.map(|(_, method)| Found::BuiltIn(*method)).ok_or_else(|| {
+        let known: Vec<String> = names();
+        format!("there is no method \"{name}\"; there is {}", known.join(", "))
+    })
+}
+
+/// The names of all methods.
+#[must_use]
+pub fn names() -> Vec<String> {
+    let registered = METHODS.all().into_iter().map(|(name, _)| name);
+    let mut names: Vec<String> = BUILT_IN.iter().map(|(name, _)| (*name).to_owned()).chain(registered).collect();
+    names.sort();
+    names.dedup();
+    names
+}
+
+/// The method that a configuration names.
+///
+/// # Errors
+/// If there is none of that name.
+pub fn of(config: &Config) -> Result<Found, TrainError> {
+    find(&config.method).map_err(|e| TrainError::Config(format!("method: {e}")))
+}
+
+/// Refuses a configuration that no training can start with.
+///
+/// # Errors
+/// The first value that cannot be, by its key.
+pub fn check(config: &Config) -> Result<(), TrainError> {
+    let method = of(config)?;
+    check_config(config)?;
+    method.check(config).map_err(TrainError::Config)
+}
+
+/// Starts a training with the method that the configuration names.
+///
+/// # Errors
+/// If the configuration contradicts itself, or the data do not allow to start.
+pub fn start(config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+    check(config)?;
+    of(config)?.start(config, dataset, device)
+}
+
+/// Trains into a folder with the method that the configuration names: [`start`], then [`crate::train::run::run`].
+///
+/// # Errors
+/// As those two.
+pub fn train(
+    config: &Config,
+    dataset: &Dataset,
+    device: &Device,
+    options: &RunOptions,
+    held: Option<&RunLock>,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<RunOutcome, TrainError> {
+    let training = start(config, dataset, device)?;
+    crate::train::run::run(config, dataset, training, options, held, stop, observer)
+}

@@ -1,0 +1,261 @@
+//! Methods that are one network and no Gaussians: training, files, resuming and guards follow from a few functions.
+
+use super::{Counts, Method, Model, Saved, Training};
+use crate::config::types::Config;
+use crate::data::{Dataset, Split};
+use crate::memory::Budget;
+use crate::model::SceneError;
+use crate::model::params::{self, HostTensor};
+use crate::model::scene_file::{read_tensors, refuse_not_finite, write_tensors};
+use crate::train::checkpoint::CheckpointError;
+use crate::train::optimizer::{AdamConstants, Optimizer};
+use crate::train::watch::LossWatch;
+use crate::train::{StepReport, StepTimes, TrainError, evaluation_background};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::path::Path;
+use std::time::{Duration, Instant};
+use volseggs_kernels::Camera;
+
+/// Entry of the file's header.
+const HEADER: &str = "network";
+/// Bytes of a parameter while it is trained: itself, its gradient, two moments, and one in passing.
+const BYTES: u128 = 20;
+
+/// A method that is one network, trained by Adam on a loss of tensors. [`OneNetwork`] makes a [`Method`] of it.
+pub trait Network: Clone + Debug + Send + Sync + 'static {
+    /// The network, a burn module.
+    type Module: Module + 'static;
+    /// What cannot be read off its tensors and it needs to be made and to draw; kept in the header of its file.
+    type Spec: Serialize + DeserializeOwned + Clone + Debug + Send + 'static;
+
+    /// Refuses settings that no training can start with.
+    ///
+    /// # Errors
+    /// The first such key with its value, and what it may be.
+    fn check(&self, config: &Config) -> Result<(), String>;
+
+    /// Steps of the whole training.
+    fn steps(&self, config: &Config) -> usize;
+
+    /// What the network needs to know, from settings that were checked and the data.
+    fn spec(&self, config: &Config, dataset: &Dataset) -> Self::Spec;
+
+    /// Numbers in the network of that spec, whatever it says; asked for before it is made, also of a spec from a file.
+    ///
+    /// # Errors
+    /// What no network can have, such as a width of 0.
+    fn parameters(&self, spec: &Self::Spec) -> Result<u128, String>;
+
+    /// The network at its first values, which follow from the seed. For `device` with gradients if it has them.
+    fn network(&self, spec: &Self::Spec, seed: u64, device: &Device) -> Self::Module;
+
+    /// What a step minimises, `[1]`, and the mean squared error of its colours, `[1]`, for PSNR.
+    fn loss(&self, network: &Self::Module, seen: &Seen<'_, Self::Spec>) -> [Tensor<1>; 2];
+
+    /// Learning rate of a parameter by its name (its path in the module) at a step, from 0; none if it is not trained then.
+    fn rate(&self, name: &str, step: usize, config: &Config) -> Option<f64>;
+
+    /// Adam's decays and epsilon; PyTorch's defaults if not given.
+    fn adam(&self, _: &Config) -> AdamConstants {
+        AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 }
+    }
+
+    /// The view of a camera at a time in [0, 1], as [`Model::image`]; `network` has no gradients.
+    fn image(&self, network: &Self::Module, spec: &Self::Spec, camera: Camera, time: f32) -> Tensor<3>;
+}
+
+/// What a loss sees of a step.
+#[derive(Debug)]
+pub struct Seen<'a, S> {
+    /// The network's spec.
+    pub spec: &'a S,
+    /// The configuration.
+    pub config: &'a Config,
+    /// The training views.
+    pub split: &'a Split,
+    /// The colour behind them.
+    pub background: [f32; 3],
+    /// The step, from 0; random numbers are keyed by `config.seed` and it.
+    pub step: usize,
+    /// The device of the network, with gradients.
+    pub device: &'a Device,
+}
+
+/// [`Network`] as a [`Method`].
+#[derive(Clone, Copy, Debug)]
+pub struct OneNetwork<N>(pub N);
+
+/// A trained network.
+#[derive(Debug)]
+struct Drawer<N: Network> {
+    method: N,
+    /// Absent only while the optimiser holds it.
+    module: Option<N::Module>,
+    spec: N::Spec,
+    background: [f32; 3],
+    device: Device,
+}
+
+/// The header of its file.
+#[derive(Serialize, Deserialize)]
+struct Header<S> {
+    background: [f32; 3],
+    spec: S,
+}
+
+impl<N: Network> Method for OneNetwork<N> {
+    fn check(&self, config: &Config) -> Result<(), String> {
+        self.0.check(config)
+    }
+
+    fn steps(&self, config: &Config) -> usize {
+        self.0.steps(config)
+    }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        let (method, device) = (self.0.clone(), device.clone().autodiff());
+        let background = evaluation_background(&config.data.background)?;
+        let spec = method.spec(config, dataset);
+        let bytes = method.parameters(&spec).map_err(TrainError::Config)?.saturating_mul(BYTES);
+        let what = format!("the network of the method {}", config.method);
+        Budget::now().check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))?;
+        let module = Some(method.network(&spec, config.seed, &device));
+        let (total, optimizer) = (method.steps(config), Optimizer::new(method.adam(config)));
+        let watch = LossWatch::new(&device, config.output.checkpoint_every, total);
+        let drawer = Drawer { method, module, spec, background, device };
+        Ok(Box::new(Fit { drawer, optimizer, watch, config: config.clone(), total, step: 0 }))
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        Ok(Box::new(Drawer::read(self.0.clone(), path, device)?))
+    }
+}
+
+impl<N: Network> Drawer<N> {
+    fn read(method: N, path: &Path, device: &Device) -> Result<Self, SceneError> {
+        let format = |reason: String| SceneError::Format { path: path.into(), reason };
+        let (tensors, metadata) = read_tensors(path)?;
+        refuse_not_finite(path, &tensors)?;
+        let header = metadata.get(HEADER).ok_or_else(|| format(format!("no `{HEADER}` entry: of another method")))?;
+        let header: Header<N::Spec> = serde_json::from_str(header).map_err(|e| format(format!("header: {e}")))?;
+        let Header { background, spec } = header;
+        let asked = method.parameters(&spec).map_err(|e| format(format!("header: {e}")))?;
+        let held: u128 = tensors.values().map(|tensor| tensor.values.len() as u128).sum();
+        if asked != held {
+            return Err(format(format!("the network has {asked} values, the file holds {held}")));
+        }
+        let module = params::load(method.network(&spec, 0, device), &tensors);
+        let module = Some(module.map_err(|source| SceneError::Fit { path: path.into(), source })?);
+        Ok(Self { method, module, spec, background, device: device.clone() })
+    }
+
+    fn module(&self) -> &N::Module {
+        match &self.module {
+            Some(module) => module,
+            None => unreachable!("the optimiser gives the network back"),
+        }
+    }
+}
+
+impl<N: Network> Model for Drawer<N> {
+    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+        if self.device.is_autodiff() {
+            return self.method.image(&self.module().valid(), &self.spec, camera, time);
+        }
+        self.method.image(self.module(), &self.spec, camera, time)
+    }
+
+    fn device(&self) -> Device {
+        self.device.clone()
+    }
+
+    fn background(&self) -> [f32; 3] {
+        self.background
+    }
+
+    fn counts(&self) -> Counts {
+        Counts { parameters: params::sizes(self.module()).values().sum(), primitives: 0 }
+    }
+
+    fn parameters(&self) -> BTreeMap<String, HostTensor> {
+        params::collect(self.module())
+    }
+
+    fn save(&self, path: &Path) -> Result<(), SceneError> {
+        let header = Header { background: self.background, spec: &self.spec };
+        let header = serde_json::to_string(&header)
+            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+        write_tensors(path, &self.parameters(), Some((HEADER, header)))
+    }
+}
+
+/// A network that is being trained.
+struct Fit<N: Network> {
+    drawer: Drawer<N>,
+    optimizer: Optimizer,
+    watch: LossWatch,
+    config: Config,
+    total: usize,
+    step: usize,
+}
+
+impl<N: Network> Training for Fit<N> {
+    fn total_steps(&self) -> usize {
+        self.total
+    }
+
+    fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
+        let (step, mut times, mut clock) = (self.step, StepTimes::default(), Instant::now());
+        let mut lap = |slot: &mut Duration| {
+            *slot = clock.elapsed();
+            clock = Instant::now();
+        };
+        let Drawer { method, spec, background, device, .. } = &self.drawer;
+        let seen = Seen { spec, config: &self.config, split, background: *background, step, device };
+        let [loss, squared] = method.loss(self.drawer.module(), &seen);
+        self.watch.look(step, &loss, || squared)?;
+        lap(&mut times.deform);
+        let mut gradients = loss.backward();
+        lap(&mut times.backward);
+        let method = method.clone();
+        // taken out, so that the optimiser is the only owner of the memory and may write in place
+        if let Some(module) = self.drawer.module.take() {
+            let rate = |name: &str| method.rate(name, step, &self.config);
+            let (module, bad) = self.optimizer.step(module, &mut gradients, rate);
+            self.drawer.module = Some(module);
+            if let Some(bad) = bad {
+                return Err(TrainError::NotFinite { step, what: bad.to_string() });
+            }
+        }
+        lap(&mut times.adam);
+        self.step += 1;
+        let (loss, psnr) = self.watch.last();
+        Ok(StepReport { step, stage: "train", loss, psnr, primitives: 0, times })
+    }
+
+    fn model(&self) -> &dyn Model {
+        &self.drawer
+    }
+
+    fn state(&self) -> BTreeMap<String, HostTensor> {
+        self.optimizer.to_tensors()
+    }
+
+    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+        self.drawer = Drawer::read(self.drawer.method.clone(), from.model, &self.drawer.device)?;
+        let (sizes, device) = (params::sizes(self.drawer.module()), self.drawer.device.clone().inner());
+        let loaded = self.optimizer.load(&from.state, &sizes, &device);
+        loaded.map_err(|reason| CheckpointError::File { path: from.state_path.into(), reason })?;
+        self.step = from.step;
+        Ok(())
+    }
+}

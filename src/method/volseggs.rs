@@ -1,0 +1,39 @@
+//! Our method, the paper's: Gaussians in a canonical space, and a field of planes, lines and vectors that deforms them.
+
+use super::{Method, Model, Training};
+use crate::config::types::Config;
+use crate::data::Dataset;
+use crate::model::{Scene, SceneError};
+use crate::train::{TrainError, Trainer};
+use burn::tensor::Device;
+use std::path::Path;
+
+/// Our method. Its settings are the sections `[init]` to `[speed]`.
+#[derive(Clone, Copy, Debug)]
+pub struct VolSegGs;
+
+impl Method for VolSegGs {
+    fn has_persistent_gaussians(&self) -> bool {
+        true
+    }
+
+    fn check(&self, config: &Config) -> Result<(), String> {
+        // its sections are checked for every method; the network of another would take the place of its field
+        match &config.d3dgs {
+            Some(_) => Err("[d3dgs]: is of the method d3dgs; set method = \"d3dgs\", or leave the section out".into()),
+            None => Ok(()),
+        }
+    }
+
+    fn steps(&self, config: &Config) -> usize {
+        config.stages.warmup_steps + config.stages.joint_steps
+    }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        Ok(Box::new(Trainer::new(config.clone(), dataset, device)?))
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        Ok(Box::new(Scene::load(path, device)?))
+    }
+}

@@ -1,0 +1,105 @@
+//! What every method's trained model can do, whatever it is made of: draw any view at any time, and be kept in a file.
+
+use super::Scene;
+use super::params::{self, HostTensor, to_vec};
+use super::scene_file::SceneError;
+use burn::tensor::{Device, Tensor};
+use glam::DVec3;
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::path::Path;
+use volseggs_kernels::Camera;
+
+/// What was trained: draws any view at any time.
+pub trait Model: Debug + Send {
+    /// The view of `camera` at `time` in [0, 1], `[H, W, 4]` on the model's device: colour over [`Model::background`] and alpha,
+    /// both in [0, 1] or little beyond; alpha is 1 everywhere if the method does not tell it. Without gradients. A view
+    /// that is larger than what the device takes at once is drawn in parts.
+    fn image(&self, camera: Camera, time: f32) -> Tensor<3>;
+
+    /// The same on the host, row-major.
+    fn render(&self, camera: Camera, time: f32) -> Vec<f32> {
+        to_vec(self.image(camera, time))
+    }
+
+    /// The device that it draws on.
+    fn device(&self) -> Device;
+
+    /// The colour that lies behind everything, in training and in pictures.
+    fn background(&self) -> [f32; 3];
+
+    /// Centre and half size of what it shows, world units: where cameras look, and from how far, that nothing else says it of.
+    fn place(&self) -> (DVec3, f64) {
+        (DVec3::ZERO, 1.0)
+    }
+
+    /// How large it is. Its bytes are those of its file.
+    fn counts(&self) -> Counts;
+
+    /// All parameters by name.
+    fn parameters(&self) -> BTreeMap<String, HostTensor>;
+
+    /// Writes one safetensors file with everything that drawing needs (not what only training needs), see
+    /// [`super::scene_file::write_tensors`].
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    fn save(&self, path: &Path) -> Result<(), SceneError>;
+
+    /// The Gaussians with their field, of a method whose Gaussians are the same ones at every time.
+    fn scene(&self) -> Option<&Scene> {
+        None
+    }
+
+    /// The same, given away.
+    fn into_scene(self: Box<Self>) -> Option<Scene> {
+        None
+    }
+}
+
+/// How large a model is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Numbers that were trained and that drawing needs.
+    pub parameters: usize,
+    /// Gaussians; 0 for a method without primitives.
+    pub primitives: usize,
+}
+
+impl Model for Scene {
+    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+        self.drawn(camera, time)
+    }
+
+    fn device(&self) -> Device {
+        self.gaussians.means.val().device()
+    }
+
+    fn background(&self) -> [f32; 3] {
+        self.spec.background
+    }
+
+    fn place(&self) -> (DVec3, f64) {
+        (self.spec.centre(), self.spec.half_size.into_iter().fold(f32::MIN_POSITIVE, f32::max).into())
+    }
+
+    fn counts(&self) -> Counts {
+        Counts { parameters: params::sizes(self).values().sum(), primitives: self.gaussians.count() }
+    }
+
+    fn parameters(&self) -> BTreeMap<String, HostTensor> {
+        params::collect(self)
+    }
+
+    fn save(&self, path: &Path) -> Result<(), SceneError> {
+        Scene::save(self, path)
+    }
+
+    fn scene(&self) -> Option<&Scene> {
+        Some(self)
+    }
+
+    fn into_scene(self: Box<Self>) -> Option<Scene> {
+        Some(*self)
+    }
+}

@@ -1,0 +1,46 @@
+//! The error of training.
+
+use crate::data::error::DataError;
+use std::path::PathBuf;
+
+/// Why training stops.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The data do not allow to start.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// A number is not finite.
+    #[error(
+        "step {step}: {what} is not finite (NaN or infinite); nothing after the last checkpoint was kept. \
+         Lower the learning rate of that group, or resume with another seed"
+    )]
+    NotFinite {
+        /// Global step, from 0.
+        step: usize,
+        /// The loss or the tensor, with the element.
+        what: String,
+    },
+    /// The configuration contradicts itself.
+    #[error("configuration: {0}")]
+    Config(String),
+    /// Another process writes into the run.
+    #[error(transparent)]
+    Lock(#[from] crate::files::LockError),
+    /// The metrics file cannot be used.
+    #[error(transparent)]
+    Metrics(#[from] crate::log::jsonl::JsonlError),
+    /// There is nothing to resume from, or it does not fit.
+    #[error(transparent)]
+    Resume(super::checkpoint::CheckpointError),
+    /// A checkpoint cannot be written.
+    #[error(transparent)]
+    Save(super::checkpoint::CheckpointError),
+    /// A log cannot be written.
+    #[error("{path}: {reason}")]
+    Log {
+        /// The file.
+        path: PathBuf,
+        /// What happened.
+        reason: String,
+    },
+}

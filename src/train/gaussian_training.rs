@@ -1,0 +1,60 @@
+//! [`Trainer`] as the training of a method: what a checkpoint keeps of it, and how it goes on from one.
+
+use super::checkpoint::CheckpointError;
+use super::densify::Statistics;
+use super::{Saved, StepReport, TrainError, Trainer, Training};
+use crate::data::Split;
+use crate::model::params::{self, HostTensor};
+use crate::model::{Model, Scene};
+use std::collections::BTreeMap;
+
+impl Training for Trainer {
+    fn total_steps(&self) -> usize {
+        Trainer::total_steps(self)
+    }
+
+    fn steps_done(&self) -> usize {
+        Trainer::steps_done(self)
+    }
+
+    fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
+        Trainer::step(self, split)
+    }
+
+    fn model(&self) -> &dyn Model {
+        self.scene()
+    }
+
+    fn state(&self) -> BTreeMap<String, HostTensor> {
+        let mut tensors = self.optimizer.to_tensors();
+        tensors.extend(self.culling.to_tensors());
+        let s = self.statistics.to_host();
+        for (name, values) in [("gradient", s.gradient), ("views", s.views), ("opacity", s.opacity)] {
+            tensors.insert(format!("statistics.{name}"), HostTensor { shape: vec![values.len()], values });
+        }
+        tensors
+    }
+
+    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+        let bad = |reason: String| CheckpointError::File { path: from.state_path.into(), reason };
+        let device = self.device().clone();
+        let scene = Scene::load(from.model, &device)?;
+        let n = scene.gaussians.count();
+        let statistic = |name: &str| {
+            let values = from.state.get(&format!("statistics.{name}")).map(|t| t.values.clone());
+            let values = values.filter(|v| v.len() == n);
+            values.ok_or_else(|| bad(format!("statistics.{name} is missing or has not {n} entries")))
+        };
+        let statistics =
+            Statistics { gradient: statistic("gradient")?, views: statistic("views")?, opacity: statistic("opacity")? };
+        self.statistics.replace(|_| statistics);
+        self.optimizer.load(&from.state, &params::sizes(&scene), &device.inner()).map_err(bad)?;
+        self.culling.load(&from.state, n);
+        (self.scene, self.step, self.initial) = (Some(scene), from.step, from.first_primitives);
+        Ok(())
+    }
+
+    fn first_primitives(&self) -> usize {
+        self.initial
+    }
+}

@@ -1,0 +1,38 @@
+//! Noise on the time of a step, which D3DGS calls annealed smooth training (its equation 6): neighbouring times learn from each
+//! other, less and less.
+
+use crate::config::types::Config;
+use crate::rng::{Purpose, Rng};
+
+/// The time at which step `step` (of the whole run, from 0) deforms the Gaussians for a view of `time`; `interval` lies between
+/// two training times. It may lie a little beyond [0, 1].
+pub(super) fn noisy(time: f64, config: &Config, step: usize, interval: f64) -> f32 {
+    let Some(d3dgs) = &config.d3dgs else { return time as f32 };
+    let left = 1.0 - step as f64 / d3dgs.time_noise_steps.max(1) as f64;
+    if left <= 0.0 || d3dgs.time_noise == 0.0 {
+        return time as f32;
+    }
+    let drawn = f64::from(Rng::new(config.seed, step as u64, Purpose::TimeNoise).normal());
+    (time + drawn * d3dgs.time_noise * interval * left) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::types::methods::D3dgsConfig;
+
+    #[test]
+    fn noise_falls_to_nothing_and_follows_from_the_step() {
+        let mut config = Config::default();
+        assert_eq!(noisy(0.3, &config, 0, 0.1), 0.3);
+        config.d3dgs = Some(D3dgsConfig { time_noise: 0.5, time_noise_steps: 1000, ..D3dgsConfig::default() });
+        let at = |from: usize| (from..from + 200).map(|s| f64::from(noisy(0.3, &config, s, 0.1)) - 0.3);
+        let size = |from: usize| (at(from).map(|v| v * v).sum::<f64>() / 200.0).sqrt();
+        // standard deviations of 0.05 at the start and a half of it in the middle
+        assert!((size(0) / (0.05 * 0.9) - 1.0).abs() < 0.15, "{}", size(0));
+        assert!((size(400) / (0.05 * 0.5) - 1.0).abs() < 0.15, "{}", size(400));
+        assert!((at(0).sum::<f64>() / 200.0).abs() < 0.01);
+        assert_eq!((noisy(0.3, &config, 1000, 0.1), noisy(0.3, &config, 5, 0.1)), (0.3, noisy(0.3, &config, 5, 0.1)));
+        assert_eq!(noisy(0.3, &config, 5, 0.0), 0.3);
+    }
+}
