@@ -1,6 +1,9 @@
 //! Counter-based random numbers (Philox4x32-10), so that a draw depends on its key alone: never on thread
 //! count, on call order elsewhere, or on whether a run was resumed.
 
+mod permutation;
+
+pub use permutation::Permutation;
 use std::f64::consts::TAU;
 
 /// A stream of random numbers keyed by `(seed, step, purpose)`.
@@ -154,6 +157,12 @@ pub enum Purpose {
     Normals,
     /// Noise on the time of a step.
     TimeNoise,
+    /// First weights and grids of the methods that are not ours.
+    MethodInit,
+    /// Which pixels of the training views a step of these sees.
+    MethodPixels,
+    /// Where along their rays the samples of such a step lie.
+    MethodJitter,
     /// Of tests and of programs of your own. The number is taken as it is: one of those above gives their stream.
     Custom(u64),
 }
@@ -179,6 +188,9 @@ impl Purpose {
             Self::MeasuredViews => 0x6d65_6173,
             Self::Normals => 0x6e6f_726d,
             Self::TimeNoise => 0x7469_6d65,
+            Self::MethodInit => 0x6d69_6e69,
+            Self::MethodPixels => 0x6d70_6978,
+            Self::MethodJitter => 0x6d6a_6974,
             Self::Custom(number) => number,
         }
     }
@@ -230,6 +242,9 @@ mod tests {
             (Purpose::MeasuredViews, u32::from_be_bytes(*b"meas").into()),
             (Purpose::Normals, u32::from_be_bytes(*b"norm").into()),
             (Purpose::TimeNoise, u32::from_be_bytes(*b"time").into()),
+            (Purpose::MethodInit, u32::from_be_bytes(*b"mini").into()),
+            (Purpose::MethodPixels, u32::from_be_bytes(*b"mpix").into()),
+            (Purpose::MethodJitter, u32::from_be_bytes(*b"mjit").into()),
         ];
         for (i, (purpose, number)) in all.into_iter().enumerate() {
             assert_eq!(Rng::new(1, 2, purpose).next_u64(), Rng::new(1, 2, Purpose::Custom(number)).next_u64());

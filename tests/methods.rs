@@ -183,3 +183,122 @@ fn a_file_of_another_method_or_of_another_size_is_refused() {
     let error = pixels.open(&checkpoint.join("scene.safetensors"), &device).unwrap_err().to_string();
     assert!(error.contains("scene.safetensors") && error.contains("another method"), "{error}");
 }
+
+/// The built-in methods without Gaussians, with settings of which a step takes milliseconds.
+const BUILT_IN: [(&str, &[&str]); 3] = [
+    ("coordnet", &["coordnet.widths=[12]", "coordnet.blocks=1", "coordnet.batch=256", "coordnet.steps=6"]),
+    (
+        "insitunet",
+        &[
+            "insitunet.channels=[8, 6, 4]",
+            "insitunet.critic_channels=[4, 6]",
+            "insitunet.encoder=8",
+            "insitunet.adversarial=0.01",
+            "insitunet.steps=6",
+        ],
+    ),
+    (
+        "visnerf",
+        &[
+            "visnerf.voxels=512",
+            "visnerf.width=8",
+            "visnerf.batch=64",
+            "visnerf.samples_last=16",
+            "visnerf.occupancy=8",
+            "visnerf.occupancy_every=2",
+            "visnerf.steps=6",
+        ],
+    ),
+];
+
+#[test]
+fn built_in_methods_without_gaussians_are_trained_resumed_measured_drawn_and_refused() {
+    let root = dataset();
+    let data = text(root.path(), "data");
+    for (name, settings) in BUILT_IN {
+        let small = format!("{name}-small");
+        let begin = |run: &str, more: &[&str]| {
+            let mut program = volseggs();
+            program.args([
+                "train",
+                "--data",
+                &data,
+                "--method",
+                name,
+                "--config",
+                &small,
+                "--set",
+                "output.eval_every=0",
+            ]);
+            program.args(settings.iter().flat_map(|set| ["--set", set]));
+            program.args(["--out", &text(root.path(), run)]).args(more).assert().success();
+        };
+        let (whole, parts) = (format!("{name}-whole"), format!("{name}-parts"));
+        begin(&whole, &[]);
+        begin(&parts, &["--stop-after", "3"]);
+        let parts = text(root.path(), &parts);
+        volseggs().args(["train", "--resume", &parts]).assert().success();
+        let run = root.path().join(&whole);
+        assert!(newest_bytes(Path::new(&parts)) == newest_bytes(&run), "{name}: a resumed run ends elsewhere");
+        let record = json(&run.join("run.json"));
+        assert_eq!(
+            (&record["method"], &record["status"], &record["steps"]),
+            (&name.into(), &"complete".into(), &6.into())
+        );
+
+        let run = text(root.path(), &whole);
+        told(&["eval", &run, "--views", "2"]).unwrap();
+        let mean = json(&Path::new(&run).join("eval/test/mean.json"));
+        assert!(mean["psnr"].as_f64().unwrap() > 3.0 && mean["parameters"].as_u64().unwrap() > 100, "{name}: {mean}");
+        let frames = text(root.path(), &format!("{name}-frames"));
+        let orbit = ["--path", "orbit", "--frames", "1", "--size", "24"];
+        volseggs().args(["render", &run]).args(orbit).args(["--out", &frames]).assert().success();
+        for arguments in [vec!["segment", "coarse", &run], vec!["track", &run, "--segment", "red"]] {
+            let (code, error) = told(&arguments).unwrap_err();
+            assert_eq!(code, 2, "{error}");
+            assert!(error.contains(&format!("the method {name}")) && error.contains("Gaussians"), "{error}");
+        }
+    }
+    let runs = BUILT_IN.map(|(name, _)| text(root.path(), &format!("{name}-whole")));
+    let table = text(root.path(), "table");
+    told(&["compare", &runs[0], &runs[1], &runs[2], "--out", &table]).unwrap();
+}
+
+#[test]
+fn insitunet_without_weights_of_vgg_says_so_and_compares_pixels() {
+    let root = dataset();
+    let mut program = volseggs();
+    program.args([
+        "train",
+        "--data",
+        &text(root.path(), "data"),
+        "--method",
+        "insitunet",
+        "--config",
+        "insitunet-small",
+    ]);
+    let features = ["insitunet.perceptual=1", "insitunet.pixel=0"];
+    program.args(BUILT_IN[1].1.iter().chain(&features).flat_map(|set| ["--set", set]));
+    let told = program.args(["--stop-after", "2", "--out", &text(root.path(), "run")]).assert().success();
+    let told = String::from_utf8(told.get_output().stderr.clone()).unwrap();
+    assert!(told.contains("note: insitunet.vgg") && told.contains("volseggs lpips --help"), "{told}");
+}
+
+#[test]
+fn a_run_whose_time_is_over_is_complete_and_goes_on_with_more() {
+    let root = dataset();
+    let whole = trained(root.path(), "whole", Start::New, None, &[]);
+    let short = trained(root.path(), "short", Start::New, None, &["output.max_minutes=1e-9"]);
+    assert_eq!((short.complete, short.record.status.as_str(), short.record.steps), (true, "complete", 1));
+    let run = root.path().join("short");
+    assert_eq!(names(&run.join("checkpoints")), ["step-000001"]);
+    told(&["eval", &text(root.path(), "short"), "--views", "1"]).unwrap();
+    let again = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=1e-9"]);
+    assert_eq!((again.complete, again.record.steps), (true, 1), "its time is over");
+    let longer = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=600"]);
+    assert_eq!((longer.complete, longer.record.steps), (true, whole.record.steps));
+    assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "what ends a run shapes no step");
+    let refused = Layers::new(PRESETS).sets(["output.max_minutes=-1"]).resolve::<Config>().unwrap();
+    let error = volseggs::train::check_config(&refused.value).unwrap_err().to_string();
+    assert!(error.contains("output.max_minutes = -1"), "{error}");
+}

@@ -3,8 +3,8 @@
 
 mod common;
 
-use common::{json, names, refused, text, volseggs};
-use std::path::Path;
+use common::{SETTINGS, json, names, refused, text, volseggs};
+use std::path::{Path, PathBuf};
 use volseggs::data::dataset::{Dataset, OpenOptions};
 use volseggs::data::{SplitName, Transforms};
 
@@ -239,4 +239,56 @@ fn the_demo_tells_its_story_and_goes_on() {
     let second: serde_json::Value = serde_json::from_slice(&run()).unwrap();
     assert_eq!(first["metrics"]["psnr"], second["metrics"]["psnr"]);
     refused(volseggs().args(["demo", "--set", "nothing=1", "--out", &out]), &["nothing"]);
+}
+
+#[test]
+fn what_volumes_and_a_run_of_them_cost_is_measured_side_by_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    write_series(root);
+    volseggs().args(arguments(root, "data")).assert().success();
+    let (run, data) = (text(root, "run"), text(root, "data"));
+    volseggs().args(["train", "--data", &data, "--out", &run]).args(small()).assert().success();
+    let raycast = |volume: &str, more: &[&str]| {
+        let mut command = volseggs();
+        command.args(["raycast", &run, "--volume", &text(root, volume), "--steps", "2", "--views", "4"]).args(more);
+        command
+    };
+    let told = raycast("v_*.raw", &["--json"]).assert().success();
+    let told: serde_json::Value = serde_json::from_slice(&told.get_output().stdout).unwrap();
+    let volumes = &told["volumes"];
+    // 3 steps of 20 x 16 x 12 voxels of two bytes
+    assert_eq!((&volumes["steps"], &volumes["raw_bytes"]), (&3.into(), &(3 * 20 * 16 * 12 * 2).into()));
+    assert_eq!((&volumes["loaded"], &volumes["views"]), (&2.into(), &4.into()));
+    let scene = std::fs::metadata(newest_scene(&root.join("run"))).unwrap().len();
+    assert_eq!(told["run"]["model_bytes"], scene);
+    for side in [volumes, &told["run"]] {
+        for what in ["load_seconds", "view_seconds", "peak_memory_bytes"] {
+            assert!(side[what].as_f64().unwrap() > 0.0, "{what}: {told}");
+        }
+    }
+    assert_eq!(told["run"]["preparation_seconds"], json(&root.join("data/prepare.json"))["seconds"]);
+    let table = raycast("v_*.raw", &[]).assert().success();
+    let table = String::from_utf8(table.get_output().stdout.clone()).unwrap();
+    for words in
+        ["| | volume rendering | splatting |", "| data, MB | 0.02 |", "for all 3 steps", "4 views at 2 of 3 steps"]
+    {
+        assert!(table.contains(words), "{words}: {table}");
+    }
+
+    refused(&mut raycast("v_0.raw", &[]), &["--volume: 1 steps", "[20, 16, 12]", "was made of 3"]);
+    refused(&mut raycast("no_*.raw", &[]), &["no_*.raw"]);
+    std::fs::remove_file(root.join("data/prepare.json")).unwrap();
+    refused(&mut raycast("v_*.raw", &[]), &["no prepare.json"]);
+    std::fs::remove_file(root.join("run/run.json")).unwrap();
+    refused(&mut raycast("v_*.raw", &[]), &["run.json"]);
+}
+
+/// Settings of a training of a second.
+fn small() -> Vec<&'static str> {
+    SETTINGS.iter().flat_map(|set| ["--set", set]).collect()
+}
+
+fn newest_scene(run: &Path) -> PathBuf {
+    volseggs::train::checkpoint::newest_scene(run).unwrap()
 }

@@ -4,7 +4,7 @@
 //! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `autodiff.rs`
 //! (gradient registration), `cpu` (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels,
 //! with the feature `wgpu` or `cuda`). `contributors` lies in `splat`, whose rule of compositing it shares.
-//! `shading` is an op on the CPU and tensor operations on GPUs.
+//! `shading` and `sine` are ops on the CPU and tensor operations on GPUs.
 //!
 //! This crate knows nothing of files, configurations or the command line.
 #![allow(deprecated)] // burn deprecates the NdArray backend in favour of Flex; both are supported here.
@@ -20,9 +20,11 @@ pub mod adam;
 pub mod contrast;
 pub mod decoder;
 pub mod field;
+pub mod march;
 pub mod photometric;
 pub mod sh;
 pub mod shading;
+pub mod sine;
 pub mod splat;
 pub mod ssim;
 pub mod tv;

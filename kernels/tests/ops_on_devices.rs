@@ -1,4 +1,4 @@
-//! Field, SSIM, distance, total variation and Adam as tensor ops: the gradients that autodiff hands out are those of the
+//! Field, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that autodiff hands out are those of the
 //! f64 references, and every device of the CPU gives the same bits.
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -8,7 +8,9 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, Tested, relative_error, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
 use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
+use volseggs_kernels::march::{RaySamples, composite, reference as march_reference};
 use volseggs_kernels::photometric::{Distance, photometric_loss, reference as photometric_reference};
+use volseggs_kernels::sine::sine;
 use volseggs_kernels::ssim::{mean_ssim, reference as ssim_reference};
 use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, total_variation};
 
@@ -143,6 +145,71 @@ fn total_variation_has_the_gradient_of_its_value(on: Tested) {
     }
 }
 
+fn what_rays_see_and_its_gradients_are_those_of_the_reference(on: Tested) {
+    let offsets: Vec<u32> = (0..=90).map(|ray: u32| ray * (ray + 5) / 6).collect();
+    let samples = offsets[90] as usize;
+    let coloured: Vec<bool> = values(samples, 18).iter().map(|v| *v < 0.7).collect();
+    let rays = RaySamples::new(&offsets, &coloured);
+    let depths: Vec<f32> = values(samples, 19).iter().map(|v| 0.4 * v * v).collect();
+    let (colours, weights) = (values(3 * rays.coloured(), 20), values(4 * 90, 21));
+    let back = [0.9f32, 0.2, 0.6];
+    let ours = on.results(|device| {
+        let d = tensor(&depths, [samples], device).require_grad();
+        let c = tensor(&colours, [rays.coloured(), 3], device).require_grad();
+        let out = composite(d.clone(), c.clone(), &rays, back);
+        let g = (out.clone() * tensor(&weights, [90, 4], device)).sum().backward();
+        vec![to_vec(out.inner()), to_vec(d.grad(&g).unwrap()), to_vec(c.grad(&g).unwrap())]
+    });
+    let of = |depths: &[f64], colours: &[f64]| march_reference::composite(&rays, depths, colours, back.map(f64::from));
+    let (mut d, mut c) = (wide(&depths), wide(&colours));
+    let least = on.within(1e-5, 1e-4);
+    assert!(relative_error(&ours[0], &of(&d, &c)) < least);
+    let total = |out: Vec<f64>| out.iter().zip(&weights).map(|(v, w)| v * f64::from(*w)).sum::<f64>();
+    let h = 1e-5;
+    let mut of_depths = Vec::new();
+    for i in 0..d.len() {
+        let at = d[i];
+        d[i] = at + h;
+        let up = total(of(&d, &c));
+        d[i] = at - h;
+        of_depths.push((up - total(of(&d, &c))) / (2.0 * h));
+        d[i] = at;
+    }
+    assert!(relative_error(&ours[1], &of_depths) < least);
+    // linear in the colours
+    let dark = vec![0.0; c.len()];
+    let black = total(of(&d, &dark));
+    let of_colours: Vec<f64> = (0..c.len())
+        .map(|i| {
+            c.fill(0.0);
+            c[i] = 1.0;
+            total(of(&d, &c)) - black
+        })
+        .collect();
+    assert!(relative_error(&ours[2], &of_colours) < least);
+}
+
+fn sines_of_rows_and_their_gradients_are_those_of_double_precision(on: Tested) {
+    let (n, width, omega) = (37, 24, 30.0f32);
+    let (x, bias, weights) = (values(n * width, 22), values(width, 23), values(n * width, 24));
+    let ours = on.results(|device| {
+        let rows = tensor(&x, [n, width], device).require_grad();
+        let b = tensor(&bias, [width], device).require_grad();
+        let out = sine(rows.clone(), b.clone(), omega);
+        let g = (out.clone() * tensor(&weights, [n, width], device)).sum().backward();
+        vec![to_vec(out.inner()), to_vec(rows.grad(&g).unwrap()), to_vec(b.grad(&g).unwrap())]
+    });
+    let argument = |i: usize| f64::from(omega * (x[i] + bias[i % width]));
+    let exact: Vec<f64> = (0..n * width).map(|i| argument(i).sin()).collect();
+    let slope = |i: usize| f64::from(omega) * argument(i).cos() * f64::from(weights[i]);
+    let of_rows: Vec<f64> = (0..n * width).map(slope).collect();
+    let of_bias: Vec<f64> = (0..width).map(|c| of_rows.iter().skip(c).step_by(width).sum()).collect();
+    let least = on.within(1e-6, 1e-4);
+    for (ours, expected) in ours.iter().zip([&exact, &of_rows, &of_bias]) {
+        assert!(relative_error(ours, expected) < least);
+    }
+}
+
 const STEP: AdamStep = AdamStep {
     lr: 0.1,
     beta1: 0.9,
@@ -186,6 +253,8 @@ volseggs_testing::on_every_device!(
     ssim_and_its_gradient_are_those_of_the_reference,
     the_distance_of_images_and_its_gradient_are_those_of_the_reference,
     total_variation_has_the_gradient_of_its_value,
+    sines_of_rows_and_their_gradients_are_those_of_double_precision,
+    what_rays_see_and_its_gradients_are_those_of_the_reference,
     the_first_step_of_adam_moves_every_element_by_the_rate,
 );
 volseggs_testing::on_every_cpu_device!(

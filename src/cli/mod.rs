@@ -16,6 +16,7 @@ mod inspect_volume;
 mod lpips;
 mod prepare;
 mod prepare_inputs;
+mod raycast;
 mod render;
 mod segment;
 #[cfg(feature = "view")]
@@ -74,6 +75,7 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Sweep(Box<sweep::SweepArgs>),
     Compare(compare::CompareArgs),
+    Raycast(raycast::RaycastArgs),
     Config(config::ConfigArgs),
     Lpips(lpips::LpipsArgs),
     Doctor(doctor::DoctorArgs),
@@ -174,6 +176,7 @@ impl Cli {
             Command::Inspect(args) => args.run(),
             Command::Sweep(args) => args.run(),
             Command::Compare(args) => args.run(),
+            Command::Raycast(args) => args.run(),
             Command::Config(args) => args.run(),
             Command::Lpips(args) => args.run(),
             Command::Doctor(args) => args.run(),

@@ -14,6 +14,12 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("static", include_str!("../../configs/static.toml")),
     ("d3dgs", include_str!("../../configs/methods/d3dgs.toml")),
     ("d3dgs-small", include_str!("../../configs/methods/d3dgs-small.toml")),
+    ("coordnet", include_str!("../../configs/methods/coordnet.toml")),
+    ("coordnet-small", include_str!("../../configs/methods/coordnet-small.toml")),
+    ("insitunet", include_str!("../../configs/methods/insitunet.toml")),
+    ("insitunet-small", include_str!("../../configs/methods/insitunet-small.toml")),
+    ("visnerf", include_str!("../../configs/methods/visnerf.toml")),
+    ("visnerf-small", include_str!("../../configs/methods/visnerf-small.toml")),
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.

@@ -7,7 +7,7 @@ mod densify;
 pub mod methods;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
-use methods::D3dgsConfig;
+use methods::{CoordNetConfig, D3dgsConfig, InSituNetConfig, VisNerfConfig};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -46,6 +46,15 @@ pub struct Config {
     pub speed: SpeedConfig,
     /// Logs and checkpoints.
     pub output: OutputConfig,
+    /// Of the method `coordnet`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coordnet: Option<CoordNetConfig>,
+    /// Of the method `insitunet`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub insitunet: Option<InSituNetConfig>,
+    /// Of the method `visnerf`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub visnerf: Option<VisNerfConfig>,
     /// Of the method `d3dgs`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d3dgs: Option<D3dgsConfig>,
@@ -405,4 +414,7 @@ pub struct OutputConfig {
     pub checkpoint_every: usize,
     /// Checkpoints kept.
     pub keep: usize,
+    /// Minutes of training after which a run is complete, whatever step it has come to; 0 for no limit.
+    #[serde(default)] // a run from before this key still opens
+    pub max_minutes: f64,
 }

@@ -222,6 +222,15 @@ pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Optio
     Ok(split)
 }
 
+/// The views of one split without their images, of which only the first one's size is read.
+///
+/// # Errors
+/// As [`Dataset::open`].
+pub fn read_views(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
+    let json = Transforms::read(&name.json_path(root))?;
+    Ok(outline(root, name, &json, downscale, max_views)?.0)
+}
+
 fn renumber(mut error: DataError, kept: &[usize]) -> DataError {
     if let DataError::Image { frame, .. } | DataError::MixedResolution { frame, .. } = &mut error {
         *frame = kept.get(*frame).copied().unwrap_or(*frame);

@@ -138,6 +138,16 @@ impl ImageSet {
         out
     }
 
+    /// Pixel `at` (row-major) of image `frame` over `background`, as [`ImageSet::composite`] gives it.
+    ///
+    /// # Panics
+    /// If there is no such image or pixel.
+    #[must_use]
+    pub fn pixel(&self, frame: usize, at: usize, background: [f32; 3]) -> [f32; 3] {
+        let [r, g, b, _] = over(&self.frame(frame)[4 * at..4 * at + 4], background);
+        [r, g, b]
+    }
+
     /// The alpha of image `frame` into `out` `[height * width]`, in [0, 1].
     ///
     /// # Panics

@@ -28,10 +28,20 @@
 //!
 //! A method outside of this crate is registered instead, see [`crate::extend::method`] and `docs/research.md`.
 
+pub mod coordnet;
 mod d3dgs;
 #[cfg(test)]
 mod d3dgs_tests;
+mod file;
+pub mod insitunet;
+mod layers;
+mod learner;
 pub mod network;
+mod pixels;
+pub mod sphere;
+#[cfg(test)]
+mod test_support;
+pub mod visnerf;
 mod volseggs;
 
 pub use crate::model::{Counts, Model};
@@ -70,6 +80,11 @@ pub trait Method: Send + Sync {
     /// Steps of the whole training.
     fn steps(&self, config: &Config) -> usize;
 
+    /// What it costs, for the estimate of a sweep; none if that follows from Gaussians, and from the two stages, as ours does.
+    fn work(&self, _: &Config) -> Option<Work> {
+        None
+    }
+
     /// Starts a training on `device` (without gradients; add `.autodiff()`), after [`Method::check`]. Sizes are to be held
     /// against [`crate::memory::Budget`] before anything large is allocated.
     ///
@@ -84,8 +99,25 @@ pub trait Method: Send + Sync {
     fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError>;
 }
 
+/// What a method costs, to tell minutes from hours.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Work {
+    /// Multiply-adds of a step's way forward.
+    pub step: f64,
+    /// Multiply-adds of a pixel of a picture.
+    pub pixel: f64,
+    /// Bytes of the parameters with their moments, and of what a step keeps.
+    pub bytes: f64,
+}
+
 /// The methods that are built in, by name.
-pub const BUILT_IN: &[(&str, &dyn Method)] = &[(VOLSEGGS, &VolSegGs), (d3dgs::NAME, &D3dgs)];
+pub const BUILT_IN: &[(&str, &dyn Method)] = &[
+    (VOLSEGGS, &VolSegGs),
+    (d3dgs::NAME, &D3dgs),
+    ("coordnet", &network::OneNetwork(coordnet::CoordNet)),
+    ("insitunet", &insitunet::InSituNetMethod),
+    ("visnerf", &visnerf::VisNerfMethod),
+];
 
 /// Those that a program of one's own added.
 pub(crate) static METHODS: Registry<dyn Method> = Registry::new("method");

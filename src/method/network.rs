@@ -1,18 +1,18 @@
 //! Methods that are one network and no Gaussians: training, files, resuming and guards follow from a few functions.
 
-use super::{Counts, Method, Model, Saved, Training};
+use super::{Counts, Method, Model, Saved, Training, Work, file};
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
 use crate::memory::Budget;
 use crate::model::SceneError;
 use crate::model::params::{self, HostTensor};
-use crate::model::scene_file::{read_tensors, refuse_not_finite, write_tensors};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use crate::train::watch::LossWatch;
 use crate::train::{StepReport, StepTimes, TrainError, evaluation_background};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
+use glam::DVec3;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -42,6 +42,11 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
     /// Steps of the whole training.
     fn steps(&self, config: &Config) -> usize;
 
+    /// What it costs, as [`Method::work`]; unknown if not given.
+    fn work(&self, _: &Config) -> Option<Work> {
+        None
+    }
+
     /// What the network needs to know, from settings that were checked and the data.
     fn spec(&self, config: &Config, dataset: &Dataset) -> Self::Spec;
 
@@ -63,6 +68,11 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
     /// Adam's decays and epsilon; PyTorch's defaults if not given.
     fn adam(&self, _: &Config) -> AdamConstants {
         AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 }
+    }
+
+    /// Centre and half size of what it shows, world units, as [`Model::place`].
+    fn place(&self, _: &Self::Spec) -> (DVec3, f64) {
+        (DVec3::ZERO, 1.0)
     }
 
     /// The view of a camera at a time in [0, 1], as [`Model::image`]; `network` has no gradients.
@@ -117,6 +127,10 @@ impl<N: Network> Method for OneNetwork<N> {
         self.0.steps(config)
     }
 
+    fn work(&self, config: &Config) -> Option<Work> {
+        self.0.work(config)
+    }
+
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
         let (method, device) = (self.0.clone(), device.clone().autodiff());
         let background = evaluation_background(&config.data.background)?;
@@ -138,19 +152,12 @@ impl<N: Network> Method for OneNetwork<N> {
 
 impl<N: Network> Drawer<N> {
     fn read(method: N, path: &Path, device: &Device) -> Result<Self, SceneError> {
-        let format = |reason: String| SceneError::Format { path: path.into(), reason };
-        let (tensors, metadata) = read_tensors(path)?;
-        refuse_not_finite(path, &tensors)?;
-        let header = metadata.get(HEADER).ok_or_else(|| format(format!("no `{HEADER}` entry: of another method")))?;
-        let header: Header<N::Spec> = serde_json::from_str(header).map_err(|e| format(format!("header: {e}")))?;
-        let Header { background, spec } = header;
-        let asked = method.parameters(&spec).map_err(|e| format(format!("header: {e}")))?;
-        let held: u128 = tensors.values().map(|tensor| tensor.values.len() as u128).sum();
-        if asked != held {
-            return Err(format(format!("the network has {asked} values, the file holds {held}")));
-        }
-        let module = params::load(method.network(&spec, 0, device), &tensors);
-        let module = Some(module.map_err(|source| SceneError::Fit { path: path.into(), source })?);
+        let file = file::read::<Header<N::Spec>>(path, HEADER)?;
+        let Header { background, spec } = &file.spec;
+        let asked = method.parameters(spec).map_err(|e| file::wrong(path, format!("header: {e}")))?;
+        file.check_size(path, asked)?;
+        let module = Some(file.fill(path, method.network(spec, 0, device))?);
+        let (background, spec) = (*background, spec.clone());
         Ok(Self { method, module, spec, background, device: device.clone() })
     }
 
@@ -178,6 +185,10 @@ impl<N: Network> Model for Drawer<N> {
         self.background
     }
 
+    fn place(&self) -> (DVec3, f64) {
+        self.method.place(&self.spec)
+    }
+
     fn counts(&self) -> Counts {
         Counts { parameters: params::sizes(self.module()).values().sum(), primitives: 0 }
     }
@@ -187,10 +198,7 @@ impl<N: Network> Model for Drawer<N> {
     }
 
     fn save(&self, path: &Path) -> Result<(), SceneError> {
-        let header = Header { background: self.background, spec: &self.spec };
-        let header = serde_json::to_string(&header)
-            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
-        write_tensors(path, &self.parameters(), Some((HEADER, header)))
+        file::save(path, HEADER, &self.parameters(), &Header { background: self.background, spec: &self.spec })
     }
 }
 

@@ -177,6 +177,22 @@ impl Lpips {
         self.weights.net
     }
 
+    /// Features of the first stage of the backbone, of images `[N, 3, H, W]` in [-1, 1]; of VGG after its second ReLU,
+    /// `[N, 64, H, W]`. Differentiable with respect to the images.
+    #[must_use]
+    pub fn first_features(&self, images: Tensor<4>) -> Tensor<4> {
+        let device = images.device();
+        let row = |values: [f32; 3]| Tensor::from_data(TensorData::new(values.to_vec(), [1, 3, 1, 1]), &device);
+        let x = (images - row(SHIFT)) / row(SCALE);
+        self.weights.convs[0].iter().fold(x, |x, conv| {
+            if !device.is_autodiff() {
+                return convolve(x, conv);
+            }
+            let (weight, bias) = (Tensor::from_inner(conv.weight.clone()), Tensor::from_inner(conv.bias.clone()));
+            convolve(x, &Conv { spec: conv.spec, weight, bias })
+        })
+    }
+
     /// The LPIPS distance of two RGB images `[H, W, 3]` with values in [0, 1]; 0 for equal images, and
     /// NaN if either holds a value that is not finite.
     ///

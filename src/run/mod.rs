@@ -23,6 +23,7 @@ pub mod measure;
 mod open;
 pub mod palette;
 pub mod pick;
+pub mod rendering;
 pub mod saved;
 pub mod segments;
 pub mod selection;

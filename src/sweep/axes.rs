@@ -20,6 +20,8 @@ pub struct Variant {
     pub config: Option<String>,
     /// What it sets.
     pub settings: Settings,
+    /// Its seeds in the place of the sweep's.
+    pub seeds: Option<Vec<u64>>,
 }
 
 /// Takes sections apart: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` say the same.
@@ -48,7 +50,7 @@ pub fn flatten(table: &Table) -> Settings {
 pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
     check_count(file, 1, 1, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
-    let mut found = vec![Variant { name: String::new(), config: None, settings: Settings::new() }];
+    let mut found = vec![Variant { name: String::new(), config: None, settings: Settings::new(), seeds: None }];
     if !file.variant.is_empty() {
         let mut named = Vec::new();
         for (i, spec) in file.variant.iter().enumerate() {
@@ -58,8 +60,8 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
             if file.variant[..i].iter().any(|other| other.name == spec.name) {
                 return Err(bad(&format!("variant {}", i + 1), format!("there are two called \"{}\"", spec.name)));
             }
-            let (name, config) = (spec.name.clone(), spec.config.clone());
-            named.push(Variant { name, config, settings: flatten(&spec.set) });
+            let (name, config, seeds) = (spec.name.clone(), spec.config.clone(), spec.seeds.clone());
+            named.push(Variant { name, config, settings: flatten(&spec.set), seeds });
         }
         found = named;
     }
@@ -83,6 +85,17 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
         }
     }
     Ok(found)
+}
+
+/// The seeds that any variant has, the sweep's own first.
+pub(super) fn all_seeds(seeds: &[u64], variants: &[Variant]) -> Vec<u64> {
+    let mut all: Vec<u64> = Vec::new();
+    for variant in variants {
+        all.extend(variant.seeds(seeds).iter().filter(|seed| !seeds.contains(seed)));
+    }
+    all.sort_unstable();
+    all.dedup();
+    seeds.iter().copied().chain(all).collect()
 }
 
 /// Most entries of a sweep: far more than anybody can train, and planned within minutes.
@@ -117,6 +130,11 @@ pub(super) fn check_count(
 }
 
 impl Variant {
+    /// Its seeds, where the sweep's are `seeds`.
+    pub(super) fn seeds<'a>(&'a self, seeds: &'a [u64]) -> &'a [u64] {
+        self.seeds.as_deref().unwrap_or(seeds)
+    }
+
     /// The same with more keys; its name says what they are.
     fn with(&self, more: &[(String, Value)]) -> Self {
         let mut new = self.clone();

@@ -15,11 +15,10 @@ use toml::Table;
 /// Refuses lists that name something twice, devices that are not there, and weights that are no files.
 pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewhere: bool) -> Result<(), SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-    let mut met = HashSet::new();
-    for seed in seeds {
-        if !met.insert(seed) {
-            return Err(bad("seeds", format!("{seed} stands there twice")));
-        }
+    check_seeds(seeds).map_err(|problem| bad("seeds", problem))?;
+    for variant in &file.variant {
+        let seeds = variant.seeds.as_deref().map_or(Ok(()), check_seeds);
+        seeds.map_err(|problem| bad(&format!("variant \"{}\": seeds", variant.name), problem))?;
     }
     for (i, device) in file.devices.iter().enumerate() {
         let name: DeviceName = device.parse().map_err(|e| bad("devices", format!("{e}")))?;
@@ -39,6 +38,18 @@ pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewher
         return Err(bad("eval.views", "0 leaves no view; leave it out for all".into()));
     }
     Ok(())
+}
+
+/// Refuses seeds that are none, or stand there twice.
+fn check_seeds(seeds: &[u64]) -> Result<(), String> {
+    if seeds.is_empty() {
+        return Err("an empty list leaves no run; leave the key out for seed 0".into());
+    }
+    let mut met = HashSet::new();
+    match seeds.iter().find(|seed| !met.insert(**seed)) {
+        None => Ok(()),
+        Some(seed) => Err(format!("{seed} stands there twice")),
+    }
 }
 
 /// Refuses `seed` where keys are set: it is an axis of its own, and would be overwritten without a word.

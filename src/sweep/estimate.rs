@@ -9,6 +9,7 @@ use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read};
 use crate::config::types::{Config, EncoderKind};
 use crate::files::RunPaths;
+use crate::method::{self, Work};
 use crate::model::{d3dgs, size};
 use crate::train::run::RunRecord;
 use std::path::Path;
@@ -46,6 +47,9 @@ const PER_PIXEL_RENDERED: f64 = 3.0e-6;
 /// Seconds of the report at the end.
 const REPORT: f64 = 2.0;
 
+/// For each multiply-add of a network; the way back takes two for each of the way forward.
+const PER_PRODUCT: f64 = PER_WEIGHT / 3.0;
+
 /// What one run will take.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cost {
@@ -75,6 +79,49 @@ pub struct Estimate {
 pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
+    let method = method::find(&config.method).ok();
+    let work = method.as_ref().and_then(|method| Some((method.steps(config) as f64, method.work(config)?)));
+    let of = work.map_or_else(|| of_gaussians(config, pixels), |(steps, work)| of_network(steps, work, pixels));
+    let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
+    let measured = eval.views.unwrap_or(data.test_views).min(data.test_views) as f64;
+    let live = match config.output.eval_every {
+        0 => 0.0,
+        every => of.steps / every as f64 * config.output.eval_views.min(data.test_views) as f64,
+    };
+    let lpips = eval.lpips_weights.len() as f64;
+    let around = START
+        + (views + measured) * pixels * PER_PIXEL_READ
+        + (measured + live) * (PER_VIEW + of.view + pixels * PER_PIXEL)
+        + measured * pixels * (PER_PIXEL_VIEW + lpips * PER_PIXEL_LPIPS);
+    let most = match config.output.max_minutes {
+        0.0 => f64::INFINITY,
+        minutes => 60.0 * minutes * cores() * BUSY,
+    };
+    // images as bytes; the program itself
+    let memory = of.memory + views * pixels * 4.0 + 1.5e8;
+    Cost { cpu_seconds: of.cpu_seconds.min(most), around, memory }
+}
+
+/// What a method costs, whatever the data around it.
+struct Share {
+    steps: f64,
+    cpu_seconds: f64,
+    /// Seconds of CPU time of a view, without what any view takes.
+    view: f64,
+    memory: f64,
+}
+
+fn of_network(steps: f64, work: Work, pixels: f64) -> Share {
+    Share {
+        steps,
+        // the way back takes twice as long as the way forward
+        cpu_seconds: steps * (PER_STEP + 3.0 * work.step * PER_PRODUCT),
+        view: pixels * work.pixel * PER_PRODUCT,
+        memory: work.bytes,
+    }
+}
+
+fn of_gaussians(config: &Config, pixels: f64) -> Share {
     let most = config.densify.budget.max(config.densify.warmup_budget);
     let growing = most > config.init.points;
     let end = most.max(config.init.points) as f64;
@@ -94,28 +141,20 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
         + joint * (n * (PER_GAUSSIAN * registered + products) + pixels * PER_PIXEL)
         + warm * (warm_n * PER_GAUSSIAN_WARMUP + pixels * PER_PIXEL)
         + dssim * pixels * PER_PIXEL_DSSIM;
-    // images as bytes; parameters, gradients, two moments and the tape's copies of each Gaussian; the program itself
-    let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
+    // parameters, gradients, two moments and the tape's copies of each Gaussian
     let kept = config.d3dgs.as_ref().map_or_else(|| size::encoder_values(&config.model), d3dgs::kept_values);
-    let tape = kept as f64 * 4.0;
-    let memory = views * pixels * 4.0 + end * (4.0e3 + tape) + 1.5e8;
-    let measured = eval.views.unwrap_or(data.test_views).min(data.test_views) as f64;
-    let live = match config.output.eval_every {
-        0 => 0.0,
-        every => (warm + joint) / every as f64 * config.output.eval_views.min(data.test_views) as f64,
-    };
-    let lpips = eval.lpips_weights.len() as f64;
-    let around = START
-        + (views + measured) * pixels * PER_PIXEL_READ
-        + (measured + live) * (PER_VIEW + end * (PER_GAUSSIAN_VIEW + products / 3.0) + pixels * PER_PIXEL)
-        + measured * pixels * (PER_PIXEL_VIEW + lpips * PER_PIXEL_LPIPS);
-    Cost { cpu_seconds, around, memory }
+    let memory = end * (4.0e3 + kept as f64 * 4.0);
+    Share { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
+}
+
+fn cores() -> f64 {
+    std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64)
 }
 
 /// What is left of `runs`, `jobs` at a time.
 #[must_use]
 pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
-    let cores = std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64);
+    let cores = cores();
     let of = |run: &Run| -> Option<Cost> {
         let config: Config = toml::from_str(&run.config).ok()?;
         Some(cost(&config, plan.datasets.get(&run.dataset)?, &plan.eval))
@@ -215,8 +254,34 @@ mod tests {
     }
 
     #[test]
+    fn methods_that_are_networks_take_what_their_products_take_and_no_longer_than_they_may() {
+        let plan = plan("[0]", 5);
+        let data = plan.datasets.values().next().unwrap();
+        let of = |name: &str, edit: fn(&mut Config)| {
+            let mut config = crate::config::layers::Layers::new(crate::config::PRESETS)
+                .source(name)
+                .resolve::<Config>()
+                .unwrap()
+                .value;
+            edit(&mut config);
+            cost(&config, data, &plan.eval)
+        };
+        for name in ["coordnet", "insitunet", "visnerf"] {
+            let (small, published) = (of(&format!("{name}-small"), |_| ()), of(name, |_| ()));
+            assert!(published.cpu_seconds > 100.0 * small.cpu_seconds, "{name}: {small:?} {published:?}");
+            assert!(small.cpu_seconds > 10.0 && small.cpu_seconds < 3600.0, "{name}: {small:?}");
+            assert!(
+                published.memory > small.memory && published.around > small.around,
+                "{name}: {small:?} {published:?}"
+            );
+            let limited = of(name, |config| config.output.max_minutes = 10.0);
+            assert!((limited.cpu_seconds - 600.0 * cores() * BUSY).abs() < 1e-6, "{name}: {limited:?}");
+        }
+    }
+
+    #[test]
     fn short_runs_take_their_start_their_evaluation_and_the_report() {
-        let cores = std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64);
+        let cores = cores();
         let (one, four) = (seconds(&plan("[0]", 5)), seconds(&plan("[0, 1, 2, 3]", 5)));
         assert!(one > REPORT + START / cores, "{one}");
         assert!(four - one > 3.0 * START / cores, "{one} {four}");

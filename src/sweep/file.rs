@@ -75,6 +75,9 @@ pub struct VariantSpec {
     /// Keys it sets.
     #[serde(default)]
     pub set: Table,
+    /// Seeds in the place of the sweep's: fewer of a variant that takes long, say.
+    #[serde(default)]
+    pub seeds: Option<Vec<u64>>,
 }
 
 /// `[random]`

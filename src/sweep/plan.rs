@@ -4,7 +4,7 @@
 //! training, an *entry* is one place in the table.
 
 use super::SweepError;
-use super::axes::{Settings, Variant, check_count, flatten, variants};
+use super::axes::{Settings, Variant, all_seeds, check_count, flatten, variants};
 use super::checks::{baseline, check_halving, check_lists, check_plan, check_seed_keys};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
@@ -128,9 +128,10 @@ impl Plan {
         let build = program::build().map_err(|e| SweepError::io(&e.file, &e.reason))?;
         let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
         let seeds = match &file.seeds {
-            _ if !options.seeds.is_empty() => options.seeds.clone(),
-            Some(seeds) if seeds.is_empty() => {
-                return Err(bad("seeds", "an empty list leaves no run; leave the key out for seed 0".into()));
+            _ if !options.seeds.is_empty() => {
+                // those of the command line are for all
+                file.variant.iter_mut().for_each(|variant| variant.seeds = None);
+                options.seeds.clone()
             }
             Some(seeds) => seeds.clone(),
             None => vec![0],
@@ -182,10 +183,10 @@ impl Plan {
         let mut fingerprints = HashMap::new();
         let mut placed = Placed::default();
         // seeds outermost, so that a first table is there early
-        for &seed in &seeds {
+        for seed in all_seeds(&seeds, &variants) {
             for (dataset, data) in plan.datasets.clone() {
                 for device in &file.devices {
-                    for variant in &variants {
+                    for variant in variants.iter().filter(|variant| variant.seeds(&seeds).contains(&seed)) {
                         let one = base.resolve(variant, seed)?;
                         let downscale = one.config.data.downscale;
                         let print = match fingerprints.entry((dataset.clone(), downscale)) {

@@ -40,6 +40,21 @@ fn entries_are_all_combinations_with_seeds_outermost() {
 }
 
 #[test]
+fn a_variant_may_have_seeds_of_its_own() {
+    let text = format!(
+        "config = 'demo'\nseeds = [0, 1]\n[[variant]]\nname = 'slow'\nseeds = [0]\nset = {{ 'loss.tv' = 0.0 }}\n\
+         [[variant]]\nname = 'a'\n[[variant]]\nname = 'b'\nset = {{ 'loss.tv' = 0.1 }}\nseeds = [7, 1]\n{DATA}"
+    );
+    let labels = |options: PlanOptions| -> Vec<String> {
+        plan_with(&text, &options).unwrap().runs.into_iter().map(|run| run.label).collect()
+    };
+    let out = || PlanOptions { out: "/out".into(), ..PlanOptions::default() };
+    assert_eq!(labels(out()), ["slow seed 0", "a seed 0", "a seed 1", "b seed 1", "b seed 7"]);
+    let typed = PlanOptions { seeds: vec![4], ..out() };
+    assert_eq!(labels(typed), ["slow seed 4", "a seed 4", "b seed 4"], "the command line's are for all");
+}
+
+#[test]
 fn a_variant_may_start_from_a_configuration_of_its_own() {
     let text = format!(
         "config = 'quick'\n[[variant]]\nname = 'ours'\n[[variant]]\nname = 'D3DGS'\nconfig = 'd3dgs-small'\nset = {{ 'init.points' = \
@@ -67,6 +82,8 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("devices = ['abacus']", "abacus"),
         ("seeds = [1, 1]", "twice"),
         ("seeds = []", "seeds: an empty list"),
+        ("[[variant]]\nname = 'x'\nseeds = []", "variant \"x\": seeds: an empty list"),
+        ("[[variant]]\nname = 'x'\nseeds = [3, 3]", "variant \"x\": seeds: 3 stands there twice"),
         ("seeds = [-4]", "expected a whole number, 0 or above, not -4"),
         ("set = { seed = -4 }", "set.seed: seeds are an axis of their own; write seeds = [4]"),
         ("[[variant]]\nname = 'x'\nset = { seed = 3 }", "variant \"x\": set.seed"),
@@ -208,7 +225,7 @@ fn a_damaged_plan_is_refused_with_the_field() {
 fn every_sweep_file_of_the_repository_can_be_planned() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
     let mut count = 0;
-    for folder in ["ablations", "sweeps"] {
+    for folder in ["ablations", "sweeps", "tables"] {
         for entry in std::fs::read_dir(root.join(folder)).unwrap() {
             let path = entry.unwrap().path();
             let name = path.file_stem().unwrap().to_string_lossy().into_owned();
@@ -226,5 +243,5 @@ fn every_sweep_file_of_the_repository_can_be_planned() {
             count += 1;
         }
     }
-    assert!(count >= 22, "{count}");
+    assert!(count >= 26, "{count}");
 }

@@ -275,7 +275,12 @@ pub fn run(
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
     let mut report = None;
-    loop {
+    // a run that is resumed with its time over takes no step; one that begins takes one, so that there is a checkpoint
+    let out_of_time = |steps: usize| {
+        let minutes = config.output.max_minutes;
+        minutes > 0.0 && steps > 0 && seconds() >= 60.0 * minutes
+    };
+    let complete = loop {
         let (model, steps) = (training.model(), training.steps_done());
         let now = Moment { run: out, config, record: &record, model, steps, until: limit, seconds: seconds(), report };
         let waited = wait_for(observer, &now, stop, || match &bar {
@@ -286,8 +291,9 @@ pub fn run(
             paused.set(paused.get() + waited);
             bar.iter().for_each(ProgressBar::reset_eta);
         }
-        if steps >= limit || stop.load(Ordering::Relaxed) {
-            break;
+        let complete = steps == total || out_of_time(steps);
+        if complete || steps >= limit || stop.load(Ordering::Relaxed) {
+            break complete;
         }
         let bar = bar.get_or_insert_with(|| progress::step_bar(total, first));
         let report = report.insert(training.step(&dataset.train)?);
@@ -321,13 +327,12 @@ pub fn run(
             metrics.sync()?;
             saved = true;
         }
-    }
+    };
     bar.iter().for_each(ProgressBar::abandon);
     events.flush().map_err(|e| log_error(&events_path, &e))?;
     if !saved && training.steps_done() > 0 {
         save(&*training)?;
     }
-    let complete = training.steps_done() == total;
     record.status = if complete { "complete" } else { "interrupted" }.into();
     record.steps = training.steps_done();
     record.training_seconds = seconds();

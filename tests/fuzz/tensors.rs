@@ -5,9 +5,16 @@ use safetensors::tensor::{Dtype, TensorView};
 use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs::burn::tensor::Device;
+use volseggs::config::types::methods::{CoordNetConfig, InSituNetConfig, VisNerfConfig};
 use volseggs::config::types::{Config, ModelConfig};
 use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
+use volseggs::method::Model;
+use volseggs::method::coordnet::CoordNetSpec;
+use volseggs::method::coordnet::network::SineNetwork;
+use volseggs::method::insitunet::{InSituNet, InSituNetSpec};
+use volseggs::method::sphere::ViewSphere;
+use volseggs::method::visnerf::{VisNerf, VisNerfSpec};
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::HostGaussians;
 use volseggs::model::params::{self, HostTensor};
@@ -154,6 +161,72 @@ fn scene_file() {
             assert_eq!(picture.len(), 4 * 6 * 4);
             true
         })
+    });
+}
+
+/// Files of the method of that name.
+fn of_method(scratch: &Scratch, name: &'static str, seeds: &[Vec<u8>]) -> Target {
+    let device = device();
+    let cameras = training_cameras(1, 4.0, Lens { fov_x: 0.5, width: 6, height: 4 });
+    target(scratch, seeds, move |path| {
+        let method = volseggs::method::find(name).unwrap();
+        let Some(model) = accepted(method.open(path, &device)) else { return false };
+        assert_eq!(model.render(cameras[0].to_kernel(), 0.3).len(), 4 * 6 * 4);
+        let _ = (model.counts(), model.place(), model.background());
+        true
+    })
+}
+
+fn sphere() -> ViewSphere {
+    ViewSphere { centre: [0.0; 3].into(), half_size: 1.0, up: 2, flipped: false }
+}
+
+#[test]
+fn coordnet() {
+    fuzz("coordnet", |scratch| {
+        let config = CoordNetConfig { widths: vec![4, 6], blocks: 1, ..CoordNetConfig::default() };
+        let tensors = params::collect(&SineNetwork::new(&config, 1, &device()));
+        let wide = CoordNetConfig { widths: vec![1 << 40], blocks: 900, ..config.clone() };
+        let spheres = [(config.clone(), sphere()), (wide, sphere()), (config, ViewSphere { up: 7, ..sphere() })];
+        let seed = |(config, sphere): (CoordNetConfig, ViewSphere)| {
+            let spec = CoordNetSpec { config, sphere };
+            let header = serde_json::json!({ "background": [1.0, 1.0, 1.0], "spec": spec }).to_string();
+            saved(scratch, |path| write_tensors(path, &tensors, Some(("network", header))).unwrap())
+        };
+        of_method(scratch, "coordnet", &spheres.map(seed))
+    });
+}
+
+#[test]
+fn insitunet() {
+    fuzz("insitunet", |scratch| {
+        let (channels, critic_channels) = (vec![3, 2], vec![2]);
+        let config = InSituNetConfig { channels, critic_channels, encoder: 3, ..InSituNetConfig::default() };
+        let spec = InSituNetSpec { config, sphere: sphere(), background: [1.0; 3] };
+        let seed = saved(scratch, |path| InSituNet::new(spec, 1, &device()).save(path).unwrap());
+        of_method(scratch, "insitunet", &[seed])
+    });
+}
+
+#[test]
+fn visnerf() {
+    fuzz("visnerf", |scratch| {
+        let (density_ranks, appearance_ranks, width, occupancy) = (2, 2, 4, 3);
+        let config = VisNerfConfig {
+            density_ranks,
+            appearance_ranks,
+            width,
+            occupancy,
+            features: 2,
+            ..VisNerfConfig::default()
+        };
+        let (centre, half, resolution, background) = ([0.0; 3], [1.0; 3], [3, 2, 4], [1.0; 3]);
+        let spec = VisNerfSpec { config, centre, half, resolution, ends: [0.0, 1.0], knots: 2, background };
+        let mut marked = VisNerf::new(spec.clone(), 1, &device());
+        let unmarked = saved(scratch, |path| marked.save(path).unwrap());
+        marked.occupancy = marked.occupied();
+        let seeds = [unmarked, saved(scratch, |path| marked.save(path).unwrap())];
+        of_method(scratch, "visnerf", &seeds)
     });
 }
 

@@ -110,8 +110,18 @@ impl Default for Config {
                 opacity_reset_joint: false,
             },
             speed: SpeedConfig { coarse_steps: 0, coarse_factor: 2, sort_every: 1000, cull_visits: 0 },
-            output: OutputConfig { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2 },
+            output: OutputConfig {
+                log_every: 10,
+                eval_every: 1000,
+                eval_views: 6,
+                checkpoint_every: 1000,
+                keep: 2,
+                max_minutes: 0.0,
+            },
             d3dgs: None,
+            coordnet: None,
+            insitunet: None,
+            visnerf: None,
         }
     }
 }

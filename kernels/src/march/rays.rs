@@ -1,0 +1,63 @@
+//! Which samples, and which of their colours, belong to which ray.
+
+use std::sync::Arc;
+
+/// Samples of many rays, one ray after the other, from the eye on. Cheap to clone.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RaySamples {
+    /// Where the samples of each ray begin, and their number at the end: `[R + 1]`.
+    pub(super) offsets: Arc<[u32]>,
+    /// How many samples with a colour lie before each sample, and their number at the end: `[S + 1]`.
+    pub(super) rows: Arc<[u32]>,
+}
+
+impl RaySamples {
+    /// The samples of ray r are `offsets[r]..offsets[r + 1]` of `offsets` `[R + 1]`; those with `coloured` `[S]` have a colour,
+    /// in their order.
+    ///
+    /// # Panics
+    /// If the offsets do not rise from 0 to the length of `coloured`.
+    #[must_use]
+    pub fn new(offsets: &[u32], coloured: &[bool]) -> Self {
+        let ends = (offsets.first().copied(), offsets.last().copied());
+        assert_eq!(ends, (Some(0), Some(coloured.len() as u32)), "offsets: from 0 to the number of samples");
+        assert!(offsets.is_sorted(), "offsets: rising");
+        let mut rows = Vec::with_capacity(coloured.len() + 1);
+        let mut count = 0;
+        rows.push(0);
+        for is_coloured in coloured {
+            count += u32::from(*is_coloured);
+            rows.push(count);
+        }
+        Self { offsets: offsets.into(), rows: rows.into() }
+    }
+
+    /// Number of rays.
+    #[must_use]
+    pub fn rays(&self) -> usize {
+        self.offsets.len() - 1
+    }
+
+    /// Number of samples.
+    #[must_use]
+    pub fn samples(&self) -> usize {
+        self.rows.len() - 1
+    }
+
+    /// Number of samples with a colour.
+    #[must_use]
+    pub fn coloured(&self) -> usize {
+        self.rows[self.samples()] as usize
+    }
+
+    /// The samples of a ray.
+    pub(super) fn of(&self, ray: usize) -> std::ops::Range<usize> {
+        self.offsets[ray] as usize..self.offsets[ray + 1] as usize
+    }
+
+    /// The row of the sample's colour, if it has one.
+    pub(super) fn row(&self, sample: usize) -> Option<usize> {
+        let row = self.rows[sample];
+        (row < self.rows[sample + 1]).then_some(row as usize)
+    }
+}

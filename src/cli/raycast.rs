@@ -1,0 +1,91 @@
+//! `volseggs raycast`
+
+use super::values::{count, finite_f32};
+use super::{CliError, Common, print_json};
+use crate::data::SplitName;
+use crate::data::dataset::read_views;
+use crate::program;
+use crate::run::AnyRun;
+use crate::run::rendering::{Prepared, VolumeCosts, dataset_of, draw_run, table};
+use crate::volume::series::{Series, SeriesOptions};
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// Measure what drawing costs: the volumes that a run's images were made of, ray by ray, beside the run.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  volseggs raycast checkpoints/first --volume 'run/*.nrrd'\n  volseggs raycast checkpoints/first --volume run --steps 10 --views 50 --json\n\nPrints a table: size of the data, memory, time before anything is drawn, time of loading a step, time of a view. Views are\nthose of the dataset's test split, drawn as `prepare` drew them. Each side has a process of its own. Steps are read from\nthe disk, not from what the system remembers of it, where it allows that (Linux); volumes are drawn on the CPU whatever\nthe device, and memory of a GPU is not counted."
+)]
+pub struct RaycastArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// The volumes that its dataset was made of: files in order of time, a folder, a glob in quotes, or one 4D file.
+    #[arg(long, value_name = "PATH", num_args = 1.., required = true)]
+    volume: Vec<String>,
+    /// Dataset folder, if it is not where it was in training.
+    #[arg(long, value_name = "DATASET")]
+    data: Option<PathBuf>,
+    /// Steps to load, evenly spread.
+    #[arg(long, default_value_t = 5, value_name = "N", value_parser = count)]
+    steps: usize,
+    /// Test views to draw, evenly spread, dealt to these steps.
+    #[arg(long, default_value_t = 20, value_name = "N", value_parser = count)]
+    views: usize,
+    /// Accept a series with numbers missing.
+    #[arg(long)]
+    allow_gaps: bool,
+    /// Value in place of NaN and infinite voxels.
+    #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true)]
+    nan: Option<f32>,
+    /// Measure the volumes alone, at images reduced by this factor, and print JSON: what this command starts for them.
+    #[arg(long, hide = true, value_name = "FACTOR")]
+    volumes_alone: Option<u32>,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl RaycastArgs {
+    pub(super) fn run(self) -> Result<(), CliError> {
+        let data = match &self.data {
+            Some(folder) => folder.clone(),
+            None => dataset_of(&self.run)?,
+        };
+        let options = SeriesOptions { nan_as: self.nan, allow_gaps: self.allow_gaps, times: None };
+        let (prepared, series) = (Prepared::open(&data)?, Series::open(&self.volume, &options)?);
+        // what cannot be is told before anything is measured
+        prepared.check(&series)?;
+        let views = |downscale| read_views(&data, SplitName::Test, downscale, Some(self.views));
+        if let Some(downscale) = self.volumes_alone {
+            return print_json(&prepared.draw_volumes(&series, &views(downscale)?, self.steps)?);
+        }
+        series.notes().iter().for_each(|note| errln!("note: {note}"));
+        let (_, device) = self.common.device()?;
+        let started = Instant::now();
+        let run = AnyRun::open_any(&self.run, &device)?;
+        let load_seconds = started.elapsed().as_secs_f64();
+        let downscale = run.config.data.downscale;
+        let volumes = volumes_alone(downscale)?;
+        let run = draw_run(&run, &views(downscale)?, &data, load_seconds)?;
+        if self.common.json {
+            return print_json(&json!({ "volumes": volumes, "run": run }));
+        }
+        out!("{}", table(&volumes, &run));
+        Ok(())
+    }
+}
+
+/// What the volumes cost in a process of their own, started as this one was: the peak of memory is a process's.
+fn volumes_alone(downscale: u32) -> Result<VolumeCosts, CliError> {
+    let mut command = Command::new(program::executable());
+    command.args(std::env::args_os().skip(1)).args(["--volumes-alone", &downscale.to_string()]);
+    let output = command.stdin(Stdio::null()).output().map_err(CliError::failure)?;
+    if !output.status.success() {
+        let told = String::from_utf8_lossy(&output.stderr);
+        let code = output.status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(1);
+        return Err(CliError::with_code(told.trim().trim_start_matches("error: "), code));
+    }
+    serde_json::from_slice(&output.stdout).map_err(CliError::failure)
+}

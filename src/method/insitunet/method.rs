@@ -1,0 +1,63 @@
+//! InSituNet as a method among others.
+
+use super::generator::{GROUPS, image_values, parameters};
+use super::model::{InSituNet, NAME};
+use super::training::InSituNetTraining;
+use crate::config::types::Config;
+use crate::config::types::methods::InSituNetConfig;
+use crate::data::Dataset;
+use crate::method::{Method, Model, Training, Work};
+use crate::model::SceneError;
+use crate::train::TrainError;
+use burn::tensor::Device;
+use std::path::Path;
+
+/// InSituNet, see [`super`]. Its settings are the section `[insitunet]`.
+#[derive(Clone, Copy, Debug)]
+pub struct InSituNetMethod;
+
+fn settings(config: &Config) -> Result<&InSituNetConfig, String> {
+    let settings = config.insitunet.as_ref();
+    settings.ok_or_else(|| format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"))
+}
+
+impl Method for InSituNetMethod {
+    fn check(&self, config: &Config) -> Result<(), String> {
+        settings(config)?.check()
+    }
+
+    fn steps(&self, config: &Config) -> usize {
+        config.insitunet.as_ref().map_or(0, |settings| settings.steps)
+    }
+
+    fn work(&self, config: &Config) -> Option<Work> {
+        let settings = config.insitunet.as_ref()?;
+        let of_pictures = |channels: &[usize]| -> f64 {
+            let of = |(k, pair): (usize, &[usize])| {
+                let (side, [i, o]) = ((8usize << k) as f64, [pair[0] as f64, pair[1] as f64]);
+                side * side * (9.0 * (i + o) * o + i * o)
+            };
+            channels.windows(2).enumerate().map(of).sum()
+        };
+        let generator = of_pictures(&settings.channels);
+        // made and true pictures, and once more for the generator
+        let critic = match settings.adversarial > 0.0 {
+            true => 3.0 * of_pictures(&settings.critic_channels.iter().rev().copied().collect::<Vec<_>>()),
+            false => 0.0,
+        };
+        let batch = settings.batch as f64;
+        let [trained, statistics] = parameters(settings, &GROUPS);
+        let bytes = 20.0 * (trained + statistics) as f64 + 32.0 * batch * image_values(settings) as f64;
+        let pixels = (settings.side() * settings.side()) as f64;
+        Some(Work { step: batch * (generator + critic), pixel: generator / pixels, bytes })
+    }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        let settings = settings(config).map_err(TrainError::Config)?;
+        Ok(Box::new(InSituNetTraining::new(settings, config, dataset, device)?))
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        Ok(Box::new(InSituNet::read(path, device)?))
+    }
+}

@@ -1,0 +1,230 @@
+//! What drawing costs: the volumes of a run's dataset, ray by ray, and the run in their place. The paper's table of direct
+//! volume rendering beside splatting, from measured times.
+//!
+//! Either side is to be measured in a process of its own, as the peak of memory is the process's.
+
+use super::{AnyRun, RunError};
+use crate::data::Split;
+use crate::eval::speed;
+use crate::files::{RunPaths, read_text};
+use crate::memory::{Budget, peak_memory, product};
+use crate::prepare::PrepareRecord;
+use crate::train::run::RunRecord;
+use crate::volume::placement::Placement;
+use crate::volume::raycast::RayCaster;
+use crate::volume::series::Series;
+use crate::volume::transfer::TransferFunction;
+use crate::words::plain;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Bytes that a voxel takes while it is read and laid out.
+const VOXEL_BYTES: usize = 16;
+
+/// A dataset that `prepare` made, as far as its volumes are to be drawn again as they were.
+#[derive(Debug)]
+pub struct Prepared {
+    folder: PathBuf,
+    record: PrepareRecord,
+    transfer: TransferFunction,
+}
+
+/// What the volumes cost.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VolumeCosts {
+    /// Steps of the series.
+    pub steps: usize,
+    /// Bytes of its files.
+    pub raw_bytes: u64,
+    /// Steps that were loaded, evenly spread.
+    pub loaded: usize,
+    /// Views that were drawn, over all of these.
+    pub views: usize,
+    /// Seconds until a step can be drawn: read from the disk where the system lets go of what it has read before, and laid out.
+    pub load_seconds: f64,
+    /// Seconds of a view.
+    pub view_seconds: f64,
+    /// Peak memory of a process that does nothing else, bytes; 0 where unknown.
+    pub peak_memory_bytes: u64,
+}
+
+/// What the run costs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunCosts {
+    /// Bytes of the file of the model, which holds all times.
+    pub model_bytes: u64,
+    /// Seconds of opening it.
+    pub load_seconds: f64,
+    /// Seconds of a view with the copy of the image to the host, at any time.
+    pub view_seconds: f64,
+    /// Peak memory of the process without that of a GPU, bytes; 0 where unknown.
+    pub peak_memory_bytes: u64,
+    /// Seconds in which the images were made; none of images from elsewhere.
+    pub preparation_seconds: Option<f64>,
+    /// Seconds of training.
+    pub training_seconds: f64,
+}
+
+impl Prepared {
+    /// The dataset in `folder`.
+    ///
+    /// # Errors
+    /// If it was not made by `prepare`, or a file of it is damaged.
+    pub fn open(folder: &Path) -> Result<Self, RunError> {
+        let record = record(folder)?.ok_or_else(|| {
+            RunError::input(format!(
+                "{}: no prepare.json in it, so nothing says how its volumes were drawn; give a dataset that `volseggs prepare` \
+                 made (--data)",
+                folder.display()
+            ))
+        })?;
+        let path = folder.join("transfer-function.toml");
+        let transfer = TransferFunction::load(&path.to_string_lossy()).map_err(RunError::input)?;
+        Ok(Self { folder: folder.to_owned(), record, transfer })
+    }
+
+    /// Loads `steps` steps of `series`, evenly spread, and draws `views` dealt to them.
+    ///
+    /// # Errors
+    /// As [`Prepared::check`], or if a step cannot be read.
+    pub fn draw_volumes(&self, series: &Series, views: &Split, steps: usize) -> Result<VolumeCosts, RunError> {
+        self.check(series)?;
+        let steps = steps.clamp(1, series.len());
+        let placement = Placement::new(series.grid(), 2.0 * self.record.half_size.iter().copied().fold(0.0, f64::max));
+        let (mut loading, mut drawing, mut drawn) = (0.0, 0.0, 0);
+        for k in 0..steps {
+            series.files().iter().for_each(|file| forget(file));
+            let started = Instant::now();
+            let volume = series.load(k * series.len() / steps).map_err(RunError::input)?;
+            let record = &self.record;
+            let caster = RayCaster::new(&volume, None, &self.transfer, record.span, placement, record.step);
+            drop(volume);
+            loading += started.elapsed().as_secs_f64();
+            let started = Instant::now();
+            for frame in views.frames.iter().skip(k).step_by(steps) {
+                drop(caster.render(&frame.camera, None));
+                drawn += 1;
+            }
+            drawing += started.elapsed().as_secs_f64();
+        }
+        Ok(VolumeCosts {
+            steps: series.len(),
+            raw_bytes: series.files().iter().filter_map(|file| file.metadata().ok()).map(|m| m.len()).sum(),
+            loaded: steps,
+            views: drawn,
+            load_seconds: loading / steps as f64,
+            view_seconds: drawing / drawn.max(1) as f64,
+            peak_memory_bytes: peak_memory(),
+        })
+    }
+
+    /// Refuses volumes that the dataset was not made of, as far as can be told, and those that do not fit into memory.
+    ///
+    /// # Errors
+    /// What the dataset was made of, or how much memory there is.
+    pub fn check(&self, series: &Series) -> Result<(), RunError> {
+        let (dims, made) = (series.grid().dims, &self.record);
+        if (dims, series.len()) != (made.dims, made.steps) {
+            return Err(RunError::input(format!(
+                "--volume: {} steps of {dims:?} voxels; {} was made of {} of {:?}: give those",
+                series.len(),
+                self.folder.display(),
+                made.steps,
+                made.dims
+            )));
+        }
+        let bytes = product(&[dims[0], dims[1], dims[2], VOXEL_BYTES]);
+        Budget::now().check(format!("a volume of {dims:?} voxels"), bytes).map_err(RunError::input)
+    }
+}
+
+/// How a dataset was prepared; none of one from elsewhere.
+fn record(folder: &Path) -> Result<Option<PrepareRecord>, RunError> {
+    let path = folder.join("prepare.json");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let bad = |problem: String| RunError::input(format!("{}: {}", path.display(), plain(&problem)));
+    let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
+    serde_json::from_str(&text).map(Some).map_err(|e| bad(e.to_string()))
+}
+
+/// Asks the system to let go of what it has read of a file, so that reading it again goes to the disk; where it does not, a
+/// file that was read before loads faster.
+fn forget(file: &Path) {
+    #[cfg(target_os = "linux")]
+    if let Ok(file) = std::fs::File::open(file) {
+        // a hint, no more
+        let _ = rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed);
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = file;
+}
+
+/// Measures how a run is drawn that took `load_seconds` to open, and was trained on the dataset in `data`.
+///
+/// # Errors
+/// If there is no view, the device fails, or the file of the model is gone.
+pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> Result<RunCosts, RunError> {
+    let speed = speed::measure(run.model(), views).map_err(RunError::failure)?;
+    let model = std::fs::metadata(&run.scene_path);
+    let model = model.map_err(|e| RunError::failure(format!("{}: {e}", run.scene_path.display())))?;
+    Ok(RunCosts {
+        model_bytes: model.len(),
+        load_seconds,
+        view_seconds: 1.0 / speed.fps_with_copy,
+        peak_memory_bytes: peak_memory(),
+        preparation_seconds: record(data)?.map(|record| record.seconds),
+        training_seconds: run.record.training_seconds,
+    })
+}
+
+/// The folder of the dataset that a run says it was trained on.
+///
+/// # Errors
+/// If the run's record is missing or damaged.
+pub fn dataset_of(run: &Path) -> Result<PathBuf, RunError> {
+    let path = RunPaths(run).record();
+    let bad = |problem: String| {
+        let problem = plain(&problem);
+        RunError::input(format!("{}: {problem}; give the folder that `volseggs train --out` made", path.display()))
+    };
+    let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
+    let record: RunRecord = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
+    Ok(record.dataset)
+}
+
+/// Both sides as a Markdown table.
+#[must_use]
+pub fn table(volumes: &VolumeCosts, run: &RunCosts) -> String {
+    let gigabytes = |bytes: u64| if bytes == 0 { "unknown".to_owned() } else { format!("{:.2}", bytes as f64 / 1e9) };
+    let milliseconds = |seconds: f64| format!("{:.1}", 1e3 * seconds);
+    let minutes = |seconds: f64| format!("{:.2}", seconds / 60.0);
+    let before = run.preparation_seconds.map_or_else(|| "unknown".to_owned(), minutes);
+    let another = volumes.load_seconds + volumes.view_seconds;
+    let rows = [
+        ("data, MB", format!("{:.2}", volumes.raw_bytes as f64 / 1e6), format!("{:.2}", run.model_bytes as f64 / 1e6)),
+        ("memory, GB", gigabytes(volumes.peak_memory_bytes), gigabytes(run.peak_memory_bytes)),
+        ("before anything is drawn, min", "0".to_owned(), format!("{before} + {}", minutes(run.training_seconds))),
+        (
+            "loading, s",
+            format!("{:.3} a step", volumes.load_seconds),
+            format!("{:.3} for all {} steps", run.load_seconds, volumes.steps),
+        ),
+        ("drawing a view, ms", milliseconds(volumes.view_seconds), milliseconds(run.view_seconds)),
+        ("a view at another step, ms", milliseconds(another), milliseconds(run.view_seconds)),
+    ];
+    let mut text = "| | volume rendering | splatting |\n|---|--:|--:|\n".to_owned();
+    for (what, left, right) in rows {
+        text += &format!("| {what} | {left} | {right} |\n");
+    }
+    text + &format!(
+        "\nDrawing a view takes {:.2} times as long from the volumes, at another step {:.1} times ({} views at {} of {} steps).\n",
+        volumes.view_seconds / run.view_seconds,
+        another / run.view_seconds,
+        volumes.views,
+        volumes.loaded,
+        volumes.steps
+    )
+}
