@@ -163,6 +163,8 @@ pub enum Purpose {
     MethodPixels,
     /// Where along their rays the samples of such a step lie.
     MethodJitter,
+    /// Times of the peaks of the first 4D Gaussians.
+    PeakTimes,
     /// Of tests and of programs of your own. The number is taken as it is: one of those above gives their stream.
     Custom(u64),
 }
@@ -191,6 +193,7 @@ impl Purpose {
             Self::MethodInit => 0x6d69_6e69,
             Self::MethodPixels => 0x6d70_6978,
             Self::MethodJitter => 0x6d6a_6974,
+            Self::PeakTimes => 0x7065_616b,
             Self::Custom(number) => number,
         }
     }
@@ -245,6 +248,7 @@ mod tests {
             (Purpose::MethodInit, u32::from_be_bytes(*b"mini").into()),
             (Purpose::MethodPixels, u32::from_be_bytes(*b"mpix").into()),
             (Purpose::MethodJitter, u32::from_be_bytes(*b"mjit").into()),
+            (Purpose::PeakTimes, u32::from_be_bytes(*b"peak").into()),
         ];
         for (i, (purpose, number)) in all.into_iter().enumerate() {
             assert_eq!(Rng::new(1, 2, purpose).next_u64(), Rng::new(1, 2, Purpose::Custom(number)).next_u64());

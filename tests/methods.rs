@@ -93,8 +93,70 @@ fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all()
     assert!(root.path().join("frames/0001.png").is_file());
 
     // and refused where Gaussians are needed
+    refused_where_gaussians_are_needed(root.path(), "whole", "pixels");
+}
+
+#[test]
+fn gaussians_in_space_and_time_are_trained_measured_drawn_and_refused_by_name() {
+    let root = dataset();
+    let data = text(root.path(), "data");
+    let settings = [
+        "init.points=150",
+        "stages.warmup_steps=40",
+        "stages.sh_every=4",
+        "densify.budget=200",
+        "densify.every=5",
+        "densify.warmup_from=5",
+        "densify.warmup_until=30",
+        "output.log_every=10",
+        "output.eval_every=20",
+        "output.eval_views=2",
+        "output.checkpoint_every=10",
+    ];
+    let begin = |name: &str, more: &[&str]| {
+        let mut command = volseggs();
+        command.args(["train", "--data", &data, "--out", &text(root.path(), name)]);
+        command.args(["--method", "4dgs", "--config", "4dgs-small"]);
+        command.args(settings.iter().flat_map(|setting| ["--set", setting])).args(more);
+        command
+    };
+    begin("whole", &[]).assert().success();
+    let run = root.path().join("whole");
+    assert_eq!(json(&run.join("run.json"))["method"], "4dgs");
+    assert!(std::fs::read_to_string(run.join("config.toml")).unwrap().contains("[4dgs]"));
+    let lines = metrics(&run);
+    assert_eq!(lines.last().unwrap()["stage"], "train");
+
+    begin("parts", &["--stop-after", "23"]).assert().success();
+    volseggs().args(["train", "--resume", &text(root.path(), "parts")]).assert().success();
+    let parts = root.path().join("parts");
+    assert!(newest_bytes(&parts) == newest_bytes(&run), "a resumed run ends elsewhere");
+    assert_eq!(metrics(&parts), lines);
+
+    let path = text(root.path(), "whole");
+    told(&["eval", &path]).unwrap();
+    let mean = json(&run.join("eval/test/mean.json"));
+    let gaussians = mean["gaussians"].as_u64().unwrap();
+    assert!((100..=200).contains(&gaussians), "{gaussians}");
+    assert_eq!(mean["parameters"], gaussians * 53);
+    assert!(mean["psnr"].as_f64().unwrap() > 5.0 && mean["fps"].as_f64().unwrap() > 0.0, "{mean}");
+    told(&["compare", &path, "--out", &text(root.path(), "table")]).unwrap();
+    let frames = text(root.path(), "frames");
+    let orbit = ["--path", "orbit", "--frames", "2", "--size", "16"];
+    volseggs().args(["render", &path, "--out", &frames]).args(orbit).assert().success();
+    refused_where_gaussians_are_needed(root.path(), "whole", "4dgs");
+
+    refused(&mut begin("more", &["--set", "stages.joint_steps=5"]), &["stages.joint_steps = 5", "the method 4dgs"]);
+    assert!(!root.path().join("more").exists());
+}
+
+/// Whatever needs Gaussians that persist refuses the run `root/NAME` by its method's name, and leaves nothing behind.
+fn refused_where_gaussians_are_needed(root: &Path, name: &str, method: &str) {
+    let words = format!("the method {method},");
+    let run = root.join(name);
+    let path = text(root, name);
     let before = names(&run);
-    let (out, ply) = (text(root.path(), "out"), text(root.path(), "out.ply"));
+    let (out, ply) = (text(root, "out"), text(root, "out.ply"));
     for arguments in [
         vec!["segment", "coarse", &path],
         vec!["segment", "list", &path],
@@ -112,14 +174,14 @@ fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all()
     ] {
         let (code, error) = told(&arguments).unwrap_err();
         assert_eq!(code, 2, "{arguments:?}: {error}");
-        assert!(error.contains("the method pixels") && error.contains("Gaussians"), "{arguments:?}: {error}");
+        assert!(error.contains(&words) && error.contains("Gaussians"), "{arguments:?}: {error}");
         assert_eq!(error.lines().count(), 1, "{error}");
     }
     // as the viewer asks for it
     let error = OpenRun::open(&run, &DeviceName::all()[0].open().unwrap()).unwrap_err();
-    assert!(error.is_input() && error.to_string().contains("the method pixels"), "{error}");
+    assert!(error.is_input() && error.to_string().contains(&words), "{error}");
     assert_eq!(names(&run), before, "nothing is left behind");
-    assert!(!root.path().join("out").exists());
+    assert!(!root.join("out").exists());
 }
 
 #[test]
@@ -253,11 +315,7 @@ fn built_in_methods_without_gaussians_are_trained_resumed_measured_drawn_and_ref
         let frames = text(root.path(), &format!("{name}-frames"));
         let orbit = ["--path", "orbit", "--frames", "1", "--size", "24"];
         volseggs().args(["render", &run]).args(orbit).args(["--out", &frames]).assert().success();
-        for arguments in [vec!["segment", "coarse", &run], vec!["track", &run, "--segment", "red"]] {
-            let (code, error) = told(&arguments).unwrap_err();
-            assert_eq!(code, 2, "{error}");
-            assert!(error.contains(&format!("the method {name}")) && error.contains("Gaussians"), "{error}");
-        }
+        refused_where_gaussians_are_needed(root.path(), &whole, name);
     }
     let runs = BUILT_IN.map(|(name, _)| text(root.path(), &format!("{name}-whole")));
     let table = text(root.path(), "table");

@@ -53,7 +53,7 @@ pub(crate) use op_tensors;
 pub(crate) fn register<B: Backend, const N: usize>(
     grads: &mut Gradients,
     parents: [Option<NodeId>; N],
-    of: [FloatTensor<B>; N],
+    of: impl IntoIterator<Item = FloatTensor<B>>,
 ) {
     for (parent, grad) in parents.into_iter().zip(of) {
         if let Some(node) = parent {

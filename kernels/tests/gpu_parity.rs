@@ -6,7 +6,7 @@
 mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{Numbers, Tested, camera, cpu, random_scene, relative_error, settings, to_vec};
+use common::{Numbers, Tested, by_covariances, camera, cpu, random_scene, relative_error, settings, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, adam};
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 use volseggs_kernels::field::{FieldShape, LevelShape};
@@ -54,7 +54,7 @@ fn splats_alike(on: &Tested, scene: &Scene, width: usize, height: usize, degree:
     let many = ours.iter().zip(&image).filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
     // a pixel may fall on the other side of the 1/255 or the 1e-4 cut
     assert!(worst < 0.02 && many * 200 <= ours.len(), "{width}x{height}: worst {worst:.1e}, {many} of {}", ours.len());
-    for (((name, _), a), b) in common::FIELDS.iter().zip(&our_gradients).zip(&gradients) {
+    for (((name, _), a), b) in common::fields(scene).iter().zip(&our_gradients).zip(&gradients) {
         let error = off(a, b);
         println!("{width}x{height} degree {degree}: {name} {error:.1e}");
         assert!(error < 2e-3, "{width}x{height} degree {degree}: {name} off by {error:.1e}");
@@ -63,7 +63,9 @@ fn splats_alike(on: &Tested, scene: &Scene, width: usize, height: usize, degree:
 
 fn random_scenes_of_every_degree_and_odd_sizes(on: Tested) {
     for (k, (w, h)) in [(1, 1), (1, 40), (17, 3), (33, 65), (100, 47)].into_iter().enumerate() {
-        splats_alike(&on, &random_scene(300, k % 4, 7 + k as u64), w, h, k % 4);
+        let scene = random_scene(300, k % 4, 7 + k as u64);
+        splats_alike(&on, &scene, w, h, k % 4);
+        splats_alike(&on, &by_covariances(scene), w, h, k % 4);
     }
 }
 
@@ -95,10 +97,9 @@ fn poison_is_culled_and_never_spreads(on: Tested) {
     let s = settings(camera(40, 30), 1);
     let weights = values(40 * 30 * 4, 4);
     let clean = random_scene(40, 1, 23);
-    type Field = fn(&mut Scene) -> &mut Vec<f64>;
-    let fields: [Field; 5] =
-        [|s| &mut s.means, |s| &mut s.rotations, |s| &mut s.log_scales, |s| &mut s.opacity_logits, |s| &mut s.sh];
-    for (f, field) in fields.iter().enumerate() {
+    let kinds = [clean.clone(), by_covariances(clean.clone())];
+    let cases = kinds.iter().flat_map(|clean| common::fields(clean).iter().map(move |(f, field)| (clean, f, field)));
+    for (clean, f, field) in cases.filter(|(_, name, _)| **name != "screen_offsets") {
         // one Gaussian of each kind of poison
         let mut scene = clean.clone();
         let width = field(&mut scene).len() / 40;
@@ -108,12 +109,12 @@ fn poison_is_culled_and_never_spreads(on: Tested) {
         }
         let (image, gradients) = common::gradients(&scene, s, &weights, &on.device);
         let (expected, _) = common::gradients(&scene, s, &weights, &cpu());
-        assert!(image.iter().all(|v| v.is_finite()), "field {f}: image");
+        assert!(image.iter().all(|v| v.is_finite()), "{f}: image");
         for (k, g) in gradients.iter().enumerate() {
-            assert!(g.iter().all(|v| v.is_finite()), "field {f}: gradient {k}");
+            assert!(g.iter().all(|v| v.is_finite()), "{f}: gradient {k}");
         }
         let worst = image.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        assert!(worst < 0.02, "field {f}: {worst}");
+        assert!(worst < 0.02, "{f}: {worst}");
     }
     let mut scene = clean.clone();
     let mut identity = clean;
@@ -128,8 +129,10 @@ fn the_same_device_gives_the_same_bits_again(on: Tested) {
     let s = settings(camera(60, 50), 2);
     let weights = values(60 * 50 * 4, 8);
     let scene = random_scene(800, 2, 9);
-    let first = common::gradients(&scene, s, &weights, &on.device);
-    assert_eq!(first, common::gradients(&scene, s, &weights, &on.device));
+    for scene in [scene.clone(), by_covariances(scene)] {
+        let first = common::gradients(&scene, s, &weights, &on.device);
+        assert_eq!(first, common::gradients(&scene, s, &weights, &on.device));
+    }
 }
 
 fn shape(channels: usize) -> FieldShape {

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{FIELDS, Tested, relative_error};
+use common::{COVARIANCE_FIELDS, FIELDS, Tested, by_covariances, distance, to_factors};
 use safetensors::SafeTensors;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::SplatSettings;
@@ -58,6 +58,7 @@ fn load(name: &str) -> Golden {
         means: get("means"),
         rotations: get("quats"),
         log_scales: scales.iter().map(|s| s.ln()).collect(),
+        covariances: vec![],
         opacity_logits: opacities.iter().map(|&o| (o / (1.0 - o).max(1e-9)).ln()).collect(),
         sh: get("sh"),
         sh_stride,
@@ -113,11 +114,13 @@ fn the_reference_reproduces_the_golden_images() {
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
         assert_eq!(g.degree, g.settings.sh_degree);
-        let image = reference::render(&g.scene, &g.settings, Cutoffs::OP);
-        let rgb = image.chunks_exact(4).flat_map(|p| p[..3].to_vec());
-        let db = psnr(rgb, &g.image);
-        println!("{name}: {db:.1} dB");
-        assert!(db > 200.0, "{name}: {db:.1} dB");
+        for scene in [g.scene.clone(), by_covariances(g.scene.clone())] {
+            let image = reference::render(&scene, &g.settings, Cutoffs::OP);
+            let rgb = image.chunks_exact(4).flat_map(|p| p[..3].to_vec());
+            let db = psnr(rgb, &g.image);
+            println!("{name}: {db:.1} dB");
+            assert!(db > 200.0, "{name}: {db:.1} dB");
+        }
     }
 }
 
@@ -125,11 +128,17 @@ fn the_reference_reproduces_the_golden_images() {
 fn the_reference_reproduces_the_golden_gradients() {
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
-        let mut ours = reference::backward(&g.scene, &g.settings, Cutoffs::OP, &g.by_image());
-        for ((what, field), expected) in FIELDS.iter().zip(&g.expected()) {
-            let error = common::distance(field(&mut ours), expected);
-            println!("{name}: {what} {error:.2e}");
-            assert!(error < 5e-9, "{name}: {what} off by {error:.2e} of the norm");
+        let by_image = g.by_image();
+        let mut ours = reference::backward(&g.scene, &g.settings, Cutoffs::OP, &by_image);
+        let ours = FIELDS.map(|(_, field)| field(&mut ours).clone()).to_vec();
+        let mut others = reference::backward(&by_covariances(g.scene.clone()), &g.settings, Cutoffs::OP, &by_image);
+        let others = COVARIANCE_FIELDS.map(|(_, field)| field(&mut others).clone());
+        for (kind, ours) in [("factored", ours), ("entries", to_factors(&g.scene, &others))] {
+            for (((what, _), ours), expected) in FIELDS.iter().zip(&ours).zip(&g.expected()) {
+                let error = distance(ours, expected);
+                println!("{name} {kind}: {what} {error:.2e}");
+                assert!(error < 5e-9, "{name} {kind}: {what} off by {error:.2e} of the norm");
+            }
         }
     }
 }
@@ -138,14 +147,15 @@ fn image_and_alpha_match(on: Tested) {
     let least = on.within(135.0, 95.0);
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
-        let out = volseggs_kernels::splat::splat(common::inputs(&g.scene, &on.device), g.settings);
-        let image = common::to_vec(out.image);
-        let rgb = image.chunks_exact(4).flat_map(|p| p[..3].iter().map(|&v| f64::from(v)).collect::<Vec<_>>());
-        let db = psnr(rgb, &g.image);
-        let alpha: Vec<f64> = g.transmittance.iter().map(|t| 1.0 - t).collect();
-        let alpha_db = psnr(image.chunks_exact(4).map(|p| f64::from(p[3])), &alpha);
-        println!("{name} on {}: rgb {db:.1} dB, alpha {alpha_db:.1} dB", on.name);
-        assert!(db > least && alpha_db > least, "{name}: rgb {db:.1} dB, alpha {alpha_db:.1} dB");
+        for (kind, scene) in [("factored", g.scene.clone()), ("entries", by_covariances(g.scene.clone()))] {
+            let image = common::image(&scene, g.settings, &on.device);
+            let rgb = image.chunks_exact(4).flat_map(|p| p[..3].iter().map(|&v| f64::from(v)).collect::<Vec<_>>());
+            let db = psnr(rgb, &g.image);
+            let alpha: Vec<f64> = g.transmittance.iter().map(|t| 1.0 - t).collect();
+            let alpha_db = psnr(image.chunks_exact(4).map(|p| f64::from(p[3])), &alpha);
+            println!("{name} {kind} on {}: rgb {db:.1} dB, alpha {alpha_db:.1} dB", on.name);
+            assert!(db > least && alpha_db > least, "{name} {kind}: rgb {db:.1} dB, alpha {alpha_db:.1} dB");
+        }
     }
 }
 
@@ -155,12 +165,18 @@ fn gradients_match(on: Tested) {
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
         let by_image: Vec<f32> = g.by_image().into_iter().map(|v| v as f32).collect();
-        let (_, ours) = common::gradients(&g.scene, g.settings, &by_image, &on.device);
-        for (((what, _), ours), expected) in FIELDS.iter().zip(&ours).zip(&g.expected()) {
-            let error = relative_error(ours, expected);
-            println!("{name} on {}: {what} {error:.2e}", on.name);
-            assert!(ours.iter().all(|v| v.is_finite()));
-            assert!(error < most, "{name}: {what} off by {error:.2e} of the norm");
+        let gradients = |scene: &reference::Scene| -> Vec<Vec<f64>> {
+            let (_, of) = common::gradients(scene, g.settings, &by_image, &on.device);
+            of.iter().map(|v| v.iter().map(|&v| f64::from(v)).collect()).collect()
+        };
+        let others = to_factors(&g.scene, &gradients(&by_covariances(g.scene.clone())));
+        for (kind, ours) in [("factored", gradients(&g.scene)), ("entries", others)] {
+            for (((what, _), ours), expected) in FIELDS.iter().zip(&ours).zip(&g.expected()) {
+                let error = distance(ours, expected);
+                println!("{name} {kind} on {}: {what} {error:.2e}", on.name);
+                assert!(ours.iter().all(|v| v.is_finite()));
+                assert!(error < most, "{name} {kind}: {what} off by {error:.2e} of the norm");
+            }
         }
     }
 }

@@ -6,7 +6,7 @@
 
 mod common;
 
-use common::{FIELDS, Numbers, Tested, camera, random_scene, rounded, settings};
+use common::{Numbers, Tested, by_covariances, camera, fields, random_scene, rounded, settings};
 use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::reference::contributors;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
@@ -23,19 +23,20 @@ fn loss(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f6
 
 /// The gradient by difference quotients of fourth order, entry by entry.
 fn quotients(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> Scene {
-    const STEP: f64 = 1e-4;
     let mut out = scene.clone();
-    for (_, field) in FIELDS {
+    for (name, field) in fields(scene) {
+        // covariances are squares of lengths, and small
+        let step = if *name == "covariances" { 1e-6 } else { 1e-4 };
         let mut moved = scene.clone();
         for i in 0..field(&mut out).len() {
             let at = field(&mut moved)[i];
             let mut by = |steps: f64| {
-                field(&mut moved)[i] = at + steps * STEP;
+                field(&mut moved)[i] = at + steps * step;
                 loss(&moved, settings, cutoffs, weights)
             };
             let (near, far) = (by(1.0) - by(-1.0), by(2.0) - by(-2.0));
             field(&mut moved)[i] = at;
-            field(&mut out)[i] = (8.0 * near - far) / (12.0 * STEP);
+            field(&mut out)[i] = (8.0 * near - far) / (12.0 * step);
         }
     }
     out
@@ -58,6 +59,11 @@ fn in_camera(scene: &Scene, settings: &SplatSettings, i: usize) -> [f64; 3] {
         let turned: f64 = (0..3).map(|k| f64::from(camera.rotation[r][k]) * scene.means[3 * i + k]).sum();
         turned + f64::from(camera.translation[r])
     })
+}
+
+/// The scene by rotations and scales, and by covariances; in numbers of f32.
+fn both_kinds(scene: &Scene) -> [(&'static str, Scene); 2] {
+    [("factored", rounded(scene.clone())), ("entries", rounded(by_covariances(scene.clone())))]
 }
 
 /// Nothing that a step could carry over an edge: the least distance between two depths.
@@ -93,13 +99,15 @@ fn the_reference_has_the_gradient_of_the_image_without_cutoffs() {
             assert!(slopes[0].0 > 0.66 && slopes[1].1 < -0.66, "no slope is clamped: {slopes:?}");
             assert!(depth_gap(&scene, &settings) > 1e-3, "seed {seed}: two depths are almost equal");
             let by_image = weights(&settings, seed + 10);
-            let mut ours = backward(&scene, &settings, Cutoffs::NONE, &by_image);
-            let mut exact = quotients(&scene, &settings, Cutoffs::NONE, &by_image);
-            assert_eq!(ours.sh[3 * scene.sh_stride * 2], 0.0, "its colour is clamped");
-            for (name, field) in FIELDS {
-                let error = worst(field(&mut ours), field(&mut exact));
-                println!("degree {degree} seed {seed} {name}: {error:.1e}");
-                assert!(error < 1e-8, "degree {degree} seed {seed} {name}: off by {error:.1e}");
+            for (kind, scene) in both_kinds(&scene) {
+                let mut ours = backward(&scene, &settings, Cutoffs::NONE, &by_image);
+                let mut exact = quotients(&scene, &settings, Cutoffs::NONE, &by_image);
+                assert_eq!(ours.sh[3 * scene.sh_stride * 2], 0.0, "its colour is clamped");
+                for (name, field) in fields(&scene) {
+                    let error = worst(field(&mut ours), field(&mut exact));
+                    println!("{kind} degree {degree} seed {seed} {name}: {error:.1e}");
+                    assert!(error < 1e-8, "{kind} degree {degree} seed {seed} {name}: off by {error:.1e}");
+                }
             }
         }
     }
@@ -117,7 +125,8 @@ fn check(
 ) {
     let by_image: Vec<f32> = by_image.iter().map(|&v| v as f32).collect();
     let (_, ours) = common::gradients(scene, settings, &by_image, &on.device);
-    for ((name, field), ours) in FIELDS.iter().zip(&ours) {
+    assert_eq!(ours.len(), fields(scene).len());
+    for ((name, field), ours) in fields(scene).iter().zip(&ours) {
         let ours: Vec<f64> = ours.iter().map(|&v| f64::from(v)).collect();
         let error = worst(&ours, field(&mut exact));
         println!("{what} {name} on {}: {error:.1e}", on.name);
@@ -133,15 +142,16 @@ fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
             scene.means.iter_mut().for_each(|v| *v *= 0.5);
             scene.log_scales.iter_mut().for_each(|s| *s = 0.3 * (*s + 2.6));
             scene.opacity_logits.iter_mut().for_each(|o| *o = 0.5 * *o - 0.5);
-            let scene = rounded(scene);
             let settings = settings(camera(21, 17), degree);
-            let smooth = render(&scene, &settings, Cutoffs::NONE);
-            assert_eq!(render(&scene, &settings, Cutoffs::OP), smooth, "seed {seed} meets a cutoff");
-            assert!(depth_gap(&scene, &settings) > 1e-3, "seed {seed}: two depths are almost equal");
-            let by_image = weights(&settings, seed + 10);
-            let exact = quotients(&scene, &settings, Cutoffs::OP, &by_image);
-            let what = format!("degree {degree} seed {seed}");
-            check(&on, &scene, settings, &by_image, exact, on.within(2e-5, 2e-3), &what);
+            for (kind, scene) in both_kinds(&scene) {
+                let smooth = render(&scene, &settings, Cutoffs::NONE);
+                assert_eq!(render(&scene, &settings, Cutoffs::OP), smooth, "seed {seed} meets a cutoff");
+                assert!(depth_gap(&scene, &settings) > 1e-3, "seed {seed}: two depths are almost equal");
+                let by_image = weights(&settings, seed + 10);
+                let exact = quotients(&scene, &settings, Cutoffs::OP, &by_image);
+                let what = format!("{kind} degree {degree} seed {seed}");
+                check(&on, &scene, settings, &by_image, exact, on.within(2e-5, 2e-3), &what);
+            }
         }
     }
 }
@@ -153,22 +163,23 @@ fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
             let mut scene = with_everything(60, degree, seed);
             scene.opacity_logits.iter_mut().for_each(|o| *o += opaque);
             scene.log_scales.iter_mut().for_each(|s| *s += 0.1 * opaque);
-            let scene = rounded(scene);
             let settings = settings(camera(43, 37), degree);
-            // a decision that f32 could take otherwise would say nothing about gradients
-            let pixels: Vec<u32> = (0..43 * 37).collect();
-            let lists = contributors(&scene, &settings, &pixels);
-            let margin = lists.iter().map(|p| p.margin).fold(f64::INFINITY, f64::min);
-            let what = format!("degree {degree} seed {seed}");
-            println!("{what}: margin {margin:.1e}, depth gap {:.1e}", depth_gap(&scene, &settings));
-            assert!(margin > 1e-5 && depth_gap(&scene, &settings) > 1e-5, "{what}: choose another seed");
-            let (all, image) = (render(&scene, &settings, Cutoffs::NONE), render(&scene, &settings, Cutoffs::OP));
-            assert_ne!(all, image, "{what}: meets no cutoff");
-            let ended = image.chunks_exact(4).filter(|p| p[3] > 0.99).count();
-            assert!(opaque == 0.0 || ended > 43 * 37 / 10, "{what}: {ended} pixels end early");
-            let by_image = weights(&settings, seed + 10);
-            let exact = backward(&scene, &settings, Cutoffs::OP, &by_image);
-            check(&on, &scene, settings, &by_image, exact, on.within(4e-5, 4e-3), &what);
+            for (kind, scene) in both_kinds(&scene) {
+                // a decision that f32 could take otherwise would say nothing about gradients
+                let pixels: Vec<u32> = (0..43 * 37).collect();
+                let lists = contributors(&scene, &settings, &pixels);
+                let margin = lists.iter().map(|p| p.margin).fold(f64::INFINITY, f64::min);
+                let what = format!("{kind} degree {degree} seed {seed}");
+                println!("{what}: margin {margin:.1e}, depth gap {:.1e}", depth_gap(&scene, &settings));
+                assert!(margin > 1e-5 && depth_gap(&scene, &settings) > 1e-5, "{what}: choose another seed");
+                let (all, image) = (render(&scene, &settings, Cutoffs::NONE), render(&scene, &settings, Cutoffs::OP));
+                assert_ne!(all, image, "{what}: meets no cutoff");
+                let ended = image.chunks_exact(4).filter(|p| p[3] > 0.99).count();
+                assert!(opaque == 0.0 || ended > 43 * 37 / 10, "{what}: {ended} pixels end early");
+                let by_image = weights(&settings, seed + 10);
+                let exact = backward(&scene, &settings, Cutoffs::OP, &by_image);
+                check(&on, &scene, settings, &by_image, exact, on.within(4e-5, 4e-3), &what);
+            }
         }
     }
 }

@@ -13,11 +13,12 @@ use std::path::Path;
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Args)]
 pub struct ConfigSource {
-    /// Method: volseggs (ours, if not given), d3dgs, or one that a program of your own registered. The preset of that name
-    /// comes first, then --config.
+    /// Method: volseggs (ours, if not given), d3dgs, 4dgs, coordnet, insitunet, visnerf, or one that a program of your own
+    /// registered. The preset of that name comes first, then --config.
     #[arg(long, value_name = "NAME")]
     method: Option<String>,
-    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static, d3dgs, d3dgs-small.
+    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static; of the other methods their
+    /// names, and NAME-small for two cores.
     #[arg(long, value_name = "FILE")]
     config: Option<String>,
     /// Override a key, such as loss.dssim=0.2; may be given many times.

@@ -20,6 +20,8 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("insitunet-small", include_str!("../../configs/methods/insitunet-small.toml")),
     ("visnerf", include_str!("../../configs/methods/visnerf.toml")),
     ("visnerf-small", include_str!("../../configs/methods/visnerf-small.toml")),
+    ("4dgs", include_str!("../../configs/methods/4dgs.toml")),
+    ("4dgs-small", include_str!("../../configs/methods/4dgs-small.toml")),
 ];
 
 /// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.
@@ -87,15 +89,20 @@ mod tests {
         let defaults = toml::Table::try_from(Config::default()).unwrap();
         let keys = |table: &toml::Table| table.keys().cloned().collect::<std::collections::BTreeSet<_>>();
         let of = |name: &str| -> toml::Table { PRESETS.iter().find(|(n, _)| *n == name).unwrap().1.parse().unwrap() };
-        let d3dgs = of("d3dgs");
-        for section in ["data", "init", "stages", "loss", "optim", "densify", "speed"] {
-            let of = |table: &toml::Table| keys(table[section].as_table().unwrap());
-            assert_eq!(of(&d3dgs), of(&defaults), "d3dgs: [{section}] is to state each key");
+        let published = [
+            ("d3dgs", toml::Table::try_from(types::methods::D3dgsConfig::default()).unwrap()),
+            ("4dgs", toml::Table::try_from(types::methods::FourDgsConfig::default()).unwrap()),
+        ];
+        for (name, settings) in published {
+            let preset = of(name);
+            for section in ["data", "init", "stages", "loss", "optim", "densify", "speed"] {
+                let of = |table: &toml::Table| keys(table[section].as_table().unwrap());
+                assert_eq!(of(&preset), of(&defaults), "{name}: [{section}] is to state each key");
+            }
+            assert_eq!(preset[name].as_table(), Some(&settings), "the defaults are the published settings");
+            let small = Layers::new(PRESETS).source(format!("{name}-small")).resolve::<Config>().unwrap().value;
+            assert_eq!((small.method.as_str(), small.loss.kind), (name, types::LossKind::L1));
         }
-        let section = toml::Table::try_from(types::methods::D3dgsConfig::default()).unwrap();
-        assert_eq!(d3dgs["d3dgs"].as_table(), Some(&section), "the defaults are the published settings");
-        let small = Layers::new(PRESETS).source("d3dgs-small").resolve::<Config>().unwrap().value;
-        assert_eq!((small.method.as_str(), small.loss.kind), ("d3dgs", types::LossKind::L1));
     }
 
     #[test]

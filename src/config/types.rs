@@ -7,7 +7,7 @@ mod densify;
 pub mod methods;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
-use methods::{CoordNetConfig, D3dgsConfig, InSituNetConfig, VisNerfConfig};
+use methods::{CoordNetConfig, D3dgsConfig, FourDgsConfig, InSituNetConfig, VisNerfConfig};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ pub const VOLSEGGS: &str = "volseggs";
 pub struct Config {
     /// Seed of every random choice.
     pub seed: u64,
-    /// The method: `volseggs` (the paper's and ours), `d3dgs` or a registered one, see `docs/reference.md`.
+    /// The method: `volseggs` (the paper's and ours), `d3dgs`, `4dgs`, `coordnet`, `insitunet`, `visnerf` or a registered one, see `docs/reference.md`.
     #[serde(default = "defaults::method")] // a run from before this key still opens
     pub method: String,
     /// Settings of a registered method by name, see `docs/research.md`.
@@ -58,6 +58,9 @@ pub struct Config {
     /// Of the method `d3dgs`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d3dgs: Option<D3dgsConfig>,
+    /// Of the method `4dgs`.
+    #[serde(default, rename = "4dgs", skip_serializing_if = "Option::is_none")]
+    pub fourdgs: Option<FourDgsConfig>,
 }
 
 /// `data.*`

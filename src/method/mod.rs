@@ -33,6 +33,7 @@ mod d3dgs;
 #[cfg(test)]
 mod d3dgs_tests;
 mod file;
+pub mod fourdgs;
 pub mod insitunet;
 mod layers;
 mod learner;
@@ -47,6 +48,7 @@ mod volseggs;
 pub use crate::model::{Counts, Model};
 pub use crate::train::{Saved, Training};
 pub use d3dgs::D3dgs;
+pub use fourdgs::FourDgs;
 pub use volseggs::VolSegGs;
 
 use crate::config::types::{Config, VOLSEGGS};
@@ -114,6 +116,7 @@ pub struct Work {
 pub const BUILT_IN: &[(&str, &dyn Method)] = &[
     (VOLSEGGS, &VolSegGs),
     (d3dgs::NAME, &D3dgs),
+    (fourdgs::NAME, &FourDgs),
     ("coordnet", &network::OneNetwork(coordnet::CoordNet)),
     ("insitunet", &insitunet::InSituNetMethod),
     ("visnerf", &visnerf::VisNerfMethod),
@@ -182,7 +185,25 @@ pub fn of(config: &Config) -> Result<Found, TrainError> {
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
+    check_sections(config).map_err(TrainError::Config)?;
     method.check(config).map_err(TrainError::Config)
+}
+
+/// Refuses sections of other methods than the one that is named: they would be passed over without a word.
+fn check_sections(config: &Config) -> Result<(), String> {
+    let sections = [
+        (d3dgs::NAME, config.d3dgs.is_some()),
+        (fourdgs::NAME, config.fourdgs.is_some()),
+        ("coordnet", config.coordnet.is_some()),
+        ("insitunet", config.insitunet.is_some()),
+        ("visnerf", config.visnerf.is_some()),
+    ];
+    match sections.into_iter().find(|(name, is_there)| *is_there && config.method != *name) {
+        Some((name, _)) => {
+            Err(format!("[{name}]: is of the method {name}; set method = \"{name}\", or leave the section out"))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Starts a training with the method that the configuration names.

@@ -17,12 +17,9 @@ impl Method for VolSegGs {
         true
     }
 
-    fn check(&self, config: &Config) -> Result<(), String> {
-        // its sections are checked for every method; the network of another would take the place of its field
-        match &config.d3dgs {
-            Some(_) => Err("[d3dgs]: is of the method d3dgs; set method = \"d3dgs\", or leave the section out".into()),
-            None => Ok(()),
-        }
+    fn check(&self, _: &Config) -> Result<(), String> {
+        // its sections are checked for every method
+        Ok(())
     }
 
     fn steps(&self, config: &Config) -> usize {

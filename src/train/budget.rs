@@ -22,7 +22,7 @@ const HULL_TABLE: u128 = 257 * 257;
 
 /// The training images as memory sees them.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Views {
+pub(crate) struct Views {
     /// How many.
     pub count: usize,
     /// Pixels of each.
@@ -33,28 +33,53 @@ pub(super) struct Views {
 ///
 /// # Errors
 /// The key that takes most, with its value.
-pub(super) fn check_memory(config: &Config, views: Views, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
+pub(crate) fn check_memory(config: &Config, views: Views, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
     let need = |config: &Config| needed(config, views, on_gpu);
     let bytes = need(config);
     budget.check(largest(config, need), bytes).map_err(|e| TrainError::Config(e.to_string()))
 }
 
+/// What the sizes of a method's model are made of, in values.
+struct Sizes {
+    /// Those of one Gaussian.
+    attributes: u128,
+    /// Parameters beside the Gaussians.
+    parameters: u128,
+    /// Those that a step keeps for each Gaussian until the gradients are found, beside its attributes.
+    kept: u128,
+}
+
+impl Sizes {
+    fn of(config: &Config) -> Self {
+        let model = &config.model;
+        let attributes = size::attributes(model);
+        match (&config.fourdgs, &config.d3dgs) {
+            (Some(in_time), _) => Self {
+                attributes: in_time.numbers(model.sh_degree),
+                parameters: 0,
+                kept: in_time.kept_values(model.sh_degree),
+            },
+            (None, Some(network)) => {
+                Self { attributes, parameters: d3dgs::parameters(network), kept: d3dgs::kept_values(network) }
+            }
+            (None, None) => {
+                let features = size::features(model).saturating_mul(2);
+                let kept = features.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model));
+                Self { attributes, parameters: size::field_parameters(model), kept }
+            }
+        }
+    }
+}
+
 /// Bytes at the peak of a training, beside the images themselves.
 fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
-    let (model, count) = (&config.model, views.count as u128);
-    let (n, attributes) = (most_gaussians(config), size::attributes(model));
-    let network = config.d3dgs.as_ref();
-    let parameters = network.map_or_else(|| size::field_parameters(model), d3dgs::parameters);
+    let (n, count) = (most_gaussians(config), views.count as u128);
+    let Sizes { attributes, parameters, kept } = Sizes::of(config);
     let pixels = views.pixels as u128;
     let (each, copies, shown) = if on_gpu {
         (attributes.saturating_mul(3), 2, 16)
     } else {
-        let field = || {
-            let features = size::features(model).saturating_mul(2);
-            features.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model))
-        };
-        let step = attributes.saturating_mul(COPIES - 1);
-        let step = step.saturating_add(network.map_or_else(field, d3dgs::kept_values));
+        let step = attributes.saturating_mul(COPIES - 1).saturating_add(kept);
         let step = step.saturating_add(VALUES_DRAWN);
         (step.max(attributes.saturating_mul(COPIES_MOVED)), COPIES, VALUES_PIXEL)
     };

@@ -7,16 +7,30 @@ use crate::memory::product;
 use crate::model::d3dgs;
 use crate::model::extra_encoder::ExtraEncoder;
 use crate::model::size::{check_model, widest_layer};
+use crate::rng::{Purpose, Rng};
 use crate::volume::transfer::color::parse_hex;
 use burn::tensor::Device;
 
 /// What lies behind the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Background {
+pub(crate) enum Background {
     /// Always this colour.
     Fixed([f32; 3]),
     /// A new colour each step.
     Random,
+}
+
+impl Background {
+    /// That of a step.
+    pub(crate) fn colour(self, seed: u64, step: usize) -> [f32; 3] {
+        match self {
+            Self::Fixed(colour) => colour,
+            Self::Random => {
+                let mut rng = Rng::new(seed, step as u64, Purpose::Background);
+                std::array::from_fn(|_| rng.uniform())
+            }
+        }
+    }
 }
 
 /// The background colour that `data.background` names; white in evaluation where it is `random`.
@@ -30,7 +44,7 @@ pub fn evaluation_background(text: &str) -> Result<[f32; 3], TrainError> {
     }
 }
 
-pub(super) fn parse_background(text: &str) -> Result<Background, TrainError> {
+pub(crate) fn parse_background(text: &str) -> Result<Background, TrainError> {
     match text {
         "white" => Ok(Background::Fixed([1.0; 3])),
         "black" => Ok(Background::Fixed([0.0; 3])),
@@ -42,7 +56,7 @@ pub(super) fn parse_background(text: &str) -> Result<Background, TrainError> {
 }
 
 /// Refuses a run whose largest buffers the device cannot bind; says nothing of devices in host memory.
-pub(super) fn check_device(
+pub(crate) fn check_device(
     config: &Config,
     start: usize,
     images: [usize; 2],
@@ -51,11 +65,16 @@ pub(super) fn check_device(
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
     let n = config.densify.budget.max(config.densify.warmup_budget).max(start);
     let m = &config.model;
-    let k = m.sh_degree + 1;
-    let widest = config.d3dgs.as_ref().map_or_else(|| widest_layer(m), d3dgs::widest);
+    let colours = (m.sh_degree as u128).saturating_add(1).saturating_pow(2).saturating_mul(3);
+    // colours of one Gaussian, width of the decoder, widest layer of an implicit network
+    let (colours, width, widest) = match (&config.fourdgs, &config.d3dgs) {
+        (Some(in_time), _) => (in_time.colours(m.sh_degree), 0, 0),
+        (None, Some(network)) => (colours, 0, d3dgs::widest(network)),
+        (None, None) => (colours, m.width, widest_layer(m)),
+    };
     let needs = [
-        ("spherical harmonics of densify.budget Gaussians", product(&[n, 4 * 3, k, k])),
-        ("hidden layers of the decoder for densify.budget Gaussians", product(&[n, 4 * 4, m.width])),
+        ("spherical harmonics of densify.budget Gaussians", colours.saturating_mul(4 * n as u128)),
+        ("hidden layers of the decoder for densify.budget Gaussians", product(&[n, 4 * 4, width])),
         ("widest layer of the implicit network for densify.budget Gaussians", widest.saturating_mul(4 * n as u128)),
         ("statistics of DSSIM at this image size", product(&[images[0], images[1], 4 * 15])),
     ];

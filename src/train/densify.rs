@@ -6,7 +6,9 @@
 use super::due::Due;
 use crate::config::types::{Config, DensifyMode, PruneBy};
 use crate::model::HostGaussians;
+use crate::model::params::HostTensor;
 use crate::rng::{Purpose, Rng};
+use std::collections::BTreeMap;
 use volseggs_kernels::activation::sigmoid;
 
 /// What is remembered about each Gaussian between densifications.
@@ -44,6 +46,44 @@ impl Statistics {
         }
     }
 
+    /// What is remembered of the Gaussians of `rows` once `due` was done: nothing, but their opacity until they are pruned by it.
+    #[must_use]
+    pub fn renewed(&self, rows: &[Row], due: Due) -> Self {
+        let mut new = Self::new(rows.len());
+        if !due.prune && !due.reset {
+            new.opacity = gather(&self.opacity, rows, 1);
+        }
+        new
+    }
+
+    /// The same of the Gaussians in the order of `rows`.
+    #[must_use]
+    pub fn rearranged(&self, rows: &[Row]) -> Self {
+        let [gradient, views, opacity] = [&self.gradient, &self.views, &self.opacity].map(|v| gather(v, rows, 1));
+        Self { gradient, views, opacity }
+    }
+
+    /// What a checkpoint keeps of it.
+    #[must_use]
+    pub fn into_tensors(self) -> BTreeMap<String, HostTensor> {
+        let named = [("gradient", self.gradient), ("views", self.views), ("opacity", self.opacity)];
+        let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };
+        named.into_iter().map(|(name, values)| (format!("statistics.{name}"), tensor(values))).collect()
+    }
+
+    /// That of `n` Gaussians from [`Statistics::into_tensors`].
+    ///
+    /// # Errors
+    /// What is missing or does not fit.
+    pub fn from_tensors(tensors: &BTreeMap<String, HostTensor>, n: usize) -> Result<Self, String> {
+        let of = |name: &str| {
+            let values = tensors.get(&format!("statistics.{name}")).map(|t| t.values.clone());
+            let values = values.filter(|v| v.len() == n);
+            values.ok_or_else(|| format!("statistics.{name} is missing or has not {n} entries"))
+        };
+        Ok(Self { gradient: of("gradient")?, views: of("views")?, opacity: of("opacity")? })
+    }
+
     fn score(&self, i: usize) -> f32 {
         if self.views[i] > 0.0 { self.gradient[i] / self.views[i] } else { 0.0 }
     }
@@ -68,18 +108,25 @@ impl Row {
     }
 }
 
-/// Decides which rows the new arrays have.
-pub fn plan(due: Due, statistics: &Statistics, gaussians: &HostGaussians, config: &Config, extent: f64) -> Vec<Row> {
+/// Decides which rows the new arrays have, by the statistics, `opacity_logits` `[N]` and `log_scales` `[N, 3]`.
+pub fn plan(
+    due: Due,
+    statistics: &Statistics,
+    opacity_logits: &[f32],
+    log_scales: &[f32],
+    config: &Config,
+    extent: f64,
+) -> Vec<Row> {
     let d = &config.densify;
-    let n = gaussians.len();
+    let n = opacity_logits.len();
     let opacity = |i: usize| match d.prune_by {
         PruneBy::Largest => statistics.opacity[i],
-        PruneBy::Present => sigmoid(gaussians.opacity_logits[i]),
+        PruneBy::Present => sigmoid(opacity_logits[i]),
     };
     // whether a standard deviation is above a fraction of the scene's extent
     let is_above = |fraction: f64| {
         let limit = (fraction * extent).ln() as f32;
-        move |i: usize| gaussians.log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit)
+        move |i: usize| log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit)
     };
     let is_transparent = |i: usize| due.prune && f64::from(opacity(i)) < d.prune_opacity;
     let is_oversized = is_above(d.prune_size);
@@ -161,11 +208,15 @@ mod tests {
         Statistics { gradient: (0..n).map(|i| (i + 1) as f32).collect(), views: vec![1.0; n], opacity: vec![0.5; n] }
     }
 
+    fn planned(due: Due, s: &Statistics, g: &HostGaussians, config: &Config) -> Vec<Row> {
+        plan(due, s, &g.opacity_logits, &g.log_scales, config, 4.0)
+    }
+
     #[test]
     fn growth_reaches_the_target_exactly_and_takes_the_largest_gradients() {
         let g = gaussians(10);
         let due = Due { grow_to: Some(13), ..Due::default() };
-        let rows = plan(due, &statistics(10), &g, &Config::default(), 4.0);
+        let rows = planned(due, &statistics(10), &g, &Config::default());
         assert_eq!(rows.len(), 13);
         // 7, 8 and 9 have the largest; odd ones are large and split, 8 is cloned
         assert_eq!(rows[7..], [Row::Half(7), Row::Keep(8), Row::Half(9), Row::Half(7), Row::Clone(8), Row::Half(9)]);
@@ -181,18 +232,18 @@ mod tests {
         let mut s = statistics(6);
         s.opacity[5] = 0.001;
         let due = Due { grow_to: Some(6), prune: true, ..Due::default() };
-        let rows = plan(due, &s, &gaussians(6), &Config::default(), 4.0);
+        let rows = planned(due, &s, &gaussians(6), &Config::default());
         assert_eq!(rows.len(), 6);
         assert!(rows.iter().all(|r| r.source() != 5));
         s.opacity.fill(0.0);
-        assert_eq!(plan(due, &s, &gaussians(6), &Config::default(), 4.0).len(), 6);
+        assert_eq!(planned(due, &s, &gaussians(6), &Config::default()).len(), 6);
     }
 
     #[test]
     fn present_opacity_and_size_decide_where_they_are_asked_to() {
         let (mut config, mut g, s) = (Config::default(), gaussians(6), statistics(6));
         let kept = |config: &Config, g: &HostGaussians, due: Due| -> Vec<usize> {
-            plan(due, &s, g, config, 4.0).into_iter().map(Row::source).collect()
+            planned(due, &s, g, config).into_iter().map(Row::source).collect()
         };
         g.opacity_logits[2] = -6.0; // 0.0025; it was drawn with 0.5
         let due = Due { prune: true, ..Due::default() };
@@ -210,7 +261,7 @@ mod tests {
     #[test]
     fn above_the_budget_none_are_added_and_none_removed() {
         let due = Due { grow_to: Some(4), ..Due::default() };
-        let rows = plan(due, &statistics(6), &gaussians(6), &Config::default(), 4.0);
+        let rows = planned(due, &statistics(6), &gaussians(6), &Config::default());
         assert_eq!(rows, (0..6).map(Row::Keep).collect::<Vec<_>>());
     }
 }

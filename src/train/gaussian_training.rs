@@ -28,10 +28,7 @@ impl Training for Trainer {
     fn state(&self) -> BTreeMap<String, HostTensor> {
         let mut tensors = self.optimizer.to_tensors();
         tensors.extend(self.culling.to_tensors());
-        let s = self.statistics.to_host();
-        for (name, values) in [("gradient", s.gradient), ("views", s.views), ("opacity", s.opacity)] {
-            tensors.insert(format!("statistics.{name}"), HostTensor { shape: vec![values.len()], values });
-        }
+        tensors.extend(self.statistics.to_host().into_tensors());
         tensors
     }
 
@@ -40,13 +37,7 @@ impl Training for Trainer {
         let device = self.device().clone();
         let scene = Scene::load(from.model, &device)?;
         let n = scene.gaussians.count();
-        let statistic = |name: &str| {
-            let values = from.state.get(&format!("statistics.{name}")).map(|t| t.values.clone());
-            let values = values.filter(|v| v.len() == n);
-            values.ok_or_else(|| bad(format!("statistics.{name} is missing or has not {n} entries")))
-        };
-        let statistics =
-            Statistics { gradient: statistic("gradient")?, views: statistic("views")?, opacity: statistic("opacity")? };
+        let statistics = Statistics::from_tensors(&from.state, n).map_err(bad)?;
         self.statistics.replace(|_| statistics);
         self.optimizer.load(&from.state, &params::sizes(&scene), &device.inner()).map_err(bad)?;
         self.culling.load(&from.state, n);

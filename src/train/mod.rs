@@ -6,8 +6,8 @@
 
 #[cfg(test)]
 mod appearance_tests;
-mod budget;
-mod check;
+pub(crate) mod budget;
+pub(crate) mod check;
 pub mod checkpoint;
 pub mod culling;
 pub mod densify;
@@ -29,7 +29,7 @@ pub mod resume;
 pub mod run;
 pub mod schedule;
 pub mod spatial;
-mod target;
+pub(crate) mod target;
 #[cfg(test)]
 mod tests;
 mod time_noise;

@@ -5,7 +5,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 
 /// View `view` over `background`, put together on the host, or, with `on_device`, from its four bytes a pixel on the
 /// device: a quarter of the way to a GPU.
-pub(super) fn target(split: &Split, view: usize, background: [f32; 3], device: &Device, on_device: bool) -> Tensor<3> {
+pub(crate) fn target(split: &Split, view: usize, background: [f32; 3], device: &Device, on_device: bool) -> Tensor<3> {
     let (h, w) = (split.images.height as usize, split.images.width as usize);
     if !on_device {
         let values = split.images.composite_with_alpha(view, background);

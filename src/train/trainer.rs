@@ -3,7 +3,7 @@
 use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
-use super::densify::{self, Statistics};
+use super::densify;
 use super::due::{Due, due};
 use super::gather::{Gathered, View};
 use super::loss_term::LossInput;
@@ -18,7 +18,6 @@ use crate::data::{Dataset, Split};
 use crate::memory::Budget;
 use crate::model::params::to_vec;
 use crate::model::{Gaussians, HostGaussians, Scene};
-use crate::rng::{Purpose, Rng};
 use burn::tensor::{Device, Tensor};
 use std::time::{Duration, Instant};
 use volseggs_kernels::activation::logit;
@@ -174,13 +173,7 @@ impl Trainer {
         (spec.sh_degree, spec.deformed) = (sh_degree, stage.is_joint());
         let view = self.view(stage, split.frames.len());
         let frame = &split.frames[view];
-        let background = match self.background {
-            Background::Fixed(colour) => colour,
-            Background::Random => {
-                let mut rng = Rng::new(self.config.seed, step as u64, Purpose::Background);
-                std::array::from_fn(|_| rng.uniform())
-            }
-        };
+        let background = self.background.colour(self.config.seed, step);
         let target = target(split, view, background, &self.device, self.runs_ahead);
         lap(&mut times.data);
 
@@ -259,7 +252,7 @@ impl Trainer {
     fn densify(&mut self, due: Due) {
         let host = self.scene().gaussians.to_host();
         let statistics = self.statistics.to_host();
-        let rows = densify::plan(due, &statistics, &host, &self.config, self.extent);
+        let rows = densify::plan(due, &statistics, &host.opacity_logits, &host.log_scales, &self.config, self.extent);
         let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
         if due.reset {
@@ -267,13 +260,7 @@ impl Trainer {
             new.opacity_logits.iter_mut().for_each(|o| *o = o.min(ceiling));
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
-        self.statistics.replace(|_| {
-            let mut new = Statistics::new(rows.len());
-            if !due.prune && !due.reset {
-                new.opacity = densify::gather(&statistics.opacity, &rows, 1);
-            }
-            new
-        });
+        self.statistics.replace(|old| old.renewed(&rows, due));
         self.replace_gaussians(new);
     }
 
@@ -283,12 +270,7 @@ impl Trainer {
         let rows = spatial::curve_order(&host.means);
         let new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
-        self.statistics.replace(|mut s| {
-            for values in [&mut s.gradient, &mut s.views, &mut s.opacity] {
-                *values = densify::gather(values, &rows, 1);
-            }
-            s
-        });
+        self.statistics.replace(|old| old.rearranged(&rows));
         self.replace_gaussians(new);
     }
 

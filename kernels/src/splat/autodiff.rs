@@ -1,11 +1,11 @@
-//! Gradient registration for [`super::splat`].
+//! Gradient registration for [`super::splat`] and [`super::splat_covariances`], which differ in the number of inputs.
 
-use super::{SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
+use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::tensors::register;
 use burn::backend::Autodiff;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use burn::backend::autodiff::ops::{Backward, NodeGuard, Ops, OpsKind};
 
 #[derive(Clone, Debug)]
 struct State<B: SplatBackwardOps> {
@@ -17,30 +17,56 @@ struct State<B: SplatBackwardOps> {
 #[derive(Debug)]
 struct SplatBackward;
 
-impl<B: SplatBackwardOps> Backward<B, 6> for SplatBackward {
+impl<B: SplatBackwardOps, const N: usize> Backward<B, N> for SplatBackward {
     type State = State<B>;
 
-    fn backward(self, ops: Ops<Self::State, 6>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
+    fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let grad_image = grads.consume::<B>(&ops.node);
         let State { inputs, settings, saved } = ops.state;
         let out = B::splat_backward(inputs, grad_image, settings, saved);
-        register::<B, 6>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
+        register::<B, N>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_vec());
     }
 }
 
 impl<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
     fn splat_forward(inputs: SplatTensors<Self>, settings: SplatSettings, _: bool) -> SplatForward<Self> {
-        let (inputs, nodes) = inputs.into_parts();
-        match SplatBackward.prepare::<C>(nodes).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => {
-                let out = B::splat_forward(inputs.clone(), settings, true);
-                let state = State::<B> { inputs, settings, saved: out.saved.clone() };
-                SplatForward { image: prep.finish(state, out.image), radii: out.radii, saved: out.saved }
+        let SplatTensors { means, covariances, opacity_logits, sh, screen_offsets } = inputs;
+        let (means, of_means) = means.into_parts();
+        let (opacity_logits, of_opacities) = opacity_logits.into_parts();
+        let (sh, of_sh) = sh.into_parts();
+        let (screen_offsets, of_offsets) = screen_offsets.into_parts();
+        let with = |covariances| SplatTensors { means, covariances, opacity_logits, sh, screen_offsets };
+        match covariances {
+            CovarianceTensors::Factored { rotations, log_scales } => {
+                let (rotations, of_rotations) = rotations.into_parts();
+                let (log_scales, of_scales) = log_scales.into_parts();
+                let inputs = with(CovarianceTensors::Factored { rotations, log_scales });
+                recorded(inputs, [of_means, of_rotations, of_scales, of_opacities, of_sh, of_offsets], settings)
             }
-            OpsKind::UnTracked(prep) => {
-                let out = B::splat_forward(inputs, settings, false);
-                SplatForward { image: prep.finish(out.image), radii: out.radii, saved: out.saved }
+            CovarianceTensors::Entries(entries) => {
+                let (entries, of_entries) = entries.into_parts();
+                let inputs = with(CovarianceTensors::Entries(entries));
+                recorded(inputs, [of_means, of_entries, of_opacities, of_sh, of_offsets], settings)
             }
+        }
+    }
+}
+
+/// Renders, and remembers what the backward pass needs; `nodes` in the order of [`SplatTensors::into_vec`].
+fn recorded<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy, const N: usize>(
+    inputs: SplatTensors<B>,
+    nodes: [NodeGuard; N],
+    settings: SplatSettings,
+) -> SplatForward<Autodiff<B, C>> {
+    match SplatBackward.prepare::<C>(nodes).compute_bound().stateful() {
+        OpsKind::Tracked(prep) => {
+            let out = B::splat_forward(inputs.clone(), settings, true);
+            let state = State::<B> { inputs, settings, saved: out.saved.clone() };
+            SplatForward { image: prep.finish(state, out.image), radii: out.radii, saved: out.saved }
+        }
+        OpsKind::UnTracked(prep) => {
+            let out = B::splat_forward(inputs, settings, false);
+            SplatForward { image: prep.finish(out.image), radii: out.radii, saved: out.saved }
         }
     }
 }

@@ -3,19 +3,21 @@
 //! What is computed (3DGS, Kerbl et al. 2023; the paper's equations 1 to 4), with the constants of the
 //! reference rasteriser:
 //!
-//! * covariance `R S S^T R^T`, projected with the Jacobian clamped at 1.3 times the field of view,
-//!   0.3 added to its diagonal (pixels squared);
+//! * covariance `R S S^T R^T` ([`splat`]) or as it is given ([`splat_covariances`]), projected with the Jacobian clamped
+//!   at 1.3 times the field of view, 0.3 added to its diagonal (pixels squared);
 //! * colour `max(0, SH(direction) + 0.5)`, the gradient flowing through the direction;
 //! * `alpha = min(0.99, opacity * exp(power))`, skipped below 1/255; where it is clamped at 0.99 the
 //!   gradient is zero (the reference rasteriser passes it through);
 //! * front to back by depth, ties by index; a Gaussian that would bring the transmittance to 1e-4
 //!   or less ends the pixel and is not blended; Gaussians at depth 0.2 or less are culled.
 //!
-//! A Gaussian whose projection is not finite (NaN, infinite scale) is culled like one behind the
-//! camera: it adds nothing to the image and its gradients are zero. A zero quaternion stands for no rotation.
+//! A Gaussian whose projection is not finite (NaN, infinite scale), or whose covariance is none (not positive
+//! semi-definite), is culled like one behind the camera: it adds nothing to the image and its gradients are zero. A zero
+//! quaternion stands for no rotation.
 
 mod autodiff;
 pub mod contributors;
+mod covariances;
 pub(crate) mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
@@ -23,12 +25,13 @@ pub mod reference;
 
 use crate::Camera;
 use crate::shading::{Shading, shaded};
-use crate::tensors::op_tensors;
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
 use burn::tensor::{Int, Tensor};
 use std::any::Any;
 use std::sync::Arc;
+
+pub use covariances::{CovarianceInputs, splat_covariances};
 
 /// Alpha is clamped to this value.
 pub const ALPHA_MAX: f32 = 0.99;
@@ -40,6 +43,9 @@ pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 pub const NEAR: f32 = 0.2;
 /// Added to the diagonal of the projected covariance, pixels squared.
 pub const DILATION: f32 = 0.3;
+/// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a fraction
+/// of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
+pub const MINOR_SLACK: f32 = 1e-5;
 
 /// Everything about a rendering that is not a tensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,28 +79,53 @@ pub struct SplatForward<B: Backend> {
     pub saved: SplatSaved,
 }
 
-op_tensors! {
-    /// The tensors of [`SplatInputs`] on a backend, or the gradient with respect to each of them.
-    SplatTensors[6] {
-        /// `[N, 3]`
-        means,
+/// The tensors of [`SplatInputs`] or of [`CovarianceInputs`] on a backend, or the gradient with respect to each of them.
+#[derive(Clone, Debug, ExtensionType)]
+pub struct SplatTensors<B: Backend> {
+    /// `[N, 3]`
+    pub means: FloatTensor<B>,
+    /// What the covariances are made of.
+    #[extension_type]
+    pub covariances: CovarianceTensors<B>,
+    /// `[N]`
+    pub opacity_logits: FloatTensor<B>,
+    /// `[N, K, 3]`
+    pub sh: FloatTensor<B>,
+    /// `[N, 2]`
+    pub screen_offsets: FloatTensor<B>,
+}
+
+/// What covariances are made of: the part of [`SplatTensors`] in which the two kinds of input differ.
+#[derive(Clone, Debug, ExtensionType)]
+pub enum CovarianceTensors<B: Backend> {
+    /// Rotations and scales, `R S S^T R^T`.
+    Factored {
         /// `[N, 4]`
-        rotations,
+        rotations: FloatTensor<B>,
         /// `[N, 3]`
-        log_scales,
-        /// `[N]`
-        opacity_logits,
-        /// `[N, K, 3]`
-        sh,
-        /// `[N, 2]`
-        screen_offsets,
+        log_scales: FloatTensor<B>,
+    },
+    /// Their entries xx, xy, xz, yy, yz, zz `[N, 6]`.
+    Entries(FloatTensor<B>),
+}
+
+impl<B: Backend> SplatTensors<B> {
+    /// The tensors in the order of the fields: six, or five with [`CovarianceTensors::Entries`].
+    pub(crate) fn into_vec(self) -> Vec<FloatTensor<B>> {
+        let Self { means, covariances, opacity_logits, sh, screen_offsets } = self;
+        match covariances {
+            CovarianceTensors::Factored { rotations, log_scales } => {
+                vec![means, rotations, log_scales, opacity_logits, sh, screen_offsets]
+            }
+            CovarianceTensors::Entries(entries) => vec![means, entries, opacity_logits, sh, screen_offsets],
+        }
     }
 }
 
-/// The backend side of [`splat`].
+/// The backend side of [`splat`] and [`splat_covariances`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SplatOps: Backend {
-    /// Renders; shapes as in [`splat`]. With `save` a backward pass will follow.
+    /// Renders; shapes as in [`SplatTensors`]. With `save` a backward pass will follow.
     fn splat_forward(
         #[extension_type] inputs: SplatTensors<Self>,
         settings: SplatSettings,
@@ -102,7 +133,7 @@ pub trait SplatOps: Backend {
     ) -> SplatForward<Self>;
 }
 
-/// The backward side of [`splat`], of backends that compute. One that records gradients has none of its own: a second
+/// The backward side of [`SplatOps`], of backends that compute. One that records gradients has none of its own: a second
 /// derivative does not compile. Dispatched too, so that benches can time it alone.
 #[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SplatBackwardOps: Backend {
@@ -156,16 +187,22 @@ impl SplatInputs {
 
     /// The tensors as the backends take them, which know nothing of shading.
     pub fn into_tensors(self) -> SplatTensors<Dispatch> {
-        let zeros = || Tensor::zeros([self.opacity_logits.dims()[0], 2], &self.means.device());
         SplatTensors {
-            screen_offsets: self.screen_offsets.unwrap_or_else(zeros).into_dispatch(),
+            screen_offsets: offsets_or_zeros(self.screen_offsets, &self.means).into_dispatch(),
             means: self.means.into_dispatch(),
-            rotations: self.rotations.into_dispatch(),
-            log_scales: self.log_scales.into_dispatch(),
+            covariances: CovarianceTensors::Factored {
+                rotations: self.rotations.into_dispatch(),
+                log_scales: self.log_scales.into_dispatch(),
+            },
             opacity_logits: self.opacity_logits.into_dispatch(),
             sh: self.sh.into_dispatch(),
         }
     }
+}
+
+/// Offsets on the screen as the backends take them.
+fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> {
+    offsets.unwrap_or_else(|| Tensor::zeros([means.dims()[0], 2], &means.device()))
 }
 
 /// Renders Gaussians through a camera, those with a [`Shading`] in the colours that it gives them.
@@ -174,12 +211,25 @@ impl SplatInputs {
 /// If the shapes disagree, or `sh` holds fewer coefficients than `settings.sh_degree` needs: both are
 /// errors of the calling program, never of the data.
 pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
-    let [n, three] = inputs.means.dims();
-    assert_eq!(three, 3, "splat: means are [N, 3], got [{n}, {three}]");
+    let n = inputs.means.dims()[0];
     assert_eq!(inputs.rotations.dims(), [n, 4], "splat: rotations are [N, 4] with N = {n}");
     assert_eq!(inputs.log_scales.dims(), [n, 3], "splat: log_scales are [N, 3] with N = {n}");
-    assert_eq!(inputs.opacity_logits.dims(), [n], "splat: opacity_logits are [N] with N = {n}");
-    let [n_sh, k, channels] = inputs.sh.dims();
+    check_common(&inputs.means, &inputs.opacity_logits, &inputs.sh, inputs.screen_offsets.as_ref(), &settings);
+    render(inputs.shaded(&settings.camera).into_tensors(), settings)
+}
+
+/// The checks of what both kinds of input have.
+fn check_common(
+    means: &Tensor<2>,
+    opacity_logits: &Tensor<1>,
+    sh: &Tensor<3>,
+    screen_offsets: Option<&Tensor<2>>,
+    settings: &SplatSettings,
+) {
+    let [n, three] = means.dims();
+    assert_eq!(three, 3, "splat: means are [N, 3], got [{n}, {three}]");
+    assert_eq!(opacity_logits.dims(), [n], "splat: opacity_logits are [N] with N = {n}");
+    let [n_sh, k, channels] = sh.dims();
     assert_eq!((n_sh, channels), (n, 3), "splat: sh are [N, K, 3] with N = {n}");
     let degree = settings.sh_degree;
     assert!(
@@ -189,10 +239,12 @@ pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     );
     let camera = settings.camera;
     assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
-
-    if let Some(offsets) = &inputs.screen_offsets {
+    if let Some(offsets) = screen_offsets {
         assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");
     }
-    let out = Dispatch::splat_forward(inputs.shaded(&camera).into_tensors(), settings, false);
+}
+
+fn render(tensors: SplatTensors<Dispatch>, settings: SplatSettings) -> Splatted {
+    let out = Dispatch::splat_forward(tensors, settings, false);
     Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
 }

@@ -3,7 +3,8 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{SplatInputs, SplatSettings, reference::Scene};
+use volseggs_kernels::splat::{CovarianceInputs, SplatInputs, SplatSettings, reference::Scene};
+use volseggs_kernels::splat::{splat, splat_covariances};
 use volseggs_testing::skip_device;
 
 /// A device that a test runs on.
@@ -117,6 +118,7 @@ pub fn random_scene(n: usize, degree: usize, seed: u64) -> Scene {
         means: (0..3 * n).map(|_| 0.4 * r.normal()).collect(),
         rotations: (0..4 * n).map(|_| r.normal()).collect(),
         log_scales: (0..3 * n).map(|_| -2.6 + 0.5 * r.normal()).collect(),
+        covariances: vec![],
         opacity_logits: (0..n).map(|_| 1.2 * r.normal()).collect(),
         sh: (0..3 * n * stride).map(|_| 0.4 * r.normal()).collect(),
         sh_stride: stride,
@@ -137,9 +139,73 @@ pub const FIELDS: [(&str, Field); 6] = [
     ("screen_offsets", |s| &mut s.screen_offsets),
 ];
 
+/// As [`FIELDS`], of a scene with covariances.
+pub const COVARIANCE_FIELDS: [(&str, Field); 5] = [
+    ("means", |s| &mut s.means),
+    ("covariances", |s| &mut s.covariances),
+    ("opacity_logits", |s| &mut s.opacity_logits),
+    ("sh", |s| &mut s.sh),
+    ("screen_offsets", |s| &mut s.screen_offsets),
+];
+
+/// What has a gradient in this scene.
+pub fn fields(scene: &Scene) -> &'static [(&'static str, Field)] {
+    if scene.covariances.is_empty() { &FIELDS } else { &COVARIANCE_FIELDS }
+}
+
+/// The same scene with covariances `R S S^T R^T` in place of rotations and scales, which become NaN.
+pub fn by_covariances(mut scene: Scene) -> Scene {
+    let rows = scene.rotations.chunks_exact(4).zip(scene.log_scales.chunks_exact(3));
+    scene.covariances = rows.flat_map(|(q, s)| covariance([q[0], q[1], q[2], q[3]], [s[0], s[1], s[2]])).collect();
+    scene.rotations.fill(f64::NAN);
+    scene.log_scales.fill(f64::NAN);
+    scene
+}
+
+/// Entries xx, xy, xz, yy, yz, zz of `R S S^T R^T`. Columns of R: the axes turned by the quaternion, `v + 2 u x (u x v + w v)`.
+pub fn covariance(quaternion: [f64; 4], log_scales: [f64; 3]) -> [f64; 6] {
+    let length = quaternion.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let [w, u @ ..] = quaternion.map(|v| v / length);
+    let cross = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] {
+        std::array::from_fn(|k| a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3])
+    };
+    let columns: [[f64; 3]; 3] = std::array::from_fn(|k| {
+        let axis = std::array::from_fn(|r| f64::from(u8::from(r == k)));
+        let inner = cross(u, axis);
+        let outer = cross(u, std::array::from_fn(|r| inner[r] + w * axis[r]));
+        std::array::from_fn(|r| (axis[r] + 2.0 * outer[r]) * log_scales[k].exp())
+    });
+    let entry = |a: usize, b: usize| columns.iter().map(|c| c[a] * c[b]).sum();
+    [entry(0, 0), entry(0, 1), entry(0, 2), entry(1, 1), entry(1, 2), entry(2, 2)]
+}
+
+/// Gradients in the order of [`COVARIANCE_FIELDS`] as they are by the rotations and scales that `scene` has, in the order of
+/// [`FIELDS`]: the chain rule, with difference quotients of [`covariance`].
+pub fn to_factors(scene: &Scene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    const STEP: f64 = 1e-3;
+    let [means, by_entries, opacity_logits, sh, offsets] = gradients else { panic!("five gradients") };
+    let (mut rotations, mut log_scales) = (Vec::new(), Vec::new());
+    for (i, by) in by_entries.chunks_exact(6).enumerate() {
+        let factors: [f64; 7] =
+            std::array::from_fn(|k| if k < 4 { scene.rotations[4 * i + k] } else { scene.log_scales[3 * i + k - 4] });
+        // what the gradient makes of the entries, a number of which the factors are moved
+        let moved = |k: usize, steps: f64| -> f64 {
+            let mut f = factors;
+            f[k] += steps * STEP;
+            covariance([f[0], f[1], f[2], f[3]], [f[4], f[5], f[6]]).iter().zip(by).map(|(v, g)| v * g).sum()
+        };
+        for k in 0..7 {
+            let (near, far) = (moved(k, 1.0) - moved(k, -1.0), moved(k, 2.0) - moved(k, -2.0));
+            let out = if k < 4 { &mut rotations } else { &mut log_scales };
+            out.push((8.0 * near - far) / (12.0 * STEP));
+        }
+    }
+    vec![means.clone(), rotations, log_scales, opacity_logits.clone(), sh.clone(), offsets.clone()]
+}
+
 /// The scene as the kernels get it, in numbers of f32, so that it is the same for them and for the reference.
 pub fn rounded(mut scene: Scene) -> Scene {
-    for (_, field) in FIELDS {
+    for (_, field) in fields(&scene) {
         field(&mut scene).iter_mut().for_each(|v| *v = f64::from(*v as f32));
     }
     scene
@@ -168,6 +234,24 @@ pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
     }
 }
 
+/// As [`inputs`], of a scene with covariances.
+pub fn covariance_inputs(scene: &Scene, device: &Device) -> CovarianceInputs {
+    let n = scene.opacity_logits.len();
+    let SplatInputs { means, opacity_logits, sh, screen_offsets, .. } = inputs(scene, device);
+    let covariances = Tensor::from_data(TensorData::new(f32s(&scene.covariances), [n, 6]), device);
+    CovarianceInputs { means, covariances, opacity_logits, sh, screen_offsets }
+}
+
+/// The image `[H, W, 4]` that the op makes of the scene on `device`.
+pub fn image(scene: &Scene, settings: SplatSettings, device: &Device) -> Vec<f32> {
+    let out = if scene.covariances.is_empty() {
+        splat(inputs(scene, device), settings)
+    } else {
+        splat_covariances(covariance_inputs(scene, device), settings)
+    };
+    to_vec(out.image)
+}
+
 pub fn require_grad(i: SplatInputs) -> SplatInputs {
     SplatInputs {
         means: i.means.require_grad(),
@@ -184,32 +268,49 @@ pub fn to_vec<const D: usize>(t: Tensor<D>) -> Vec<f32> {
     t.into_data().try_into_vec::<f32>().unwrap()
 }
 
-/// Gradients in the order means, rotations, log_scales, opacity_logits, sh, screen_offsets of
-/// `sum(image * weights)`, and the image.
+/// Gradients of `sum(image * weights)` in the order of [`fields`], and before them the image.
 pub fn gradients(
     scene: &Scene,
     settings: SplatSettings,
     weights: &[f32],
     device: &Device,
-) -> (Vec<f32>, [Vec<f32>; 6]) {
+) -> (Vec<f32>, Vec<Vec<f32>>) {
     let device = device.clone().autodiff();
-    let i = require_grad(inputs(scene, &device));
-    let out = volseggs_kernels::splat::splat(i.clone(), settings);
     let (h, w) = (settings.camera.height, settings.camera.width);
     let weights = Tensor::<3>::from_data(TensorData::new(weights.to_vec(), [h, w, 4]), &device);
-    let g = (out.image.clone() * weights).sum().backward();
-    let image = to_vec(out.image.inner());
-    (
-        image,
-        [
+    if scene.covariances.is_empty() {
+        let i = require_grad(inputs(scene, &device));
+        let image = splat(i.clone(), settings).image;
+        let g = (image.clone() * weights).sum().backward();
+        let gradients = vec![
             to_vec(i.means.grad(&g).unwrap()),
             to_vec(i.rotations.grad(&g).unwrap()),
             to_vec(i.log_scales.grad(&g).unwrap()),
             to_vec(i.opacity_logits.grad(&g).unwrap()),
             to_vec(i.sh.grad(&g).unwrap()),
             to_vec(i.screen_offsets.unwrap().grad(&g).unwrap()),
-        ],
-    )
+        ];
+        (to_vec(image.inner()), gradients)
+    } else {
+        let i = covariance_inputs(scene, &device);
+        let i = CovarianceInputs {
+            means: i.means.require_grad(),
+            covariances: i.covariances.require_grad(),
+            opacity_logits: i.opacity_logits.require_grad(),
+            sh: i.sh.require_grad(),
+            screen_offsets: i.screen_offsets.map(Tensor::require_grad),
+        };
+        let image = splat_covariances(i.clone(), settings).image;
+        let g = (image.clone() * weights).sum().backward();
+        let gradients = vec![
+            to_vec(i.means.grad(&g).unwrap()),
+            to_vec(i.covariances.grad(&g).unwrap()),
+            to_vec(i.opacity_logits.grad(&g).unwrap()),
+            to_vec(i.sh.grad(&g).unwrap()),
+            to_vec(i.screen_offsets.unwrap().grad(&g).unwrap()),
+        ];
+        (to_vec(image.inner()), gradients)
+    }
 }
 
 /// `|a - b| / |b|` over all entries.

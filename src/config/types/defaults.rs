@@ -122,6 +122,7 @@ impl Default for Config {
             coordnet: None,
             insitunet: None,
             visnerf: None,
+            fourdgs: None,
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::{Contributors, ContributorsError, cpu, reference};
 use crate::Camera;
 use crate::splat::SplatSettings;
-use crate::splat::cpu::{Attributes, bin, blend, project};
+use crate::splat::cpu::{Attributes, bin, blend, covariance::Covariances, project};
 use crate::splat::reference::Scene;
 use proptest::prelude::*;
 
@@ -62,8 +62,7 @@ impl Fixture {
     fn stages(&self) -> (bin::Order, Vec<f32>, bin::Bins) {
         let attributes = Attributes {
             means: &self.means,
-            rotations: &self.rotations,
-            log_scales: &self.log_scales,
+            covariances: Covariances::Factored { rotations: &self.rotations, log_scales: &self.log_scales },
             opacity_logits: &self.opacity_logits,
             sh: &self.sh,
             sh_stride: 1,
@@ -85,6 +84,7 @@ impl Fixture {
             means: wide(&self.means),
             rotations: wide(&self.rotations),
             log_scales: wide(&self.log_scales),
+            covariances: vec![],
             opacity_logits: wide(&self.opacity_logits),
             sh: wide(&self.sh),
             sh_stride: 1,

@@ -7,16 +7,18 @@
 pub(crate) mod bin;
 pub(crate) mod blend;
 mod blend_backward;
+pub(crate) mod covariance;
 pub(crate) mod lanes;
 pub(crate) mod project;
 mod project_backward;
 pub(crate) mod rule;
 
-use super::{SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
+use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::backend::CpuBackend;
 use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
+use covariance::Covariances;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -25,32 +27,52 @@ pub(crate) const TILE: usize = 16;
 
 /// The values of a backend's tensors: attributes, and offsets on the screen.
 pub(crate) struct Values<'a> {
-    arrays: [Cow<'a, [f32]>; 6],
+    means: Cow<'a, [f32]>,
+    covariances: Covariances<Cow<'a, [f32]>>,
+    opacity_logits: Cow<'a, [f32]>,
+    sh: Cow<'a, [f32]>,
     sh_stride: usize,
+    screen_offsets: Cow<'a, [f32]>,
 }
 
 impl<'a> Values<'a> {
     /// Borrowed where the tensors are contiguous.
     pub(crate) fn of<B: CpuBackend>(inputs: &'a SplatTensors<B>) -> Self {
-        Self { arrays: inputs.as_array().map(B::values), sh_stride: inputs.sh.shape()[1] }
+        Self {
+            means: B::values(&inputs.means),
+            covariances: match &inputs.covariances {
+                CovarianceTensors::Factored { rotations, log_scales } => {
+                    Covariances::Factored { rotations: B::values(rotations), log_scales: B::values(log_scales) }
+                }
+                CovarianceTensors::Entries(entries) => Covariances::Entries(B::values(entries)),
+            },
+            opacity_logits: B::values(&inputs.opacity_logits),
+            sh: B::values(&inputs.sh),
+            sh_stride: inputs.sh.shape()[1],
+            screen_offsets: B::values(&inputs.screen_offsets),
+        }
     }
 
     /// The attributes and the offsets `[N, 2]`.
     pub(crate) fn borrow(&self) -> (Attributes<'_>, &[f32]) {
-        let [means, rotations, log_scales, opacity_logits, sh, offsets] = &self.arrays;
-        (Attributes { means, rotations, log_scales, opacity_logits, sh, sh_stride: self.sh_stride }, offsets)
+        let attributes = Attributes {
+            means: &self.means,
+            covariances: self.covariances.map(|rows| &**rows),
+            opacity_logits: &self.opacity_logits,
+            sh: &self.sh,
+            sh_stride: self.sh_stride,
+        };
+        (attributes, &self.screen_offsets)
     }
 }
 
-/// The five attribute arrays, row-major.
+/// The attribute arrays, row-major.
 #[derive(Clone, Copy)]
 pub(crate) struct Attributes<'a> {
     /// `[N, 3]`
     pub means: &'a [f32],
-    /// `[N, 4]`
-    pub rotations: &'a [f32],
-    /// `[N, 3]`
-    pub log_scales: &'a [f32],
+    /// What the covariances are made of.
+    pub covariances: Covariances<&'a [f32]>,
     /// `[N]`
     pub opacity_logits: &'a [f32],
     /// `[N, K, 3]`
@@ -115,8 +137,13 @@ trait CpuSplat: CpuBackend {
         let g = project_backward::project_backward(attributes, &saved.order, &screen, &settings);
         SplatTensors {
             means: Self::tensor(g.means, [n, 3], &device),
-            rotations: Self::tensor(g.rotations, [n, 4], &device),
-            log_scales: Self::tensor(g.log_scales, [n, 3], &device),
+            covariances: match g.covariances {
+                Covariances::Factored { rotations, log_scales } => CovarianceTensors::Factored {
+                    rotations: Self::tensor(rotations, [n, 4], &device),
+                    log_scales: Self::tensor(log_scales, [n, 3], &device),
+                },
+                Covariances::Entries(entries) => CovarianceTensors::Entries(Self::tensor(entries, [n, 6], &device)),
+            },
             opacity_logits: Self::tensor(g.opacity_logits, [n], &device),
             sh: Self::tensor(g.sh, [n, sh_stride, 3], &device),
             screen_offsets: Self::tensor(g.screen_offsets, [n, 2], &device),

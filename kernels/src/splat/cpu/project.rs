@@ -1,6 +1,7 @@
 //! Per Gaussian: to the screen. Position, inverse covariance, opacity, colour, extent, depth.
 
 use super::Attributes;
+use super::covariance::{Covariance, Covariances, dot};
 use super::lanes::{LOG2_E, wide};
 use crate::activation::sigmoid;
 use crate::splat::{ALPHA_MIN, DILATION, NEAR, SplatSettings};
@@ -28,12 +29,6 @@ pub(crate) struct Splat2d {
 
 /// Intermediate results of one projection that the backward pass needs again.
 pub(crate) struct Projection {
-    /// Rotation matrix of the Gaussian.
-    pub rotation: [[f32; 3]; 3],
-    /// Normalised quaternion and the inverse of its norm (0 for a zero quaternion).
-    pub quaternion: [f32; 4],
-    pub inverse_norm: f32,
-    pub scales: [f32; 3],
     /// Position in camera space.
     pub camera_mean: [f32; 3],
     /// `x/z`, `y/z`, clamped, and whether the clamp took hold.
@@ -41,28 +36,18 @@ pub(crate) struct Projection {
     pub clamped: [bool; 2],
     /// `J W`, `[2, 3]`.
     pub jw: [[f32; 3]; 2],
-    /// `J W R S`, `[2, 3]`; the projected covariance is this times its transpose.
-    pub root: [[f32; 3]; 2],
+    /// What the covariance is made of.
+    pub source: Covariance,
     /// Projected covariance (a, b, c) with the dilation, and its determinant.
     pub covariance: [f32; 3],
     pub determinant: f32,
 }
 
 impl Projection {
+    /// Of Gaussian `i` at `mean`.
     #[inline(always)]
-    pub(crate) fn new(mean: [f32; 3], quaternion: [f32; 4], log_scales: [f32; 3], camera: &Camera) -> Self {
+    pub(crate) fn new(mean: [f32; 3], covariances: Covariances<&[f32]>, i: usize, camera: &Camera) -> Self {
         let w = &camera.rotation;
-        let norm2: f32 = quaternion.iter().map(|q| q * q).sum();
-        let (inverse_norm, quaternion) = if norm2 > 1e-24 {
-            let i = 1.0 / norm2.sqrt();
-            (i, quaternion.map(|q| q * i))
-        } else if norm2 <= 1e-24 {
-            (0.0, [1.0, 0.0, 0.0, 0.0])
-        } else {
-            (f32::NAN, quaternion) // NaN: the Gaussian is culled
-        };
-        let rotation = rotation_matrix(quaternion);
-        let scales = log_scales.map(f32::exp);
         let camera_mean: [f32; 3] =
             std::array::from_fn(|i| w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]);
         let iz = 1.0 / camera_mean[2];
@@ -76,45 +61,12 @@ impl Projection {
             std::array::from_fn(|k| j00 * w[0][k] + j02 * w[2][k]),
             std::array::from_fn(|k| j11 * w[1][k] + j12 * w[2][k]),
         ];
-        let root = jw.map(|row: [f32; 3]| {
-            std::array::from_fn(|k| {
-                scales[k] * (row[0] * rotation[0][k] + row[1] * rotation[1][k] + row[2] * rotation[2][k])
-            })
-        });
-        let [r0, r1]: [[f32; 3]; 2] = root;
-        let (aa, ab, cc) = (dot(r0, r0), dot(r0, r1), dot(r1, r1));
-        // |r0 x r1|^2 is the determinant without the dilation, free of cancellation (Lagrange's identity)
-        let cross = [r0[1] * r1[2] - r0[2] * r1[1], r0[2] * r1[0] - r0[0] * r1[2], r0[0] * r1[1] - r0[1] * r1[0]];
-        let determinant = dot(cross, cross) + DILATION * (aa + cc) + DILATION * DILATION;
+        let (source, on_screen) = Covariance::project(covariances, i, &jw);
+        let [aa, ab, cc] = on_screen.entries;
+        let determinant = on_screen.determinant + DILATION * (aa + cc) + DILATION * DILATION;
         let covariance = [aa + DILATION, ab, cc + DILATION];
-        Self {
-            rotation,
-            quaternion,
-            inverse_norm,
-            scales,
-            camera_mean,
-            slope,
-            clamped,
-            jw,
-            root,
-            covariance,
-            determinant,
-        }
+        Self { camera_mean, slope, clamped, jw, source, covariance, determinant }
     }
-}
-
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn rotation_matrix([w, x, y, z]: [f32; 4]) -> [[f32; 3]; 3] {
-    [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
 }
 
 /// Reads row `i` of a row-major array with `D` columns.
@@ -170,7 +122,7 @@ fn project_one(
     if opacity.is_nan() || opacity < ALPHA_MIN {
         return None;
     }
-    let p = Projection::new(mean, row(a.rotations, i), row(a.log_scales, i), camera);
+    let p = Projection::new(mean, a.covariances, i, camera);
     if p.camera_mean[2].is_nan() || p.camera_mean[2] <= NEAR {
         return None;
     }

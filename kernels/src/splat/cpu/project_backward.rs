@@ -1,8 +1,9 @@
-//! Per Gaussian: gradients on screen back to means, rotations, log_scales, opacity_logits and sh.
+//! Per Gaussian: gradients on screen back to means, covariances, opacity_logits and sh.
 
 use super::Attributes;
 use super::bin::Order;
 use super::blend_backward::ScreenGradient;
+use super::covariance::{Covariances, Gradient};
 use super::lanes::wide;
 use super::project::{Projection, Splat2d, row, view_direction};
 use crate::splat::SplatSettings;
@@ -12,8 +13,7 @@ use rayon::prelude::*;
 /// Gradients of every input, row-major.
 pub(super) struct Gradients {
     pub means: Vec<f32>,
-    pub rotations: Vec<f32>,
-    pub log_scales: Vec<f32>,
+    pub covariances: Covariances<Vec<f32>>,
     pub opacity_logits: Vec<f32>,
     pub sh: Vec<f32>,
     pub screen_offsets: Vec<f32>,
@@ -30,8 +30,7 @@ pub(super) fn project_backward(
     let width = 3 * a.sh_stride;
     let mut g = Gradients {
         means: vec![0.0; 3 * n],
-        rotations: vec![0.0; 4 * n],
-        log_scales: vec![0.0; 3 * n],
+        covariances: a.covariances.map(|rows| vec![0.0; rows.len()]),
         opacity_logits: vec![0.0; n],
         sh: vec![0.0; width * n],
         screen_offsets: vec![0.0; 2 * n],
@@ -41,13 +40,12 @@ pub(super) fn project_backward(
     let arch = crate::arch();
     let chunks = (
         g.means.par_chunks_mut(3 * CHUNK),
-        g.rotations.par_chunks_mut(4 * CHUNK),
-        g.log_scales.par_chunks_mut(3 * CHUNK),
+        g.covariances.chunks_mut(CHUNK),
         g.opacity_logits.par_chunks_mut(CHUNK),
         g.sh.par_chunks_mut(width * CHUNK),
         g.screen_offsets.par_chunks_mut(2 * CHUNK),
     );
-    chunks.into_par_iter().enumerate().for_each(|(c, (means, rotations, log_scales, logits, sh, offsets))| {
+    chunks.into_par_iter().enumerate().for_each(|(c, (means, mut covariances, logits, sh, offsets))| {
         wide(
             arch,
             #[inline(always)]
@@ -58,8 +56,7 @@ pub(super) fn project_backward(
                     let Some(g) = screen.get(rank).filter(|g| g.iter().any(|v| *v != 0.0)) else { continue };
                     let out = one(a, i, &order.splats[rank], g, eye, settings, &mut sh[width * j..][..width]);
                     means[3 * j..][..3].copy_from_slice(&out.mean);
-                    rotations[4 * j..][..4].copy_from_slice(&out.rotation);
-                    log_scales[3 * j..][..3].copy_from_slice(&out.log_scale);
+                    covariances.set(j, &out.covariance);
                     logits[j] = out.opacity_logit;
                     offsets[2 * j..][..2].copy_from_slice(&out.screen);
                 }
@@ -71,8 +68,7 @@ pub(super) fn project_backward(
 
 struct One {
     mean: [f32; 3],
-    rotation: [f32; 4],
-    log_scale: [f32; 3],
+    covariance: Gradient,
     opacity_logit: f32,
     screen: [f32; 2],
 }
@@ -89,7 +85,7 @@ fn one(
 ) -> One {
     let camera = &settings.camera;
     let mean = row::<3>(a.means, i);
-    let p = Projection::new(mean, row(a.rotations, i), row(a.log_scales, i), camera);
+    let p = Projection::new(mean, a.covariances, i, camera);
     let [ca, cb, cc] = p.covariance;
     let inverse = 1.0 / p.determinant;
     let conic = [cc * inverse, -cb * inverse, ca * inverse];
@@ -106,21 +102,7 @@ fn one(
     let (t10, t11) = (qb * ga + qc * gb, qb * gb + qc * gc);
     let (va, vb, vc) = (-(t00 * qa + t01 * qb), -(t00 * qb + t01 * qc), -(t10 * qb + t11 * qc));
 
-    // Cov = X X^T, X = (J W)(R S)
-    let x = p.root;
-    let vx: [[f32; 3]; 2] = [
-        std::array::from_fn(|k| 2.0 * (va * x[0][k] + vb * x[1][k])),
-        std::array::from_fn(|k| 2.0 * (vb * x[0][k] + vc * x[1][k])),
-    ];
-    // dL/d(R S) = (J W)^T vX and dL/d(J W) = vX (R S)^T
-    let v_rs: [[f32; 3]; 3] =
-        std::array::from_fn(|r| std::array::from_fn(|k| p.jw[0][r] * vx[0][k] + p.jw[1][r] * vx[1][k]));
-    let v_jw: [[f32; 3]; 2] = std::array::from_fn(|r| {
-        std::array::from_fn(|k| (0..3).map(|m| vx[r][m] * p.rotation[k][m] * p.scales[m]).sum())
-    });
-    let log_scale = std::array::from_fn(|k| p.scales[k] * (0..3).map(|r| v_rs[r][k] * p.rotation[r][k]).sum::<f32>());
-    let rotation = rotation_gradient(&p, &v_rs);
-
+    let (v_jw, covariance) = p.source.backward(&p.jw, [va, vb, vc]);
     let v_camera = camera_mean_gradient(&p, camera, screen, &v_jw);
     let w = &camera.rotation;
     let mut v_mean: [f32; 3] =
@@ -152,28 +134,7 @@ fn one(
             v_mean[axis] += (v[axis] - along * direction[axis]) * inverse_distance;
         }
     }
-    One { mean: v_mean, rotation, log_scale, opacity_logit, screen }
-}
-
-/// Through the rotation matrix and the normalisation of the quaternion.
-#[inline(always)]
-fn rotation_gradient(p: &Projection, v_rs: &[[f32; 3]; 3]) -> [f32; 4] {
-    let v: [[f32; 3]; 3] = std::array::from_fn(|r| std::array::from_fn(|k| v_rs[r][k] * p.scales[k]));
-    let [w, x, y, z] = p.quaternion;
-    let q = [
-        2.0 * (x * (v[2][1] - v[1][2]) + y * (v[0][2] - v[2][0]) + z * (v[1][0] - v[0][1])),
-        2.0 * (-2.0 * x * (v[1][1] + v[2][2])
-            + y * (v[0][1] + v[1][0])
-            + z * (v[0][2] + v[2][0])
-            + w * (v[2][1] - v[1][2])),
-        2.0 * (x * (v[0][1] + v[1][0]) - 2.0 * y * (v[0][0] + v[2][2])
-            + z * (v[1][2] + v[2][1])
-            + w * (v[0][2] - v[2][0])),
-        2.0 * (x * (v[0][2] + v[2][0]) + y * (v[1][2] + v[2][1]) - 2.0 * z * (v[0][0] + v[1][1])
-            + w * (v[1][0] - v[0][1])),
-    ];
-    let along: f32 = q.iter().zip(&p.quaternion).map(|(a, b)| a * b).sum();
-    std::array::from_fn(|k| (q[k] - along * p.quaternion[k]) * p.inverse_norm)
+    One { mean: v_mean, covariance, opacity_logit, screen }
 }
 
 /// Through the projected position and the Jacobian to the position in camera space.

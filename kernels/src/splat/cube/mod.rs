@@ -12,12 +12,13 @@ mod bin;
 mod blend;
 mod blend_backward;
 mod capacity;
+mod covariance;
 mod project;
 mod project_backward;
 pub(super) mod rule;
 mod sh;
 
-use super::{SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
+use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
 use bin::Bins;
 use burn::backend::tensor::FloatTensor;
@@ -53,13 +54,57 @@ pub(super) struct Binned {
     pub(super) bins: Bins,
 }
 
+/// What covariances are made of, as the kernels take it.
+struct Source {
+    /// Quaternions `[N, 4]`, or covariances `[N, 6]`.
+    rows: CubeTensor,
+    /// `[N, 3]`, with quaternions.
+    log_scales: Option<CubeTensor>,
+}
+
+impl Source {
+    fn new(covariances: CovarianceTensors<CubeBackend>) -> Self {
+        match covariances {
+            CovarianceTensors::Factored { rotations, log_scales } => {
+                Self { rows: rows(rotations), log_scales: Some(rows(log_scales)) }
+            }
+            CovarianceTensors::Entries(entries) => Self { rows: rows(entries), log_scales: None },
+        }
+    }
+
+    /// Room for the gradients.
+    fn empty_like(&self) -> Self {
+        let like = |tensor: &CubeTensor| empty_f32(tensor, tensor.meta.shape().clone());
+        Self { rows: like(&self.rows), log_scales: self.log_scales.as_ref().map(like) }
+    }
+
+    fn into_tensors(self) -> CovarianceTensors<CubeBackend> {
+        match self.log_scales {
+            Some(log_scales) => CovarianceTensors::Factored { rotations: self.rows, log_scales },
+            None => CovarianceTensors::Entries(self.rows),
+        }
+    }
+
+    /// The argument for the log-scales; where there are none, one that no kernel touches.
+    fn log_scales(&self, client: &Client) -> BufferArg {
+        self.log_scales.as_ref().map_or_else(|| Words::empty(client, 1).arg(), arg)
+    }
+
+    /// Whether they are covariances.
+    fn entries(&self) -> bool {
+        self.log_scales.is_none()
+    }
+}
+
 pub(super) fn tiles(settings: &SplatSettings) -> [usize; 2] {
     [settings.camera.width.div_ceil(TILE), settings.camera.height.div_ceil(TILE)]
 }
 
 /// Projects and bins; with `exact`, the host waits to learn how many entries there are.
 pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings, exact: bool) -> Binned {
-    let [means, rotations, log_scales, logits, sh, offsets] = &inputs.into_array().map(rows);
+    let SplatTensors { means, covariances, opacity_logits, sh, screen_offsets } = inputs;
+    let [means, logits, sh, offsets] = &[means, opacity_logits, sh, screen_offsets].map(rows);
+    let source = Source::new(covariances);
     let client = &means.client;
     let n = means.meta.shape()[0];
     let screen = Words::empty(client, n * project::SCREEN);
@@ -71,8 +116,8 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
         cubes(n, UNITS),
         CubeDim::new_1d(UNITS),
         arg(means),
-        arg(rotations),
-        arg(log_scales),
+        arg(&source.rows),
+        source.log_scales(client),
         arg(logits),
         arg(sh),
         arg(offsets),
@@ -84,6 +129,7 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
         n as u32,
         sh.meta.shape()[1] as u32,
         settings.sh_degree as u32,
+        source.entries(),
     );
     let tiles = tiles(settings);
     let (order, starts) = bin::order(client, &screen, keys, indices, n, tiles);
@@ -153,7 +199,8 @@ impl SplatBackwardOps for CubeBackend {
         settings: SplatSettings,
         saved: SplatSaved,
     ) -> SplatTensors<Self> {
-        let [means, rotations, log_scales, _, sh, _] = inputs.into_array().map(rows);
+        let [means, sh] = [inputs.means, inputs.sh].map(rows);
+        let source = Source::new(inputs.covariances);
         let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
         let client = means.client.clone();
         let n = means.meta.shape()[0];
@@ -179,39 +226,41 @@ impl SplatBackwardOps for CubeBackend {
             tiles_x as u32,
             (tiles_x * tiles_y) as u32,
         );
-        let out = SplatTensors {
-            means: empty_f32(&means, [n, 3]),
-            rotations: empty_f32(&means, [n, 4]),
-            log_scales: empty_f32(&means, [n, 3]),
-            opacity_logits: empty_f32(&means, [n]),
-            sh: empty_f32(&means, [n, sh_stride, 3]),
-            screen_offsets: empty_f32(&means, [n, 2]),
-        };
+        let out_source = source.empty_like();
+        let [out_means, out_offsets] = [3, 2].map(|width| empty_f32(&means, [n, width]));
+        let (out_logits, out_sh) = (empty_f32(&means, [n]), empty_f32(&means, [n, sh_stride, 3]));
         let camera = Words::f32s(&client, &project::camera_words(&settings.camera));
         project_backward::project_backward::launch(
             &client,
             cubes(n, UNITS),
             CubeDim::new_1d(UNITS),
             arg(&means),
-            arg(&rotations),
-            arg(&log_scales),
+            arg(&source.rows),
+            source.log_scales(&client),
             arg(&sh),
             camera.arg(),
             saved.screen.arg(),
             bins.order.arg(),
             bins.starts.arg(),
             sums.arg(),
-            arg(&out.means),
-            arg(&out.rotations),
-            arg(&out.log_scales),
-            arg(&out.opacity_logits),
-            arg(&out.sh),
-            arg(&out.screen_offsets),
+            arg(&out_means),
+            arg(&out_source.rows),
+            out_source.log_scales(&client),
+            arg(&out_logits),
+            arg(&out_sh),
+            arg(&out_offsets),
             n as u32,
             bins.capacity as u32,
             sh_stride as u32,
             settings.sh_degree as u32,
+            source.entries(),
         );
-        out
+        SplatTensors {
+            means: out_means,
+            covariances: out_source.into_tensors(),
+            opacity_logits: out_logits,
+            sh: out_sh,
+            screen_offsets: out_offsets,
+        }
     }
 }

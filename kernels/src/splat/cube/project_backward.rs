@@ -1,16 +1,18 @@
-//! Per Gaussian: its entries' sums back to means, rotations, log_scales, opacity_logits, sh and screen_offsets.
-//! The same arithmetic as `cpu::project_backward`.
+//! Per Gaussian: its entries' sums back to means, covariances, opacity_logits, sh and screen_offsets. The same arithmetic
+//! as `cpu::project_backward`.
 
-use super::project::{project_gaussian, view_direction};
+use super::covariance::{backward, no_gradient};
+use super::project::{view, view_direction};
 use super::sh::{basis, basis_derivative};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// A unit a place in the order of depth; writes every output of its Gaussian, zeros where nothing was drawn.
+/// A unit a place in the order of depth; writes every output of its Gaussian, zeros where nothing was drawn. What `source`
+/// is, see [`super::covariance::on_screen`].
 #[cube(launch)]
 pub(super) fn project_backward(
     means: &[f32],
-    rotations: &[f32],
+    source: &[f32],
     log_scales: &[f32],
     sh: &[f32],
     camera: &[f32],
@@ -19,7 +21,7 @@ pub(super) fn project_backward(
     starts: &[u32],
     sums: &[f32],
     out_means: &mut [f32],
-    out_rotations: &mut [f32],
+    out_source: &mut [f32],
     out_log_scales: &mut [f32],
     out_logits: &mut [f32],
     out_sh: &mut [f32],
@@ -28,6 +30,7 @@ pub(super) fn project_backward(
     capacity: u32,
     sh_stride: u32,
     #[comptime] degree: u32,
+    #[comptime] entries: bool,
 ) {
     let rank = ABSOLUTE_POS;
     if rank < n as usize {
@@ -55,7 +58,7 @@ pub(super) fn project_backward(
         if any {
             one(
                 means,
-                rotations,
+                source,
                 log_scales,
                 sh,
                 camera,
@@ -63,24 +66,21 @@ pub(super) fn project_backward(
                 &g,
                 i,
                 out_means,
-                out_rotations,
+                out_source,
                 out_log_scales,
                 out_logits,
                 out_sh,
                 out_offsets,
                 width,
                 degree,
+                entries,
             );
         } else {
             #[unroll]
             for k in 0..3usize {
                 out_means[3 * i + k] = 0.0f32;
-                out_log_scales[3 * i + k] = 0.0f32;
             }
-            #[unroll]
-            for k in 0..4usize {
-                out_rotations[4 * i + k] = 0.0f32;
-            }
+            no_gradient(out_source, out_log_scales, i, entries);
             out_logits[i] = 0.0f32;
             out_offsets[2 * i] = 0.0f32;
             out_offsets[2 * i + 1] = 0.0f32;
@@ -94,7 +94,7 @@ pub(super) fn project_backward(
 #[cube]
 fn one(
     means: &[f32],
-    rotations: &[f32],
+    source: &[f32],
     log_scales: &[f32],
     sh: &[f32],
     camera: &[f32],
@@ -102,18 +102,19 @@ fn one(
     g: &Array<f32>,
     i: usize,
     out_means: &mut [f32],
-    out_rotations: &mut [f32],
+    out_source: &mut [f32],
     out_log_scales: &mut [f32],
     out_logits: &mut [f32],
     out_sh: &mut [f32],
     out_offsets: &mut [f32],
     width: usize,
     #[comptime] degree: u32,
+    #[comptime] entries: bool,
 ) {
-    let p = project_gaussian(means, rotations, log_scales, camera, i);
+    let at_camera = view(means, camera, i);
     let (fx, fy) = (camera[0], camera[1]);
-    let inverse = 1.0f32 / p.determinant;
-    let (ka, kb, kc) = (p.cc * inverse, -p.cb * inverse, p.ca * inverse);
+    // the conic: the factors of the exponent are halves of it and its negative
+    let (ka, kb, kc) = (-2.0f32 * screen[i * 12 + 2], -screen[i * 12 + 3], -2.0f32 * screen[i * 12 + 4]);
 
     // power = -1/2 (A dx^2 + C dy^2) - B dx dy with (dx, dy) = pixel - mean
     let screen_x = ka * g[1] + kb * g[2];
@@ -131,72 +132,29 @@ fn one(
     let vb = -(t00 * kb + t01 * kc);
     let vc = -(t10 * kb + t11 * kc);
 
-    // Cov = X X^T, X = (J W)(R S)
-    let x00 = 2.0f32 * (va * p.a0 + vb * p.b0);
-    let x01 = 2.0f32 * (va * p.a1 + vb * p.b1);
-    let x02 = 2.0f32 * (va * p.a2 + vb * p.b2);
-    let x10 = 2.0f32 * (vb * p.a0 + vc * p.b0);
-    let x11 = 2.0f32 * (vb * p.a1 + vc * p.b1);
-    let x12 = 2.0f32 * (vb * p.a2 + vc * p.b2);
-    // dL/d(R S) = (J W)^T vX, its columns not yet scaled
-    let m00 = p.u0 * x00 + p.v0 * x10;
-    let m01 = p.u0 * x01 + p.v0 * x11;
-    let m02 = p.u0 * x02 + p.v0 * x12;
-    let m10 = p.u1 * x00 + p.v1 * x10;
-    let m11 = p.u1 * x01 + p.v1 * x11;
-    let m12 = p.u1 * x02 + p.v1 * x12;
-    let m20 = p.u2 * x00 + p.v2 * x10;
-    let m21 = p.u2 * x01 + p.v2 * x11;
-    let m22 = p.u2 * x02 + p.v2 * x12;
-    out_log_scales[3 * i] = p.s0 * (m00 * p.r00 + m10 * p.r10 + m20 * p.r20);
-    out_log_scales[3 * i + 1] = p.s1 * (m01 * p.r01 + m11 * p.r11 + m21 * p.r21);
-    out_log_scales[3 * i + 2] = p.s2 * (m02 * p.r02 + m12 * p.r12 + m22 * p.r22);
-
-    // through the rotation matrix and the normalisation of the quaternion
-    let (v00, v01, v02) = (m00 * p.s0, m01 * p.s1, m02 * p.s2);
-    let (v10, v11, v12) = (m10 * p.s0, m11 * p.s1, m12 * p.s2);
-    let (v20, v21, v22) = (m20 * p.s0, m21 * p.s1, m22 * p.s2);
-    let (w, x, y, z) = (p.qw, p.qx, p.qy, p.qz);
-    let gw = 2.0f32 * (x * (v21 - v12) + y * (v02 - v20) + z * (v10 - v01));
-    let gx = 2.0f32 * (-2.0f32 * x * (v11 + v22) + y * (v01 + v10) + z * (v02 + v20) + w * (v21 - v12));
-    let gy = 2.0f32 * (x * (v01 + v10) - 2.0f32 * y * (v00 + v22) + z * (v12 + v21) + w * (v02 - v20));
-    let gz = 2.0f32 * (x * (v02 + v20) + y * (v12 + v21) - 2.0f32 * z * (v00 + v11) + w * (v10 - v01));
-    let along = gw * w + gx * x + gy * y + gz * z;
-    out_rotations[4 * i] = (gw - along * w) * p.inverse_norm;
-    out_rotations[4 * i + 1] = (gx - along * x) * p.inverse_norm;
-    out_rotations[4 * i + 2] = (gy - along * y) * p.inverse_norm;
-    out_rotations[4 * i + 3] = (gz - along * z) * p.inverse_norm;
-
-    // dL/d(J W) = vX (R S)^T, then through the Jacobian and the position to camera space
-    let (e00, e01, e02) = (x00 * p.s0, x01 * p.s1, x02 * p.s2);
-    let (e10, e11, e12) = (x10 * p.s0, x11 * p.s1, x12 * p.s2);
-    let ju0 = e00 * p.r00 + e01 * p.r01 + e02 * p.r02;
-    let ju1 = e00 * p.r10 + e01 * p.r11 + e02 * p.r12;
-    let ju2 = e00 * p.r20 + e01 * p.r21 + e02 * p.r22;
-    let jv0 = e10 * p.r00 + e11 * p.r01 + e12 * p.r02;
-    let jv1 = e10 * p.r10 + e11 * p.r11 + e12 * p.r12;
-    let jv2 = e10 * p.r20 + e11 * p.r21 + e12 * p.r22;
-    let j00 = ju0 * camera[4] + ju1 * camera[5] + ju2 * camera[6];
-    let j02 = ju0 * camera[10] + ju1 * camera[11] + ju2 * camera[12];
-    let j11 = jv0 * camera[7] + jv1 * camera[8] + jv2 * camera[9];
-    let j12 = jv0 * camera[10] + jv1 * camera[11] + jv2 * camera[12];
-    let iz = 1.0f32 / p.cz;
+    // then through the Jacobian and the position to camera space
+    let by = backward(source, log_scales, &at_camera, va, vb, vc, out_source, out_log_scales, i, entries);
+    let j00 = by.u0 * camera[4] + by.u1 * camera[5] + by.u2 * camera[6];
+    let j02 = by.u0 * camera[10] + by.u1 * camera[11] + by.u2 * camera[12];
+    let j11 = by.v0 * camera[7] + by.v1 * camera[8] + by.v2 * camera[9];
+    let j12 = by.v0 * camera[10] + by.v1 * camera[11] + by.v2 * camera[12];
+    let iz = 1.0f32 / at_camera.cz;
     let iz2 = iz * iz;
     let mut cx = screen_x * fx * iz;
     let mut cy = screen_y * fy * iz;
-    let mut cz = -(screen_x * fx * p.cx + screen_y * fy * p.cy) * iz2 - (j00 * fx + j11 * fy) * iz2;
+    let mut cz = -(screen_x * fx * at_camera.cx + screen_y * fy * at_camera.cy) * iz2 - (j00 * fx + j11 * fy) * iz2;
     // J02 = -fx slope / z; a clamped slope is a constant, a free one is x/z
-    if p.clamped_x {
-        cz += j02 * fx * p.slope_x * iz2;
+    if at_camera.clamped_x {
+        cz += j02 * fx * at_camera.slope_x * iz2;
     } else {
         cx -= j02 * fx * iz2;
-        cz += 2.0f32 * j02 * fx * p.slope_x * iz2;
+        cz += 2.0f32 * j02 * fx * at_camera.slope_x * iz2;
     }
-    if p.clamped_y {
-        cz += j12 * fy * p.slope_y * iz2;
+    if at_camera.clamped_y {
+        cz += j12 * fy * at_camera.slope_y * iz2;
     } else {
         cy -= j12 * fy * iz2;
-        cz += 2.0f32 * j12 * fy * p.slope_y * iz2;
+        cz += 2.0f32 * j12 * fy * at_camera.slope_y * iz2;
     }
     let mut mx = camera[4] * cx + camera[7] * cy + camera[10] * cz;
     let mut my = camera[5] * cx + camera[8] * cy + camera[11] * cz;

@@ -97,15 +97,14 @@ fn attributes_backward(
     let jw = product(g.j, g.w);
     let by_jw = product(product(by_covariance, jw), g.sigma).map(|row| row.map(|v| 2.0 * v));
     let by_sigma = product(product(transposed(jw), by_covariance), jw);
-    // Sigma = R S S R^T
-    let by_rotated = product(by_sigma, g.rotation);
-    for k in 0..3 {
-        let by_square: f64 = (0..3).map(|r| g.rotation[r][k] * by_rotated[r][k]).sum();
-        out.log_scales[3 * i + k] = 2.0 * g.scale[k] * g.scale[k] * by_square;
+    if scene.covariances.is_empty() {
+        factors_backward(i, &g, &by_sigma, out);
+    } else {
+        // an entry beside the diagonal stands at two places
+        let twice = |a: usize, b: usize| by_sigma[a][b] + by_sigma[b][a];
+        let by_entries = [by_sigma[0][0], twice(0, 1), twice(0, 2), by_sigma[1][1], twice(1, 2), by_sigma[2][2]];
+        out.covariances[6 * i..][..6].copy_from_slice(&by_entries);
     }
-    let by_rotation: [[f64; 3]; 3] =
-        std::array::from_fn(|r| std::array::from_fn(|k| 2.0 * by_rotated[r][k] * g.scale[k] * g.scale[k]));
-    out.rotations[4 * i..][..4].copy_from_slice(&by_quaternion(&g, &by_rotation));
 
     let by_t = by_camera_position(&g, settings, by, &product(by_jw, transposed(g.w)));
     let by_direction = colour_backward(scene, i, settings, &g, projected, by, out);
@@ -114,6 +113,18 @@ fn attributes_backward(
     }
     out.opacity_logits[i] = by.opacity_logit;
     out.screen_offsets[2 * i..][..2].copy_from_slice(&by.mean);
+}
+
+/// To the rotation and the scales of which the covariance `R S S^T R^T` is made.
+fn factors_backward(i: usize, g: &Geometry, by_sigma: &[[f64; 3]; 3], out: &mut Scene) {
+    let by_rotated = product(*by_sigma, g.rotation);
+    for k in 0..3 {
+        let by_square: f64 = (0..3).map(|r| g.rotation[r][k] * by_rotated[r][k]).sum();
+        out.log_scales[3 * i + k] = 2.0 * g.scale[k] * g.scale[k] * by_square;
+    }
+    let by_rotation: [[f64; 3]; 3] =
+        std::array::from_fn(|r| std::array::from_fn(|k| 2.0 * by_rotated[r][k] * g.scale[k] * g.scale[k]));
+    out.rotations[4 * i..][..4].copy_from_slice(&by_quaternion(g, &by_rotation));
 }
 
 /// Through the rotation matrix, and through the division by the quaternion's length, which takes out what lies along it.

@@ -7,7 +7,7 @@
 
 mod backward;
 
-use super::{ALPHA_MAX, ALPHA_MIN, DILATION, NEAR, SplatSettings, TRANSMITTANCE_MIN};
+use super::{ALPHA_MAX, ALPHA_MIN, DILATION, MINOR_SLACK, NEAR, SplatSettings, TRANSMITTANCE_MIN};
 
 pub use backward::backward;
 
@@ -31,8 +31,8 @@ impl Cutoffs {
         Self { alpha_max: f64::INFINITY, alpha_min: f64::NEG_INFINITY, transmittance_min: f64::NEG_INFINITY };
 }
 
-/// Gaussians in f64, row-major, shapes as in [`super::SplatInputs`].
-#[derive(Clone, Debug)]
+/// Gaussians in f64, row-major, shapes as in [`super::SplatInputs`] and [`super::CovarianceInputs`].
+#[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// `[N, 3]`
     pub means: Vec<f64>,
@@ -40,6 +40,9 @@ pub struct Scene {
     pub rotations: Vec<f64>,
     /// `[N, 3]`
     pub log_scales: Vec<f64>,
+    /// Entries xx, xy, xz, yy, yz, zz `[N, 6]`, in place of rotations and scales, which then have no effect; empty if
+    /// those are what counts.
+    pub covariances: Vec<f64>,
     /// `[N]`
     pub opacity_logits: Vec<f64>,
     /// `[N, K, 3]`
@@ -58,6 +61,7 @@ impl Scene {
             means: like(&self.means),
             rotations: like(&self.rotations),
             log_scales: like(&self.log_scales),
+            covariances: like(&self.covariances),
             opacity_logits: like(&self.opacity_logits),
             sh: like(&self.sh),
             sh_stride: self.sh_stride,
@@ -165,9 +169,10 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
         [2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)],
     ];
     let scale: [f64; 3] = std::array::from_fn(|k| scene.log_scales[3 * i + k].exp());
-    let sigma: [[f64; 3]; 3] = std::array::from_fn(|a| {
-        std::array::from_fn(|b| (0..3).map(|k| rotation[a][k] * scale[k] * scale[k] * rotation[b][k]).sum())
-    });
+    let sigma = match scene.covariances.get(6 * i..6 * i + 6) {
+        Some(&[xx, xy, xz, yy, yz, zz]) => [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
+        _ => world_covariance(rotation, scale),
+    };
     let (fx, fy) = (f64::from(camera.fx), f64::from(camera.fy));
     let limit = [1.3 * camera.width as f64 / (2.0 * fx), 1.3 * camera.height as f64 / (2.0 * fy)];
     let free = [t[0] / t[2], t[1] / t[2]];
@@ -198,6 +203,27 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
     }
 }
 
+/// `R S S^T R^T`
+fn world_covariance(rotation: [[f64; 3]; 3], scale: [f64; 3]) -> [[f64; 3]; 3] {
+    std::array::from_fn(|a| {
+        std::array::from_fn(|b| (0..3).map(|k| rotation[a][k] * scale[k] * scale[k] * rotation[b][k]).sum())
+    })
+}
+
+/// Whether no principal minor is negative by more than [`MINOR_SLACK`] of the product of its diagonal.
+fn is_semidefinite(m: [[f64; 3]; 3]) -> bool {
+    let above = |minor: f64, diagonal: f64| minor >= -f64::from(MINOR_SLACK) * diagonal;
+    let pair = |a: usize, b: usize| above(m[a][a] * m[b][b] - m[a][b] * m[b][a], m[a][a] * m[b][b]);
+    // along the first row; the indices go round
+    let determinant: f64 =
+        (0..3).map(|k| m[0][k] * (m[1][(k + 1) % 3] * m[2][(k + 2) % 3] - m[1][(k + 2) % 3] * m[2][(k + 1) % 3])).sum();
+    (0..3).all(|k| m[k][k] >= 0.0)
+        && pair(0, 1)
+        && pair(0, 2)
+        && pair(1, 2)
+        && above(determinant, m[0][0] * m[1][1] * m[2][2])
+}
+
 /// The inverse of the covariance on screen (a, b, c), and the determinant of the covariance.
 fn conic([[a, b], [_, c]]: [[f64; 2]; 2]) -> ([f64; 3], f64) {
     let det = a * c - b * b;
@@ -221,7 +247,9 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
         if sum + 0.5 < 0.0 { 0.0 } else { sum + 0.5 }
     });
     let opacity = 1.0 / (1.0 + (-scene.opacity_logits[i]).exp());
-    let finite = det.is_finite() && det > 0.0 && colour.iter().all(|c| c.is_finite()) && opacity.is_finite();
+    let semidefinite = scene.covariances.is_empty() || is_semidefinite(g.sigma);
+    let finite =
+        semidefinite && det.is_finite() && det > 0.0 && colour.iter().all(|c| c.is_finite()) && opacity.is_finite();
     let (fx, fy) = (f64::from(camera.fx), f64::from(camera.fy));
     (g.t[2] > f64::from(NEAR) && finite).then(|| Projected {
         depth: g.t[2],

@@ -2,11 +2,13 @@
 
 mod coordnet;
 mod d3dgs;
+mod fourdgs;
 mod insitunet;
 mod visnerf;
 
 pub use coordnet::CoordNetConfig;
 pub use d3dgs::D3dgsConfig;
+pub use fourdgs::FourDgsConfig;
 pub use insitunet::{AdversarialLoss, InSituNetConfig};
 pub use visnerf::VisNerfConfig;
 

@@ -1,0 +1,49 @@
+//! Splatting of Gaussians whose covariances are given entry by entry, not by a rotation and scales: what comes of a
+//! Gaussian in more dimensions at a given time, or of a linear map of one.
+
+use super::{CovarianceTensors, SplatSettings, SplatTensors, Splatted, check_common, offsets_or_zeros, render};
+use burn::backend::Dispatch;
+use burn::tensor::Tensor;
+
+/// N Gaussians on a device with covariances of their own: what [`splat_covariances`] draws. They have no frame of axes, so
+/// there is no [`crate::shading`] of them.
+#[derive(Clone, Debug)]
+pub struct CovarianceInputs {
+    /// World positions `[N, 3]`.
+    pub means: Tensor<2>,
+    /// Entries xx, xy, xz, yy, yz, zz of the symmetric covariances `[N, 6]`, world units squared. Make them as products
+    /// `M M^T`: a difference of matrices may be indefinite by rounding, and such a Gaussian is culled. The gradient by an
+    /// entry beside the diagonal counts both places at which it stands.
+    pub covariances: Tensor<2>,
+    /// Opacity before the sigmoid `[N]`.
+    pub opacity_logits: Tensor<1>,
+    /// Spherical-harmonics coefficients `[N, K, 3]`, K in 1, 4, 9, 16.
+    pub sh: Tensor<3>,
+    /// As [`super::SplatInputs::screen_offsets`] `[N, 2]`.
+    pub screen_offsets: Option<Tensor<2>>,
+}
+
+impl CovarianceInputs {
+    /// The tensors as the backends take them.
+    pub fn into_tensors(self) -> SplatTensors<Dispatch> {
+        SplatTensors {
+            screen_offsets: offsets_or_zeros(self.screen_offsets, &self.means).into_dispatch(),
+            means: self.means.into_dispatch(),
+            covariances: CovarianceTensors::Entries(self.covariances.into_dispatch()),
+            opacity_logits: self.opacity_logits.into_dispatch(),
+            sh: self.sh.into_dispatch(),
+        }
+    }
+}
+
+/// As [`super::splat`], of Gaussians with covariances of their own. One whose covariance is not finite or not positive
+/// semi-definite (see [`super::MINOR_SLACK`]) is culled.
+///
+/// # Panics
+/// As [`super::splat`].
+pub fn splat_covariances(inputs: CovarianceInputs, settings: SplatSettings) -> Splatted {
+    let n = inputs.means.dims()[0];
+    assert_eq!(inputs.covariances.dims(), [n, 6], "splat: covariances are [N, 6] with N = {n}");
+    check_common(&inputs.means, &inputs.opacity_logits, &inputs.sh, inputs.screen_offsets.as_ref(), &settings);
+    render(inputs.into_tensors(), settings)
+}

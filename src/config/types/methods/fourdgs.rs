@@ -1,0 +1,127 @@
+//! `4dgs.*`
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The most orders of the colours' series in time.
+const MOST_ORDERS: usize = 8;
+/// The most neighbours of a Gaussian.
+const MOST_NEIGHBOURS: usize = 256;
+
+/// `4dgs.*`: Gaussians in space and time, of native 4D Gaussian splatting; what they have in common with those of 3DGS is in
+/// the other sections. The defaults are the published settings, as VolSegGS compares with them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FourDgsConfig {
+    /// Orders in which colours change over time, beside the constant one; 0 for colours that stay.
+    pub time_orders: usize,
+    /// The first Gaussians' peaks lie between the first time and the last, and by so much beyond either.
+    pub time_margin: f64,
+    /// Standard deviation of the first Gaussians along time; the whole time is 1.
+    pub time_scale: f64,
+    /// Learning rate of the times of the peaks, as a fraction of the scene's extent; it stays.
+    pub times: f64,
+    /// Gaussians are added also where the mean size of the gradient by the time of the peak is as large; 0 for nowhere.
+    pub time_threshold: f64,
+    /// Weight of the differences between velocities of neighbours; 0 for none.
+    pub rigid: f64,
+    /// So many neighbours of each, itself with them.
+    pub rigid_neighbours: usize,
+    /// Steps after which neighbours are looked for anew.
+    pub rigid_every: usize,
+}
+
+impl Default for FourDgsConfig {
+    fn default() -> Self {
+        Self {
+            time_orders: 2,
+            time_margin: 0.1,
+            time_scale: 0.447_213_6,
+            times: 1.6e-4,
+            time_threshold: 0.0,
+            rigid: 1.0,
+            rigid_neighbours: 20,
+            rigid_every: 100,
+        }
+    }
+}
+
+impl FourDgsConfig {
+    /// Refuses settings that no training can start with.
+    ///
+    /// # Errors
+    /// The first such key with its value, and what it may be.
+    pub fn check(&self) -> Result<(), String> {
+        if self.time_orders > MOST_ORDERS {
+            return Err(format!("4dgs.time_orders = {}: at most {MOST_ORDERS}", self.time_orders));
+        }
+        for (key, value, least, most) in
+            [("time_margin", self.time_margin, 0.0, 10.0), ("time_scale", self.time_scale, 1e-6, 1e6)]
+        {
+            if !(least..=most).contains(&value) {
+                return Err(format!("4dgs.{key} = {value:?}: between {least:?} and {most:?}"));
+            }
+        }
+        if self.rigid > 0.0 && !(2..=MOST_NEIGHBOURS).contains(&self.rigid_neighbours) {
+            let n = self.rigid_neighbours;
+            return Err(format!("4dgs.rigid_neighbours = {n}: between 2 and {MOST_NEIGHBOURS}, itself with them"));
+        }
+        if self.rigid > 0.0 && self.rigid_every == 0 {
+            return Err("4dgs.rigid_every = 0: at least 1; 4dgs.rigid=0 turns it off".into());
+        }
+        Ok(())
+    }
+
+    /// Numbers of one Gaussian, with spherical harmonics of that degree at each order in time.
+    #[must_use]
+    pub fn numbers(&self, sh_degree: usize) -> u128 {
+        // position, time; scales; two quaternions; opacity
+        self.colours(sh_degree).saturating_add(3 + 1 + 4 + 4 + 4 + 1)
+    }
+
+    /// Those of its colours.
+    #[must_use]
+    pub fn colours(&self, sh_degree: usize) -> u128 {
+        let coefficients = (sh_degree as u128).saturating_add(1).saturating_pow(2);
+        (self.time_orders as u128).saturating_add(1).saturating_mul(coefficients).saturating_mul(3)
+    }
+
+    /// Values that a step keeps for each Gaussian until the gradients are found, beside its numbers: rotations and their
+    /// factors, what is conditioned on a time, terms of the colours, velocities of neighbours.
+    #[must_use]
+    pub fn kept_values(&self, sh_degree: usize) -> u128 {
+        let neighbours = if self.rigid > 0.0 { self.rigid_neighbours } else { 0 };
+        self.colours(sh_degree).saturating_mul(2).saturating_add(250).saturating_add(10 * neighbours as u128)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::FourDgsConfig;
+
+    #[test]
+    fn a_published_gaussian_has_161_numbers() {
+        assert_eq!(FourDgsConfig::default().numbers(3), 161);
+        assert_eq!(FourDgsConfig { time_orders: 2, ..FourDgsConfig::default() }.numbers(1), 53);
+    }
+
+    #[test]
+    fn values_that_make_no_sense_are_named() {
+        FourDgsConfig::default().check().unwrap();
+        type Edit = fn(&mut FourDgsConfig);
+        let cases: [(Edit, &str); 6] = [
+            (|c| c.time_orders = 9, "4dgs.time_orders = 9: at most 8"),
+            (|c| c.time_scale = 0.0, "4dgs.time_scale = 0.0: between"),
+            (|c| c.time_scale = f64::NAN, "4dgs.time_scale = NaN: between"),
+            (|c| c.time_margin = 11.0, "4dgs.time_margin = 11.0: between"),
+            (|c| c.rigid_neighbours = 1, "4dgs.rigid_neighbours = 1: between 2 and 256"),
+            (|c| c.rigid_every = 0, "4dgs.rigid_every = 0: at least 1"),
+        ];
+        for (edit, words) in cases {
+            let mut config = FourDgsConfig::default();
+            edit(&mut config);
+            let text = config.check().unwrap_err();
+            assert!(text.contains(words), "{text}");
+        }
+    }
+}

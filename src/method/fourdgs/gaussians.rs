@@ -1,0 +1,95 @@
+//! N Gaussians in space and time as they are trained, and what is drawn of them.
+
+use super::{Moment, harmonics_at, rotation_matrices};
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+use burn::tensor::activation::{log_sigmoid, sigmoid};
+use volseggs_kernels::splat::CovarianceInputs;
+
+/// What is left of a Gaussian at a time if less than this share of its opacity is, is not drawn (official code).
+const LEAST_MARGINAL: f32 = 0.05;
+/// The logit of an opacity that is none.
+const TRANSPARENT: f32 = -1e4;
+/// The least share of light that passes, so that its logarithm is finite.
+const LEAST_PASSED: f32 = 1e-30;
+
+/// N Gaussians in space and time.
+#[derive(Module, Debug)]
+pub struct Gaussians4d {
+    /// World positions `[N, 3]`.
+    pub means: Param<Tensor<2>>,
+    /// Times of their peaks `[N]`.
+    pub times: Param<Tensor<1>>,
+    /// Natural logarithms of the standard deviations along x, y, z (world units) and t `[N, 4]`, before the rotation.
+    pub log_scales: Param<Tensor<2>>,
+    /// Left quaternions of the rotations (w, i, j, k) `[N, 4]`, see [`rotation_matrices`].
+    pub left: Param<Tensor<2>>,
+    /// Right ones `[N, 4]`.
+    pub right: Param<Tensor<2>>,
+    /// Opacity at the peak before the sigmoid `[N]`.
+    pub opacity_logits: Param<Tensor<1>>,
+    /// Spherindrical-harmonics coefficients `[N, O K, 3]`: K of each of O orders in time, see [`harmonics_at`].
+    pub sh: Param<Tensor<3>>,
+}
+
+/// How far the series of colours goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColourSeries {
+    /// Coefficients over directions of each order in time, K: 1, 4, 9 or 16.
+    pub sh_stride: usize,
+    /// The highest order in time that is in use; those beyond it are ignored and get no gradient.
+    pub time_degree: usize,
+    /// Length of time after which the first order repeats, T.
+    pub duration: f32,
+}
+
+impl Gaussians4d {
+    /// What is drawn at `time`: [`Moment`], the opacity times its marginal, colours by [`harmonics_at`]. With gradients
+    /// where the parameters have them.
+    ///
+    /// # Panics
+    /// As [`harmonics_at`].
+    #[must_use]
+    pub fn at(&self, time: f32, colours: ColourSeries) -> CovarianceInputs {
+        self.drawn(self.moment(time), time, colours)
+    }
+
+    /// The same, of what [`Gaussians4d::moment`] gave for that time.
+    ///
+    /// # Panics
+    /// As [`harmonics_at`].
+    #[must_use]
+    pub fn drawn(&self, moment: Moment, time: f32, colours: ColourSeries) -> CovarianceInputs {
+        let ColourSeries { sh_stride, time_degree, duration } = colours;
+        CovarianceInputs {
+            means: moment.means,
+            covariances: moment.covariances,
+            opacity_logits: faded(self.opacity_logits.val(), moment.log_marginals),
+            sh: harmonics_at(self.sh.val(), self.times.val(), sh_stride, time_degree, time, duration),
+            screen_offsets: None,
+        }
+    }
+
+    /// Where they are at `time`, how they extend and move, and how much is there of each.
+    #[must_use]
+    pub fn moment(&self, time: f32) -> Moment {
+        let rotations = rotation_matrices(self.left.val(), self.right.val());
+        Moment::new(self.means.val(), self.times.val(), rotations, self.log_scales.val(), time)
+    }
+
+    /// Number of Gaussians.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.times.dims()[0]
+    }
+}
+
+/// The logits of opacities, which are given as logits, times marginals, which are given as logarithms; all `[N]`.
+fn faded(logits: Tensor<1>, log_marginals: Tensor<1>) -> Tensor<1> {
+    let gone = log_marginals.clone().lower_equal_elem(LEAST_MARGINAL.ln());
+    // 1 - o m = (1 - o) + o (1 - m), which cancels nothing
+    let lost = 1.0 - log_marginals.clone().exp();
+    let passed: Tensor<1> = sigmoid(logits.clone().neg()) + sigmoid(logits.clone()) * lost;
+    let faded = log_sigmoid(logits) + log_marginals - passed.clamp_min(LEAST_PASSED).log();
+    faded.mask_fill(gone, TRANSPARENT)
+}

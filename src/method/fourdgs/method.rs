@@ -1,0 +1,81 @@
+//! 4DGS as a method.
+
+use super::model::Scene4d;
+use super::training::Fit;
+use crate::config::types::{Appearance, Config, WarmupTimes};
+use crate::data::Dataset;
+use crate::method::{Method, Model, Training};
+use crate::model::SceneError;
+use crate::train::TrainError;
+use burn::tensor::Device;
+use std::path::Path;
+
+/// 4DGS. Its settings are the section `[4dgs]` and, of what its Gaussians have in common with those of 3DGS, the sections that
+/// ours has; all its steps are `stages.warmup_steps`.
+#[derive(Clone, Copy, Debug)]
+pub struct FourDgs;
+
+/// Its name, and that of its section.
+pub(in crate::method) const NAME: &str = "4dgs";
+
+impl Method for FourDgs {
+    fn check(&self, config: &Config) -> Result<(), String> {
+        let Some(settings) = &config.fourdgs else {
+            return Err(format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"));
+        };
+        settings.check()?;
+        check_shared(config)?;
+        if settings.time_threshold > 0.0 && config.densify.threshold == 0.0 {
+            return Err(format!(
+                "{NAME}.time_threshold = {}: only with densify.threshold above 0, beside which it counts",
+                settings.time_threshold
+            ));
+        }
+        Ok(())
+    }
+
+    fn steps(&self, config: &Config) -> usize {
+        config.stages.warmup_steps
+    }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        let Some(settings) = &config.fourdgs else {
+            return Err(TrainError::Config(self.check(config).err().unwrap_or_default()));
+        };
+        Ok(Box::new(Fit::new(config, settings, dataset, device)?))
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        Ok(Box::new(Scene4d::read(path, device)?))
+    }
+}
+
+/// Refuses settings of the shared sections that would do nothing here.
+fn check_shared(config: &Config) -> Result<(), String> {
+    let no_stages = "it has one stage, and its steps are stages.warmup_steps";
+    let [joint, coarse, visits] = [config.stages.joint_steps, config.speed.coarse_steps, config.speed.cull_visits];
+    let refused = [
+        (joint > 0, format!("stages.joint_steps = {joint}"), no_stages),
+        (
+            config.stages.warmup_times != WarmupTimes::All,
+            "stages.warmup_times = \"middle\"".to_owned(),
+            "its Gaussians are of all times; set it to \"all\"",
+        ),
+        (
+            config.model.appearance != Appearance::Sh,
+            "model.appearance = \"headlight\"".to_owned(),
+            "its Gaussians have no normals; set it to \"sh\"",
+        ),
+        (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),
+        (visits > 1, format!("speed.cull_visits = {visits}"), "not with this method"),
+        (
+            config.loss.extra.values().any(|weight| *weight != 0.0),
+            "loss.extra".to_owned(),
+            "registered terms look at Gaussians that stay the same over time",
+        ),
+    ];
+    match refused.into_iter().find(|(is_set, ..)| *is_set) {
+        Some((_, key, why)) => Err(format!("{key}, with the method {NAME}: {why}")),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,188 @@
+//! A trained scene of 4D Gaussians: what draws it, and its file.
+
+use super::{ColourSeries, Gaussians4d};
+use crate::model::params::{self, HostTensor};
+use crate::model::scene_file::{read_tensors, refuse_not_finite, write_tensors};
+use crate::model::{Counts, Model, SceneError};
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+use volseggs_kernels::Camera;
+use volseggs_kernels::splat::{SplatSettings, splat_covariances};
+
+/// Entry of the file's header.
+const HEADER: &str = "4dgs";
+/// The most orders that a file may claim.
+const MOST_ORDERS: usize = 64;
+/// The whole time, after which the first order of the colours repeats.
+const DURATION: f32 = 1.0;
+
+/// What cannot be read off the tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Spec {
+    /// Coefficients over directions of each order in time: 1, 4, 9 or 16.
+    pub sh_stride: usize,
+    /// Orders in time, with the constant one.
+    pub orders: usize,
+    /// Spherical-harmonics degree in use.
+    pub sh_degree: usize,
+    /// Highest order in time in use.
+    pub time_degree: usize,
+    /// What lies behind.
+    pub background: [f32; 3],
+    /// Centre of the box of the first Gaussians, world units.
+    pub centre: [f32; 3],
+    /// Its half sides, world units.
+    pub half_size: [f32; 3],
+}
+
+impl Spec {
+    pub(super) fn colours(&self) -> ColourSeries {
+        ColourSeries { sh_stride: self.sh_stride, time_degree: self.time_degree, duration: DURATION }
+    }
+
+    /// Refuses what no scene has, before anything is allocated as it says.
+    fn check(&self) -> Result<(), String> {
+        let Self { sh_stride, orders, sh_degree, time_degree, .. } = *self;
+        if ![1, 4, 9, 16].contains(&sh_stride) || !(1..=MOST_ORDERS).contains(&orders) {
+            return Err(format!("{orders} orders of {sh_stride} coefficients: there are none such"));
+        }
+        if sh_degree >= sh_stride.isqrt() || time_degree >= orders {
+            return Err(format!(
+                "degrees {sh_degree} and {time_degree} are in use of {orders} orders of {sh_stride} coefficients"
+            ));
+        }
+        let numbers = self.background.iter().chain(&self.centre).chain(&self.half_size);
+        if !numbers.copied().all(f32::is_finite) || self.half_size.iter().any(|h| *h <= 0.0) {
+            return Err("background, centre and half_size must be finite, half_size above 0".into());
+        }
+        Ok(())
+    }
+}
+
+/// The module whose parameters are called `gaussians.*`, as those of our scenes.
+#[derive(Module, Debug)]
+pub(super) struct Named {
+    pub gaussians: Gaussians4d,
+}
+
+impl Named {
+    /// One Gaussian of a spec, every number 0: a place for those of a file.
+    fn one(spec: &Spec, device: &Device) -> Self {
+        fn zeros<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
+            Param::from_tensor(Tensor::zeros(shape, device))
+        }
+        let gaussians = Gaussians4d {
+            means: zeros([1, 3], device),
+            times: zeros([1], device),
+            log_scales: zeros([1, 4], device),
+            left: zeros([1, 4], device),
+            right: zeros([1, 4], device),
+            opacity_logits: zeros([1], device),
+            sh: zeros([1, spec.orders * spec.sh_stride, 3], device),
+        };
+        Self { gaussians }
+    }
+}
+
+/// A scene of 4D Gaussians.
+#[derive(Debug)]
+pub(super) struct Scene4d {
+    /// Absent only while the optimiser holds it.
+    pub module: Option<Named>,
+    pub spec: Spec,
+    device: Device,
+}
+
+impl Scene4d {
+    /// One whose parameters, by name, are these.
+    pub(super) fn of(
+        spec: Spec,
+        tensors: &BTreeMap<String, HostTensor>,
+        device: &Device,
+    ) -> Result<Self, params::FitError> {
+        let module = Some(params::load(Named::one(&spec, device), tensors)?);
+        Ok(Self { module, spec, device: device.clone() })
+    }
+
+    /// Reads what [`Model::save`] wrote.
+    ///
+    /// # Errors
+    /// If it is missing or damaged, of another method, or holds numbers that are none.
+    pub(super) fn read(path: &Path, device: &Device) -> Result<Self, SceneError> {
+        let format = |reason: String| SceneError::Format { path: path.into(), reason };
+        let (tensors, metadata) = read_tensors(path)?;
+        refuse_not_finite(path, &tensors)?;
+        let header = metadata.get(HEADER).ok_or_else(|| format(format!("no `{HEADER}` entry: of another method")))?;
+        let spec: Spec = serde_json::from_str(header).map_err(|e| format(format!("header: {e}")))?;
+        spec.check().map_err(|e| format(format!("header: {e}")))?;
+        let rows = |tensor: &HostTensor| tensor.shape.first().copied().unwrap_or_default();
+        let counts: Vec<usize> = tensors.values().map(rows).collect();
+        match counts.first() {
+            None | Some(0) => return Err(format("holds no Gaussian".into())),
+            Some(first) if counts.iter().any(|n| n != first) => {
+                return Err(format("the Gaussians' tensors differ in length".into()));
+            }
+            Some(_) => {}
+        }
+        Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })
+    }
+
+    pub(super) fn gaussians(&self) -> &Gaussians4d {
+        match &self.module {
+            Some(module) => &module.gaussians,
+            None => unreachable!("the optimiser gives the Gaussians back"),
+        }
+    }
+
+    /// Puts other Gaussians in the place of those that are there.
+    pub(super) fn replace(&mut self, tensors: &BTreeMap<String, HostTensor>) {
+        match params::load(Named::one(&self.spec, &self.device), tensors) {
+            Ok(module) => self.module = Some(module),
+            Err(error) => unreachable!("rows of the Gaussians fit the Gaussians: {error}"),
+        }
+    }
+}
+
+impl Model for Scene4d {
+    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+        let colours = self.spec.colours();
+        let of = self.gaussians();
+        let at = if self.device.is_autodiff() { of.valid().at(time, colours) } else { of.at(time, colours) };
+        let (background, sh_degree) = (self.spec.background, self.spec.sh_degree);
+        splat_covariances(at, SplatSettings { camera, background, sh_degree }).image
+    }
+
+    fn device(&self) -> Device {
+        self.device.clone()
+    }
+
+    fn background(&self) -> [f32; 3] {
+        self.spec.background
+    }
+
+    fn place(&self) -> (DVec3, f64) {
+        let Spec { centre, half_size, .. } = &self.spec;
+        (DVec3::from_array(centre.map(f64::from)), half_size.iter().copied().fold(f32::MIN_POSITIVE, f32::max).into())
+    }
+
+    fn counts(&self) -> Counts {
+        Counts { parameters: params::sizes(self.gaussians()).values().sum(), primitives: self.gaussians().count() }
+    }
+
+    fn parameters(&self) -> BTreeMap<String, HostTensor> {
+        match &self.module {
+            Some(module) => params::collect(module),
+            None => BTreeMap::new(),
+        }
+    }
+
+    fn save(&self, path: &Path) -> Result<(), SceneError> {
+        let header = serde_json::to_string(&self.spec)
+            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+        write_tensors(path, &self.parameters(), Some((HEADER, header)))
+    }
+}

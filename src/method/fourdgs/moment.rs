@@ -1,0 +1,52 @@
+//! 4D Gaussians at a time: conditioned, and how much of each is there.
+
+use burn::tensor::Tensor;
+
+/// The least variance along time; a Gaussian that is shorter is gone at every time but its own, and there are no infinities.
+const LEAST_VARIANCE: f32 = 1e-12;
+/// Rows and columns of the entries of a covariance, in the order of [`volseggs_kernels::splat::CovarianceInputs`].
+const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// N 4D Gaussians at a time t.
+///
+/// With the 4D covariance in blocks, `A` of space, `b` of space by time and `c` of time, a Gaussian at t is one of three
+/// dimensions: 4DGS's conditional distribution of space and marginal one of time.
+#[derive(Clone, Debug)]
+pub struct Moment {
+    /// `mu + b / c (t - mu_t)` `[N, 3]`.
+    pub means: Tensor<2>,
+    /// `A - b b^T / c` by entries xx, xy, xz, yy, yz, zz `[N, 6]`.
+    pub covariances: Tensor<2>,
+    /// By how much the means move per unit of time, `b / c` `[N, 3]`.
+    pub velocities: Tensor<2>,
+    /// Natural logarithm of the density along time, 1 at its peak: `-(t - mu_t)^2 / (2 c)` `[N]`.
+    pub log_marginals: Tensor<1>,
+}
+
+impl Moment {
+    /// Gaussians at `means` `[N, 3]` and `times` `[N]` with `rotations` `[N, 4, 4]` and the logarithms of their standard
+    /// deviations along x, y, z, t `[N, 4]`, as they are at `time`.
+    #[must_use]
+    pub fn new(means: Tensor<2>, times: Tensor<1>, rotations: Tensor<3>, log_scales: Tensor<2>, time: f32) -> Self {
+        let [n, _] = means.dims();
+        // Sigma = M M^T with M = R S, of which the first three rows are of space, the last of time
+        let m = rotations * log_scales.exp().reshape([n, 1, 4]);
+        let (space, along) = (m.clone().slice([0..n, 0..3, 0..4]), m.slice([0..n, 3..4, 0..4]));
+        let variance = (along.clone() * along.clone()).sum_dim(2).clamp_min(LEAST_VARIANCE);
+        let velocities = (space.clone() * along.clone()).sum_dim(2) / variance.clone();
+        // A - b b^T / c = P P^T with P = M_space - (b / c) m_time^T: a product is positive semi-definite also in f32, which a
+        // difference of nearly equal matrices, of something small that is fast, is not
+        let p = space - velocities.clone() * along;
+        let rows: [Tensor<3>; 3] = std::array::from_fn(|k| p.clone().slice([0..n, k..k + 1, 0..4]));
+        let entries = ENTRIES.map(|(a, b)| (rows[a].clone() * rows[b].clone()).sum_dim(2).reshape([n, 1]));
+        let velocities = velocities.reshape([n, 3]);
+        let since = times.neg() + time;
+        let log_marginals = since.clone() * since.clone() / (variance.reshape([n]) * -2.0);
+        Self {
+            means: means + velocities.clone() * since.reshape([n, 1]),
+            covariances: Tensor::cat(entries.to_vec(), 1),
+            velocities,
+            log_marginals,
+        }
+    }
+}

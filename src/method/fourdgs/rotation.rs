@@ -1,0 +1,43 @@
+//! Rotations of four dimensions by two unit quaternions.
+
+use burn::tensor::Tensor;
+
+/// Squares of lengths below this count as this: a quaternion without a length makes a point of its Gaussian, and no NaN.
+const SMALLEST: f32 = 1e-24;
+
+/// Which component of a quaternion (w, i, j, k: 1 to 4), with which sign, stands at an entry of a 4x4 matrix.
+type Layout = [[i8; 4]; 4];
+
+/// `v -> l v`, the left-isoclinic rotation.
+const LEFT: Layout = [[1, -2, -3, -4], [2, 1, -4, 3], [3, 4, 1, -2], [4, -3, 2, 1]];
+/// `v -> v conj(r)`, the right-isoclinic rotation.
+const RIGHT: Layout = [[1, 2, 3, 4], [-2, 1, -4, 3], [-3, 4, 1, -2], [-4, -3, 2, 1]];
+
+/// Rotation matrices `[N, 4, 4]` of x, y, z, t by quaternions `left` and `right` `[N, 4]` (w, i, j, k), normalised inside:
+/// `v -> l v conj(r)` with `v = t + z i + y j + x k`, as 4DGS has it. Where the two are equal, time stays as it is.
+#[must_use]
+pub fn rotation_matrices(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
+    let [n, _] = left.dims();
+    let (left, right) = (matrix(unit(left), &LEFT), matrix(unit(right), &RIGHT));
+    // their product, a column of the one by a row of the other at a time
+    let term = |k: usize| left.clone().slice([0..n, 0..4, k..k + 1]) * right.clone().slice([0..n, k..k + 1, 0..4]);
+    term(0) + term(1) + term(2) + term(3)
+}
+
+fn unit(quaternions: Tensor<2>) -> Tensor<2> {
+    let square = (quaternions.clone() * quaternions.clone()).sum_dim(1);
+    quaternions / square.clamp_min(SMALLEST).sqrt()
+}
+
+/// The matrices `[N, 4, 4]` of a layout, for x, y, z, t in place of t, z, y, x: rows and columns in reverse order.
+fn matrix(quaternions: Tensor<2>, layout: &Layout) -> Tensor<3> {
+    let [n, _] = quaternions.dims();
+    let plus: [Tensor<2>; 4] = std::array::from_fn(|k| quaternions.clone().slice([0..n, k..k + 1]));
+    let minus = plus.clone().map(Tensor::neg);
+    let entry = |place: i8| {
+        let of = if place > 0 { &plus } else { &minus };
+        of[usize::from(place.unsigned_abs()) - 1].clone()
+    };
+    let entries = layout.iter().rev().flat_map(|row| row.iter().rev()).map(|&place| entry(place)).collect();
+    Tensor::cat(entries, 1).reshape([n, 4, 4])
+}

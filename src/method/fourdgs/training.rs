@@ -1,0 +1,314 @@
+//! Training of 4D Gaussians: that of 3DGS, with the gradients of what they are at the time of a view.
+
+use super::first::first;
+use super::model::Scene4d;
+use super::rigid::Neighbours;
+use super::rows;
+use crate::config::types::Config;
+use crate::config::types::methods::FourDgsConfig;
+use crate::data::{Dataset, Split};
+use crate::memory::Budget;
+use crate::model::Model;
+use crate::model::params::{self, HostTensor, to_vec};
+use crate::rng::{Purpose, Rng};
+use crate::train::budget::{Views, check_memory};
+use crate::train::check::{Background, check_device, parse_background};
+use crate::train::checkpoint::CheckpointError;
+use crate::train::densify::{self, Row, Statistics};
+use crate::train::due::{Due, due};
+use crate::train::gather::{Gathered, View};
+use crate::train::optimizer::{AdamConstants, Optimizer};
+use crate::train::schedule::{self, Stage};
+use crate::train::target::target;
+use crate::train::watch::LossWatch;
+use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, losses, spatial};
+use burn::tensor::{Device, Gradients, Tensor};
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+use volseggs_kernels::activation::logit;
+use volseggs_kernels::splat::{CovarianceInputs, SplatSettings, splat_covariances};
+
+/// Opacities are reset to that (3DGS).
+const RESET: f32 = 0.01;
+/// The name in a checkpoint of the sums of the gradients by the times of peaks.
+const BY_TIME: &str = "statistics.by_time";
+
+/// 4D Gaussians that are being trained.
+pub(super) struct Fit {
+    config: Config,
+    settings: FourDgsConfig,
+    scene: Scene4d,
+    optimizer: Optimizer,
+    statistics: Gathered,
+    /// Sums of the sizes of the gradients by the times of peaks `[N]`, where they are asked for.
+    by_time: Option<Tensor<1>>,
+    neighbours: Option<Neighbours>,
+    step: usize,
+    initial: usize,
+    extent: f64,
+    background: Background,
+    device: Device,
+    runs_ahead: bool,
+    watch: LossWatch,
+}
+
+impl Fit {
+    pub(super) fn new(
+        config: &Config,
+        settings: &FourDgsConfig,
+        dataset: &Dataset,
+        device: &Device,
+    ) -> Result<Self, TrainError> {
+        let images = &dataset.train.images;
+        let size = [images.width as usize, images.height as usize];
+        let views = Views { count: dataset.train.frames.len(), pixels: size[0].saturating_mul(size[1]) };
+        let runs_ahead = crate::device::runs_ahead(device);
+        check_memory(config, views, runs_ahead, Budget::now())?;
+        check_device(config, config.init.points, size, device)?;
+        let shown = evaluation_background(&config.data.background)?;
+        let device = device.clone().autodiff();
+        let scene = first(&dataset.train, config, settings, shown, &device)?;
+        let n = scene.gaussians().count();
+        let optim = &config.optim;
+        let constants = AdamConstants { betas: optim.betas, epsilon: optim.epsilon, sh_rest: optim.sh_rest };
+        Ok(Self {
+            scene,
+            optimizer: Optimizer::new(constants),
+            statistics: Gathered::new(n, runs_ahead),
+            by_time: None,
+            neighbours: None,
+            step: 0,
+            initial: n,
+            extent: dataset.scene_extent(),
+            background: parse_background(&config.data.background)?,
+            watch: LossWatch::new(&device, config.output.checkpoint_every, config.stages.warmup_steps),
+            runs_ahead,
+            device,
+            settings: settings.clone(),
+            config: config.clone(),
+        })
+    }
+
+    /// The Gaussians at a time, and the loss of how differently neighbours move.
+    fn at(&mut self, time: f32) -> (CovarianceInputs, Option<Tensor<1>>) {
+        let moment = self.scene.gaussians().moment(time);
+        let rigid = (self.settings.rigid > 0.0).then(|| {
+            let velocities = moment.velocities.clone();
+            self.neighbours().loss(velocities).mul_scalar(self.settings.rigid as f32)
+        });
+        (self.scene.gaussians().drawn(moment, time, self.scene.spec.colours()), rigid)
+    }
+
+    /// The neighbours, looked for anew when it is time.
+    fn neighbours(&mut self) -> &Neighbours {
+        if self.step.is_multiple_of(self.settings.rigid_every) {
+            self.neighbours = None;
+        }
+        let (gaussians, count) = (self.scene.gaussians(), self.settings.rigid_neighbours);
+        self.neighbours.get_or_insert_with(|| Neighbours::of(&to_vec(gaussians.means.val()), count, &self.device))
+    }
+
+    /// One more degree of the spherical harmonics every `stages.sh_every` steps, then one more order in time as often.
+    fn raise_degrees(&mut self, stage: Stage) {
+        let (most, orders) = (self.config.model.sh_degree, self.settings.time_orders);
+        let raised = self.step.checked_div(self.config.stages.sh_every).unwrap_or(usize::MAX);
+        self.scene.spec.sh_degree = stage.sh_degree(&self.config);
+        self.scene.spec.time_degree = raised.saturating_sub(most).min(orders);
+    }
+
+    fn note_by_time(&mut self, gradients: &Gradients) {
+        if self.settings.time_threshold == 0.0 {
+            return;
+        }
+        if let Some(gradient) = self.scene.gaussians().times.grad(gradients) {
+            let size = gradient.abs();
+            self.by_time = Some(match self.by_time.take() {
+                Some(sum) => sum + size,
+                None => size,
+            });
+        }
+    }
+
+    /// The statistics, where gradients by time count as those on the screen do, each in units of its threshold.
+    fn combined(&self) -> Statistics {
+        let mut statistics = self.statistics.to_host();
+        if let Some(by_time) = &self.by_time {
+            let unit = (self.config.densify.threshold / self.settings.time_threshold) as f32;
+            let sums = statistics.gradient.iter_mut().zip(to_vec(by_time.clone()));
+            sums.for_each(|(sum, by_time)| *sum = sum.max(by_time * unit));
+        }
+        statistics
+    }
+
+    fn densify(&mut self, due: Due) {
+        let host = self.scene.parameters();
+        let values = |name: &str| host.get(name).map_or(&[][..], |t| &t.values);
+        let in_space = values("gaussians.log_scales").chunks_exact(4).flat_map(|s| &s[..3]).copied();
+        let in_space: Vec<f32> = in_space.collect();
+        let logits = values("gaussians.opacity_logits");
+        let rows = densify::plan(due, &self.combined(), logits, &in_space, &self.config, self.extent);
+        self.rearrange(&rows, &host);
+        if due.reset {
+            let mut parameters = self.scene.parameters();
+            if let Some(logits) = parameters.get_mut("gaussians.opacity_logits") {
+                logits.values.iter_mut().for_each(|o| *o = o.min(logit(RESET)));
+            }
+            self.scene.replace(&parameters);
+            self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
+        }
+        self.statistics.replace(|old| old.renewed(&rows, due));
+        self.by_time = None;
+    }
+
+    /// Puts the Gaussians along a space-filling curve, with all that is kept about each.
+    fn sort(&mut self) {
+        let host = self.scene.parameters();
+        let rows = spatial::curve_order(host.get("gaussians.means").map_or(&[], |t| &t.values));
+        self.rearrange(&rows, &host);
+        self.statistics.replace(|old| old.rearranged(&rows));
+        self.by_time = self.by_time.take().map(|sums| {
+            let values = densify::gather(&to_vec(sums.clone()), &rows, 1);
+            Tensor::from_data(&values[..], &sums.device())
+        });
+    }
+
+    /// Makes the Gaussians and their moments those of `rows`.
+    fn rearrange(&mut self, rows: &[Row], host: &BTreeMap<String, HostTensor>) {
+        let rng = Rng::new(self.config.seed, self.step as u64, Purpose::Split);
+        let new = rows::apply(rows, host, rng, &self.device.clone().inner());
+        for (name, tensor) in host {
+            let width = rows::width(tensor);
+            self.optimizer.map_moments(name, |m| densify::gather_moments(m, rows, width));
+        }
+        self.scene.replace(&new);
+        self.neighbours = None;
+    }
+}
+
+impl Training for Fit {
+    fn total_steps(&self) -> usize {
+        self.config.stages.warmup_steps
+    }
+
+    fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
+        let (step, mut times, mut clock) = (self.step, StepTimes::default(), Instant::now());
+        let mut lap = |slot: &mut Duration| {
+            let now = Instant::now();
+            *slot += now - clock;
+            clock = now;
+        };
+        let stage = Stage::at(step, &self.config);
+        self.raise_degrees(stage);
+        let view = schedule::view(&self.config, step, split.frames.len());
+        let frame = &split.frames[view];
+        let background = self.background.colour(self.config.seed, step);
+        let target = target(split, view, background, &self.device, self.runs_ahead);
+        lap(&mut times.data);
+
+        let (at, rigid) = self.at(frame.time as f32);
+        let logits = at.opacity_logits.clone();
+        lap(&mut times.deform);
+        let offsets = Tensor::<2>::zeros([self.scene.gaussians().count(), 2], &self.device).require_grad();
+        let inputs = CovarianceInputs { screen_offsets: Some(offsets.clone()), ..at };
+        let sh_degree = self.scene.spec.sh_degree;
+        let drawn =
+            splat_covariances(inputs, SplatSettings { camera: frame.camera.to_kernel(), background, sh_degree });
+        lap(&mut times.splat);
+
+        let distance = losses::photometric(drawn.image.clone(), target.clone(), &self.config.loss);
+        let mut loss = distance.loss.mul_scalar(self.config.loss.weight as f32);
+        let dssim = stage.dssim_weight(&self.config);
+        if dssim > 0.0 {
+            loss = loss + losses::dssim(drawn.image, target).mul_scalar(dssim as f32);
+        }
+        if let Some(rigid) = rigid {
+            loss = loss + rigid;
+        }
+        self.watch.look(step, &loss, || distance.squared)?;
+        lap(&mut times.loss);
+        let mut gradients = loss.backward();
+        lap(&mut times.backward);
+
+        self.note_by_time(&gradients);
+        self.statistics.add(View {
+            screen: offsets.grad_remove(&mut gradients),
+            radii: drawn.radii,
+            logits: logits.inner(),
+            size: [split.images.width as usize, split.images.height as usize],
+        });
+        lap(&mut times.densify);
+        // taken out, so that the optimiser is the only owner of the memory and may write in place
+        if let Some(module) = self.scene.module.take() {
+            let (settings, config, extent) = (&self.settings, &self.config, self.extent);
+            let (module, bad) =
+                self.optimizer.step(module, &mut gradients, |name| rate(name, stage, settings, config, extent));
+            self.scene.module = Some(module);
+            if let Some(bad) = bad {
+                return Err(TrainError::NotFinite { step, what: bad.to_string() });
+            }
+        }
+        lap(&mut times.adam);
+        let due = due(stage, &self.config, self.initial);
+        if due != Due::default() {
+            self.densify(due);
+        }
+        let sort_every = self.config.speed.sort_every;
+        if sort_every > 0 && (step + 1).is_multiple_of(sort_every) {
+            self.sort();
+        }
+        lap(&mut times.densify);
+        self.step += 1;
+        let ((loss, psnr), primitives) = (self.watch.last(), self.scene.gaussians().count());
+        Ok(StepReport { step, stage: "train", loss, psnr, primitives, times })
+    }
+
+    fn model(&self) -> &dyn Model {
+        &self.scene
+    }
+
+    fn state(&self) -> BTreeMap<String, HostTensor> {
+        let mut tensors = self.optimizer.to_tensors();
+        tensors.extend(self.statistics.to_host().into_tensors());
+        tensors.extend(self.neighbours.iter().flat_map(Neighbours::to_tensors));
+        if let Some(sums) = &self.by_time {
+            let values = to_vec(sums.clone());
+            tensors.insert(BY_TIME.to_owned(), HostTensor { shape: vec![values.len()], values });
+        }
+        tensors
+    }
+
+    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+        let bad = |reason: String| CheckpointError::File { path: from.state_path.into(), reason };
+        let scene = Scene4d::read(from.model, &self.device)?;
+        let (n, inner) = (scene.gaussians().count(), self.device.clone().inner());
+        let statistics = Statistics::from_tensors(&from.state, n).map_err(bad)?;
+        let neighbours = Neighbours::from_tensors(&from.state, n, self.settings.rigid_neighbours, &self.device);
+        let neighbours = neighbours.map_err(bad)?;
+        self.by_time = match from.state.get(BY_TIME).map(|t| &t.values) {
+            Some(sums) if sums.len() != n => return Err(bad(format!("{BY_TIME} has not {n} entries"))),
+            sums => sums.map(|sums| Tensor::from_data(&sums[..], &inner)),
+        };
+        self.optimizer.load(&from.state, &params::sizes(&scene.module), &inner).map_err(bad)?;
+        self.statistics.replace(|_| statistics);
+        (self.scene, self.neighbours) = (scene, neighbours);
+        (self.step, self.initial) = (from.step, from.first_primitives);
+        Ok(())
+    }
+
+    fn first_primitives(&self) -> usize {
+        self.initial
+    }
+}
+
+/// Learning rate of a parameter by its name: that of 3DGS, for quaternions that of its rotations.
+fn rate(name: &str, stage: Stage, settings: &FourDgsConfig, config: &Config, extent: f64) -> Option<f64> {
+    match name {
+        "gaussians.times" => Some(settings.times * extent),
+        "gaussians.left" | "gaussians.right" => schedule::learning_rate("gaussians.rotations", stage, config, extent),
+        _ => schedule::learning_rate(name, stage, config, extent),
+    }
+}
