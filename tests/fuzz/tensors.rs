@@ -251,6 +251,36 @@ fn tensor_file() {
     });
 }
 
+#[test]
+fn fourdgs() {
+    fuzz("4dgs", |scratch| {
+        let tensor = |(name, width): (&str, &[usize])| {
+            let shape = [&[3], width].concat();
+            let values = (0..shape.iter().product()).map(|i| (i as f32 * 0.7).sin()).collect();
+            (format!("gaussians.{name}"), HostTensor { shape, values })
+        };
+        let widths: [(&str, &[usize]); 7] = [
+            ("means", &[3]),
+            ("times", &[]),
+            ("log_scales", &[4]),
+            ("left", &[4]),
+            ("right", &[4]),
+            ("opacity_logits", &[]),
+            ("sh", &[8, 3]),
+        ];
+        let tensors: BTreeMap<String, HostTensor> = widths.into_iter().map(tensor).collect();
+        let seed = |[sh_degree, time_degree, sh_stride, orders]: [usize; 4]| {
+            let header = serde_json::json!({
+                "sh_stride": sh_stride, "orders": orders, "sh_degree": sh_degree, "time_degree": time_degree,
+                "background": [1.0, 1.0, 1.0], "centre": [0.0, 0.0, 0.0], "half_size": [1.0, 1.0, 1.0],
+            });
+            saved(scratch, |path| write_tensors(path, &tensors, Some(("4dgs", header.to_string()))).unwrap())
+        };
+        let seeds = [[1, 1, 4, 2], [0, 0, 4, 2], [0, 7, 1, 8], [2, 1, 4, 2], [1, 1, 4, usize::MAX]].map(seed);
+        of_method(scratch, "4dgs", &seeds)
+    });
+}
+
 /// The state of Adam and of culling, as a checkpoint has them.
 fn optimizer_file(path: &Path, steps: Vec<f32>) {
     let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };

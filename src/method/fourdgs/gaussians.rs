@@ -1,6 +1,7 @@
 //! N Gaussians in space and time as they are trained, and what is drawn of them.
 
-use super::{Moment, harmonics_at, rotation_matrices};
+use super::rotation::rotations;
+use super::{Moment, harmonics_at};
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use burn::tensor::activation::{log_sigmoid, sigmoid};
@@ -22,7 +23,7 @@ pub struct Gaussians4d {
     pub times: Param<Tensor<1>>,
     /// Natural logarithms of the standard deviations along x, y, z (world units) and t `[N, 4]`, before the rotation.
     pub log_scales: Param<Tensor<2>>,
-    /// Left quaternions of the rotations (w, i, j, k) `[N, 4]`, see [`rotation_matrices`].
+    /// Left quaternions of the rotations (w, i, j, k) `[N, 4]`, see [`super::rotation_matrices`].
     pub left: Param<Tensor<2>>,
     /// Right ones `[N, 4]`.
     pub right: Param<Tensor<2>>,
@@ -73,7 +74,7 @@ impl Gaussians4d {
     /// Where they are at `time`, how they extend and move, and how much is there of each.
     #[must_use]
     pub fn moment(&self, time: f32) -> Moment {
-        let rotations = rotation_matrices(self.left.val(), self.right.val());
+        let rotations = rotations(self.left.val(), self.right.val());
         Moment::new(self.means.val(), self.times.val(), rotations, self.log_scales.val(), time)
     }
 

@@ -24,27 +24,33 @@ pub struct Moment {
 }
 
 impl Moment {
-    /// Gaussians at `means` `[N, 3]` and `times` `[N]` with `rotations` `[N, 4, 4]` and the logarithms of their standard
+    /// Gaussians at `means` `[N, 3]` and `times` `[N]` with `rotations` `[4, 4, N]` and the logarithms of their standard
     /// deviations along x, y, z, t `[N, 4]`, as they are at `time`.
     #[must_use]
-    pub fn new(means: Tensor<2>, times: Tensor<1>, rotations: Tensor<3>, log_scales: Tensor<2>, time: f32) -> Self {
+    pub(super) fn new(
+        means: Tensor<2>,
+        times: Tensor<1>,
+        rotations: Tensor<3>,
+        log_scales: Tensor<2>,
+        time: f32,
+    ) -> Self {
         let [n, _] = means.dims();
         // Sigma = M M^T with M = R S, of which the first three rows are of space, the last of time
-        let m = rotations * log_scales.exp().reshape([n, 1, 4]);
-        let (space, along) = (m.clone().slice([0..n, 0..3, 0..4]), m.slice([0..n, 3..4, 0..4]));
-        let variance = (along.clone() * along.clone()).sum_dim(2).clamp_min(LEAST_VARIANCE);
-        let velocities = (space.clone() * along.clone()).sum_dim(2) / variance.clone();
+        let m = rotations * log_scales.transpose().exp().reshape([1, 4, n]);
+        let (space, along) = (m.clone().narrow(0, 0, 3), m.narrow(0, 3, 1));
+        let variance = (along.clone() * along.clone()).sum_dim(1).clamp_min(LEAST_VARIANCE);
+        let velocities = (space.clone() * along.clone()).sum_dim(1) / variance.clone();
         // A - b b^T / c = P P^T with P = M_space - (b / c) m_time^T: a product is positive semi-definite also in f32, which a
         // difference of nearly equal matrices, of something small that is fast, is not
         let p = space - velocities.clone() * along;
-        let rows: [Tensor<3>; 3] = std::array::from_fn(|k| p.clone().slice([0..n, k..k + 1, 0..4]));
-        let entries = ENTRIES.map(|(a, b)| (rows[a].clone() * rows[b].clone()).sum_dim(2).reshape([n, 1]));
-        let velocities = velocities.reshape([n, 3]);
+        let rows: [Tensor<3>; 3] = std::array::from_fn(|k| p.clone().narrow(0, k, 1));
+        let entries = ENTRIES.map(|(a, b)| (rows[a].clone() * rows[b].clone()).sum_dim(1).reshape([1, n]));
+        let velocities = velocities.reshape([3, n]).transpose();
         let since = times.neg() + time;
         let log_marginals = since.clone() * since.clone() / (variance.reshape([n]) * -2.0);
         Self {
             means: means + velocities.clone() * since.reshape([n, 1]),
-            covariances: Tensor::cat(entries.to_vec(), 1),
+            covariances: Tensor::cat(entries.to_vec(), 0).transpose(),
             velocities,
             log_marginals,
         }

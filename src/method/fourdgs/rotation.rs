@@ -17,27 +17,34 @@ const RIGHT: Layout = [[1, 2, 3, 4], [-2, 1, -4, 3], [-3, 4, 1, -2], [-4, -3, 2,
 /// `v -> l v conj(r)` with `v = t + z i + y j + x k`, as 4DGS has it. Where the two are equal, time stays as it is.
 #[must_use]
 pub fn rotation_matrices(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
-    let [n, _] = left.dims();
+    rotations(left, right).permute([2, 0, 1])
+}
+
+/// The same with the Gaussians last, `[4, 4, N]`: a row of a matrix is then one piece of memory, and each operation goes along
+/// all Gaussians.
+pub(super) fn rotations(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
     let (left, right) = (matrix(unit(left), &LEFT), matrix(unit(right), &RIGHT));
     // their product, a column of the one by a row of the other at a time
-    let term = |k: usize| left.clone().slice([0..n, 0..4, k..k + 1]) * right.clone().slice([0..n, k..k + 1, 0..4]);
+    let term = |k: usize| left.clone().narrow(1, k, 1) * right.clone().narrow(0, k, 1);
     term(0) + term(1) + term(2) + term(3)
 }
 
+/// Quaternions `[N, 4]` of unit length, `[4, N]`.
 fn unit(quaternions: Tensor<2>) -> Tensor<2> {
-    let square = (quaternions.clone() * quaternions.clone()).sum_dim(1);
+    let quaternions = quaternions.transpose();
+    let square = (quaternions.clone() * quaternions.clone()).sum_dim(0);
     quaternions / square.clamp_min(SMALLEST).sqrt()
 }
 
-/// The matrices `[N, 4, 4]` of a layout, for x, y, z, t in place of t, z, y, x: rows and columns in reverse order.
+/// The matrices `[4, 4, N]` of a layout, for x, y, z, t in place of t, z, y, x: rows and columns in reverse order.
 fn matrix(quaternions: Tensor<2>, layout: &Layout) -> Tensor<3> {
-    let [n, _] = quaternions.dims();
-    let plus: [Tensor<2>; 4] = std::array::from_fn(|k| quaternions.clone().slice([0..n, k..k + 1]));
+    let [_, n] = quaternions.dims();
+    let plus: [Tensor<2>; 4] = std::array::from_fn(|k| quaternions.clone().narrow(0, k, 1));
     let minus = plus.clone().map(Tensor::neg);
     let entry = |place: i8| {
         let of = if place > 0 { &plus } else { &minus };
         of[usize::from(place.unsigned_abs()) - 1].clone()
     };
     let entries = layout.iter().rev().flat_map(|row| row.iter().rev()).map(|&place| entry(place)).collect();
-    Tensor::cat(entries, 1).reshape([n, 4, 4])
+    Tensor::cat(entries, 0).reshape([4, 4, n])
 }

@@ -241,6 +241,9 @@ fn settings_that_would_do_nothing_are_refused() {
     ] {
         assert!(told(&config(&[key])).contains(words), "{}", told(&config(&[key])));
     }
+    let huge = method::start(&config(&["init.points=2000000000"]), &data(), &device());
+    let huge = huge.err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(huge.contains("init.points = 2000000000") && huge.contains("needs about"), "{huge}");
     let mut ours = config(&[]);
     ours.method = "volseggs".into();
     assert!(told(&ours).contains("[4dgs]: is of the method 4dgs"), "{}", told(&ours));
