@@ -5,9 +5,11 @@
 mod defaults;
 mod densify;
 pub mod methods;
+mod output;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
 use methods::{CoordNetConfig, D3dgsConfig, FourDgsConfig, InSituNetConfig, VisNerfConfig};
+pub use output::OutputConfig;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -22,7 +24,8 @@ pub const VOLSEGGS: &str = "volseggs";
 pub struct Config {
     /// Seed of every random choice.
     pub seed: u64,
-    /// The method: `volseggs` (the paper's and ours), `d3dgs`, `4dgs`, `coordnet`, `insitunet`, `visnerf` or a registered one, see `docs/reference.md`.
+    /// The method: `volseggs` (the paper's and ours), `d3dgs`, `4dgs`, `coordnet`, `insitunet`, `visnerf` or a registered
+    /// one, see `docs/reference.md`.
     #[serde(default = "defaults::method")] // a run from before this key still opens
     pub method: String,
     /// Settings of a registered method by name, see `docs/research.md`.
@@ -401,23 +404,4 @@ pub struct SpeedConfig {
     /// A Gaussian found transparent at a training time is passed over in the next visits of that time; one of so many
     /// looks at all. 0 or 1 for always.
     pub cull_visits: usize,
-}
-
-/// `output.*`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct OutputConfig {
-    /// Steps between log lines.
-    pub log_every: usize,
-    /// Steps between evaluations on a few test views; 0 for never.
-    pub eval_every: usize,
-    /// Test views in such an evaluation, evenly spaced.
-    pub eval_views: usize,
-    /// Steps between checkpoints.
-    pub checkpoint_every: usize,
-    /// Checkpoints kept.
-    pub keep: usize,
-    /// Minutes of training after which a run is complete, whatever step it has come to; 0 for no limit.
-    #[serde(default)] // a run from before this key still opens
-    pub max_minutes: f64,
 }
