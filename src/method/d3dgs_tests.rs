@@ -1,18 +1,15 @@
 //! Training with the network of D3DGS: it learns, goes on from a checkpoint with the same bits, and its scene is a scene.
 
 use super::Training;
-use crate::config::PRESETS;
-use crate::config::layers::Layers;
+use super::test_support::{ball, changed, device, stepped};
 use crate::config::types::Config;
 use crate::data::Dataset;
-use crate::data::dataset::{OpenOptions, tests::dataset};
-use crate::device::DeviceName;
+use crate::data::dataset::tests::dataset;
 use crate::method;
 use crate::model::Scene;
 use crate::model::params::{HostTensor, to_vec};
 use crate::train::checkpoint::{self, State};
 use crate::train::open_dataset;
-use burn::tensor::Device;
 use std::collections::BTreeMap;
 
 /// The small preset in some steps on some Gaussians.
@@ -30,20 +27,11 @@ fn config(more: &[&str]) -> Config {
         "densify.prune_every=5",
         "d3dgs.time_noise_steps=40",
     ];
-    let sets = few.iter().chain(more).map(|s| (*s).to_owned());
-    Layers::new(PRESETS).source("d3dgs-small").sets(sets).resolve::<Config>().unwrap().value
+    changed("d3dgs-small", &few, more)
 }
 
 fn data() -> Dataset {
-    Dataset::open(dataset(6, 16).path(), &OpenOptions::default()).unwrap()
-}
-
-fn device() -> Device {
-    DeviceName::all()[0].open().unwrap()
-}
-
-fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize) -> Vec<f64> {
-    (0..steps).map(|_| training.step(&data.train).unwrap().loss).collect()
+    ball(6, 16)
 }
 
 fn parameters(training: &dyn Training) -> BTreeMap<String, HostTensor> {

@@ -23,6 +23,17 @@ pub(super) fn preset(name: &str) -> Config {
     Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value
 }
 
+/// A built-in preset with `few` settings, `more` over these.
+pub(super) fn changed(preset: &str, few: &[&str], more: &[&str]) -> Config {
+    let sets = few.iter().chain(more).map(|set| (*set).to_owned());
+    Layers::new(PRESETS).source(preset).sets(sets).resolve::<Config>().unwrap().value
+}
+
+/// The losses of so many steps.
+pub(super) fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize) -> Vec<f64> {
+    (0..steps).map(|_| training.step(&data.train).unwrap().loss).collect()
+}
+
 /// `views` views of a ball, `size` pixels square, at two times.
 pub(super) fn ball(views: usize, size: u32) -> Dataset {
     let folder = dataset(views, size);

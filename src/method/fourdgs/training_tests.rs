@@ -3,12 +3,10 @@
 use super::model::Scene4d;
 use super::rotation_matrices;
 use super::rows::apply;
-use crate::config::PRESETS;
-use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::data::Dataset;
-use crate::data::dataset::{OpenOptions, tests::dataset};
-use crate::device::DeviceName;
+use crate::data::dataset::tests::dataset;
+use crate::method::test_support::{ball, changed, device, stepped};
 use crate::method::{self, Training};
 use crate::model::Model;
 use crate::model::params::{HostTensor, to_vec};
@@ -17,7 +15,7 @@ use crate::rng::{Purpose, Rng};
 use crate::train::checkpoint::{self, State};
 use crate::train::densify::Row;
 use crate::train::open_dataset;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use std::collections::BTreeMap;
 
 /// The small preset in some steps on some Gaussians, with everything switched on.
@@ -35,20 +33,11 @@ fn config(more: &[&str]) -> Config {
         "4dgs.time_threshold=1e-5",
         "speed.sort_every=11",
     ];
-    let sets = few.iter().chain(more).map(|s| (*s).to_owned());
-    Layers::new(PRESETS).source("4dgs-small").sets(sets).resolve::<Config>().unwrap().value
+    changed("4dgs-small", &few, more)
 }
 
 fn data() -> Dataset {
-    Dataset::open(dataset(6, 16).path(), &OpenOptions::default()).unwrap()
-}
-
-fn device() -> Device {
-    DeviceName::all()[0].open().unwrap()
-}
-
-fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize) -> Vec<f64> {
-    (0..steps).map(|_| training.step(&data.train).unwrap().loss).collect()
+    ball(6, 16)
 }
 
 fn parameters(training: &dyn Training) -> BTreeMap<String, HostTensor> {

@@ -1,9 +1,6 @@
 //! Broken datasets and options: exit code 2, one message that names the place, and no run folder.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{SIZE, dataset, refused, train, volseggs};
+use crate::common::{SIZE, dataset, refused, train, volseggs};
 use image::RgbaImage;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -18,7 +15,7 @@ fn train_refused(root: &Path, more: &[&str], arguments: &[&str], words: &[&str])
 fn json_refused(edit: impl Fn(&mut Value), words: &[&str]) {
     let root = dataset();
     let path = root.path().join("data/transforms_train.json");
-    let mut value = common::json(&path);
+    let mut value = crate::common::json(&path);
     edit(&mut value);
     std::fs::write(&path, value.to_string()).unwrap();
     let words: Vec<&str> = words.iter().chain(&["transforms_train.json"]).copied().collect();
@@ -105,7 +102,7 @@ fn missing_broken_or_odd_images() {
 #[test]
 fn images_that_show_nothing() {
     let root = dataset();
-    for name in common::names(&root.path().join("data/train")) {
+    for name in crate::common::names(&root.path().join("data/train")) {
         RgbaImage::new(SIZE, SIZE).save(root.path().join("data/train").join(name)).unwrap();
     }
     train_refused(root.path(), &[], &[], &["visual hull", "empty", "Hint"]);
@@ -116,11 +113,11 @@ fn missing_folders() {
     let root = tempfile::tempdir().unwrap();
     train_refused(root.path(), &[], &[], &["data", "transforms_train.json", "cannot read"]);
     for command in ["eval", "render", "export"] {
-        let run = common::text(root.path(), "nothing");
+        let run = crate::common::text(root.path(), "nothing");
         let mut program = volseggs();
         program.args([command, run.as_str()]);
         if command != "eval" {
-            program.args(["--out", &common::text(root.path(), "out")]);
+            program.args(["--out", &crate::common::text(root.path(), "out")]);
         }
         refused(&mut program, &["nothing", "no checkpoint"]);
         assert!(!root.path().join("out").exists());

@@ -1,9 +1,6 @@
 //! `volseggs lpips` as a whole program: from files of PyTorch to weights that `eval` takes.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{json, names, refused, volseggs};
+use crate::common::{json, names, refused, volseggs};
 use safetensors::tensor::{Dtype, TensorView};
 use std::path::Path;
 use volseggs::device::DeviceName;

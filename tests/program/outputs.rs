@@ -1,11 +1,8 @@
 //! What the commands write, as whole programs: sizes and numbers that cannot be, folders and files that are replaced and
 //! those that are not, formats, and what is left behind.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
+use crate::common::{copy, json, names, refused, text, volseggs, with_segments};
 use assert_cmd::Command;
-use common::{copy, json, names, refused, text, volseggs, with_segments};
 use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

@@ -1,9 +1,6 @@
 //! The sources of `volseggs segment masks` as a whole program: the truth of a dataset, masks of other programs, a network.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{dataset, json, names, refused, run_json, text, train, volseggs};
+use crate::common::{dataset, json, names, refused, run_json, text, train, volseggs};
 use image::{GrayImage, Luma};
 use std::path::Path;
 use volseggs::segment::masks::{Annotation, MaskReader};

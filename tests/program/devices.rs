@@ -1,11 +1,8 @@
 //! Training on every device beside the default one. Those of the CPU run the same kernels and give the same bytes; GPUs
 //! sum in another order and reach the same quality after 200 steps. A checkpoint of either goes on on the other.
 #![cfg(any(feature = "ndarray", feature = "tch", feature = "wgpu", feature = "cuda"))]
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{dataset, json, metrics, newest_bytes, train};
+use crate::common::{dataset, json, metrics, newest_bytes, train};
 use std::path::Path;
 use std::sync::OnceLock;
 use tempfile::TempDir;

@@ -1,9 +1,6 @@
 //! `volseggs segment` as a whole program: what is taken back, what gives way to what, and what is refused.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{dataset, names, refused, run_json, train, volseggs};
+use crate::common::{dataset, names, refused, run_json, train, volseggs};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 

@@ -1,10 +1,7 @@
 //! Sweeps as whole programs: nothing is lost, nothing is done twice, whatever happens in between.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
+use crate::common::{BINARY, SETTINGS, json, write_dataset};
 use assert_cmd::Command;
-use common::{BINARY, SETTINGS, json, write_dataset};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,9 +1,6 @@
 //! `--config static` as a whole program: one time of a dataset with many, trained without a field, measured and drawn.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{dataset, json, metrics, names, refused, volseggs};
+use crate::common::{dataset, json, metrics, names, refused, volseggs};
 use serde_json::Value;
 use std::path::Path;
 

@@ -1,10 +1,7 @@
 //! `volseggs edit` and what `render` and `export` show of edits and segments, as whole programs on one small run.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
+use crate::common::{copy, json, names, refused, volseggs, with_segments};
 use assert_cmd::Command;
-use common::{copy, json, names, refused, volseggs, with_segments};
 use image::RgbImage;
 use serde_json::Value;
 use std::path::{Path, PathBuf};

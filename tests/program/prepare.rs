@@ -1,9 +1,6 @@
 //! `prepare`, `inspect` on volumes, and `demo`, as whole programs.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{SETTINGS, json, names, refused, text, volseggs};
+use crate::common::{SETTINGS, json, names, refused, text, volseggs};
 use std::path::{Path, PathBuf};
 use volseggs::data::dataset::{Dataset, OpenOptions};
 use volseggs::data::{SplitName, Transforms};

@@ -1,9 +1,6 @@
 //! `volseggs train` as a whole program: what a run leaves, determinism, interruption and resumption.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{BINARY, dataset, json, metrics, names, newest_bytes, refused, train, train_arguments};
+use crate::common::{BINARY, dataset, json, metrics, names, newest_bytes, refused, train, train_arguments};
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};

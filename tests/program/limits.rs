@@ -1,12 +1,9 @@
 //! Sizes that no machine has, and files that are none: refused with exit code 2 and a message that names the key or the
 //! file, before anything is allocated or waited for.
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
+use crate::common::{BINARY, dataset, refused, text, train, train_arguments, volseggs};
 use assert_cmd::Command;
-use common::{BINARY, dataset, refused, text, train, train_arguments, volseggs};
 use std::path::Path;
 use std::time::Duration;
 
@@ -121,7 +118,7 @@ fn pipes_are_no_volumes_and_no_sweep_files() {
 fn two_frames_of_one_image_are_refused() {
     let root = dataset();
     let path = root.path().join("data/transforms_train.json");
-    let mut json = common::json(&path);
+    let mut json = crate::common::json(&path);
     json["frames"][7]["file_path"] = json["frames"][3]["file_path"].clone();
     std::fs::write(&path, json.to_string()).unwrap();
     refused(&mut train(root.path(), "run", &[]), &["frame 7", "frame 3", "`file_path`", "transforms_train.json"]);

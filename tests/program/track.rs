@@ -1,9 +1,6 @@
 //! `volseggs track` as a whole program: pictures, masks and areas of segments at chosen times.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{SIZE, dataset, names, refused, run_json, train, volseggs};
+use crate::common::{SIZE, dataset, names, refused, run_json, train, volseggs};
 use std::path::Path;
 
 /// Pixels of a mask, which has no other values than 0 and 255.

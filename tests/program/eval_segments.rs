@@ -1,9 +1,6 @@
 //! `volseggs eval --segments` as a whole program: clicks, every method, the table and its files.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{json, names, refused, train, volseggs};
+use crate::common::{json, names, refused, train, volseggs};
 use serde_json::Value;
 
 const METHODS: [&str; 5] = ["sagd", "saga", "coarse", "fine", "coarse+fine"];

@@ -1,9 +1,6 @@
 //! `model.appearance = "headlight"` as a whole program: trained, measured, lit anew, exported, told apart by base colours.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{json, refused, text, train, volseggs};
+use crate::common::{json, refused, text, train, volseggs};
 use std::path::Path;
 use volseggs::export::ply;
 
@@ -16,7 +13,7 @@ fn still(root: &Path, run: &str, out: &str, more: &[&str]) -> assert_cmd::Comman
 
 #[test]
 fn a_shaded_scene_goes_through_every_command() {
-    let folder = common::dataset();
+    let folder = crate::common::dataset();
     let root = folder.path();
     train(root, "run", &["model.appearance=headlight"]).assert().success();
     let run = text(root, "run");
@@ -42,7 +39,7 @@ fn a_shaded_scene_goes_through_every_command() {
 
 #[test]
 fn harmonics_hold_their_light() {
-    let folder = common::dataset();
+    let folder = crate::common::dataset();
     train(folder.path(), "run", &[]).assert().success();
     let words = ["--light", "model.appearance = \"sh\"", "headlight"];
     refused(&mut still(folder.path(), "run", "no", &["--light", "0,0,1"]), &words);

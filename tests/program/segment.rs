@@ -1,9 +1,6 @@
 //! `volseggs segment` and `track` as a whole program: from a trained run to parts that are followed through time.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{dataset, json, names, refused, run_json, train, volseggs};
+use crate::common::{dataset, json, names, refused, run_json, train, volseggs};
 use serde_json::Value;
 use std::path::Path;
 

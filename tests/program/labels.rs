@@ -1,9 +1,6 @@
 //! `volseggs export --format nrrd|vti` as a whole program: labels on the voxels of the volume, and their Dice scores.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{json, names, refused, run_json, train, volseggs};
+use crate::common::{json, names, refused, run_json, train, volseggs};
 use serde_json::Value;
 use std::path::Path;
 use std::process::Command;

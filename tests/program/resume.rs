@@ -1,9 +1,6 @@
 //! Going on with a run: by its folder alone, for longer, from an older checkpoint; and what is refused.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
+use crate::common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
 use std::path::Path;
 use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::train::checkpoint;

@@ -65,10 +65,12 @@ impl Cluster {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Waits until nothing runs and nothing waits.
-    pub fn wait_until_empty(&self) {
+    /// Waits until nothing runs and nothing waits, but for tasks of the job `stays`.
+    pub fn wait_until_empty(&self, stays: Option<u64>) {
         let begun = Instant::now();
-        while !self.call("squeue", &["--noheader"]).trim().is_empty() {
+        let stays = stays.map(|job| job.to_string());
+        let jobs = || self.call("squeue", &["--noheader", "--format=%F"]);
+        while jobs().split_whitespace().any(|job| Some(job) != stays.as_deref()) {
             assert!(begun.elapsed() < Duration::from_secs(120), "{}", self.call("squeue", &[]));
             std::thread::sleep(Duration::from_millis(200));
         }

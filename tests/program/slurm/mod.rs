@@ -1,10 +1,7 @@
 //! Sweeps on a real Slurm of one node, which the tests start. Needs the programs of Slurm and munge (Debian: slurm-wlm,
 //! munge) and skips without them.
 #![cfg(target_os = "linux")]
-#![allow(clippy::unwrap_used)]
 
 mod arrays;
 mod cluster;
-#[path = "../common/mod.rs"]
-mod common;
 mod sweeps;

@@ -1,10 +1,7 @@
 //! The commands after training, as whole programs, on one small run.
-#![allow(clippy::unwrap_used)]
 
-mod common;
-
+use crate::common::{json, names, refused, text, train, volseggs, write_dataset};
 use assert_cmd::Command;
-use common::{json, names, refused, text, train, volseggs, write_dataset};
 use glam::DVec4;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -202,7 +199,7 @@ fn render_along_paths() {
 
 #[test]
 fn an_orbit_turns_around_the_scene_wherever_it_lies_and_a_missing_dataset_is_said() {
-    let folder = common::dataset();
+    let folder = crate::common::dataset();
     let root = folder.path();
     for name in [SplitName::Train, SplitName::Test] {
         let path = name.json_path(&root.join("data"));
@@ -341,7 +338,7 @@ fn offered(text: &str) -> Vec<String> {
 
 #[test]
 fn commands_that_are_offered_can_be_copied_whatever_the_path() {
-    let folder = common::dataset();
+    let folder = crate::common::dataset();
     let root = folder.path();
     let run = text(root, "it's my run");
     let said = |command: &mut Command| String::from_utf8(command.output().unwrap().stderr).unwrap();

@@ -1,0 +1,26 @@
+//! The program as a whole: its commands one after the other, as a person or a batch system calls them. One binary for all, as
+//! each more costs a link of the whole tree.
+#![allow(clippy::unwrap_used)]
+
+mod appearance;
+mod bad_input;
+mod commands;
+#[path = "../common/mod.rs"]
+mod common;
+mod devices;
+mod edit;
+mod eval_segments;
+mod labels;
+mod limits;
+mod lpips_convert;
+mod masks;
+mod outputs;
+mod prepare;
+mod resume;
+mod segment;
+mod segment_history;
+mod slurm;
+mod static_scene;
+mod sweep;
+mod track;
+mod train;
