@@ -18,7 +18,7 @@ use std::path::Path;
 const PER_STEP: f64 = 0.02;
 /// More for each Gaussian of a joint step: field, decoder, their gradients, Adam.
 const PER_GAUSSIAN: f64 = 2.5e-6;
-/// The same in warm-up, where there is no field.
+/// The same in warm-up, where there is no field. Gaussians of 4DGS, which has no other stage, cost as much as one with a field.
 const PER_GAUSSIAN_WARMUP: f64 = 0.9e-6;
 /// More for each pixel: splatting and losses.
 const PER_PIXEL: f64 = 1.5e-7;
@@ -134,15 +134,20 @@ fn of_gaussians(config: &Config, pixels: f64) -> Share {
         (None, EncoderKind::Factorised | EncoderKind::Extra) => 0.0,
     };
     let products = weights * PER_WEIGHT;
+    let per_warmup = if config.fourdgs.is_some() { PER_GAUSSIAN } else { PER_GAUSSIAN_WARMUP };
     // without a joint stage, DSSIM counts and Gaussians grow in warm-up
     let (last, warm_n) = if joint > 0.0 { (joint, config.init.points as f64) } else { (warm, n) };
     let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
     let cpu_seconds = (joint + warm) * PER_STEP
         + joint * (n * (PER_GAUSSIAN * registered + products) + pixels * PER_PIXEL)
-        + warm * (warm_n * PER_GAUSSIAN_WARMUP + pixels * PER_PIXEL)
+        + warm * (warm_n * per_warmup + pixels * PER_PIXEL)
         + dssim * pixels * PER_PIXEL_DSSIM;
     // parameters, gradients, two moments and the tape's copies of each Gaussian
-    let kept = config.d3dgs.as_ref().map_or_else(|| size::encoder_values(&config.model), d3dgs::kept_values);
+    let kept = match (&config.fourdgs, &config.d3dgs) {
+        (Some(in_time), _) => in_time.kept_values(config.model.sh_degree),
+        (None, Some(network)) => d3dgs::kept_values(network),
+        (None, None) => size::encoder_values(&config.model),
+    };
     let memory = end * (4.0e3 + kept as f64 * 4.0);
     Share { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
 }
@@ -251,6 +256,19 @@ mod tests {
         assert!(implicit.cpu_seconds > 3.0 * half.cpu_seconds && half.cpu_seconds > hybrid.cpu_seconds);
         assert!(implicit.around > half.around && half.around > hybrid.around);
         assert!(implicit.memory > 1.5 * half.memory && half.memory > hybrid.memory);
+    }
+
+    #[test]
+    fn gaussians_in_time_take_longer_than_still_ones_and_no_encoder() {
+        let plan = plan("[0]", 5);
+        let data = plan.datasets.values().next().unwrap();
+        let preset = crate::config::layers::Layers::new(crate::config::PRESETS).source("4dgs-small");
+        let mut config = preset.resolve::<Config>().unwrap().value;
+        let in_time = cost(&config, data, &plan.eval);
+        config.model.levels *= 2;
+        assert_eq!(cost(&config, data, &plan.eval), in_time, "it has no encoder");
+        config.fourdgs = None;
+        assert!(in_time.cpu_seconds > 1.2 * cost(&config, data, &plan.eval).cpu_seconds, "{in_time:?}");
     }
 
     #[test]
