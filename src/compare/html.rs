@@ -26,10 +26,9 @@ pub struct PlainTable {
     pub rows: Vec<Vec<String>>,
 }
 
-/// The page of `set` with `tables` in it, and `lines` (such as how the order of variants agrees with the paper's) below
-/// them. Curves, configurations and pictures are read from the run folders; what is not there is left out.
+/// The page of `set` with `tables` in it, and below them how its `order` agrees with the paper's. Curves, configurations and pictures are read from the run folders; what is not there is left out.
 #[must_use]
-pub fn report(set: &ResultSet, tables: &[PlainTable], lines: &[String]) -> Report {
+pub fn report(set: &ResultSet, tables: &[PlainTable], order: Option<&PlainTable>) -> Report {
     let section = |id: &str, title: &str, intro: String, blocks: Vec<Block>| Section {
         id: id.to_owned(),
         title: title.to_owned(),
@@ -41,11 +40,10 @@ pub fn report(set: &ResultSet, tables: &[PlainTable], lines: &[String]) -> Repor
     if tables.is_empty() {
         tables.push(Block::Missing { what: "the table".to_owned(), how: String::new() });
     }
-    let order = if lines.is_empty() { Vec::new() } else { vec![Block::Text(lines.join("\n"))] };
     let sections = vec![
         section("summary", "At a glance", String::new(), vec![Block::Numbers(runs::headline(set))]),
         section("table", "Table", String::new(), tables),
-        section("order", "Beside the paper", against, order),
+        section("order", "Beside the paper", against, order.map(table).into_iter().collect()),
         section(
             "curves",
             "Learning curves",

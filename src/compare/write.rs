@@ -72,8 +72,13 @@ fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::rep
         format!("Difference to {}{sure}.", set.baseline)
     };
     tables.extend(text::differences(table).map(|grid| plain(caption(), grid)));
-    let lines: Vec<String> = orderings.iter().map(|o| o.text.clone()).collect();
-    report(set, &tables, &lines)
+    let cells = |o: &Ordering| [&o.what, &o.theirs, &o.ours, &o.outcome].map(Clone::clone).to_vec();
+    let order = PlainTable {
+        caption: String::new(),
+        head: ["metric", "order in the paper", "order here", "pairs"].map(str::to_owned).to_vec(),
+        rows: orderings.iter().map(cells).collect(),
+    };
+    report(set, &tables, Some(&order).filter(|order| !order.rows.is_empty()))
 }
 
 /// Tells the folder of logs from others.

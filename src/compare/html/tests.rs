@@ -57,7 +57,8 @@ fn ids(report: &Report) -> Vec<&str> {
 fn every_part_is_there_and_says_what_was_measured() {
     let dir = tempfile::tempdir().unwrap();
     let table = PlainTable { caption: text("T"), head: vec![text("loss")], rows: vec![vec![text("l1")]] };
-    let report = report(&set(dir.path()), &[table], &[text("l1 > l2 agrees")]);
+    let order = PlainTable { rows: vec![vec![text("PSNR"), text("l1 > l2 agrees")]], ..PlainTable::default() };
+    let report = report(&set(dir.path()), &[table], Some(&order));
     assert_eq!(ids(&report), ["summary", "table", "order", "curves", "cost", "runs", "failures"]);
     let Block::Numbers(numbers) = &report.sections[0].blocks[0] else { panic!("no numbers") };
     assert_eq!(
@@ -78,7 +79,7 @@ fn every_part_is_there_and_says_what_was_measured() {
 
 #[test]
 fn nothing_measured_still_gives_a_page() {
-    let report = report(&ResultSet { name: text("n"), ..ResultSet::default() }, &[], &[]);
+    let report = report(&ResultSet { name: text("n"), ..ResultSet::default() }, &[], None);
     assert_eq!((report.title.as_str(), ids(&report)), ("n", vec!["summary", "table", "runs"]));
     assert!(report.to_html().contains("Not there yet:"));
 }
@@ -102,7 +103,7 @@ fn settings_need_two_that_vary_in_four_ways() {
     base.settings.remove("optim.rate");
     std::fs::create_dir_all(&base.run).unwrap();
     std::fs::write(base.run.join("config.toml"), "[optim]\nrate = 0.1\n").unwrap();
-    let page = report(&set, &[], &[]);
+    let page = report(&set, &[], None);
     let section = page.sections.iter().find(|s| s.id == "settings").unwrap();
     let [Block::Svg { svg, caption }] = &section.blocks[..] else { panic!("one plot") };
     assert_eq!(caption, "Settings of each run (loss.kind, optim.rate) and PSNR, dB.");
@@ -111,7 +112,7 @@ fn settings_need_two_that_vary_in_four_ways() {
     }
     assert!(!svg.contains("rate, seed"), "{svg}");
     set.outcomes.truncate(3);
-    assert!(!ids(&report(&set, &[], &[])).contains(&"settings"), "three ways");
+    assert!(!ids(&report(&set, &[], None)).contains(&"settings"), "three ways");
 }
 
 #[test]
@@ -123,7 +124,7 @@ fn places_are_told_apart() {
     set.outcomes.extend(other);
     let names: Vec<String> = places(&set).into_iter().map(|p| p.name).collect();
     assert_eq!(names, ["vortex, cpu", "vortex, gpu"]);
-    let page = report(&set, &[], &[]);
+    let page = report(&set, &[], None);
     let plots = |id: &str| page.sections.iter().find(|s| s.id == id).unwrap().blocks.len();
     assert_eq!((plots("curves"), plots("cost"), plots("runs")), (6, 2, 1));
 }
@@ -138,6 +139,6 @@ fn poison_and_odd_texts_do_no_harm() {
         outcome.run = std::path::PathBuf::new();
     }
     set.metrics[1] = text("training_minutes");
-    let html = report(&set, &[PlainTable::default()], &[]).to_html();
+    let html = report(&set, &[PlainTable::default()], None).to_html();
     assert!(!html.contains("NaN") && html.contains("</html>"));
 }

@@ -22,6 +22,14 @@ pub struct Ordering {
     pub holds: bool,
     /// The variants that the paper tells apart.
     pub pairs: Vec<Pair>,
+    /// The metric, and where it was measured if that is not the same everywhere.
+    pub what: String,
+    /// The paper's variants, best first, with a sign between neighbours.
+    pub theirs: String,
+    /// Ours with their values, likewise; empty if nothing was measured.
+    pub ours: String,
+    /// How many pairs hold, and what became of the others.
+    pub outcome: String,
     /// All of it in a sentence.
     pub text: String,
 }
@@ -118,18 +126,13 @@ fn ordering(paper: &PaperTable, table: &Table, rows: &[Row], at: usize, metric: 
     let mut found: Vec<(String, f64)> =
         theirs.iter().filter_map(|(name, _)| Some((name.clone(), mean_of(values(name))?))).collect();
     found.sort_by(|a, b| metric.best_first(a.1, b.1));
-    let text = format!(
-        "{}{place}: {} in the paper; here {}: {}",
-        metric.name(),
-        chain(metric, &theirs, same, |name, _| name.to_owned()),
-        if found.is_empty() {
-            "nothing was measured".to_owned()
-        } else {
-            let alike = |a, b| metric.looks_same(a, b);
-            chain(metric, &found, alike, |name, value| format!("{name} {}", metric.format(value)))
-        },
-        tally(metric, &pairs),
-    );
+    let what = format!("{}{place}", metric.name());
+    let published = chain(metric, &theirs, same, |name, _| name.to_owned());
+    let alike = |a, b| metric.looks_same(a, b);
+    let ours = chain(metric, &found, alike, |name, value| format!("{name} {}", metric.format(value)));
+    let outcome = tally(metric, &pairs);
+    let here = if ours.is_empty() { "nothing was measured" } else { &ours };
+    let text = format!("{what}: {published} in the paper; here {here}: {outcome}");
     Some(Ordering {
         source: paper.source.clone(),
         dataset: rows[0].dataset.clone(),
@@ -137,6 +140,10 @@ fn ordering(paper: &PaperTable, table: &Table, rows: &[Row], at: usize, metric: 
         metric: metric.clone(),
         holds: pairs.iter().all(|pair| pair.verdict == Verdict::Holds),
         pairs,
+        what,
+        theirs: published,
+        ours,
+        outcome,
         text,
     })
 }
