@@ -174,8 +174,9 @@ impl RenderArgs {
         let ([width, height], out) = (record.size, self.out.display().to_string());
         let report = Report { frames: record.frames, width, height, render_fps, out, legend };
         errln!(
-            "{} frames of {width}x{height} in {}, rendered at {render_fps:.1} frames/second",
+            "{} {} of {width}x{height} in {}, rendered at {render_fps:.1} frames/second",
             report.frames,
+            if report.frames == 1 { "frame" } else { "frames" },
             report.out
         );
         if let Some(Legend { legend, .. }) = &report.legend {
