@@ -83,6 +83,7 @@ fn scene(n: usize, device: &Device) -> Scene {
         sh: values(3 * k * n),
         sh_stride: k,
         shading: None,
+        embedding: None,
     };
     let spec = SceneSpec {
         sh_degree: config.model.sh_degree,
@@ -92,6 +93,7 @@ fn scene(n: usize, device: &Device) -> Scene {
         background: [1.0; 3],
         deformed: true,
         d3dgs: None,
+        packed_from: None,
     };
     Scene::new(gaussians, spec, 0, device)
 }

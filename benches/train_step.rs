@@ -246,6 +246,7 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
         sh: scene.sh,
         sh_stride: SH_COEFFICIENTS,
         shading: None,
+        embedding: None,
     };
     let change = || {
         let rows = densify::plan(due, &statistics, &host.opacity_logits, &host.log_scales, config, DISTANCE);

@@ -14,6 +14,7 @@ mod export;
 mod inspect;
 mod inspect_volume;
 mod lpips;
+mod pack;
 mod prepare;
 mod prepare_inputs;
 mod raycast;
@@ -72,6 +73,7 @@ enum Command {
     #[cfg(feature = "view")]
     View(view::ViewCommand),
     Export(export::ExportArgs),
+    Pack(pack::PackArgs),
     Inspect(inspect::InspectArgs),
     Sweep(Box<sweep::SweepArgs>),
     Compare(compare::CompareArgs),
@@ -173,6 +175,7 @@ impl Cli {
             #[cfg(feature = "view")]
             Command::View(args) => args.run(),
             Command::Export(args) => args.run(),
+            Command::Pack(args) => args.run(),
             Command::Inspect(args) => args.run(),
             Command::Sweep(args) => args.run(),
             Command::Compare(args) => args.run(),

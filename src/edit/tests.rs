@@ -29,6 +29,7 @@ pub fn state() -> HostGaussians {
         sh: wave(480, 3.7),
         sh_stride: 16,
         shading: None,
+        embedding: None,
     }
 }
 

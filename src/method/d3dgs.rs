@@ -26,6 +26,9 @@ impl Method for D3dgs {
             return Err(format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"));
         };
         d3dgs::check(network)?;
+        if config.model.embedding > 0 {
+            return Err(format!("model.embedding = {}: only with the method volseggs", config.model.embedding));
+        }
         if config.speed.cull_visits > 1 {
             return Err(format!("speed.cull_visits = {}: only with the method volseggs", config.speed.cull_visits));
         }

@@ -71,7 +71,8 @@ fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
     let mut whole = method::start(&config, &data, &device()).unwrap();
     stepped(&mut *whole, &data, 23);
     let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
-    let state = State { step: 23, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0 };
+    let state =
+        State { step: 23, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
     let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
     stepped(&mut *whole, &data, 20);
     let mut resumed = method::start(&config, &data, &device()).unwrap();
@@ -121,6 +122,9 @@ fn settings_of_another_method_are_refused() {
     {
         assert!(told(&config(&[key])).contains(words), "{}", told(&config(&[key])));
     }
-    assert!(told(&config(&["speed.cull_visits=4"])).contains("speed.cull_visits"));
+    for key in ["speed.cull_visits=4", "model.embedding=4"] {
+        let name = key.split('=').next().unwrap();
+        assert!(told(&config(&[key])).contains(name), "{}", told(&config(&[key])));
+    }
     method::check(&config(&[])).unwrap();
 }

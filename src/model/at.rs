@@ -1,6 +1,7 @@
 //! A scene at one time, on the host.
 
 use super::Scene;
+use super::embedding::HostEmbedding;
 use super::gaussians::Gaussians;
 use super::host::HostGaussians;
 use super::params::to_vec;
@@ -57,6 +58,7 @@ impl Scene {
             sh: vec![0.0; 3 * g.count()],
             sh_stride: 1,
             shading: None,
+            embedding: g.embedding.as_ref().map(HostEmbedding::from_param),
         }
     }
 
@@ -112,10 +114,20 @@ mod tests {
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         };
         let (centre, half_size) = ([0.0; 3], [1.5; 3]);
         let background = [1.0; 3];
-        let mut spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0, d3dgs: None };
+        let mut spec = SceneSpec {
+            model,
+            centre,
+            half_size,
+            background,
+            deformed: true,
+            sh_degree: 0,
+            d3dgs: None,
+            packed_from: None,
+        };
         for deformed in [true, false] {
             spec.deformed = deformed;
             let scene = Scene::new(gaussians.clone(), spec.clone(), 3, &device);

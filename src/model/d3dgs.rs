@@ -285,6 +285,7 @@ mod tests {
             sh: vec![0.1; 9],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         };
         let gaussians = Gaussians::from_host(host.clone(), &device);
         let change = to_vec(network.forward(gaussians.means.val(), 0.4));

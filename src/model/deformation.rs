@@ -6,6 +6,7 @@ use super::d3dgs::DeformationNetwork;
 use super::decoder::Decoder;
 use super::encoder::{Encoder, FactorisedEncoder};
 use super::extra_encoder::ExtraEncoder;
+use super::hexplane::HexPlaneEncoder;
 use super::implicit::ImplicitEncoder;
 use crate::config::types::methods::D3dgsConfig;
 use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
@@ -44,6 +45,7 @@ impl DeformationField {
     pub fn new(config: &ModelConfig, centre: [f32; 3], half_size: [f32; 3], seed: u64, device: &Device) -> Self {
         let encoder = match config.encoder {
             EncoderKind::Factorised => Encoder::Factorised(FactorisedEncoder::new(config, seed, device)),
+            EncoderKind::HexPlane => Encoder::HexPlane(HexPlaneEncoder::new(config, seed, device)),
             EncoderKind::Implicit => Encoder::Implicit(ImplicitEncoder::new(config, seed, device)),
             EncoderKind::Extra => match ExtraEncoder::new(config, seed, device) {
                 Ok(encoder) => Encoder::Extra(encoder),
@@ -54,7 +56,7 @@ impl DeformationField {
             Encoder::Extra(e) => e.features(),
             _ => config.levels * config.channels,
         };
-        let decoder = Decoder::new(config, features, seed, device);
+        let decoder = Decoder::new(config, features + config.embedding, seed, device);
         let placing =
             Placing { centre, half_size, time_range: config.time_range, deform_opacity: config.deform_opacity };
         Self { encoder, decoder: Some(decoder), placing }
@@ -88,9 +90,14 @@ impl DeformationField {
         };
         let features = match &self.encoder {
             Encoder::Factorised(e) => e.forward(points, u),
+            Encoder::HexPlane(e) => e.forward(points, u),
             Encoder::Implicit(e) => e.forward(points, u),
             Encoder::Extra(e) => e.forward(points, u),
             Encoder::D3dgs(network) => return network.deform(gaussians, time),
+        };
+        let features = match &gaussians.embedding {
+            Some(embedding) => Tensor::cat(vec![features, embedding.val()], 1),
+            None => features,
         };
         let change = match &self.decoder {
             Some(decoder) => decoder.forward(features),

@@ -2,8 +2,10 @@
 
 use super::d3dgs::DeformationNetwork;
 use super::extra_encoder::ExtraEncoder;
+use super::hexplane::HexPlaneEncoder;
 use super::implicit::ImplicitEncoder;
-use crate::config::types::{GridInit, ModelConfig};
+use super::time_curve;
+use crate::config::types::{GridInit, ModelConfig, TimeCurve};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -27,6 +29,8 @@ pub struct FactorisedEncoder {
     pub times: Param<Tensor<1>>,
     #[module(skip)]
     shape: FieldShape,
+    #[module(skip)]
+    curve: TimeCurve,
 }
 
 /// Sizes of the factorised encoder for a configuration: level m has `m * resolution` nodes an axis.
@@ -38,6 +42,14 @@ pub fn field_shape(config: &ModelConfig) -> FieldShape {
     }
 }
 
+/// What planes and lines start with.
+pub(super) fn first_values(init: GridInit, len: usize, rng: &mut Rng) -> Vec<f32> {
+    match init {
+        GridInit::Uniform => (0..len).map(|_| 0.1 + 0.4 * rng.uniform()).collect(),
+        GridInit::Zero => vec![0.0; len],
+    }
+}
+
 impl FactorisedEncoder {
     /// A new encoder.
     ///
@@ -46,24 +58,35 @@ impl FactorisedEncoder {
     pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
         let shape = field_shape(config);
         let mut rng = Rng::new(seed, 0, Purpose::EncoderInit);
-        let mut values = |len: usize| -> Vec<f32> {
-            match config.grid_init {
-                GridInit::Uniform => (0..len).map(|_| 0.1 + 0.4 * rng.uniform()).collect(),
-                GridInit::Zero => vec![0.0; len],
-            }
-        };
+        let mut values = |len| first_values(config.grid_init, len, &mut rng);
         let (planes, lines) = (values(shape.planes_len()), values(shape.lines_len()));
         let time = if config.grid_init == GridInit::Uniform { 1.0 } else { 0.0 };
         let param = |v: Vec<f32>| {
             let n = v.len();
             Param::from_tensor(Tensor::from_data(TensorData::new(v, [n]), device))
         };
-        Self { planes: param(planes), lines: param(lines), times: param(vec![time; shape.times_len()]), shape }
+        Self {
+            planes: param(planes),
+            lines: param(lines),
+            times: param(vec![time; shape.times_len()]),
+            shape,
+            curve: config.time_curve,
+        }
     }
 
     /// Features `[N, levels * channels]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1] over all knots.
     pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
-        field(self.planes.val(), self.lines.val(), self.times.val(), points, &self.shape, time)
+        let (planes, lines, times) = (self.planes.val(), self.lines.val(), self.times.val());
+        match self.curve {
+            TimeCurve::Linear => field(planes, lines, times, points, &self.shape, time),
+            TimeCurve::Cubic => {
+                let (levels, device) = (self.shape.levels.len(), points.device());
+                let now = time_curve::cubic(times, levels, self.shape.time_knots, time, &device);
+                // the vectors of this time alone
+                let shape = FieldShape { time_knots: 1, ..self.shape.clone() };
+                field(planes, lines, now, points, &shape, 0.0)
+            }
+        }
     }
 
     /// Sizes and layout.
@@ -78,6 +101,8 @@ impl FactorisedEncoder {
 pub enum Encoder {
     /// Planes, lines and temporal vectors.
     Factorised(FactorisedEncoder),
+    /// Planes of space and planes of space and time.
+    HexPlane(HexPlaneEncoder),
     /// A multi-layer perceptron.
     Implicit(ImplicitEncoder),
     /// A registered one.

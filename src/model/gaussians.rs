@@ -1,6 +1,7 @@
 //! Canonical Gaussians: the five learnable attributes (the paper's section on 3DGS), and what shades them.
 
 use super::appearance::Headlight;
+use super::embedding::HostEmbedding;
 use super::host::HostGaussians;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -21,6 +22,8 @@ pub struct Gaussians {
     pub sh: Param<Tensor<3>>,
     /// What shades them, with `model.appearance = "headlight"`.
     pub headlight: Option<Headlight>,
+    /// What the decoder sees of each beside its place `[N, E]`, with `model.embedding` above 0, see [`super::embedding`].
+    pub embedding: Option<Param<Tensor<2>>>,
 }
 
 impl Gaussians {
@@ -30,6 +33,7 @@ impl Gaussians {
     /// If the arrays disagree about N.
     pub fn from_host(mut host: HostGaussians, device: &Device) -> Self {
         let headlight = host.shading.take().map(|shading| Headlight::from_host(shading, device));
+        let embedding = host.embedding.take().map(|embedding| embedding.into_param(device));
         let SplatInputs { means, rotations, log_scales, opacity_logits, sh, .. } = host.into_splat(device);
         Self {
             means: Param::from_tensor(means),
@@ -38,6 +42,7 @@ impl Gaussians {
             opacity_logits: Param::from_tensor(opacity_logits),
             sh: Param::from_tensor(sh),
             headlight,
+            embedding,
         }
     }
 
@@ -56,7 +61,8 @@ impl Gaussians {
 
     /// Copies the attributes to the host.
     pub fn to_host(&self) -> HostGaussians {
-        HostGaussians::from_splat(self.val())
+        let embedding = self.embedding.as_ref().map(HostEmbedding::from_param);
+        HostGaussians { embedding, ..HostGaussians::from_splat(self.val()) }
     }
 
     /// Number of Gaussians.

@@ -5,6 +5,7 @@
 //! these.
 
 use super::appearance::{HostShading, NORMALS};
+use super::embedding::{EMBEDDING, HostEmbedding};
 use super::params::to_vec;
 use crate::config::types::ModelConfig;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -33,6 +34,8 @@ pub struct HostGaussians {
     pub sh_stride: usize,
     /// What shades them, if anything does: the first coefficients are then base colours, see [`super::appearance`].
     pub shading: Option<HostShading>,
+    /// What the decoder sees of each beside its place, of canonical Gaussians alone, see [`super::embedding`].
+    pub embedding: Option<HostEmbedding>,
 }
 
 /// One attribute of all Gaussians.
@@ -66,10 +69,12 @@ impl Column<'_> {
 }
 
 impl HostGaussians {
-    /// The attributes, in the order in which the op of splatting takes them; normals only where there is a shading.
+    /// The attributes, in the order in which the op of splatting takes them; normals only where there is a shading, the
+    /// embedding last where there is one.
     pub fn columns(&self) -> impl Iterator<Item = Column<'_>> {
         let normals = self.shading.iter().map(|s| Column { name: NORMALS, width: 3, values: &s.normals });
-        self.common_columns().into_iter().chain(normals)
+        let embedding = self.embedding.iter().map(|e| Column { name: EMBEDDING, width: e.width, values: &e.values });
+        self.common_columns().into_iter().chain(normals).chain(embedding)
     }
 
     /// Those of the attributes that every Gaussian has, in that order.
@@ -85,18 +90,19 @@ impl HostGaussians {
         ]
     }
 
-    /// N Gaussians of K coefficients, every number 0, without a shading.
+    /// N Gaussians of K coefficients, every number 0, without a shading or an embedding.
     #[must_use]
     pub fn zeros(n: usize, sh_stride: usize) -> Self {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(sh_stride).map(|width| vec![0.0; n * width]);
-        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, shading: None }
+        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, shading: None, embedding: None }
     }
 
     /// One Gaussian with the attributes that a model's have: a place for those of a file.
     #[must_use]
     pub fn one(model: &ModelConfig) -> Self {
         let shading = HostShading::first(model, 1, 0);
-        Self { shading, ..Self::zeros(1, (model.sh_degree + 1).pow(2)) }
+        let embedding = HostEmbedding::first(model.embedding, 1);
+        Self { shading, embedding, ..Self::zeros(1, (model.sh_degree + 1).pow(2)) }
     }
 
     /// New Gaussians with the same attributes, each made by `f` from the old one.
@@ -113,6 +119,7 @@ impl HostGaussians {
             sh: next(),
             sh_stride: self.sh_stride,
             shading: self.shading.as_ref().map(|shading| HostShading { normals: next(), ..shading.without_normals() }),
+            embedding: self.embedding.as_ref().map(|e| HostEmbedding { width: e.width, values: next() }),
         }
     }
 
@@ -215,6 +222,7 @@ impl HostGaussians {
             sh: vec![0.0; 3 * self.len()],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         }
     }
 
@@ -249,12 +257,14 @@ impl HostGaussians {
             opacity_logits: to_vec(on_device.opacity_logits),
             sh: to_vec(on_device.sh),
             shading: on_device.shading.map(HostShading::from_device),
+            embedding: None,
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Gaussians;
     use super::*;
 
     #[test]
@@ -262,7 +272,9 @@ mod tests {
         let device = crate::device::DeviceName::all()[0].open().unwrap();
         for all in [three(), shaded()] {
             assert_eq!(HostGaussians::from_splat(all.to_splat(&device)), all);
+            assert_eq!(Gaussians::from_host(all.clone(), &device).to_host(), all);
         }
+        assert_eq!(Gaussians::from_host(embedded(), &device).to_host(), embedded());
     }
 
     fn three() -> HostGaussians {
@@ -275,12 +287,18 @@ mod tests {
             sh: count(36, 400.0),
             sh_stride: 4,
             shading: None,
+            embedding: None,
         }
     }
 
     fn shaded() -> HostGaussians {
         let shading = HostShading { normals: (0..9).map(|i| 500.0 + i as f32).collect(), ..HostShading::default() };
         HostGaussians { shading: Some(shading), ..three() }
+    }
+
+    fn embedded() -> HostGaussians {
+        let values = (0..6).map(|i| 600.0 + i as f32).collect();
+        HostGaussians { embedding: Some(HostEmbedding { width: 2, values }), ..shaded() }
     }
 
     #[test]
@@ -298,6 +316,9 @@ mod tests {
         let shaded = shaded();
         assert_eq!(shaded.map(|column| column.values.to_vec()), shaded);
         assert_eq!(names(&shaded).last(), Some(&NORMALS));
+        assert_eq!(embedded().map(|column| column.values.to_vec()), embedded());
+        assert_eq!(names(&embedded())[5..], [NORMALS, EMBEDDING]);
+        assert_eq!(embedded().subset(&[2, 0]).embedding.unwrap().values, [604.0, 605.0, 600.0, 601.0]);
         assert_eq!(shaded.subset(&[2, 0]).shading.unwrap().normals, [506.0, 507.0, 508.0, 500.0, 501.0, 502.0]);
     }
 

@@ -32,6 +32,10 @@ pub struct SceneSpec {
     /// The network of D3DGS, in the place of the model's field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d3dgs: Option<D3dgsConfig>,
+    /// Fingerprint of the scene whose numbers were rounded to make this one: it has the same Gaussians in the same order, so
+    /// that segments of that one are segments of this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub packed_from: Option<String>,
 }
 
 impl SceneSpec {
@@ -123,8 +127,11 @@ impl Scene {
     }
 
     /// 16 hexadecimal digits that tell this state of the scene from others: a 64-bit FNV-1a hash of the canonical means,
-    /// in their order.
+    /// in their order; of a packed scene that of the scene it was packed from.
     pub fn fingerprint(&self) -> String {
+        if let Some(fingerprint) = &self.spec.packed_from {
+            return fingerprint.clone();
+        }
         let means = params::to_vec(self.gaussians.means.val());
         let bytes = means.iter().flat_map(|v| v.to_le_bytes());
         let hash = bytes.fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
@@ -158,9 +165,19 @@ pub(super) mod tests {
             sh: vec![0.1; 6],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         };
         let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
-        let spec = SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 0, d3dgs: None };
+        let spec = SceneSpec {
+            model,
+            centre,
+            half_size,
+            background,
+            deformed: true,
+            sh_degree: 0,
+            d3dgs: None,
+            packed_from: None,
+        };
         Scene::new(gaussians, spec, 0, &device)
     }
 

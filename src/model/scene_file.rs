@@ -3,6 +3,7 @@
 use super::d3dgs;
 use super::extra_encoder::ExtraEncoder;
 use super::host::HostGaussians;
+use super::packed;
 use super::params::{self, FitError, HostTensor};
 use super::size::{self, check_model};
 use super::{Scene, SceneSpec};
@@ -72,7 +73,21 @@ impl Scene {
         write_tensors(path, &params::collect(self), Some(("volseggs", spec)))
     }
 
-    /// Reads what [`Scene::save`] wrote.
+    /// Writes the scene in 8 and 16 bits, see [`super::packed`], with the fingerprint of this one.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn save_packed(&self, path: &Path) -> Result<(), SceneError> {
+        let format = |reason: String| SceneError::Format { path: path.into(), reason };
+        let spec = SceneSpec { packed_from: Some(self.fingerprint()), ..self.spec.clone() };
+        let spec = serde_json::to_string(&spec).map_err(|e| format(e.to_string()))?;
+        let all = packed::pack(&params::collect(self));
+        let views = all.iter().map(|p| Ok((p.name.as_str(), p.view()?))).collect::<Result<Vec<_>, _>>();
+        let views = views.map_err(|e: safetensors::SafeTensorError| format(e.to_string()))?;
+        Ok(tensors::write(path, views, Some(("volseggs", spec)))?)
+    }
+
+    /// Reads what [`Scene::save`] or [`Scene::save_packed`] wrote.
     ///
     /// # Errors
     /// If the file is missing, damaged or does not fit its own spec, holds a NaN or an infinity, or was trained with an encoder that is not
@@ -170,7 +185,7 @@ pub type TensorFile = (BTreeMap<String, HostTensor>, BTreeMap<String, String>);
 /// Reads what [`write_tensors`] wrote.
 ///
 /// # Errors
-/// If the file is missing, damaged or holds anything but f32.
+/// If the file is missing, damaged, or holds anything but f32 and what packed scenes hold.
 pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
     tensors::read_while(path, |bytes| parse(path, bytes))?
 }
@@ -181,14 +196,16 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<TensorFile, SceneError> {
     let (_, header) = safetensors::SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let file = safetensors::SafeTensors::deserialize(bytes).map_err(damaged)?;
     let mut tensors = BTreeMap::new();
-    for (name, view) in file.tensors() {
-        if name == DIGEST {
+    let all = file.tensors();
+    let ranges: BTreeMap<&str, &TensorView<'_>> =
+        all.iter().filter_map(|(name, view)| Some((name.strip_suffix(packed::RANGE)?, view))).collect();
+    for (name, view) in &all {
+        if name == DIGEST || name.ends_with(packed::RANGE) {
             continue;
         }
-        if view.dtype() != Dtype::F32 {
-            return Err(format(format!("tensor {name} is {:?}, expected F32", view.dtype())));
-        }
-        let values = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let values = packed::unpack(view, ranges.get(name.as_str()).copied())
+            .map_err(|reason| format(format!("tensor {name} {reason}")))?;
+        let name = name.clone();
         tensors.insert(name, HostTensor { shape: view.shape().to_vec(), values });
     }
     let metadata = header.metadata().clone().unwrap_or_default().into_iter().collect();

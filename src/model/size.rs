@@ -59,12 +59,13 @@ fn check_implicit(config: &ModelConfig) -> Result<(), String> {
     Ok(())
 }
 
-/// Values of the spherical harmonics and the other attributes of one Gaussian.
+/// Values of the spherical harmonics, the embedding and the other attributes of one Gaussian.
 #[must_use]
 pub fn attributes(config: &ModelConfig) -> u128 {
     let coefficients = (config.sh_degree as u128).saturating_add(1).saturating_pow(2);
     let normal = if config.appearance == Appearance::Headlight { 3 } else { 0 };
-    coefficients.saturating_mul(3).saturating_add(3 + 4 + 3 + 1 + normal)
+    let others = (config.embedding as u128).saturating_add(3 + 4 + 3 + 1 + normal);
+    coefficients.saturating_mul(3).saturating_add(others)
 }
 
 /// Features that the encoder gives for each Gaussian.
@@ -72,8 +73,16 @@ pub fn attributes(config: &ModelConfig) -> u128 {
 pub fn features(config: &ModelConfig) -> u128 {
     match config.encoder {
         EncoderKind::Extra => find_encoder(&config.extra_encoder).map_or(0, |encoder| encoder.features(config) as u128),
-        EncoderKind::Factorised | EncoderKind::Implicit => product(&[config.levels, config.channels]),
+        EncoderKind::Factorised | EncoderKind::HexPlane | EncoderKind::Implicit => {
+            product(&[config.levels, config.channels])
+        }
     }
+}
+
+/// Numbers that the decoder sees of each Gaussian: the features and its embedding.
+#[must_use]
+pub fn inputs(config: &ModelConfig) -> u128 {
+    features(config).saturating_add(config.embedding as u128)
 }
 
 /// Hidden values of the decoder for each Gaussian: of the trunk and of each head.
@@ -127,7 +136,7 @@ pub(super) fn layer(inputs: u128, outputs: u128) -> u128 {
 #[must_use]
 pub fn encoder_parameters(config: &ModelConfig) -> u128 {
     match config.encoder {
-        EncoderKind::Factorised => {
+        EncoderKind::Factorised | EncoderKind::HexPlane => {
             let (levels, nodes) = (config.levels as u128, config.resolution as u128);
             // level m has m * resolution nodes an axis: sums of m and of m * m over the levels
             let next = levels.saturating_add(1);
@@ -135,8 +144,12 @@ pub fn encoder_parameters(config: &ModelConfig) -> u128 {
             let squares = levels.saturating_mul(next).saturating_mul(levels.saturating_mul(2).saturating_add(1)) / 6;
             let planes = squares.saturating_mul(nodes).saturating_mul(nodes).saturating_mul(3);
             let lines = sum.saturating_mul(nodes).saturating_mul(3);
-            let times = product(&[config.levels, config.time_knots]);
-            planes.saturating_add(lines).saturating_add(times).saturating_mul(config.channels as u128)
+            let over_time = if config.encoder == EncoderKind::HexPlane {
+                lines.saturating_mul(config.time_knots as u128)
+            } else {
+                lines.saturating_add(product(&[config.levels, config.time_knots]))
+            };
+            planes.saturating_add(over_time).saturating_mul(config.channels as u128)
         }
         EncoderKind::Implicit => {
             let (depth, skip) = (config.implicit_depth as u128, config.implicit_skip as u128);
@@ -157,7 +170,7 @@ pub fn encoder_parameters(config: &ModelConfig) -> u128 {
 #[must_use]
 pub fn field_parameters(config: &ModelConfig) -> u128 {
     let width = config.width as u128;
-    let trunk = layer(features(config), width);
+    let trunk = layer(inputs(config), width);
     let hidden = layer(width, width).saturating_mul(heads(config) as u128);
     let decoder = trunk.saturating_add(hidden).saturating_add(layer(width, OUTPUT_COLUMNS as u128));
     encoder_parameters(config).saturating_add(decoder)
@@ -174,12 +187,14 @@ mod tests {
     fn the_count_is_that_of_the_module() {
         let device = DeviceName::all()[0].open().unwrap();
         let implicit = [(1, 0), (2, 0), (2, 1), (5, 0), (5, 2), (5, 4)].map(|shape| (EncoderKind::Implicit, shape));
-        for (encoder, (depth, skip)) in std::iter::once((EncoderKind::Factorised, (0, 0))).chain(implicit) {
+        let grids = [EncoderKind::Factorised, EncoderKind::HexPlane].map(|grid| (grid, (0, 0)));
+        for (encoder, (depth, skip)) in grids.into_iter().chain(implicit) {
             for decoder in [DecoderKind::Heads, DecoderKind::Shared] {
                 let mut config = Config::default().model;
                 (config.levels, config.resolution, config.time_knots) = (3, 5, 7);
                 (config.channels, config.width, config.encoder, config.decoder) = (4, 6, encoder, decoder);
                 (config.implicit_width, config.implicit_depth, config.implicit_skip) = (9, depth, skip);
+                config.embedding = depth;
                 check_model(&config).unwrap();
                 let field = DeformationField::new(&config, [0.0; 3], [1.0; 3], 0, &device);
                 let values = |part: &str| -> usize {
@@ -232,8 +247,9 @@ mod tests {
         (config.channels, config.width, config.implicit_octaves) = (usize::MAX, usize::MAX, usize::MAX);
         (config.implicit_width, config.implicit_depth) = (usize::MAX, usize::MAX);
         (config.implicit_time_octaves, config.implicit_skip) = (usize::MAX, usize::MAX);
-        config.sh_degree = usize::MAX;
-        for encoder in [EncoderKind::Factorised, EncoderKind::Implicit, EncoderKind::Extra] {
+        (config.sh_degree, config.embedding) = (usize::MAX, usize::MAX);
+        let all = [EncoderKind::Factorised, EncoderKind::HexPlane, EncoderKind::Implicit, EncoderKind::Extra];
+        for encoder in all {
             config.encoder = encoder;
             assert!(field_parameters(&config) > 1 << 64 && attributes(&config) > 1 << 64);
         }

@@ -5,7 +5,7 @@
 //! for (numbers in a [`palette`]), [`frames`] writes pictures; [`view`] is all of that for one picture, which [`saved`] keeps in files; [`keyframes`] are
 //! paths of cameras through such pictures. [`status`] is how its training stands. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
 //! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
-//! segments, [`export`] writes files of other programs, and [`measure`] evaluates the run. `files::RunPaths` says where
+//! segments, [`export`] writes files of other programs, [`pack`] a small copy of the run, and [`measure`] evaluates the run. `files::RunPaths` says where
 //! everything lies.
 
 pub mod affinity;
@@ -21,6 +21,7 @@ pub mod look;
 pub mod masks;
 pub mod measure;
 mod open;
+pub mod pack;
 pub mod palette;
 pub mod pick;
 pub mod rendering;

@@ -67,6 +67,7 @@ mod tests {
             sh: vec![0.3; 9],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         };
         let camera = DataCamera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, 64, 48);
         (at, camera.to_kernel())

@@ -117,6 +117,7 @@ mod tests {
             sh: vec![0.7; 12 * n],
             sh_stride: 4,
             shading: None,
+            embedding: None,
         }
     }
 

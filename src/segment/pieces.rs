@@ -76,6 +76,7 @@ mod tests {
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         };
         let all: Vec<u32> = (0..n as u32).collect();
         assert_eq!(without_strays(&at, &all).unwrap(), all[..40]);

@@ -131,7 +131,7 @@ fn of_gaussians(config: &Config, pixels: f64) -> Share {
     let weights = match (&config.d3dgs, config.model.encoder) {
         (Some(network), _) => d3dgs::parameters(network) as f64,
         (None, EncoderKind::Implicit) => size::encoder_parameters(&config.model) as f64,
-        (None, EncoderKind::Factorised | EncoderKind::Extra) => 0.0,
+        (None, EncoderKind::Factorised | EncoderKind::HexPlane | EncoderKind::Extra) => 0.0,
     };
     let products = weights * PER_WEIGHT;
     let per_warmup = if config.fourdgs.is_some() { PER_GAUSSIAN } else { PER_GAUSSIAN_WARMUP };

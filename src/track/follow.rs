@@ -117,6 +117,7 @@ mod tests {
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
             shading: None,
+            embedding: None,
         })
     }
 

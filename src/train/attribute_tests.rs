@@ -1,12 +1,14 @@
-//! Training with shaded Gaussians: what is trained, what a checkpoint keeps, what becomes of normals in new Gaussians.
+//! Training with attributes that not all Gaussians have, normals and embeddings: what is trained, what a checkpoint keeps,
+//! what becomes of them in new Gaussians.
 
 use super::Trainer;
 use super::checkpoint::{self, State};
-use crate::config::types::{Appearance, Config};
+use crate::config::types::{Appearance, Config, EncoderKind, TimeCurve};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
-use crate::model::{HostGaussians, Scene, params};
+use crate::model::embedding::HostEmbedding;
+use crate::model::{HostGaussians, Scene, SceneSpec, params};
 use burn::tensor::Device;
 use volseggs_kernels::shading::Light;
 
@@ -47,14 +49,68 @@ fn normals_and_material_are_trained_and_follow_the_gaussians() {
     assert_ne!(shading.normals[..first.normals.len()], first.normals[..]);
 }
 
+/// With both, and planes of time.
+fn embedded() -> Config {
+    let mut config = config(Appearance::Headlight);
+    (config.model.encoder, config.model.time_curve) = (EncoderKind::HexPlane, TimeCurve::Cubic);
+    (config.model.embedding, config.optim.embedding) = (5, 0.01);
+    config
+}
+
+#[test]
+fn embeddings_start_at_zero_are_trained_in_the_joint_stage_and_follow_the_gaussians() {
+    let data = data();
+    let mut trainer = Trainer::new(embedded(), &data, &device()).unwrap();
+    let values = |trainer: &Trainer| trainer.scene().gaussians.to_host().embedding.unwrap().values;
+    assert_eq!(values(&trainer), vec![0.0; 5 * 200]);
+    let before = stepped(&mut trainer, &data, 4);
+    assert!(values(&trainer).iter().all(|v| *v == 0.0), "warm-up has no field");
+    let losses = stepped(&mut trainer, &data, 20);
+    assert!(losses.iter().all(|loss| loss.is_finite()) && losses[19] < before[0], "{losses:?}");
+    let host = trainer.scene().gaussians.to_host();
+    assert_eq!((host.len(), host.misshapen()), (260, None), "it densified to its budget");
+    let nonzero = values(&trainer).chunks_exact(5).filter(|e| e.iter().any(|v| *v != 0.0)).count();
+    assert!(nonzero > 200, "{nonzero} of 260");
+}
+
+#[test]
+fn gaussians_at_one_place_move_apart_by_their_embeddings() {
+    let mut model = embedded().model;
+    model.appearance = Appearance::Sh;
+    let spec = SceneSpec {
+        model: model.clone(),
+        centre: [0.0; 3],
+        half_size: [1.0; 3],
+        background: [1.0; 3],
+        deformed: true,
+        sh_degree: 0,
+        d3dgs: None,
+        packed_from: None,
+    };
+    let mut two = HostGaussians::zeros(2, 4);
+    two.rotations = [1.0, 0.0, 0.0, 0.0].repeat(2);
+    let at = |values: Vec<f32>| {
+        let embedding = Some(HostEmbedding { width: 5, values });
+        let scene = Scene::new(HostGaussians { embedding, ..two.clone() }, spec.clone(), 1, &device());
+        let all = scene.host_at(0.7);
+        assert_eq!((all.embedding.as_ref(), scene.some(&[1]).at(0.7).means), (None, all.subset(&[1]).means));
+        all.means
+    };
+    let same = at(vec![0.5; 10]);
+    assert_eq!(same[..3], same[3..]);
+    let apart = at([vec![0.5; 5], vec![-0.5; 5]].concat());
+    assert_eq!(apart[..3], same[..3]);
+    assert_ne!(apart[3..], same[3..]);
+}
+
 #[test]
 fn a_resumed_run_has_the_bits_of_one_that_was_not_stopped() {
-    let (config, data, folder) = (config(Appearance::Headlight), data(), tempfile::tempdir().unwrap());
+    let (config, data, folder) = (embedded(), data(), tempfile::tempdir().unwrap());
     let text = toml::to_string(&config).unwrap();
     let mut whole = Trainer::new(config.clone(), &data, &device()).unwrap();
     stepped(&mut whole, &data, 11);
     let (step, initial, dataset) = (11, whole.initial, data.fingerprint());
-    let state = State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0 };
+    let state = State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
     let path = checkpoint::save(folder.path(), &whole, &state, 1).unwrap();
     stepped(&mut whole, &data, 13);
     let mut resumed = Trainer::new(config, &data, &device()).unwrap();
@@ -66,7 +122,7 @@ fn a_resumed_run_has_the_bits_of_one_that_was_not_stopped() {
 #[test]
 fn a_shaded_scene_is_drawn_from_its_file_as_it_was_trained() {
     let (data, folder) = (data(), tempfile::tempdir().unwrap());
-    let mut trainer = Trainer::new(config(Appearance::Headlight), &data, &device()).unwrap();
+    let mut trainer = Trainer::new(embedded(), &data, &device()).unwrap();
     stepped(&mut trainer, &data, 8);
     let path = folder.path().join("scene.safetensors");
     trainer.scene().save(&path).unwrap();

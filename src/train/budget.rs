@@ -63,7 +63,9 @@ impl Sizes {
                 Self { attributes, parameters: d3dgs::parameters(network), kept: d3dgs::kept_values(network) }
             }
             (None, None) => {
-                let features = size::features(model).saturating_mul(2);
+                // with an embedding they are joined to it, and their gradients come out joined
+                let joined = if model.embedding > 0 { size::inputs(model) } else { 0 };
+                let features = size::features(model).saturating_add(joined).saturating_mul(2);
                 let kept = features.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model));
                 Self { attributes, parameters: size::field_parameters(model), kept }
             }
@@ -107,7 +109,7 @@ fn most_gaussians(config: &Config) -> u128 {
 type Key = (&'static str, fn(&mut Config) -> &mut usize);
 
 /// The keys that sizes follow from.
-const KEYS: [Key; 12] = [
+const KEYS: [Key; 13] = [
     ("init.points", |c| &mut c.init.points),
     ("densify.budget", |c| &mut c.densify.budget),
     ("densify.warmup_budget", |c| &mut c.densify.warmup_budget),
@@ -115,6 +117,7 @@ const KEYS: [Key; 12] = [
     ("model.resolution", |c| &mut c.model.resolution),
     ("model.time_knots", |c| &mut c.model.time_knots),
     ("model.channels", |c| &mut c.model.channels),
+    ("model.embedding", |c| &mut c.model.embedding),
     ("model.width", |c| &mut c.model.width),
     ("model.implicit_octaves", |c| &mut c.model.implicit_octaves),
     ("model.implicit_time_octaves", |c| &mut c.model.implicit_time_octaves),
@@ -163,7 +166,7 @@ mod tests {
     #[test]
     fn the_key_that_takes_most_is_named() {
         type Huge = fn(&mut Config);
-        let cases: [(Huge, &str); 10] = [
+        let cases: [(Huge, &str); 11] = [
             (|c| c.init.points = 2_000_000_000, "init.points = 2000000000"),
             (|c| c.densify.warmup_budget = 1_000_000_000_000, "densify.warmup_budget = 1000000000000"),
             (|c| c.densify.budget = 1_000_000_000_000, "densify.budget = 1000000000000"),
@@ -172,6 +175,7 @@ mod tests {
             (|c| c.model.time_knots = 1_000_000_000, "model.time_knots = 1000000000"),
             (|c| c.model.channels = 1_000_000, "model.channels = 1000000"),
             (|c| c.model.width = 1_000_000, "model.width = 1000000"),
+            (|c| c.model.embedding = 1_000_000, "model.embedding = 1000000"),
             (|c| (c.model.encoder, c.model.width) = (EncoderKind::Implicit, 1_000_000), "model.width = 1000000"),
             (
                 |c| (c.model.encoder, c.model.implicit_width) = (EncoderKind::Implicit, 1_000_000),

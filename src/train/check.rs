@@ -6,7 +6,7 @@ use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
 use crate::memory::product;
 use crate::model::d3dgs;
 use crate::model::extra_encoder::ExtraEncoder;
-use crate::model::size::{check_model, widest_layer};
+use crate::model::size::{self, check_model, widest_layer};
 use crate::rng::{Purpose, Rng};
 use crate::volume::transfer::color::parse_hex;
 use burn::tensor::Device;
@@ -66,15 +66,16 @@ pub(crate) fn check_device(
     let n = config.densify.budget.max(config.densify.warmup_budget).max(start);
     let m = &config.model;
     let colours = (m.sh_degree as u128).saturating_add(1).saturating_pow(2).saturating_mul(3);
-    // colours of one Gaussian, width of the decoder, widest layer of an implicit network
-    let (colours, width, widest) = match (&config.fourdgs, &config.d3dgs) {
-        (Some(in_time), _) => (in_time.colours(m.sh_degree), 0, 0),
-        (None, Some(network)) => (colours, 0, d3dgs::widest(network)),
-        (None, None) => (colours, m.width, widest_layer(m)),
+    // colours of one Gaussian, what the decoder sees of it, width of the decoder, widest layer of an implicit network
+    let (colours, seen, width, widest) = match (&config.fourdgs, &config.d3dgs) {
+        (Some(in_time), _) => (in_time.colours(m.sh_degree), 0, 0, 0),
+        (None, Some(network)) => (colours, 0, 0, d3dgs::widest(network)),
+        (None, None) => (colours, size::inputs(m), m.width, widest_layer(m)),
     };
     let needs = [
         ("spherical harmonics of densify.budget Gaussians", colours.saturating_mul(4 * n as u128)),
         ("hidden layers of the decoder for densify.budget Gaussians", product(&[n, 4 * 4, width])),
+        ("features and embeddings of densify.budget Gaussians", seen.saturating_mul(4 * n as u128)),
         ("widest layer of the implicit network for densify.budget Gaussians", widest.saturating_mul(4 * n as u128)),
         ("statistics of DSSIM at this image size", product(&[images[0], images[1], 4 * 15])),
     ];
@@ -116,9 +117,10 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     if config.speed.coarse_factor == 0 {
         return bad("speed.coarse_factor = 0: at least 1".into());
     }
-    if config.speed.cull_visits > 1 && config.model.encoder != EncoderKind::Factorised {
+    let is_grid = matches!(config.model.encoder, EncoderKind::Factorised | EncoderKind::HexPlane);
+    if config.speed.cull_visits > 1 && !is_grid {
         return bad(format!(
-            "speed.cull_visits = {}: only with model.encoder = \"factorised\"",
+            "speed.cull_visits = {}: only with model.encoder = \"factorised\" or \"hexplane\"",
             config.speed.cull_visits
         ));
     }

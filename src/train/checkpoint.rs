@@ -6,6 +6,7 @@
 use super::resume::{self, Change};
 use super::{Saved, Training};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
+use crate::model::Scene;
 use crate::model::scene_file::{SceneError, read_tensors, write_tensors};
 use crate::tensors;
 use serde::{Deserialize, Serialize};
@@ -55,6 +56,12 @@ pub enum CheckpointError {
         /// The keys.
         changes: Vec<Change>,
     },
+    /// What only training needs is not there.
+    #[error("{path}: is packed, without what only training needs; resume the run that it was packed from")]
+    Packed {
+        /// The checkpoint.
+        path: PathBuf,
+    },
     /// There is nothing to go on from.
     #[error("{run}: no checkpoint to go on from; without --resume training begins anew")]
     None {
@@ -71,9 +78,10 @@ fn listed(changes: &[Change]) -> String {
 }
 
 /// The folder of a checkpoint.
-const KIND: FolderKind =
-    FolderKind { what: "a checkpoint", markers: &["state.json"], entries: &[RunPaths::SCENE, OPTIMIZER] };
+const KIND: FolderKind = FolderKind { what: "a checkpoint", markers: &[STATE], entries: &[RunPaths::SCENE, OPTIMIZER] };
 
+/// What is not a tensor, see [`State`].
+const STATE: &str = "state.json";
 /// What only training needs.
 const OPTIMIZER: &str = "optimizer.safetensors";
 
@@ -90,6 +98,9 @@ pub struct State {
     pub config: String,
     /// Seconds of training so far.
     pub seconds: f64,
+    /// Whether the scene is packed, and what only training needs left out: it can be looked at, and not trained on.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub packed: bool,
 }
 
 /// Name of the checkpoint after `step` steps.
@@ -106,7 +117,7 @@ pub fn step_of(path: &Path) -> Option<usize> {
 /// Complete checkpoints in a run folder, oldest first; none where the folder cannot be read, see [`newest`].
 pub fn list(run: &Path) -> Vec<(usize, PathBuf)> {
     let mut found = folders(run).unwrap_or_default();
-    found.retain(|(_, path)| path.join("state.json").is_file());
+    found.retain(|(_, path)| path.join(STATE).is_file());
     found
 }
 
@@ -139,6 +150,7 @@ pub fn newest(run: &Path) -> Result<Option<PathBuf>, CheckpointError> {
     match files.into_iter().find(|name| !path.join(name).is_file()) {
         // a training removes old ones, by renaming them first
         Some(_) if !path.exists() => Ok(list(run).pop().map(|(_, path)| path)),
+        Some(&name) if name == OPTIMIZER && read_state(&path).is_ok_and(|state| state.packed) => Ok(Some(path)),
         Some(name) => Err(CheckpointError::Damaged {
             reason: format!("{}: {name} is missing", path.display()),
             advice: advice(&path),
@@ -158,7 +170,7 @@ pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
     let run =
         path.parent().filter(|p| p.file_name().is_some_and(|n| n == RunPaths::CHECKPOINTS)).and_then(Path::parent);
     match run {
-        Some(run) if path.join("state.json").is_file() => {
+        Some(run) if path.join(STATE).is_file() => {
             let run = if run.as_os_str().is_empty() { Path::new(".") } else { run };
             (run.to_owned(), Some(path.to_owned()))
         }
@@ -170,7 +182,7 @@ pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
 pub fn advice(path: &Path) -> String {
     let run = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new("."));
     let whole = |checkpoint: &Path| {
-        let read = std::fs::read(checkpoint.join("state.json")).ok();
+        let read = std::fs::read(checkpoint.join(STATE)).ok();
         read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
             && [RunPaths::SCENE, OPTIMIZER].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
     };
@@ -210,6 +222,34 @@ fn set_aside(path: &Path) -> Result<(), CheckpointError> {
     moved.map_err(|e| CheckpointError::File { path: path.into(), reason: e.to_string() })
 }
 
+/// What a checkpoint says beside its tensors.
+///
+/// # Errors
+/// If its file is missing or damaged.
+pub fn read_state(checkpoint: &Path) -> Result<State, CheckpointError> {
+    let path = checkpoint.join(STATE);
+    let bad = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
+    let text = std::fs::read_to_string(&path).map_err(|e| bad(&e))?;
+    serde_json::from_str(&text).map_err(|e| bad(&e))
+}
+
+/// Writes what can be drawn of a checkpoint into `run`, a folder that nobody sees yet: `scene`, which is that of
+/// `checkpoint`, packed.
+///
+/// # Errors
+/// If a file cannot be read or written.
+pub fn save_packed(run: &Path, scene: &Scene, checkpoint: &Path) -> Result<PathBuf, CheckpointError> {
+    let state = State { packed: true, ..read_state(checkpoint)? };
+    let path = RunPaths(run).checkpoints().join(folder_name(state.step));
+    let bad = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
+    std::fs::create_dir_all(&path).map_err(|e| bad(&e))?;
+    let file = path.join(RunPaths::SCENE);
+    scene.save_packed(&file)?;
+    let json = serde_json::to_vec_pretty(&state).map_err(|e| bad(&e))?;
+    write_atomic(&path.join(STATE), &json).map_err(|e| bad(&e))?;
+    Ok(file)
+}
+
 /// Writes a checkpoint and removes all but the `keep` newest.
 ///
 /// # Errors
@@ -222,7 +262,7 @@ pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> 
     training.model().save(&dir.dir().join(RunPaths::SCENE))?;
     write_tensors(&dir.dir().join(OPTIMIZER), &training.state(), None)?;
     let json = serde_json::to_vec_pretty(state).map_err(|e| file_error(&e))?;
-    write_atomic(&dir.dir().join("state.json"), &json).map_err(|e| file_error(&e))?;
+    write_atomic(&dir.dir().join(STATE), &json).map_err(|e| file_error(&e))?;
     dir.commit_replacing(&KIND, &[])?;
     let all = list(run);
     for (_, old) in all.iter().take(all.len().saturating_sub(keep.max(1))) {
@@ -262,10 +302,11 @@ fn restore_whole(
     config: &str,
     dataset: &str,
 ) -> Result<(State, Vec<Change>), CheckpointError> {
-    let state_path = path.join("state.json");
-    let bad = |reason: String| CheckpointError::File { path: state_path.clone(), reason };
-    let text = std::fs::read_to_string(&state_path).map_err(|e| bad(e.to_string()))?;
-    let state: State = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
+    let state = read_state(path)?;
+    let bad = |reason: String| CheckpointError::File { path: path.join(STATE), reason };
+    if state.packed {
+        return Err(CheckpointError::Packed { path: path.into() });
+    }
     if state.dataset != dataset {
         return Err(CheckpointError::Dataset { path: path.into(), was: state.dataset, now: dataset.to_owned() });
     }

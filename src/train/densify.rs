@@ -201,6 +201,7 @@ mod tests {
             sh: (0..12 * n).map(|v| v as f32).collect(),
             sh_stride: 4,
             shading: None,
+            embedding: None,
         }
     }
 

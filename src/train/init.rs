@@ -5,6 +5,7 @@ use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
 use crate::model::appearance::HostShading;
+use crate::model::embedding::HostEmbedding;
 use crate::model::{HostGaussians, SceneSpec};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
@@ -52,6 +53,7 @@ pub fn initialise(
         sh,
         sh_stride: k,
         shading: HostShading::first(&config.model, n, config.seed),
+        embedding: HostEmbedding::first(config.model.embedding, n),
         means: points.iter().flatten().copied().collect(),
     };
     let bounds = match (config.model.bounds, &hull) {
@@ -67,6 +69,7 @@ pub fn initialise(
         deformed: false,
         sh_degree: 0,
         d3dgs: config.d3dgs.clone(),
+        packed_from: None,
     };
     Ok((gaussians, spec))
 }

@@ -3,7 +3,7 @@
 
 use super::loss_term::{LossInput, LossTerm, find_loss_term};
 use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
-use crate::model::encoder::{Encoder, FactorisedEncoder};
+use crate::model::encoder::Encoder;
 use crate::registry::NotRegistered;
 use burn::tensor::Tensor;
 use std::sync::Arc;
@@ -34,9 +34,8 @@ pub fn dssim(image: Tensor<3>, target: Tensor<3>) -> Tensor<1> {
 ///
 /// Equation 6 sums the squared differences of every tensor (`loss.tv_reduction = "sum"`); the default takes their mean in
 /// each tensor, along each axis of a plane by itself, and adds these up over the tensors of all levels, as the reference
-/// code does. `loss.one_prior` always counts with the mean of each tensor.
+/// code does. Of planes of space and time their mean over time is smooth in space, and each point of them along time. `loss.one_prior` always counts with the mean of each tensor.
 pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
-    let Encoder::Factorised(encoder) = encoder else { return None };
     let weights = TvWeights {
         space: config.tv as f32,
         time: config.tv_time as f32,
@@ -48,7 +47,41 @@ pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
         },
     };
     let any = config.tv > 0.0 || config.tv_time > 0.0 || config.one_prior > 0.0;
-    any.then(|| grid_smoothness(encoder, config.tv_kind, weights))
+    let kind = match config.tv_kind {
+        TvOrder::First => TvKind::First,
+        TvOrder::Second => TvKind::Second,
+    };
+    match encoder {
+        _ if !any => None,
+        Encoder::Factorised(e) => {
+            Some(total_variation(e.planes.val(), e.lines.val(), e.times.val(), e.shape(), kind, weights))
+        }
+        Encoder::HexPlane(e) => {
+            let device = e.planes.val().device();
+            let space = total_variation(e.planes.val(), e.mean_lines(), e.ones(&device), e.shape(), kind, weights);
+            Some(space + over_time(e.lines.val(), config))
+        }
+        Encoder::Implicit(_) | Encoder::Extra(_) | Encoder::D3dgs(_) => None,
+    }
+}
+
+/// Smoothness along time of planes of space and time `[knots, lines]`, weighted as `loss.tv_time` says.
+fn over_time(planes: Tensor<2>, config: &LossConfig) -> Tensor<1> {
+    let differences = |values: Tensor<2>| {
+        let [knots, n] = values.dims();
+        (knots > 1).then(|| values.clone().slice([1..knots, 0..n]) - values.slice([0..knots - 1, 0..n]))
+    };
+    let first = differences(planes.clone());
+    let found = match config.tv_kind {
+        TvOrder::First => first,
+        TvOrder::Second => first.and_then(differences),
+    };
+    let Some(squares) = found.map(|d| d.clone() * d) else { return Tensor::zeros([1], &planes.device()) };
+    let sum = match config.tv_reduction {
+        TvReduction::Mean => squares.mean(),
+        TvReduction::Sum => squares.sum(),
+    };
+    sum.mul_scalar(config.tv_time)
 }
 
 /// The registered loss terms that a configuration asks for, with their weights.
@@ -84,10 +117,27 @@ impl std::fmt::Debug for ExtraTerms {
     }
 }
 
-fn grid_smoothness(encoder: &FactorisedEncoder, kind: TvOrder, weights: TvWeights) -> Tensor<1> {
-    let kind = match kind {
-        TvOrder::First => TvKind::First,
-        TvOrder::Second => TvKind::Second,
-    };
-    total_variation(encoder.planes.val(), encoder.lines.val(), encoder.times.val(), encoder.shape(), kind, weights)
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::types::Config;
+    use crate::model::params::to_vec;
+
+    #[test]
+    fn planes_of_time_are_smooth_by_first_or_second_differences() {
+        let device = crate::device::DeviceName::all()[0].open().unwrap();
+        // a line of slope 3, and a parabola
+        let planes = Tensor::<2>::from_floats([[0.0, 0.0], [3.0, 1.0], [6.0, 4.0], [9.0, 9.0]], &device);
+        let of = |kind, reduction| {
+            let loss = &mut Config::default().loss;
+            (loss.tv_kind, loss.tv_reduction, loss.tv_time) = (kind, reduction, 0.5);
+            to_vec(over_time(planes.clone(), loss))[0]
+        };
+        let first = 3.0 * 9.0 + 1.0 + 9.0 + 25.0;
+        assert_eq!(of(TvOrder::First, TvReduction::Sum), 0.5 * first);
+        assert!((of(TvOrder::First, TvReduction::Mean) - 0.5 * first / 6.0).abs() < 1e-5);
+        assert_eq!(of(TvOrder::Second, TvReduction::Sum), 0.5 * 8.0);
+        let one = planes.slice([0..1, 0..2]);
+        assert_eq!(to_vec(over_time(one, &Config::default().loss)), [0.0], "one knot has no neighbour");
+    }
 }

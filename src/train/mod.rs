@@ -5,7 +5,7 @@
 //! that of Gaussians with a deformation field.
 
 #[cfg(test)]
-mod appearance_tests;
+mod attribute_tests;
 pub(crate) mod budget;
 pub(crate) mod check;
 pub mod checkpoint;

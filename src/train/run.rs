@@ -261,6 +261,7 @@ pub fn run(
             dataset: fingerprint.clone(),
             config: options.config_toml.clone(),
             seconds: seconds(),
+            packed: false,
         };
         checkpoint::save(out, training, &state, config.output.keep).map_err(TrainError::Save)?;
         Ok(())

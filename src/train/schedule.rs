@@ -98,8 +98,9 @@ pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
 
 /// Learning rate of a parameter by its name, `None` if it is not trained in this stage.
 pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> Option<f64> {
-    let OptimConfig { means, rotations, log_scales, opacity, sh, normals, material, encoder, decoder, .. } =
-        config.optim;
+    let OptimConfig {
+        means, rotations, log_scales, opacity, sh, normals, material, encoder, decoder, embedding, ..
+    } = config.optim;
     let decayed = |rate: f64| rate * decay(&config.optim, stage.progress(config));
     let attribute = |rate: f64| {
         if stage.is_joint() { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
@@ -113,6 +114,7 @@ pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> 
         "gaussians.headlight.normals" => Some(attribute(normals)),
         MATERIAL_NAME => Some(attribute(material)),
         _ if !stage.is_joint() => None,
+        "gaussians.embedding" => Some(decayed(embedding)),
         _ if name.starts_with("field.encoder") => Some(decayed(encoder)),
         _ => Some(decayed(decoder)),
     }

@@ -23,8 +23,14 @@ const SUMMARY: &str = r#"{"split": "test", "views": 3, "psnr": 30.5, "ssim": 0.9
 fn state() {
     fuzz("state", |scratch| {
         let config = toml::to_string(&Config::default()).unwrap();
-        let state =
-            State { step: 10, initial: 300, dataset: "0123456789abcdef".into(), config: config.clone(), seconds: 1.5 };
+        let state = State {
+            step: 10,
+            initial: 300,
+            dataset: "0123456789abcdef".into(),
+            config: config.clone(),
+            seconds: 1.5,
+            packed: false,
+        };
         let folder = scratch.path("run/checkpoints/step-000010");
         let path = scratch.write("run/checkpoints/step-000010/state.json", b"");
         let scratch = scratch.clone();
@@ -170,6 +176,7 @@ fn ply() {
                 sh: vec![0.25; n * 3 * (sh_degree + 1).pow(2)],
                 sh_stride: (sh_degree + 1).pow(2),
                 shading: None,
+                embedding: None,
             };
             ply::write(&gaussians, &path).unwrap();
             std::fs::read(&path).unwrap()

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs::burn::tensor::Device;
 use volseggs::config::types::methods::{CoordNetConfig, InSituNetConfig, VisNerfConfig};
-use volseggs::config::types::{Config, ModelConfig};
+use volseggs::config::types::{Config, EncoderKind, ModelConfig};
 use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
 use volseggs::method::Model;
@@ -17,6 +17,7 @@ use volseggs::method::sphere::ViewSphere;
 use volseggs::method::visnerf::{VisNerf, VisNerfSpec};
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::HostGaussians;
+use volseggs::model::embedding::HostEmbedding;
 use volseggs::model::params::{self, HostTensor};
 use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
@@ -65,6 +66,9 @@ fn target(scratch: &Scratch, seeds: &[Vec<u8>], read: impl Fn(&Path) -> bool + '
     Target::new(seeds.iter().flat_map(|s| both(s)).collect(), read).assemble(signed).sizes(64 << 10, 64).tokens(&[
         "\"F32\"",
         "\"F16\"",
+        "\"U8\"",
+        "\"U16\"",
+        ".range",
         "\"U32\"",
         "\"I64\"",
         "\"BOOL\"",
@@ -88,7 +92,7 @@ fn small() -> ModelConfig {
 
 fn spec(model: ModelConfig) -> SceneSpec {
     let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
-    SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 1, d3dgs: None }
+    SceneSpec { model, centre, half_size, background, deformed: true, sh_degree: 1, d3dgs: None, packed_from: None }
 }
 
 /// A scene of three Gaussians.
@@ -104,6 +108,7 @@ pub fn scene(model: ModelConfig) -> Scene {
         sh: row(3 * k),
         sh_stride: k,
         shading: None,
+        embedding: HostEmbedding::first(model.embedding, n),
     };
     Scene::new(gaussians, spec(model), 1, &device())
 }
@@ -124,6 +129,8 @@ fn contradictions() -> impl Iterator<Item = (BTreeMap<String, HostTensor>, Scene
         ModelConfig { sh_degree: usize::MAX, ..small() },
         ModelConfig { sh_degree: 1 << 15, ..small() },
         ModelConfig { levels: 0, ..small() },
+        ModelConfig { embedding: 1 << 40, ..small() },
+        ModelConfig { encoder: EncoderKind::HexPlane, time_knots: 1 << 40, ..small() },
         ModelConfig { channels: 0, time_knots: 0, ..small() },
     ];
     let specs = models.map(spec).into_iter().chain([
@@ -143,11 +150,14 @@ fn saved(scratch: &Scratch, save: impl FnOnce(&Path)) -> Vec<u8> {
 #[test]
 fn scene_file() {
     fuzz("scene", |scratch| {
-        let implicit = volseggs::config::types::EncoderKind::Implicit;
+        let implicit = EncoderKind::Implicit;
         let shape = ModelConfig { implicit_octaves: 1, implicit_time_octaves: 1, implicit_width: 4, ..small() };
         let mut seeds = [small(), ModelConfig { encoder: implicit, implicit_depth: 3, implicit_skip: 1, ..shape }]
             .map(|model| saved(scratch, |path| scene(model).save(path).unwrap()))
             .to_vec();
+        let grid = ModelConfig { encoder: EncoderKind::HexPlane, embedding: 2, ..small() };
+        seeds.push(saved(scratch, |path| scene(grid).save(path).unwrap()));
+        seeds.push(saved(scratch, |path| scene(small()).save_packed(path).unwrap()));
         seeds.extend(contradictions().map(|(tensors, spec)| {
             let text = serde_json::to_string(&spec).unwrap();
             saved(scratch, |path| write_tensors(path, &tensors, Some(("volseggs", text))).unwrap())

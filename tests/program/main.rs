@@ -15,6 +15,7 @@ mod limits;
 mod lpips_convert;
 mod masks;
 mod outputs;
+mod pack;
 mod prepare;
 mod resume;
 mod segment;

@@ -13,6 +13,7 @@ fn sample(n: usize, sh_degree: usize) -> HostGaussians {
         sh: (0..n * k * 3).map(value).collect(),
         sh_stride: k,
         shading: None,
+        embedding: None,
     }
 }
 
@@ -148,6 +149,7 @@ proptest! {
             sh: (0..n * k * 3).map(value).collect(),
             sh_stride: k,
             shading: None,
+            embedding: None,
         };
         let written = bytes(&gaussians);
         // Compared as bytes, for NaN.

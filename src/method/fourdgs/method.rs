@@ -66,6 +66,11 @@ fn check_shared(config: &Config) -> Result<(), String> {
             "model.appearance = \"headlight\"".to_owned(),
             "its Gaussians have no normals; set it to \"sh\"",
         ),
+        (
+            config.model.embedding > 0,
+            format!("model.embedding = {}", config.model.embedding),
+            "it has no decoder that would see it",
+        ),
         (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),
         (visits > 1, format!("speed.cull_visits = {visits}"), "not with this method"),
         (

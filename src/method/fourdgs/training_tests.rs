@@ -82,7 +82,8 @@ fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
     // between two searches of neighbours, two densifications and two sortings
     stepped(&mut *whole, &data, 23);
     let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
-    let state = State { step: 23, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0 };
+    let state =
+        State { step: 23, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
     let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
     stepped(&mut *whole, &data, 30);
     let mut resumed = method::start(&config, &data, &device()).unwrap();

@@ -16,6 +16,7 @@ fn scene() -> HostGaussians {
         sh: vec![0.3; 3 * n],
         sh_stride: 1,
         shading: None,
+        embedding: None,
     }
 }
 

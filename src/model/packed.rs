@@ -1,0 +1,251 @@
+//! Tensors in 8 and 16 bits, for scenes that are kept or passed on: about a third of the bytes, and pictures that hardly differ.
+//!
+//! Attributes of single Gaussians are in fixed point, each number of an attribute (each coefficient of the harmonics) with a range
+//! of its own: means in 16 bits, as half a pixel would be seen, the others in 8. A tensor `NAME` of type U8 or U16 has beside
+//! it `NAME.range`, f32 `[2, C]`: the least value and the step of each of the C numbers, so that a value is `least + step * q`.
+//! Everything else (the field, the decoder) is in half precision. What rounding cannot hold stays f32.
+
+use super::appearance::MATERIAL_NAME;
+use super::params::HostTensor;
+use half::f16;
+use rayon::prelude::*;
+use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
+use std::collections::BTreeMap;
+
+/// Ending of the name of the tensor that holds another one's ranges.
+pub(super) const RANGE: &str = ".range";
+/// Shares of the values at either end that a range may leave out, if the others gain more by the finer steps than these lose.
+const TAILS: [f64; 4] = [0.0, 1e-4, 1e-3, 3e-3];
+
+/// A tensor as it is in the file.
+#[derive(Debug)]
+pub(super) struct Packed {
+    pub name: String,
+    pub dtype: Dtype,
+    pub shape: Vec<usize>,
+    pub bytes: Vec<u8>,
+}
+
+impl Packed {
+    pub fn view(&self) -> Result<TensorView<'_>, SafeTensorError> {
+        TensorView::new(self.dtype, self.shape.clone(), &self.bytes)
+    }
+
+    fn full(name: &str, tensor: &HostTensor) -> Self {
+        let bytes = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        Self { name: name.to_owned(), dtype: Dtype::F32, shape: tensor.shape.clone(), bytes }
+    }
+
+    fn half(name: &str, tensor: &HostTensor) -> Self {
+        let bytes = tensor.values.iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
+        Self { name: name.to_owned(), dtype: Dtype::F16, shape: tensor.shape.clone(), bytes }
+    }
+}
+
+/// The tensors of a scene in as few bits as pictures allow.
+pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Packed> {
+    let mut all = Vec::new();
+    for (name, tensor) in tensors {
+        let of_each = name.starts_with("gaussians.") && name != MATERIAL_NAME && !tensor.values.is_empty();
+        let is_finite = tensor.values.iter().all(|v| v.is_finite());
+        if is_finite && of_each {
+            let (values, range) = fixed(name, tensor, if name == "gaussians.means" { 16 } else { 8 });
+            all.extend([values, range]);
+        } else if tensor.values.iter().all(|v| f16::from_f32(*v).is_finite()) {
+            all.push(Packed::half(name, tensor));
+        } else {
+            all.push(Packed::full(name, tensor));
+        }
+    }
+    all
+}
+
+/// Fixed point of so many bits, and the ranges.
+fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Packed, Packed) {
+    let rows = tensor.shape.first().copied().unwrap_or(1).max(1);
+    let columns = tensor.values.len() / rows;
+    let column = |c: usize| tensor.values.iter().skip(c).step_by(columns).copied().collect::<Vec<f32>>();
+    let most = (1u32 << bits) - 1;
+    let ranges: Vec<Range> = (0..columns).into_par_iter().map(|c| Range::of(column(c), most)).collect();
+    let steps = tensor.values.iter().enumerate().map(|(i, v)| ranges[i % columns].step_of(*v));
+    let (dtype, bytes) = match bits {
+        8 => (Dtype::U8, steps.map(|q| q as u8).collect()),
+        _ => (Dtype::U16, steps.flat_map(|q| (q as u16).to_le_bytes()).collect()),
+    };
+    let values = Packed { name: name.to_owned(), dtype, shape: tensor.shape.clone(), bytes };
+    let numbers = ranges.iter().map(|r| r.least).chain(ranges.iter().map(|r| r.step)).collect();
+    let range = HostTensor { shape: vec![2, columns], values: numbers };
+    (values, Packed::full(&format!("{name}{RANGE}"), &range))
+}
+
+/// The numbers that steps stand for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Range {
+    least: f32,
+    step: f32,
+    most: u32,
+}
+
+impl Range {
+    /// That with the least squared error, of those that [`TAILS`] gives.
+    fn of(values: Vec<f32>, most: u32) -> Self {
+        let mut sorted = values.clone();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let ranges = TAILS.map(|tail| {
+            let left_out = (tail * sorted.len() as f64) as usize;
+            let (least, last) = (sorted[left_out], sorted[sorted.len() - 1 - left_out]);
+            // halves first: the difference of two large numbers could be none
+            Self { least, step: (last / most as f32) - (least / most as f32), most }
+        });
+        let error = |range: &Self| -> f64 {
+            values.iter().map(|v| f64::from(range.value(range.step_of(*v)) - v).powi(2)).sum()
+        };
+        let best = ranges.into_iter().map(|r| (error(&r), r)).min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or(ranges[0], |(_, range)| range)
+    }
+
+    fn step_of(&self, value: f32) -> u32 {
+        let place = if self.step > 0.0 { (value - self.least) / self.step } else { 0.0 };
+        // a cast of a float saturates
+        (place.round() as u32).min(self.most)
+    }
+
+    fn value(&self, step: u32) -> f32 {
+        self.least + self.step * step as f32
+    }
+}
+
+/// The values of a tensor of a file, by its ranges if it is in fixed point.
+///
+/// # Errors
+/// What is wrong with it, or a type that no file of ours has.
+pub(super) fn unpack(view: &TensorView<'_>, range: Option<&TensorView<'_>>) -> Result<Vec<f32>, String> {
+    let bytes = view.data();
+    match view.dtype() {
+        Dtype::F32 => Ok(floats(bytes)),
+        Dtype::F16 => Ok(bytes.chunks_exact(2).map(|b| f16::from_le_bytes([b[0], b[1]]).to_f32()).collect()),
+        Dtype::U8 => ranged(bytes.iter().map(|b| u32::from(*b)), view.shape(), range),
+        Dtype::U16 => {
+            let steps = bytes.chunks_exact(2).map(|b| u32::from(u16::from_le_bytes([b[0], b[1]])));
+            ranged(steps, view.shape(), range)
+        }
+        other => Err(format!("is {other:?}, expected F32, or F16, U8 or U16 of a packed scene")),
+    }
+}
+
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+fn ranged(
+    steps: impl Iterator<Item = u32>,
+    shape: &[usize],
+    range: Option<&TensorView<'_>>,
+) -> Result<Vec<f32>, String> {
+    let columns: usize = shape.iter().skip(1).product();
+    let Some(range) = range else {
+        return Err(format!("is in fixed point, and there is no tensor of its name with {RANGE}"));
+    };
+    if range.dtype() != Dtype::F32 || range.shape() != [2, columns] || columns == 0 {
+        return Err(format!("has ranges of shape {:?}, expected [2, {columns}] of F32", range.shape()));
+    }
+    let numbers = floats(range.data());
+    let (least, step) = numbers.split_at(columns);
+    Ok(steps.enumerate().map(|(i, q)| least[i % columns] + step[i % columns] * q as f32).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn tensor(shape: &[usize], values: Vec<f32>) -> HostTensor {
+        HostTensor { shape: shape.to_vec(), values }
+    }
+
+    /// What comes back of one tensor, with its type.
+    fn there_and_back(name: &str, values: &HostTensor) -> (Dtype, Vec<f32>) {
+        let packed = pack(&[(name.to_owned(), values.clone())].into());
+        let views: Vec<TensorView<'_>> = packed.iter().map(|p| p.view().unwrap()).collect();
+        let found = unpack(&views[0], views.get(1)).unwrap();
+        (views[0].dtype(), found)
+    }
+
+    #[test]
+    fn each_number_of_an_attribute_has_its_own_range() {
+        // one column of a thousandth's size of the other
+        let values: Vec<f32> = (0..400).map(|i| (i as f32).sin() * if i % 2 == 0 { 1.0 } else { 1e-3 }).collect();
+        let all = tensor(&[200, 2], values.clone());
+        for (name, dtype, steps) in [("gaussians.means", Dtype::U16, 65_535.0), ("gaussians.sh", Dtype::U8, 255.0)] {
+            let (found_type, found) = there_and_back(name, &all);
+            assert_eq!(found_type, dtype);
+            for (i, (a, b)) in found.iter().zip(&values).enumerate() {
+                let size = if i % 2 == 0 { 2.0 } else { 2e-3 };
+                assert!((a - b).abs() <= 0.51 * size / steps + 1e-7 * size, "{name} {i}: {a} {b}");
+            }
+        }
+        let constant = tensor(&[3], vec![0.25; 3]);
+        assert_eq!(there_and_back("gaussians.opacity_logits", &constant).1, constant.values);
+    }
+
+    #[test]
+    fn outliers_do_not_make_the_others_coarse() {
+        let mut values: Vec<f32> = (0..20_000).map(|i| (0.1 * i as f32).sin()).collect();
+        values[7] = 500.0;
+        let (_, found) = there_and_back("gaussians.log_scales", &tensor(&[20_000, 1], values.clone()));
+        assert!(found[7] < 2.0, "it was cut off: {}", found[7]);
+        let worst = found.iter().zip(&values).skip(8).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst < 0.01, "{worst}");
+    }
+
+    #[test]
+    fn a_lone_outlier_that_matters_more_is_kept() {
+        let mut values = vec![0.0; 500];
+        values[3] = 1.0;
+        assert_eq!(there_and_back("gaussians.sh", &tensor(&[500, 1], values.clone())).1, values);
+    }
+
+    #[test]
+    fn what_is_no_attribute_is_halved_and_what_does_not_fit_stays() {
+        let field = tensor(&[3], vec![0.1, -2.5, 1e-3]);
+        let (dtype, found) = there_and_back("field.encoder.planes", &field);
+        assert!(dtype == Dtype::F16 && found.iter().zip(&field.values).all(|(a, b)| (a / b - 1.0).abs() < 5e-4));
+        for huge in [1e6, f32::NAN] {
+            let (dtype, found) = there_and_back("field.x", &tensor(&[1], vec![huge]));
+            assert_eq!((dtype, found[0].to_bits()), (Dtype::F32, huge.to_bits()));
+        }
+        assert_eq!(there_and_back("gaussians.sh", &tensor(&[1], vec![f32::INFINITY])).0, Dtype::F32);
+        assert_eq!(there_and_back(MATERIAL_NAME, &tensor(&[3], vec![0.5; 3])).0, Dtype::F16);
+    }
+
+    #[test]
+    fn ranges_that_do_not_fit_are_refused() {
+        let (bytes, numbers) = ([1u8; 6], [0u8; 16]);
+        let view = TensorView::new(Dtype::U8, vec![3, 2], &bytes).unwrap();
+        assert!(unpack(&view, None).unwrap_err().contains(".range"));
+        let range = |dtype, shape: Vec<usize>, n: usize| {
+            unpack(&view, Some(&TensorView::new(dtype, shape, &numbers[..n]).unwrap()))
+        };
+        assert!(range(Dtype::F32, vec![2, 1], 8).unwrap_err().contains("expected [2, 2]"));
+        assert!(range(Dtype::F16, vec![2, 2], 8).is_err());
+        assert_eq!(range(Dtype::F32, vec![2, 2], 16).unwrap(), vec![0.0; 6]);
+        let other = TensorView::new(Dtype::I8, vec![6], &bytes).unwrap();
+        assert!(unpack(&other, None).unwrap_err().contains("expected F32"));
+    }
+
+    proptest! {
+        #[test]
+        fn a_value_is_at_most_half_a_step_off_or_at_an_end(
+            values in prop::collection::vec(-1e30f32..1e30, 1..300),
+            most in prop::sample::select(vec![255u32, 65_535]),
+        ) {
+            let range = Range::of(values.clone(), most);
+            prop_assert!(range.step.is_finite() && range.step >= 0.0);
+            for v in values {
+                let q = range.step_of(v);
+                let off = (range.value(q) - v).abs();
+                prop_assert!(off <= 0.51 * range.step + 1e-5 * v.abs() || q == 0 || q == most, "{v} {range:?}");
+            }
+        }
+    }
+}

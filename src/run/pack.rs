@@ -1,0 +1,84 @@
+//! A small copy of a run: its newest scene in 8 and 16 bits, with what was made of it, to be kept or passed on.
+
+use super::{OpenRun, RunError};
+use crate::files::{AtomicDir, FolderKind, RunPaths};
+use crate::train::checkpoint;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// A folder that the next one may replace.
+const KIND: FolderKind = FolderKind {
+    what: "a packed run",
+    markers: &["run.json"],
+    entries: &[
+        "config.toml",
+        "edits.json",
+        "segments/segments.safetensors",
+        "segments/affinity.safetensors",
+        "checkpoints/step-[0-9]*/state.json",
+        "checkpoints/step-[0-9]*/scene.safetensors",
+    ],
+};
+
+/// What was written.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PackedRun {
+    /// The folder.
+    pub run: PathBuf,
+    /// Gaussians of the scene.
+    pub gaussians: usize,
+    /// Bytes of its scene.
+    pub scene_bytes: u64,
+    /// Bytes of the scene that it was packed from.
+    pub scene_bytes_before: u64,
+}
+
+/// Writes `out`, a run that can be drawn, measured, segmented, followed and edited as `run` can, and not trained on: the
+/// newest scene packed, and, where there are, segments, affinity field and edits. Masks, tracks, pictures, measurements and
+/// logs stay behind.
+///
+/// # Errors
+/// If `run` is an older checkpoint, something other than an older packed run stands at `out`, or a file cannot be read
+/// or written; `out` is then as it was.
+pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
+    if let Some(step) = run.older_step() {
+        return Err(RunError::input(format!(
+            "{step}: an older checkpoint, and segments and edits belong to the newest; give {}",
+            run.path.display()
+        )));
+    }
+    let size = |path: &Path| {
+        let found = std::fs::metadata(path).map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;
+        Ok::<_, RunError>(found.len())
+    };
+    let Some(from) = run.scene_path.parent() else {
+        return Err(RunError::failure(format!("{}: lies in no checkpoint", run.scene_path.display())));
+    };
+    let dir = AtomicDir::create_replacing(out, &KIND, &[&run.path])?;
+    let (old, new) = (run.paths(), RunPaths(dir.dir()));
+    let scene = checkpoint::save_packed(dir.dir(), &run.scene, from).map_err(RunError::failure)?;
+    let scene_bytes = size(&scene)?;
+    copy(&old.record(), &new.record())?;
+    copy(&old.config(), &new.config())?;
+    for (from, to) in [(old.segments(), new.segments()), (old.affinity(), new.affinity()), (old.edits(), new.edits())] {
+        if from.try_exists().map_err(|e| RunError::failure(format!("{}: {e}", from.display())))? {
+            copy(&from, &to)?;
+        }
+    }
+    dir.commit_replacing(&KIND, &[&run.path])?;
+    Ok(PackedRun {
+        run: out.to_owned(),
+        gaussians: run.scene.gaussians.count(),
+        scene_bytes,
+        scene_bytes_before: size(&run.scene_path)?,
+    })
+}
+
+/// Copies a file into a folder that is made if need be.
+fn copy(from: &Path, to: &Path) -> Result<(), RunError> {
+    let failed = |e: std::io::Error| RunError::failure(format!("{}: {e}", from.display()));
+    if let Some(folder) = to.parent() {
+        std::fs::create_dir_all(folder).map_err(failed)?;
+    }
+    std::fs::copy(from, to).map(drop).map_err(failed)
+}
