@@ -4,4 +4,6 @@ pub mod animation;
 pub mod images;
 pub mod labels;
 pub mod ply;
+pub mod splat_file;
+pub mod spz;
 pub mod video;

@@ -9,70 +9,28 @@ mod tests;
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use crate::files::{AtomicFile, ReplaceError};
+use super::splat_file::{SplatFileError, check};
+use crate::files::AtomicFile;
 use crate::model::HostGaussians;
 use header::Header;
 
 /// Highest degree of spherical harmonics a file may hold.
 pub const MAX_SH_DEGREE: usize = 3;
 
-/// Why a PLY file cannot be written or read.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum PlyError {
-    /// The file system failed.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The content is not a PLY file of Gaussians.
-    #[error("{path}: {reason}")]
-    Format {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong and where.
-        reason: String,
-    },
-    /// Something else stands where the file should go.
-    #[error(transparent)]
-    Replace(#[from] ReplaceError),
-    /// The fields of the Gaussians do not fit together.
-    #[error("the Gaussians cannot be written: {0}")]
-    Shape(String),
-}
-
-fn check(gaussians: &HostGaussians) -> Result<(), PlyError> {
-    if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
-        let stride = gaussians.sh_stride;
-        return Err(PlyError::Shape(format!("sh_stride {stride} is none of 1, 4, 9 and 16")));
-    }
-    let Some((column, wanted)) = gaussians.misshapen() else { return Ok(()) };
-    Err(PlyError::Shape(format!(
-        "{} holds {} entries but {} Gaussians of degree {} ask for {wanted}",
-        column.name,
-        column.values.len(),
-        gaussians.len(),
-        gaussians.sh_degree()
-    )))
-}
-
 /// Writes the Gaussians as they are, streaming and atomically; normals are zero. Shaded ones are written as
 /// [`HostGaussians::baked`], since readers know harmonics alone. Only a file of this program gives way.
 /// Viewers expect quaternions of length 1: see [`HostGaussians::with_unit_rotations`].
 ///
 /// # Errors
-/// [`PlyError::Shape`] if the fields differ in length, [`PlyError::Replace`] if something else stands there or the
-/// folder is missing, [`PlyError::Io`] from the file system.
-pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), PlyError> {
+/// [`SplatFileError::Shape`] if the fields differ in length, [`SplatFileError::Replace`] if something else stands there or the
+/// folder is missing, [`SplatFileError::Io`] from the file system.
+pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
     check(gaussians)?;
     let baked = gaussians.shading.is_some().then(|| gaussians.baked());
     let gaussians = baked.as_ref().unwrap_or(gaussians);
-    let io_error = |source| PlyError::Io { path: path.to_path_buf(), source };
+    let io_error = |source| SplatFileError::Io { path: path.to_path_buf(), source };
     let mut file = AtomicFile::create_named(path)?;
     write_to(gaussians, &mut file).and_then(|()| file.commit()).map_err(io_error)
 }
@@ -103,14 +61,14 @@ fn write_to(gaussians: &HostGaussians, out: &mut impl Write) -> io::Result<()> {
 /// may be missing.
 ///
 /// # Errors
-/// [`PlyError::Io`] from the file system; [`PlyError::Format`] for any other kind of file, a missing property or a file
+/// [`SplatFileError::Io`] from the file system; [`SplatFileError::Format`] for any other kind of file, a missing property or a file
 /// that ends early.
-pub fn read(path: &Path) -> Result<HostGaussians, PlyError> {
-    let io_error = |source| PlyError::Io { path: path.to_path_buf(), source };
+pub fn read(path: &Path) -> Result<HostGaussians, SplatFileError> {
+    let io_error = |source| SplatFileError::Io { path: path.to_path_buf(), source };
     let file = File::open(path).map_err(io_error)?;
     read_from(&mut BufReader::with_capacity(1 << 16, file)).map_err(|error| match error {
         ReadError::Io(source) => io_error(source),
-        ReadError::Format(reason) => PlyError::Format { path: path.to_path_buf(), reason },
+        ReadError::Format(reason) => SplatFileError::Format { path: path.to_path_buf(), reason },
     })
 }
 

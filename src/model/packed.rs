@@ -8,15 +8,11 @@
 use super::appearance::MATERIAL_NAME;
 use super::params::HostTensor;
 use half::f16;
-use rayon::prelude::*;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
 use std::collections::BTreeMap;
 
 /// Ending of the name of the tensor that holds another one's ranges.
 pub(super) const RANGE: &str = ".range";
-/// Shares of the values at either end that a range may leave out, if the others gain more by the finer steps than these lose.
-const TAILS: [f64; 4] = [0.0, 1e-4, 1e-3, 3e-3];
-
 /// A tensor as it is in the file.
 #[derive(Debug)]
 pub(super) struct Packed {
@@ -64,9 +60,9 @@ pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Packed> {
 fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Packed, Packed) {
     let rows = tensor.shape.first().copied().unwrap_or(1).max(1);
     let columns = tensor.values.len() / rows;
-    let column = |c: usize| tensor.values.iter().skip(c).step_by(columns).copied().collect::<Vec<f32>>();
+    let column = |c: usize| tensor.values.iter().skip(c).step_by(columns).copied();
     let most = (1u32 << bits) - 1;
-    let ranges: Vec<Range> = (0..columns).into_par_iter().map(|c| Range::of(column(c), most)).collect();
+    let ranges: Vec<Range> = (0..columns).map(|c| Range::of(column(c), most)).collect();
     let steps = tensor.values.iter().enumerate().map(|(i, v)| ranges[i % columns].step_of(*v));
     let (dtype, bytes) = match bits {
         8 => (Dtype::U8, steps.map(|q| q as u8).collect()),
@@ -87,31 +83,18 @@ struct Range {
 }
 
 impl Range {
-    /// That with the least squared error, of those that [`TAILS`] gives.
-    fn of(values: Vec<f32>, most: u32) -> Self {
-        let mut sorted = values.clone();
-        sorted.sort_unstable_by(f32::total_cmp);
-        let ranges = TAILS.map(|tail| {
-            let left_out = (tail * sorted.len() as f64) as usize;
-            let (least, last) = (sorted[left_out], sorted[sorted.len() - 1 - left_out]);
-            // halves first: the difference of two large numbers could be none
-            Self { least, step: (last / most as f32) - (least / most as f32), most }
-        });
-        let error = |range: &Self| -> f64 {
-            values.iter().map(|v| f64::from(range.value(range.step_of(*v)) - v).powi(2)).sum()
-        };
-        let best = ranges.into_iter().map(|r| (error(&r), r)).min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map_or(ranges[0], |(_, range)| range)
+    /// From the least to the largest value. To leave outliers out would make the others finer, and cost more than it gives: in
+    /// squared error one that is cut off by D weighs as much as rounding by D / 255 does in 780,000 others.
+    fn of(values: impl Iterator<Item = f32>, most: u32) -> Self {
+        let ends = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(least, last), v| (least.min(v), last.max(v)));
+        // divided first: the difference of two large numbers could be none
+        Self { least: ends.0, step: (ends.1 / most as f32) - (ends.0 / most as f32), most }
     }
 
     fn step_of(&self, value: f32) -> u32 {
         let place = if self.step > 0.0 { (value - self.least) / self.step } else { 0.0 };
         // a cast of a float saturates
         (place.round() as u32).min(self.most)
-    }
-
-    fn value(&self, step: u32) -> f32 {
-        self.least + self.step * step as f32
     }
 }
 
@@ -133,6 +116,11 @@ pub(super) fn unpack(view: &TensorView<'_>, range: Option<&TensorView<'_>>) -> R
     }
 }
 
+/// What step `q` stands for.
+fn value(least: f32, step: f32, q: u32) -> f32 {
+    least + step * q as f32
+}
+
 fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
@@ -151,7 +139,7 @@ fn ranged(
     }
     let numbers = floats(range.data());
     let (least, step) = numbers.split_at(columns);
-    Ok(steps.enumerate().map(|(i, q)| least[i % columns] + step[i % columns] * q as f32).collect())
+    Ok(steps.enumerate().map(|(i, q)| value(least[i % columns], step[i % columns], q)).collect())
 }
 
 #[cfg(test)]
@@ -189,17 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn outliers_do_not_make_the_others_coarse() {
-        let mut values: Vec<f32> = (0..20_000).map(|i| (0.1 * i as f32).sin()).collect();
-        values[7] = 500.0;
-        let (_, found) = there_and_back("gaussians.log_scales", &tensor(&[20_000, 1], values.clone()));
-        assert!(found[7] < 2.0, "it was cut off: {}", found[7]);
-        let worst = found.iter().zip(&values).skip(8).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        assert!(worst < 0.01, "{worst}");
-    }
-
-    #[test]
-    fn a_lone_outlier_that_matters_more_is_kept() {
+    fn outliers_are_kept() {
         let mut values = vec![0.0; 500];
         values[3] = 1.0;
         assert_eq!(there_and_back("gaussians.sh", &tensor(&[500, 1], values.clone())).1, values);
@@ -235,16 +213,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_value_is_at_most_half_a_step_off_or_at_an_end(
+        fn a_value_is_at_most_half_a_step_off(
             values in prop::collection::vec(-1e30f32..1e30, 1..300),
             most in prop::sample::select(vec![255u32, 65_535]),
         ) {
-            let range = Range::of(values.clone(), most);
+            let range = Range::of(values.iter().copied(), most);
             prop_assert!(range.step.is_finite() && range.step >= 0.0);
             for v in values {
                 let q = range.step_of(v);
-                let off = (range.value(q) - v).abs();
-                prop_assert!(off <= 0.51 * range.step + 1e-5 * v.abs() || q == 0 || q == most, "{v} {range:?}");
+                let off = (value(range.least, range.step, q) - v).abs();
+                prop_assert!(q <= most && off <= 0.51 * range.step + 1e-5 * v.abs(), "{v} {range:?}");
             }
         }
     }

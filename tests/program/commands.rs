@@ -273,6 +273,19 @@ fn export_writes_ply_files_of_the_convention() {
     }
     assert!(gaussians.means.iter().all(|v| v.abs() < 2.0));
 
+    // compressed, by the ending of its name: a gzip stream, whose length is at its end
+    let small = folder.path().join("small.spz");
+    let report = output(&mut command(&["export", "--time", "0.5", "--out", &small.display().to_string(), "--json"]));
+    assert_eq!(serde_json::from_str::<Value>(&report).unwrap()["gaussians"], 400);
+    let packed = std::fs::read(&small).unwrap();
+    assert_eq!(packed[..2], [0x1f, 0x8b]);
+    let length = u32::from_le_bytes(packed[packed.len() - 4..].try_into().unwrap());
+    assert_eq!(length, 16 + 400 * (20 + 9), "degree 1");
+    let frames = text(folder.path(), "spz-frames");
+    output(&mut command(&["export", "--frames", "2", "--format", "spz", "--out", &frames]));
+    assert_eq!(names(&folder.path().join("spz-frames")), ["0000.spz", "0001.spz", "export.json"]);
+    refused(&mut command(&["export", "--dims", "8,8,8", "--out", "x.spz"]), &["--dims", "labels on voxels"]);
+
     let frames = text(folder.path(), "frames");
     let report = output(&mut command(&["export", "--frames", "3", "--out", &frames, "--json"]));
     let report: Value = serde_json::from_str(&report).unwrap();

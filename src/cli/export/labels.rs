@@ -136,7 +136,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
     let bar = progress::bar(times.len(), "times");
     let written_as = match format {
         Format::Vti => LabelFormat::Vti,
-        Format::Nrrd | Format::Ply => LabelFormat::Nrrd(space(options.space)),
+        Format::Nrrd | Format::Ply | Format::Spz => LabelFormat::Nrrd(space(options.space)),
     };
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();

@@ -1,7 +1,7 @@
 //! `volseggs export`: what every format shares; one file for each kind of output.
 
 mod labels;
-mod ply;
+mod splats;
 
 use super::shown::ShownArgs;
 use super::values::{count, fraction};
@@ -20,7 +20,7 @@ const FILE_BYTES: usize = 512;
 /// Write a run's Gaussians or the labels of its segments as standard files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat). It holds the edits of the run; Gaussians that they hide are left out.\nLabels fall on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They are of the scene as trained, so that they lie where the data does; with --edited they are of the scene as the edits of the run show it. The file says which.\nWithout --segment they are the segments that have no parts, and a Gaussian counts for a group only where no part holds it; with --segment it counts for the last named that holds it.\nA file or folder that volseggs wrote before is replaced, anything else is refused."
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of it, with a byte for most numbers. Both hold the edits of the run; Gaussians that they hide are left out.\nLabels fall on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They are of the scene as trained, so that they lie where the data does; with --edited they are of the scene as the edits of the run show it. The file says which.\nWithout --segment they are the segments that have no parts, and a Gaussian counts for a group only where no part holds it; with --segment it counts for the last named that holds it.\nA file or folder that volseggs wrote before is replaced, anything else is refused."
 )]
 pub struct ExportArgs {
     /// Folder of the run.
@@ -49,6 +49,8 @@ pub struct ExportArgs {
 enum Format {
     /// Binary PLY in the convention of 3DGS.
     Ply,
+    /// Niantic's compressed splats, about a fifth of a PLY.
+    Spz,
     /// Labels of segments on voxels, for 3D Slicer and others.
     Nrrd,
     /// Labels of segments on voxels, for VTK and ParaView.
@@ -59,12 +61,13 @@ impl Format {
     /// The format that a file of this name has.
     fn of(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        [Self::Ply, Self::Nrrd, Self::Vti].into_iter().find(|f| f.extension() == extension)
+        [Self::Ply, Self::Spz, Self::Nrrd, Self::Vti].into_iter().find(|f| f.extension() == extension)
     }
 
     fn extension(self) -> &'static str {
         match self {
             Self::Ply => "ply",
+            Self::Spz => "spz",
             Self::Nrrd => "nrrd",
             Self::Vti => "vti",
         }
@@ -85,7 +88,7 @@ impl ExportArgs {
             _ => OpenRun::open(&self.run, &device),
         }?;
         match self.format()? {
-            Format::Ply => ply::run(&self, &run),
+            format @ (Format::Ply | Format::Spz) => splats::run(&self, &run, format),
             format @ (Format::Nrrd | Format::Vti) => labels::run(&self, &run, format),
         }
     }
@@ -94,7 +97,7 @@ impl ExportArgs {
     fn format(&self) -> Result<Format, CliError> {
         let format = format_for(self.format, self.out.as_deref(), self.frames.is_some());
         // a flag for labels says more than that a format is missing
-        if let (Ok(Format::Ply) | Err(_), None | Some(Format::Ply), Some(flag)) =
+        if let (Ok(Format::Ply | Format::Spz) | Err(_), None | Some(Format::Ply | Format::Spz), Some(flag)) =
             (&format, self.format, self.labels.given())
         {
             return Err(CliError::input(format!(
@@ -140,7 +143,7 @@ fn format_for(asked: Option<Format>, out: Option<&Path>, many: bool) -> Result<F
         (None, _, Some(ending)) => Ok(ending),
         (None, Some(_), None) if many => Ok(Format::Ply),
         (None, Some(_), None) => Err(format!(
-            "--out {shown}: its ending names no format; use .ply, .nrrd, .seg.nrrd or .vti, or pass --format"
+            "--out {shown}: its ending names no format; use .ply, .spz, .nrrd, .seg.nrrd or .vti, or pass --format"
         )),
         (None, None, _) => Err("--out: say where to write to, such as --out scene.ply; or pass --format nrrd or \
                                 --format vti for labels in RUN/labels"
@@ -154,9 +157,10 @@ mod tests {
 
     #[test]
     fn the_format_follows_from_the_ending() {
-        use Format::{Nrrd, Ply, Vti};
+        use Format::{Nrrd, Ply, Spz, Vti};
         let file = |asked, out: &str| format_for(asked, Some(Path::new(out)), false);
-        for (out, format) in [("a.ply", Ply), ("a.NRRD", Nrrd), ("a/b.seg.nrrd", Nrrd), ("a.vti", Vti)] {
+        for (out, format) in [("a.ply", Ply), ("b.spz", Spz), ("a.NRRD", Nrrd), ("a/b.seg.nrrd", Nrrd), ("a.vti", Vti)]
+        {
             assert_eq!((file(None, out), file(Some(format), out)), (Ok(format), Ok(format)), "{out}");
         }
         assert!(file(Some(Vti), "lab.nrrd").unwrap_err().contains("--format vti: does not agree with --out lab.nrrd"));

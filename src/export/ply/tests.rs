@@ -67,7 +67,7 @@ fn a_file_round_trips_at_every_degree() {
     }
     assert!(super::read(&dir.path().join("none.ply")).is_err());
     std::fs::write(&path, "a thesis").unwrap();
-    assert!(matches!(write(&sample(1, 0), &path), Err(PlyError::Replace(_))));
+    assert!(matches!(write(&sample(1, 0), &path), Err(SplatFileError::Replace(_))));
     assert_eq!(std::fs::read(&path).unwrap(), b"a thesis");
 }
 

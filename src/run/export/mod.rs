@@ -8,8 +8,18 @@ use super::labels::Labels;
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::export::labels::{LabelVolume, LabelsError, Space, write_nrrd, write_vti};
-use crate::export::ply::{self, PlyError};
+use crate::export::splat_file::SplatFileError;
+use crate::export::{ply, spz};
 use std::path::Path;
+
+/// The format of a file of Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SplatFormat {
+    /// Of the 3DGS viewers, as exact as the scene.
+    Ply,
+    /// Niantic's, about a fifth of that.
+    Spz,
+}
 
 /// The format of a label volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,11 +35,12 @@ pub enum LabelFormat {
 ///
 /// # Errors
 /// If nothing is left to be written, an edit cannot be applied, or a file cannot be written.
-pub fn write_plys(
+pub fn write_splats(
     run: &OpenRun,
     shown: &Selection,
     times: &[f64],
     output: &Output,
+    format: SplatFormat,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<usize>, RunError> {
     // what is hidden is so at every time
@@ -41,8 +52,12 @@ pub fn write_plys(
     }
     for (i, time) in times.iter().enumerate() {
         let at = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
-        ply::write(&at, &output.place(i).0).map_err(|e| match e {
-            PlyError::Replace(e) => e.into(),
+        let write = match format {
+            SplatFormat::Ply => ply::write,
+            SplatFormat::Spz => spz::write,
+        };
+        write(&at, &output.place(i).0).map_err(|e| match e {
+            SplatFileError::Replace(e) => e.into(),
             e => RunError::failure(e),
         })?;
         if !goes_on() {

@@ -5,7 +5,7 @@ use super::board::Reporter;
 use crate::export::labels::Space;
 use crate::name::Name;
 use crate::run::cameras::check_lens;
-use crate::run::export::{LabelFormat, Output, Record, write_labels, write_plys};
+use crate::run::export::{LabelFormat, Output, Record, SplatFormat, write_labels, write_splats};
 use crate::run::follow::{FollowRequest, SHEET, Stage as FollowStage, Times, follow};
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::masks::{MaskPlan, MaskRequest, make};
@@ -326,7 +326,9 @@ fn export(
         FileFormat::Ply => {
             let shown = Selection::open(run, segments, edited)?;
             let output = place(&paths.exported(), "scene")?;
-            let Some(count) = write_plys(run, &shown, times, &output, one_more)? else { return Ok(None) };
+            let Some(count) = write_splats(run, &shown, times, &output, SplatFormat::Ply, one_more)? else {
+                return Ok(None);
+            };
             let said = format!("{count} Gaussians: {}", output.path().display());
             output.finish(&record(run, segments), &[])?;
             return Ok(Some(said));

@@ -1,27 +1,30 @@
-//! `volseggs export` to PLY.
+//! `volseggs export` to PLY and SPZ: Gaussians.
 
 use super::super::{CliError, print_json};
-use super::ExportArgs;
+use super::{ExportArgs, Format};
 use crate::run::OpenRun;
-use crate::run::export::{Output, write_plys};
+use crate::run::export::{Output, SplatFormat, write_splats};
 
 /// Writes the Gaussians of each time.
 ///
 /// # Errors
 /// No place to write to, nothing to write, or a file that cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &OpenRun) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError::input("--out: say where to write to, such as --out scene.ply"));
     };
     let shown = args.shown.select(run)?;
     let times = args.times()?;
     let needed = [run.path.as_path()];
-    let output = if args.frames.is_some() { Output::folder(out, "ply", &needed) } else { Output::file(out, "ply") }?;
+    let extension = format.extension();
+    let output =
+        if args.frames.is_some() { Output::folder(out, extension, &needed) } else { Output::file(out, extension) }?;
+    let kind = if format == Format::Spz { SplatFormat::Spz } else { SplatFormat::Ply };
     // a command has nothing that stops it but its end
-    let count = write_plys(run, &shown, &times, &output, || true)?.unwrap_or_default();
+    let count = write_splats(run, &shown, &times, &output, kind, || true)?.unwrap_or_default();
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
-    output.finish(&args.record(run, "ply", &times, edited, &args.shown.segments), &needed)?;
+    output.finish(&args.record(run, extension, &times, edited, &args.shown.segments), &needed)?;
     errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
     if args.common.json {
         print_json(&serde_json::json!({ "files": files, "gaussians": count }))?;

@@ -1,0 +1,50 @@
+//! What the files of Gaussians for other programs share.
+
+use crate::files::ReplaceError;
+use crate::model::HostGaussians;
+use std::io;
+use std::path::PathBuf;
+
+/// Why a file of Gaussians cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SplatFileError {
+    /// The file system failed.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The content is not what it should be.
+    #[error("{path}: {reason}")]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and where.
+        reason: String,
+    },
+    /// Something else stands where the file should go.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
+    /// The fields of the Gaussians do not fit together.
+    #[error("the Gaussians cannot be written: {0}")]
+    Shape(String),
+}
+
+/// Refuses Gaussians whose fields do not fit together.
+pub(super) fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
+    if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
+        let stride = gaussians.sh_stride;
+        return Err(SplatFileError::Shape(format!("sh_stride {stride} is none of 1, 4, 9 and 16")));
+    }
+    let Some((column, wanted)) = gaussians.misshapen() else { return Ok(()) };
+    Err(SplatFileError::Shape(format!(
+        "{} holds {} entries but {} Gaussians of degree {} ask for {wanted}",
+        column.name,
+        column.values.len(),
+        gaussians.len(),
+        gaussians.sh_degree()
+    )))
+}
