@@ -5,7 +5,7 @@ use toml::Table;
 
 /// The keys that `run`, a whole resolved configuration, does not have, with the values that it was trained with.
 ///
-/// Warm-up's rate used to fall over the length of the joint stage, and warm-up densified to its end.
+/// Warm-up's rate used to fall over the length of the joint stage, and warm-up densified to its end; Gaussians had no embedding.
 pub fn implied(run: &Table) -> Vec<(&'static str, i64)> {
     let number = |section: &str, key: &str| run.get(section)?.get(key)?.as_integer();
     let lacks = |section: &str, key: &str| run.get(section).is_some_and(|s| s.get(key).is_none());
@@ -18,6 +18,9 @@ pub fn implied(run: &Table) -> Vec<(&'static str, i64)> {
         && steps > until
     {
         found.push(("densify.warmup_until", steps));
+    }
+    if lacks("model", "embedding") {
+        found.push(("model.embedding", 0));
     }
     found
 }
@@ -43,6 +46,8 @@ mod tests {
         old["stages"]["warmup_steps"] = 400.into();
         old["stages"]["joint_steps"] = 9000.into();
         assert_eq!(implied(&old), [("optim.warmup_decay_steps", 9000)]);
+        old["model"].as_table_mut().unwrap().remove("embedding");
+        assert_eq!(implied(&old)[1..], [("model.embedding", 0)]);
         assert_eq!(implied(&Table::new()), []);
     }
 }

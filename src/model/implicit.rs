@@ -228,8 +228,10 @@ mod tests {
 
         // the paper's table of network structures: MiB of a PLY of 62 floats a Gaussian and the network
         let floats = |mib: f64| mib * f64::from(1 << 20) / 4.0;
+        let config = ModelConfig { embedding: 0, ..config };
         let decoder = (field_parameters(&config) - encoder_parameters(&config)) as f64;
-        let hybrid = field_parameters(&Config::default().model) as f64;
+        let paper = ModelConfig { encoder: EncoderKind::Factorised, ..config.clone() };
+        let hybrid = field_parameters(&paper) as f64;
         let implied = |gaussians: f64| floats(37.36) - 62.0 * gaussians - decoder;
         let most_gaussians = (floats(43.48) - hybrid) / 62.0;
         let (least, most) = (implied(most_gaussians), implied(150_000.0));

@@ -1,6 +1,7 @@
 //! A scene: what training makes and everything after reads. Gaussians, their field, and where they lie. Its file is in
 //! [`super::scene_file`].
 
+use super::embedding::HostEmbedding;
 use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::{DeformationField, Gaussians};
@@ -68,8 +69,12 @@ pub struct View {
 }
 
 impl Scene {
-    /// A scene from canonical Gaussians, with a new field.
-    pub fn new(gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
+    /// A scene from canonical Gaussians, with a new field. Gaussians without an embedding get one of zeros if the model asks for
+    /// it.
+    pub fn new(mut gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
+        if spec.d3dgs.is_none() && gaussians.embedding.is_none() {
+            gaussians.embedding = HostEmbedding::first(spec.model.embedding, gaussians.len());
+        }
         let field = match &spec.d3dgs {
             Some(network) => DeformationField::d3dgs(network, seed, device),
             None => DeformationField::new(&spec.model, spec.centre, spec.half_size, seed, device),
