@@ -26,7 +26,7 @@ impl Default for Config {
             model: ModelConfig {
                 sh_degree: 3,
                 appearance: Appearance::Sh,
-                encoder: EncoderKind::HexPlane,
+                encoder: EncoderKind::Factorised,
                 extra_encoder: String::new(),
                 levels: 2,
                 resolution: 64,
