@@ -73,7 +73,7 @@ impl Scene {
         write_tensors(path, &params::collect(self), Some(("volseggs", spec)))
     }
 
-    /// Writes the scene in 8 and 16 bits, see [`super::packed`], with the fingerprint of this one.
+    /// Writes the scene in 8 and 16 bits, as `model/packed.rs` says, with the fingerprint of this one.
     ///
     /// # Errors
     /// If the file cannot be written.
