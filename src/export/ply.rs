@@ -11,8 +11,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 
-use super::splat_file::{SplatFileError, check};
-use crate::files::AtomicFile;
+use super::splat_file::{self, SplatFileError};
 use crate::model::HostGaussians;
 use header::Header;
 
@@ -27,12 +26,7 @@ pub const MAX_SH_DEGREE: usize = 3;
 /// [`SplatFileError::Shape`] if the fields differ in length, [`SplatFileError::Replace`] if something else stands there or the
 /// folder is missing, [`SplatFileError::Io`] from the file system.
 pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
-    check(gaussians)?;
-    let baked = gaussians.shading.is_some().then(|| gaussians.baked());
-    let gaussians = baked.as_ref().unwrap_or(gaussians);
-    let io_error = |source| SplatFileError::Io { path: path.to_path_buf(), source };
-    let mut file = AtomicFile::create_named(path)?;
-    write_to(gaussians, &mut file).and_then(|()| file.commit()).map_err(io_error)
+    splat_file::write(gaussians, path, write_to)
 }
 
 fn write_to(gaussians: &HostGaussians, out: &mut impl Write) -> io::Result<()> {

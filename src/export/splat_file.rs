@@ -1,9 +1,9 @@
 //! What the files of Gaussians for other programs share.
 
-use crate::files::ReplaceError;
+use crate::files::{AtomicFile, ReplaceError};
 use crate::model::HostGaussians;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a file of Gaussians cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -33,8 +33,23 @@ pub enum SplatFileError {
     Shape(String),
 }
 
+/// Writes with `body` the Gaussians that the file is to hold, atomically: shaded ones as [`HostGaussians::baked`], since readers
+/// know harmonics alone. Only a file of this program gives way.
+pub(super) fn write(
+    gaussians: &HostGaussians,
+    path: &Path,
+    body: impl FnOnce(&HostGaussians, &mut AtomicFile) -> io::Result<()>,
+) -> Result<(), SplatFileError> {
+    check(gaussians)?;
+    let baked = gaussians.shading.is_some().then(|| gaussians.baked());
+    let mut file = AtomicFile::create_named(path)?;
+    body(baked.as_ref().unwrap_or(gaussians), &mut file)
+        .and_then(|()| file.commit())
+        .map_err(|source| SplatFileError::Io { path: path.to_path_buf(), source })
+}
+
 /// Refuses Gaussians whose fields do not fit together.
-pub(super) fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
+fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         let stride = gaussians.sh_stride;
         return Err(SplatFileError::Shape(format!("sh_stride {stride} is none of 1, 4, 9 and 16")));

@@ -4,8 +4,8 @@
 //! log scales (a byte for each number), rotations (the three smallest components in ten bits each) and the
 //! other coefficients of the harmonics (a byte each). Coordinates are the scene's own, as in our PLY files.
 
-use super::splat_file::{SplatFileError, check};
-use crate::files::{AtomicFile, MARK};
+use super::splat_file::{self, SplatFileError};
+use crate::files::MARK;
 use crate::model::HostGaussians;
 use flate2::{Compression, GzBuilder};
 use std::io::{self, Write};
@@ -30,14 +30,8 @@ const COLOUR: f32 = 0.15;
 /// [`SplatFileError::Shape`] if the fields differ in length or a mean is no finite number or too far out,
 /// [`SplatFileError::Replace`] if something else stands there or the folder is missing, [`SplatFileError::Io`] from the file system.
 pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
-    check(gaussians)?;
-    let baked = gaussians.shading.is_some().then(|| gaussians.baked());
-    let gaussians = baked.as_ref().unwrap_or(gaussians);
     let fraction = fraction_bits(&gaussians.means)?;
-    let bytes = body(gaussians, fraction);
-    let io_error = |source| SplatFileError::Io { path: path.to_path_buf(), source };
-    let mut file = AtomicFile::create_named(path)?;
-    compress(&bytes, &mut file).and_then(|()| file.commit()).map_err(io_error)
+    splat_file::write(gaussians, path, |gaussians, file| compress(&body(gaussians, fraction), file))
 }
 
 fn compress(bytes: &[u8], out: &mut impl Write) -> io::Result<()> {

@@ -96,6 +96,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::super::SceneSpec;
+    use super::super::scene::tests::spec;
     use super::*;
     use crate::config::types::Config;
     use crate::device::DeviceName;
@@ -116,18 +117,7 @@ mod tests {
             shading: None,
             embedding: None,
         };
-        let (centre, half_size) = ([0.0; 3], [1.5; 3]);
-        let background = [1.0; 3];
-        let mut spec = SceneSpec {
-            model,
-            centre,
-            half_size,
-            background,
-            deformed: true,
-            sh_degree: 0,
-            d3dgs: None,
-            packed_from: None,
-        };
+        let mut spec = SceneSpec { half_size: [1.5; 3], ..spec(model) };
         for deformed in [true, false] {
             spec.deformed = deformed;
             let scene = Scene::new(gaussians.clone(), spec.clone(), 3, &device);

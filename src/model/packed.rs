@@ -15,19 +15,20 @@ use std::collections::BTreeMap;
 pub(super) const RANGE: &str = ".range";
 /// A tensor as it is in the file.
 #[derive(Debug)]
-pub(super) struct Packed {
+pub(super) struct Stored {
     pub name: String,
     pub dtype: Dtype,
     pub shape: Vec<usize>,
     pub bytes: Vec<u8>,
 }
 
-impl Packed {
+impl Stored {
     pub fn view(&self) -> Result<TensorView<'_>, SafeTensorError> {
         TensorView::new(self.dtype, self.shape.clone(), &self.bytes)
     }
 
-    fn full(name: &str, tensor: &HostTensor) -> Self {
+    /// As it is.
+    pub fn full(name: &str, tensor: &HostTensor) -> Self {
         let bytes = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name: name.to_owned(), dtype: Dtype::F32, shape: tensor.shape.clone(), bytes }
     }
@@ -39,7 +40,7 @@ impl Packed {
 }
 
 /// The tensors of a scene in as few bits as pictures allow.
-pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Packed> {
+pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Stored> {
     let mut all = Vec::new();
     for (name, tensor) in tensors {
         let of_each = name.starts_with("gaussians.") && name != MATERIAL_NAME && !tensor.values.is_empty();
@@ -48,16 +49,16 @@ pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Packed> {
             let (values, range) = fixed(name, tensor, if name == "gaussians.means" { 16 } else { 8 });
             all.extend([values, range]);
         } else if tensor.values.iter().all(|v| f16::from_f32(*v).is_finite()) {
-            all.push(Packed::half(name, tensor));
+            all.push(Stored::half(name, tensor));
         } else {
-            all.push(Packed::full(name, tensor));
+            all.push(Stored::full(name, tensor));
         }
     }
     all
 }
 
 /// Fixed point of so many bits, and the ranges.
-fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Packed, Packed) {
+fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Stored, Stored) {
     let rows = tensor.shape.first().copied().unwrap_or(1).max(1);
     let columns = tensor.values.len() / rows;
     let column = |c: usize| tensor.values.iter().skip(c).step_by(columns).copied();
@@ -68,10 +69,10 @@ fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Packed, Packed) {
         8 => (Dtype::U8, steps.map(|q| q as u8).collect()),
         _ => (Dtype::U16, steps.flat_map(|q| (q as u16).to_le_bytes()).collect()),
     };
-    let values = Packed { name: name.to_owned(), dtype, shape: tensor.shape.clone(), bytes };
+    let values = Stored { name: name.to_owned(), dtype, shape: tensor.shape.clone(), bytes };
     let numbers = ranges.iter().map(|r| r.least).chain(ranges.iter().map(|r| r.step)).collect();
     let range = HostTensor { shape: vec![2, columns], values: numbers };
-    (values, Packed::full(&format!("{name}{RANGE}"), &range))
+    (values, Stored::full(&format!("{name}{RANGE}"), &range))
 }
 
 /// The numbers that steps stand for.

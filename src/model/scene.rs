@@ -145,11 +145,25 @@ impl Scene {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::config::types::{Config, EncoderKind};
     use crate::data::paths::{Lens, training_cameras};
     use crate::device::DeviceName;
+
+    /// A spec of this model: a box of half size 1, white, harmonics of degree 0.
+    pub fn spec(model: ModelConfig) -> SceneSpec {
+        SceneSpec {
+            model,
+            centre: [0.0; 3],
+            half_size: [1.0; 3],
+            background: [1.0; 3],
+            deformed: true,
+            sh_degree: 0,
+            d3dgs: None,
+            packed_from: None,
+        }
+    }
 
     /// Two Gaussians and a small field.
     pub fn scene() -> Scene {
@@ -172,18 +186,7 @@ pub(super) mod tests {
             shading: None,
             embedding: None,
         };
-        let (centre, half_size, background) = ([0.0; 3], [1.0; 3], [1.0; 3]);
-        let spec = SceneSpec {
-            model,
-            centre,
-            half_size,
-            background,
-            deformed: true,
-            sh_degree: 0,
-            d3dgs: None,
-            packed_from: None,
-        };
-        Scene::new(gaussians, spec, 0, &device)
+        Scene::new(gaussians, spec(model), 0, &device)
     }
 
     #[test]

@@ -3,14 +3,14 @@
 use super::d3dgs;
 use super::extra_encoder::ExtraEncoder;
 use super::host::HostGaussians;
-use super::packed;
+use super::packed::{self, Stored};
 use super::params::{self, FitError, HostTensor};
 use super::size::{self, check_model};
 use super::{Scene, SceneSpec};
 use crate::config::types::EncoderKind;
 use crate::tensors::{self, DIGEST, TensorFileError};
 use burn::tensor::Device;
-use safetensors::tensor::{Dtype, TensorView};
+use safetensors::tensor::TensorView;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -78,13 +78,10 @@ impl Scene {
     /// # Errors
     /// If the file cannot be written.
     pub fn save_packed(&self, path: &Path) -> Result<(), SceneError> {
-        let format = |reason: String| SceneError::Format { path: path.into(), reason };
         let spec = SceneSpec { packed_from: Some(self.fingerprint()), ..self.spec.clone() };
-        let spec = serde_json::to_string(&spec).map_err(|e| format(e.to_string()))?;
-        let all = packed::pack(&params::collect(self));
-        let views = all.iter().map(|p| Ok((p.name.as_str(), p.view()?))).collect::<Result<Vec<_>, _>>();
-        let views = views.map_err(|e: safetensors::SafeTensorError| format(e.to_string()))?;
-        Ok(tensors::write(path, views, Some(("volseggs", spec)))?)
+        let spec = serde_json::to_string(&spec)
+            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+        write_stored(path, &packed::pack(&params::collect(self)), Some(("volseggs", spec)))
     }
 
     /// Reads what [`Scene::save`] or [`Scene::save_packed`] wrote.
@@ -166,16 +163,16 @@ pub fn write_tensors(
     tensors: &BTreeMap<String, HostTensor>,
     metadata: Option<(&str, String)>,
 ) -> Result<(), SceneError> {
-    let bytes: Vec<(&String, Vec<u8>, &Vec<usize>)> = tensors
+    let all: Vec<Stored> = tensors.iter().map(|(name, tensor)| Stored::full(name, tensor)).collect();
+    write_stored(path, &all, metadata)
+}
+
+fn write_stored(path: &Path, all: &[Stored], metadata: Option<(&str, String)>) -> Result<(), SceneError> {
+    let views = all
         .iter()
-        .map(|(name, t)| (name, t.values.iter().flat_map(|v| v.to_le_bytes()).collect(), &t.shape))
-        .collect();
-    let format = |reason: String| SceneError::Format { path: path.into(), reason };
-    let views = bytes
-        .iter()
-        .map(|(name, data, shape)| Ok((name.as_str(), TensorView::new(Dtype::F32, (*shape).clone(), data)?)))
+        .map(|tensor| Ok((tensor.name.as_str(), tensor.view()?)))
         .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()
-        .map_err(|e| format(e.to_string()))?;
+        .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
     Ok(tensors::write(path, views, metadata)?)
 }
 

@@ -8,7 +8,8 @@ use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
 use crate::model::embedding::HostEmbedding;
-use crate::model::{HostGaussians, Scene, SceneSpec, params};
+use crate::model::scene::tests::spec;
+use crate::model::{HostGaussians, Scene, params};
 use burn::tensor::Device;
 use volseggs_kernels::shading::Light;
 
@@ -77,16 +78,7 @@ fn embeddings_start_at_zero_are_trained_in_the_joint_stage_and_follow_the_gaussi
 fn gaussians_at_one_place_move_apart_by_their_embeddings() {
     let mut model = embedded().model;
     model.appearance = Appearance::Sh;
-    let spec = SceneSpec {
-        model: model.clone(),
-        centre: [0.0; 3],
-        half_size: [1.0; 3],
-        background: [1.0; 3],
-        deformed: true,
-        sh_degree: 0,
-        d3dgs: None,
-        packed_from: None,
-    };
+    let spec = spec(model);
     let mut two = HostGaussians::zeros(2, 4);
     two.rotations = [1.0, 0.0, 0.0, 0.0].repeat(2);
     let at = |values: Vec<f32>| {

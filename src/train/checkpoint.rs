@@ -182,8 +182,7 @@ pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
 pub fn advice(path: &Path) -> String {
     let run = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new("."));
     let whole = |checkpoint: &Path| {
-        let read = std::fs::read(checkpoint.join(STATE)).ok();
-        read.is_some_and(|text| serde_json::from_slice::<State>(&text).is_ok())
+        read_state(checkpoint).is_ok()
             && [RunPaths::SCENE, OPTIMIZER].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
     };
     let before = step_of(path).unwrap_or(usize::MAX);

@@ -5,7 +5,6 @@ use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
 use crate::model::appearance::HostShading;
-use crate::model::embedding::HostEmbedding;
 use crate::model::{HostGaussians, SceneSpec};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
@@ -53,7 +52,7 @@ pub fn initialise(
         sh,
         sh_stride: k,
         shading: HostShading::first(&config.model, n, config.seed),
-        embedding: HostEmbedding::first(config.model.embedding, n),
+        embedding: None, // the scene adds what its model asks for
         means: points.iter().flatten().copied().collect(),
     };
     let bounds = match (config.model.bounds, &hull) {

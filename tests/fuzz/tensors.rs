@@ -17,7 +17,6 @@ use volseggs::method::sphere::ViewSphere;
 use volseggs::method::visnerf::{VisNerf, VisNerfSpec};
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::HostGaussians;
-use volseggs::model::embedding::HostEmbedding;
 use volseggs::model::params::{self, HostTensor};
 use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
@@ -108,7 +107,7 @@ pub fn scene(model: ModelConfig) -> Scene {
         sh: row(3 * k),
         sh_stride: k,
         shading: None,
-        embedding: HostEmbedding::first(model.embedding, n),
+        embedding: None,
     };
     Scene::new(gaussians, spec(model), 1, &device())
 }

@@ -9,7 +9,7 @@ use super::{CliError, Common, command_line};
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
-use crate::run::export::Record;
+use crate::run::export::{Record, SplatFormat};
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use std::path::{Path, PathBuf};
@@ -66,8 +66,8 @@ impl Format {
 
     fn extension(self) -> &'static str {
         match self {
-            Self::Ply => "ply",
-            Self::Spz => "spz",
+            Self::Ply => SplatFormat::Ply.extension(),
+            Self::Spz => SplatFormat::Spz.extension(),
             Self::Nrrd => "nrrd",
             Self::Vti => "vti",
         }
@@ -88,7 +88,8 @@ impl ExportArgs {
             _ => OpenRun::open(&self.run, &device),
         }?;
         match self.format()? {
-            format @ (Format::Ply | Format::Spz) => splats::run(&self, &run, format),
+            Format::Ply => splats::run(&self, &run, SplatFormat::Ply),
+            Format::Spz => splats::run(&self, &run, SplatFormat::Spz),
             format @ (Format::Nrrd | Format::Vti) => labels::run(&self, &run, format),
         }
     }

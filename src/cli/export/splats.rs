@@ -1,7 +1,7 @@
 //! `volseggs export` to PLY and SPZ: Gaussians.
 
 use super::super::{CliError, print_json};
-use super::{ExportArgs, Format};
+use super::ExportArgs;
 use crate::run::OpenRun;
 use crate::run::export::{Output, SplatFormat, write_splats};
 
@@ -9,7 +9,7 @@ use crate::run::export::{Output, SplatFormat, write_splats};
 ///
 /// # Errors
 /// No place to write to, nothing to write, or a file that cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError::input("--out: say where to write to, such as --out scene.ply"));
     };
@@ -19,9 +19,8 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
     let extension = format.extension();
     let output =
         if args.frames.is_some() { Output::folder(out, extension, &needed) } else { Output::file(out, extension) }?;
-    let kind = if format == Format::Spz { SplatFormat::Spz } else { SplatFormat::Ply };
     // a command has nothing that stops it but its end
-    let count = write_splats(run, &shown, &times, &output, kind, || true)?.unwrap_or_default();
+    let count = write_splats(run, &shown, &times, &output, format, || true)?.unwrap_or_default();
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
     output.finish(&args.record(run, extension, &times, edited, &args.shown.segments), &needed)?;

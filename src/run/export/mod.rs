@@ -21,6 +21,17 @@ pub enum SplatFormat {
     Spz,
 }
 
+impl SplatFormat {
+    /// How the names of its files end.
+    #[must_use]
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::Spz => "spz",
+        }
+    }
+}
+
 /// The format of a label volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LabelFormat {
