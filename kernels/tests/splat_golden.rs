@@ -6,8 +6,8 @@ mod common;
 use common::{COVARIANCE_FIELDS, FIELDS, Tested, by_covariances, distance, to_factors};
 use safetensors::SafeTensors;
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::reference::{self, Cutoffs};
+use volseggs_kernels::splat::{DILATION, SplatSettings};
 
 struct Golden {
     scene: reference::Scene,
@@ -68,7 +68,7 @@ fn load(name: &str) -> Golden {
     let background = std::array::from_fn(|c| background[c] as f32);
     Golden {
         scene,
-        settings: SplatSettings { camera, background, sh_degree: degree },
+        settings: SplatSettings { camera, background, sh_degree: degree, dilation: DILATION },
         degree,
         image: get("image"),
         transmittance: get("final_T"),

@@ -7,9 +7,9 @@
 mod common;
 
 use common::{Numbers, Tested, by_covariances, camera, fields, random_scene, rounded, settings};
-use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::reference::contributors;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
+use volseggs_kernels::splat::{DILATION, SplatSettings};
 
 /// Gradients by the image of a loss, in numbers of f32.
 fn weights(settings: &SplatSettings, seed: u64) -> Vec<f64> {
@@ -89,9 +89,9 @@ fn with_everything(n: usize, degree: usize, seed: u64) -> Scene {
 #[test]
 fn the_reference_has_the_gradient_of_the_image_without_cutoffs() {
     for degree in 0..4 {
-        for seed in [1, 2, 3] {
+        for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
             let scene = with_everything(12, degree, seed);
-            let settings = settings(camera(21, 17), degree);
+            let settings = SplatSettings { dilation, ..settings(camera(21, 17), degree) };
             let slopes = [0, 1].map(|i| {
                 let [x, y, z] = in_camera(&scene, &settings, i);
                 (x / z * f64::from(settings.camera.fx) / 21.0, y / z * f64::from(settings.camera.fy) / 17.0)
@@ -137,12 +137,12 @@ fn check(
 /// Large, half transparent Gaussians, all of them in every pixel: what a difference quotient of the op's own image sees.
 fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
     for degree in 0..4 {
-        for seed in [1, 2, 3] {
+        for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
             let mut scene = random_scene(8, degree, seed);
             scene.means.iter_mut().for_each(|v| *v *= 0.5);
             scene.log_scales.iter_mut().for_each(|s| *s = 0.3 * (*s + 2.6));
             scene.opacity_logits.iter_mut().for_each(|o| *o = 0.5 * *o - 0.5);
-            let settings = settings(camera(21, 17), degree);
+            let settings = SplatSettings { dilation, ..settings(camera(21, 17), degree) };
             for (kind, scene) in both_kinds(&scene) {
                 let smooth = render(&scene, &settings, Cutoffs::NONE);
                 assert_eq!(render(&scene, &settings, Cutoffs::OP), smooth, "seed {seed} meets a cutoff");
@@ -159,11 +159,11 @@ fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
 /// Small Gaussians that end within the picture, pixels that saturate, alpha above its clamp.
 fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
     for degree in 0..4 {
-        for (seed, opaque) in [(1, 0.0), (2, 0.0), (3, 4.0), (4, 4.0)] {
+        for (seed, opaque, dilation) in [(1, 0.0, DILATION), (2, 0.0, 0.1), (3, 4.0, DILATION), (4, 4.0, 0.1)] {
             let mut scene = with_everything(60, degree, seed);
             scene.opacity_logits.iter_mut().for_each(|o| *o += opaque);
             scene.log_scales.iter_mut().for_each(|s| *s += 0.1 * opaque);
-            let settings = settings(camera(43, 37), degree);
+            let settings = SplatSettings { dilation, ..settings(camera(43, 37), degree) };
             for (kind, scene) in both_kinds(&scene) {
                 // a decision that f32 could take otherwise would say nothing about gradients
                 let pixels: Vec<u32> = (0..43 * 37).collect();

@@ -1,26 +1,31 @@
 //! What the configuration of a run from before a key existed says of it, where the key's default would change the run.
 
 use super::types::Config;
-use toml::Table;
+use super::types::defaults::dilation_of_3dgs;
+use toml::{Table, Value};
 
 /// The keys that `run`, a whole resolved configuration, does not have, with the values that it was trained with.
 ///
-/// Warm-up's rate used to fall over the length of the joint stage, and warm-up densified to its end; Gaussians had no embedding.
-pub fn implied(run: &Table) -> Vec<(&'static str, i64)> {
+/// Warm-up's rate used to fall over the length of the joint stage, and warm-up densified to its end; Gaussians had no embedding,
+/// and were all widened as in 3DGS.
+pub fn implied(run: &Table) -> Vec<(&'static str, Value)> {
     let number = |section: &str, key: &str| run.get(section)?.get(key)?.as_integer();
     let lacks = |section: &str, key: &str| run.get(section).is_some_and(|s| s.get(key).is_none());
     let mut found = Vec::new();
     if let (true, Some(steps)) = (lacks("optim", "warmup_decay_steps"), number("stages", "joint_steps")) {
-        found.push(("optim.warmup_decay_steps", steps.max(1)));
+        found.push(("optim.warmup_decay_steps", steps.max(1).into()));
     }
     let until = Config::default().densify.warmup_until as i64;
     if let (true, Some(steps)) = (lacks("densify", "warmup_until"), number("stages", "warmup_steps"))
         && steps > until
     {
-        found.push(("densify.warmup_until", steps));
+        found.push(("densify.warmup_until", steps.into()));
     }
     if lacks("model", "embedding") {
-        found.push(("model.embedding", 0));
+        found.push(("model.embedding", 0.into()));
+    }
+    if lacks("model", "dilation") {
+        found.push(("model.dilation", dilation_of_3dgs().into()));
     }
     found
 }
@@ -42,12 +47,14 @@ mod tests {
         for (section, key) in [("optim", "warmup_decay_steps"), ("densify", "warmup_until")] {
             old[section].as_table_mut().unwrap().remove(key);
         }
-        assert_eq!(implied(&old), [("optim.warmup_decay_steps", 1), ("densify.warmup_until", 30_000)]);
+        assert_eq!(implied(&old), [("optim.warmup_decay_steps", 1.into()), ("densify.warmup_until", 30_000.into())]);
         old["stages"]["warmup_steps"] = 400.into();
         old["stages"]["joint_steps"] = 9000.into();
-        assert_eq!(implied(&old), [("optim.warmup_decay_steps", 9000)]);
+        assert_eq!(implied(&old), [("optim.warmup_decay_steps", 9000.into())]);
         old["model"].as_table_mut().unwrap().remove("embedding");
-        assert_eq!(implied(&old)[1..], [("model.embedding", 0)]);
+        assert_eq!(implied(&old)[1..], [("model.embedding", 0.into())]);
+        old["model"].as_table_mut().unwrap().remove("dilation");
+        assert_eq!(implied(&old)[2..], [("model.dilation", 0.3.into())]);
         assert_eq!(implied(&Table::new()), []);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! The defaults are the `best` preset. Each key that the paper ablates is here by name.
 
-mod defaults;
+pub(super) mod defaults;
 mod densify;
 pub mod methods;
 mod model;

@@ -110,7 +110,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &HostGaussians, members: &[u32]| {
-        let image = draw(&at.subset(members), camera, scene.spec.background, scene.spec.sh_degree, &options.device.1);
+        let image = draw(&at.subset(members), scene.spec.rendering().seen_by(camera), &options.device.1);
         to_rgb8(&image, WIDTH as usize, WIDTH as usize)
     };
     let mut frame = 0;

@@ -4,6 +4,7 @@
 use super::embedding::HostEmbedding;
 use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
+use super::rendering::Rendering;
 use super::{DeformationField, Gaussians};
 use crate::config::types::ModelConfig;
 use crate::config::types::methods::D3dgsConfig;
@@ -13,7 +14,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
+use volseggs_kernels::splat::{SplatInputs, splat};
 
 /// What cannot be read off the tensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,6 +45,13 @@ impl SceneSpec {
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         DVec3::from_array(self.centre.map(f64::from))
+    }
+
+    /// What its Gaussians are drawn with.
+    #[must_use]
+    pub fn rendering(&self) -> Rendering {
+        let Self { background, sh_degree, .. } = *self;
+        Rendering { background, sh_degree, dilation: self.model.dilation as f32 }
     }
 }
 
@@ -110,7 +118,7 @@ impl Scene {
     /// Draws Gaussians that are already at their time.
     pub fn draw(&self, at: SplatInputs, camera: Camera, background: [f32; 3], offsets: Option<Tensor<2>>) -> View {
         let inputs = SplatInputs { screen_offsets: offsets, ..at };
-        let out = splat(inputs, SplatSettings { camera, background, sh_degree: self.spec.sh_degree });
+        let out = splat(inputs, Rendering { background, ..self.spec.rendering() }.seen_by(camera));
         View { image: out.image, radii: out.radii }
     }
 
@@ -127,8 +135,7 @@ impl Scene {
 
     /// What [`Scene::render`] shows, on the device.
     pub(super) fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
-        let (background, sh_degree) = (self.spec.background, self.spec.sh_degree);
-        splat(self.inputs_at(time), SplatSettings { camera, background, sh_degree }).image
+        splat(self.inputs_at(time), self.spec.rendering().seen_by(camera)).image
     }
 
     /// 16 hexadecimal digits that tell this state of the scene from others: a 64-bit FNV-1a hash of the canonical means,

@@ -2,6 +2,7 @@
 //! whatever the configuration says.
 
 use super::encoder_definition::find_encoder;
+use super::rendering::check_dilation;
 use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig};
 use crate::memory::product;
 
@@ -31,6 +32,7 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
             return Err(format!("model.{name} = 0: at least 1"));
         }
     }
+    check_dilation(config.dilation as f32).map_err(|e| format!("model.{e}"))?;
     if config.encoder == EncoderKind::Implicit { check_implicit(config) } else { Ok(()) }
 }
 

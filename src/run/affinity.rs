@@ -146,8 +146,8 @@ pub fn fit(
             path.display()
         )));
     }
-    let mut done = 0;
-    let (views, spreads) = read_views(&masks, &at, &frame, &members, options.seed, device, |_| {
+    let (rendering, mut done) = (run.scene.spec.rendering(), 0);
+    let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, options.seed, device, |_| {
         done += 1;
         goes_on(Stage::Read { done, all: header.views.len() });
     })

@@ -130,13 +130,12 @@ pub fn follow(
     let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
     let Some(mut found) = found else { return Ok(None) };
 
-    let (camera, spec) = (request.camera, &run.scene.spec);
+    let (camera, rendering) = (request.camera, run.scene.spec.rendering());
     for (i, &time) in times.iter().enumerate() {
         let at = shown.edited(&run.scene, time as f32)?;
         // one after the other: drawing one picture takes all threads
-        let alone = |(_, members): &(Name, Vec<u32>)| {
-            draw(&at.subset(members), camera.to_kernel(), spec.background, spec.sh_degree, device)
-        };
+        let alone =
+            |(_, members): &(Name, Vec<u32>)| draw(&at.subset(members), rendering.seen_by(camera.to_kernel()), device);
         let pictures: Vec<Vec<f32>> = wanted.iter().map(alone).collect();
         let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
         let size = [camera.width as usize, camera.height as usize];

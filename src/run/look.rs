@@ -5,7 +5,7 @@ use super::selection::Selection;
 use super::{OpenRun, RunError, affinity};
 use crate::edit::Edit;
 use crate::model::params::to_vec;
-use crate::model::{HostGaussians, Scene};
+use crate::model::{HostGaussians, Rendering, Scene};
 use crate::segment::paint::{by_segment, depth_range, flat, highlight};
 use crate::segment::palette::hex;
 use crate::segment::pictures::picture;
@@ -17,7 +17,7 @@ use serde::Serialize;
 use std::str::FromStr;
 use volseggs_kernels::Camera;
 use volseggs_kernels::shading::Light;
-use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
+use volseggs_kernels::splat::{SplatInputs, splat};
 
 /// What the colours of a picture stand for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -295,11 +295,11 @@ impl Look {
                 [r, g, b, 0.0].repeat(camera.width * camera.height)
             }
             Shown::Colours { inputs: Some(inputs), degree, .. } => {
-                let settings = SplatSettings { camera, background, sh_degree: *degree };
-                to_vec(splat(*inputs.clone(), settings).image)
+                let rendering = Rendering { sh_degree: *degree, ..scene.spec.rendering() };
+                to_vec(splat(*inputs.clone(), rendering.seen_by(camera)).image)
             }
             Shown::Depth(at) => {
-                let picture = picture(at, camera, background, scene.spec.sh_degree, device);
+                let picture = picture(at, scene.spec.rendering().seen_by(camera), device);
                 let Kind::Depth { range, palette } = &mut self.kind else { return picture.rgba };
                 *range = range.or_else(|| depth_range(&picture));
                 palette.depth(&picture, range.unwrap_or_default(), background)

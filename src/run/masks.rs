@@ -143,14 +143,12 @@ impl MaskPlan {
     }
 
     fn job<'a>(&'a self, run: &OpenRun, at: &'a HostGaussians, device: &'a Device) -> MaskJob<'a> {
-        let spec = &run.scene.spec;
         MaskJob {
             at,
             groups: &self.groups,
             shots: &self.shots,
             time: self.time,
-            background: spec.background,
-            sh_degree: spec.sh_degree,
+            rendering: run.scene.spec.rendering(),
             device,
         }
     }

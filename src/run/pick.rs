@@ -6,8 +6,8 @@
 use super::segments::RunSegments;
 use super::{OpenRun, RunError};
 use crate::data::Camera;
-use crate::model::HostGaussians;
 use crate::model::params::to_vec;
+use crate::model::{HostGaussians, Rendering};
 use crate::name::Name;
 use crate::segment::candidates::{Candidates, Found};
 use crate::segment::carry::carry;
@@ -56,6 +56,7 @@ pub enum ClickError {
 pub struct Clicking {
     /// All Gaussians `[N]` at the time.
     at: HostGaussians,
+    rendering: Rendering,
     time: f64,
     segments: Segmentation,
     field: Option<(AffinityField, AffinitySpec)>,
@@ -97,8 +98,9 @@ impl Clicking {
             Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
         };
-        let (segments, field, device) = (segments.clone(), field.cloned(), device.clone());
-        Self { at, time, segments, field, places, known: RefCell::default(), device }
+        let (rendering, device) = (run.scene.spec.rendering(), device.clone());
+        let (segments, field) = (segments.clone(), field.cloned());
+        Self { at, rendering, time, segments, field, places, known: RefCell::default(), device }
     }
 
     /// The same with what `before` found out that holds at any time. `before` is to be of the same segments and field.
@@ -142,7 +144,8 @@ impl Clicking {
         let within = within.map(|name| self.segments.get(name)).transpose().map_err(RunError::input)?;
         let shown = within.map(|s| self.at.subset(&s.members));
         let (width, height) = (camera.width, camera.height);
-        let beneath = under(shown.as_ref().unwrap_or(&self.at), camera.to_kernel(), pixel, &self.device)
+        let settings = self.rendering.seen_by(camera.to_kernel());
+        let beneath = under(shown.as_ref().unwrap_or(&self.at), settings, pixel, &self.device)
             .map_err(|_| ClickError::Outside { width, height })?;
         let holds = |s: &Segment, i: u32| s.members.binary_search(&i).is_ok();
         // wholes come before their parts
@@ -183,13 +186,13 @@ impl Clicking {
     }
 }
 
-/// Where the surface is that a pixel (column, row) of the camera's picture shows of the Gaussians `at` a `time`: on the
+/// Where the surface is that a pixel (column, row) of the camera's picture shows of the Gaussians at a `time`: on the
 /// pixel's ray, as deep as the Gaussian that makes up most of the pixel. World units.
 ///
 /// # Errors
 /// [`ClickError::Outside`] or [`ClickError::Nothing`].
 pub fn place(
-    at: &HostGaussians,
+    (at, rendering): (&HostGaussians, Rendering),
     camera: &Camera,
     pixel: [u32; 2],
     time: f64,
@@ -197,7 +200,8 @@ pub fn place(
 ) -> Result<[f64; 3], ClickError> {
     let (width, height) = (camera.width, camera.height);
     // not every backend can hold an empty tensor
-    let beneath = if at.is_empty() { Ok(Vec::new()) } else { under(at, camera.to_kernel(), pixel, device) };
+    let beneath =
+        if at.is_empty() { Ok(Vec::new()) } else { under(at, rendering.seen_by(camera.to_kernel()), pixel, device) };
     let beneath = beneath.map_err(|_| ClickError::Outside { width, height })?;
     let nothing = ClickError::Nothing { time };
     let Some(hit) = heaviest(&beneath, |_| true) else { return Err(nothing) };

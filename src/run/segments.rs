@@ -272,12 +272,12 @@ pub fn sheet(
     device: &Device,
 ) -> RgbImage {
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
-    let (background, degree) = (run.scene.spec.background, run.scene.spec.sh_degree);
+    let rendering = run.scene.spec.rendering();
     let mut pictures = Vec::new();
     for segment in segments.iter().take(SHOWN) {
         let alone = at.subset(&segment.members);
         for camera in &around.orbit(4)[..3] {
-            let image = draw(&alone, camera.to_kernel(), background, degree, device);
+            let image = draw(&alone, rendering.seen_by(camera.to_kernel()), device);
             pictures.push((segment.name.to_string(), to_rgb8(&image, width, height)));
         }
     }

@@ -117,11 +117,12 @@ pub fn split(
 pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Device) -> RgbImage {
     let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
+    let rendering = run.scene.spec.rendering().flat();
     let pictures: Vec<_> = around.orbit(5)[..4]
         .iter()
         .flat_map(|camera| {
             [("as it is", &parts.alone), ("parts", &painted)].map(|(label, gaussians): (&str, &HostGaussians)| {
-                let image = draw(gaussians, camera.to_kernel(), run.scene.spec.background, 0, device);
+                let image = draw(gaussians, rendering.seen_by(camera.to_kernel()), device);
                 (label.to_owned(), to_rgb8(&image, width, height))
             })
         })

@@ -2,13 +2,14 @@
 
 use crate::data::Camera;
 use crate::device::DeviceName;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, Rendering};
 use crate::rng::{Purpose, Rng};
 use crate::segment::colour::fibonacci_sphere;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
 use crate::segment::masks::Mask;
 use glam::DVec3;
+use volseggs_kernels::splat::DILATION;
 
 /// Gaussians of a ball.
 pub(crate) const COUNT: usize = 60;
@@ -83,13 +84,19 @@ impl Balls {
         let mut out: Vec<FineView> = (0..)
             .zip(self.views())
             .filter_map(|(number, (camera, masks))| {
-                let view = MaskedView { members: members.clone(), camera, masks };
+                let settings = rendering().seen_by(camera);
+                let view = MaskedView { members: members.clone(), settings, masks };
                 FineView::new(at, &frame, &view, number, 0, &device).unwrap()
             })
             .collect();
         rank_scales(&mut out);
         out
     }
+}
+
+/// What the balls are drawn with.
+pub(crate) fn rendering() -> Rendering {
+    Rendering { background: [0.0; 3], sh_degree: 0, dilation: DILATION }
 }
 
 /// Adds an unturned Gaussian.

@@ -4,7 +4,6 @@ use super::paint::flat;
 use crate::model::HostGaussians;
 use crate::model::params::to_vec;
 use burn::tensor::Device;
-use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatSettings, splat};
 
 /// A picture of Gaussians alone.
@@ -25,48 +24,42 @@ pub struct Picture {
 /// # Panics
 /// If a member is not below N.
 #[must_use]
-pub fn share(gaussians: &HostGaussians, members: &[u32], camera: Camera, device: &Device) -> Vec<f32> {
+pub fn share(gaussians: &HostGaussians, members: &[u32], settings: SplatSettings, device: &Device) -> Vec<f32> {
     let mut member = vec![false; gaussians.len()];
     members.iter().for_each(|&m| member[m as usize] = true);
     // members white, others black
     let shades = member.into_iter().map(|m| if m { [1.0; 3] } else { [0.0; 3] });
     let flat = flat(gaussians.clone(), shades);
-    let drawn = draw(&flat, camera, [0.0; 3], 0, device);
+    let drawn = draw(&flat, over_nothing(settings), device);
     drawn.chunks_exact(4).map(|p| if p[3] > 1.0 / 255.0 { (p[0] / p[3]).clamp(0.0, 1.0) } else { 0.0 }).collect()
 }
 
-/// Draws `gaussians` over `background`; `sh_degree` as in the scene.
+/// Draws `gaussians`.
 #[must_use]
-pub fn picture(
-    gaussians: &HostGaussians,
-    camera: Camera,
-    background: [f32; 3],
-    sh_degree: usize,
-    device: &Device,
-) -> Picture {
-    let rgba = draw(gaussians, camera, background, sh_degree, device);
+pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Picture {
+    let rgba = draw(gaussians, settings, device);
     // depth in place of colour, over nothing
+    let camera = settings.camera;
     let row = camera.rotation[2];
     let depth_of = |m: &[f32]| row[0] * m[0] + row[1] * m[1] + row[2] * m[2] + camera.translation[2];
     let far = gaussians.means.chunks_exact(3).map(depth_of).filter(|d| d.is_finite()).fold(1e-6, f32::max);
     let shares = gaussians.means.chunks_exact(3).map(|m| [depth_of(m).max(0.0) / far; 3]);
-    let depths = draw(&flat(gaussians.clone(), shares), camera, [0.0; 3], 0, device);
+    let depths = draw(&flat(gaussians.clone(), shares), over_nothing(settings), device);
     let depth = depths.chunks_exact(4).map(|p| if p[3] > 1.0 / 255.0 { far * p[0] / p[3] } else { 0.0 }).collect();
     Picture { width: camera.width, height: camera.height, rgba, depth }
 }
 
 /// Colour over the background and alpha, `[H, W, 4]`.
 #[must_use]
-pub fn draw(
-    gaussians: &HostGaussians,
-    camera: Camera,
-    background: [f32; 3],
-    sh_degree: usize,
-    device: &Device,
-) -> Vec<f32> {
+pub fn draw(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Vec<f32> {
     if gaussians.is_empty() {
-        let [r, g, b] = background;
+        let SplatSettings { camera, background: [r, g, b], .. } = settings;
         return [r, g, b, 0.0].repeat(camera.width * camera.height);
     }
-    to_vec(splat(gaussians.to_splat(device), SplatSettings { camera, background, sh_degree }).image)
+    to_vec(splat(gaussians.to_splat(device), settings).image)
+}
+
+/// The same of painted Gaussians, which look alike from everywhere, without what lies behind.
+fn over_nothing(settings: SplatSettings) -> SplatSettings {
+    SplatSettings { background: [0.0; 3], sh_degree: 0, ..settings }
 }

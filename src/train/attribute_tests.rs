@@ -9,7 +9,7 @@ use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
 use crate::model::embedding::HostEmbedding;
 use crate::model::scene::tests::spec;
-use crate::model::{HostGaussians, Scene, params};
+use crate::model::{HostGaussians, Rendering, Scene, params};
 use burn::tensor::Device;
 use volseggs_kernels::shading::Light;
 
@@ -125,7 +125,8 @@ fn a_shaded_scene_is_drawn_from_its_file_as_it_was_trained() {
     // the Gaussians of a time that went over the host are drawn alike, and their light is part of what is seen
     let host = read.host_at(0.4);
     let draw = |g: &HostGaussians, degree: usize| {
-        crate::segment::pictures::draw(g, camera, read.spec.background, degree, &device())
+        let rendering = Rendering { sh_degree: degree, ..read.spec.rendering() };
+        crate::segment::pictures::draw(g, rendering.seen_by(camera), &device())
     };
     assert_eq!(draw(&host, read.spec.sh_degree), picture);
     let unlit = HostGaussians { shading: None, ..host.clone() };

@@ -85,7 +85,7 @@ fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
     if let Ok(Value::Table(defaults)) = Value::try_from(Config::default()) {
         flatten("", &defaults, &mut all);
     }
-    all.extend(implied(&table).into_iter().map(|(key, value)| (key.to_owned(), Value::from(value))));
+    all.extend(implied(&table).into_iter().map(|(key, value)| (key.to_owned(), value)));
     flatten("", &table, &mut all);
     Ok(all)
 }

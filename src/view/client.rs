@@ -235,7 +235,7 @@ impl Client {
         let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         let look = usable(space, view).look(&space.run)?;
         let at = look.selection().at(&space.run.scene, view.time as f32)?;
-        place(&at, &view.camera(1.0), pixel, view.time, &space.device)
+        place((&at, space.run.scene.spec.rendering()), &view.camera(1.0), pixel, view.time, &space.device)
     }
 
     /// The last click once more, with another meaning.

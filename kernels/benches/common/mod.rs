@@ -7,7 +7,9 @@ use burn::backend::{Dispatch, TensorMetadata};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::time::Instant;
 use volseggs_kernels::activation::logit_f64;
-use volseggs_kernels::splat::{SplatBackwardOps, SplatForward, SplatInputs, SplatOps, SplatSettings, SplatTensors};
+use volseggs_kernels::splat::{
+    DILATION, SplatBackwardOps, SplatForward, SplatInputs, SplatOps, SplatSettings, SplatTensors,
+};
 use volseggs_kernels::{Camera, sh};
 
 /// Spherical-harmonics coefficients a Gaussian (degree 3).
@@ -118,7 +120,7 @@ impl Splatter {
             screen_offsets: Some(Tensor::zeros([n, 2], device)),
             shading: None,
         };
-        Self { inputs, settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3 } }
+        Self { inputs, settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3, dilation: DILATION } }
     }
 
     /// The forward pass alone.

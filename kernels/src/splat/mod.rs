@@ -4,7 +4,7 @@
 //! reference rasteriser:
 //!
 //! * covariance `R S S^T R^T` ([`splat`]) or as it is given ([`splat_covariances`]), projected with the Jacobian clamped
-//!   at 1.3 times the field of view, 0.3 added to its diagonal (pixels squared);
+//!   at 1.3 times the field of view, [`SplatSettings::dilation`] added to its diagonal (pixels squared);
 //! * colour `max(0, SH(direction) + 0.5)`, the gradient flowing through the direction;
 //! * `alpha = min(0.99, opacity * exp(power))`, skipped below 1/255; where it is clamped at 0.99 the
 //!   gradient is zero (the reference rasteriser passes it through);
@@ -41,8 +41,10 @@ pub const ALPHA_MIN: f32 = 1.0 / 255.0;
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 /// Gaussians at or nearer than this depth are culled.
 pub const NEAR: f32 = 0.2;
-/// Added to the diagonal of the projected covariance, pixels squared.
+/// [`SplatSettings::dilation`] in 3DGS, pixels squared.
 pub const DILATION: f32 = 0.3;
+/// No dilation is larger, pixels squared.
+pub const MOST_DILATION: f32 = 100.0;
 /// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a fraction
 /// of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
 pub const MINOR_SLACK: f32 = 1e-5;
@@ -56,6 +58,10 @@ pub struct SplatSettings {
     pub background: [f32; 3],
     /// Spherical-harmonics degree in use, 0 to 3; coefficients beyond it are ignored and get no gradient.
     pub sh_degree: usize,
+    /// Added to the diagonal of the projected covariance, pixels squared, at least 0: a pixel is an area, not a point, and
+    /// Gaussians smaller than it must not slip between the points. At most [`MOST_DILATION`]; [`DILATION`] in 3DGS; 1/12 is the
+    /// variance of a square pixel.
+    pub dilation: f32,
 }
 
 /// What the forward pass keeps for the backward pass; opaque, and each backend's own.
@@ -237,6 +243,8 @@ fn check_common(
         "splat: degree {degree} needs {} coefficients, sh has {k}",
         (degree + 1).pow(2)
     );
+    let dilation = settings.dilation;
+    assert!((0.0..=MOST_DILATION).contains(&dilation), "splat: a dilation of {dilation} pixels squared");
     let camera = settings.camera;
     assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
     if let Some(offsets) = screen_offsets {

@@ -44,6 +44,7 @@ impl Default for Config {
                 implicit_depth: implicit_depth(),
                 implicit_skip: implicit_skip(),
                 embedding: 16,
+                dilation: 0.1,
                 width: 64,
                 decoder: DecoderKind::Heads,
                 zero_init_heads: true,
@@ -132,6 +133,12 @@ impl Default for Config {
 
 pub(super) fn method() -> String {
     VOLSEGGS.into()
+}
+
+/// What a scene from before the key was drawn with.
+pub(crate) fn dilation_of_3dgs() -> f64 {
+    // the decimal number, not the nearest of single precision: it is written into files
+    0.3
 }
 
 /// Of the default implicit encoder; also what a scene from before its keys is read with.

@@ -5,7 +5,7 @@ use super::truth::{TruthFrame, TruthImage};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::psnr;
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, Rendering};
 use crate::segment::pictures::draw;
 use burn::tensor::Device;
 use serde::Serialize;
@@ -38,10 +38,8 @@ pub struct PictureScore {
 pub struct Judge<'a> {
     /// Where to draw.
     pub device: &'a Device,
-    /// Background of all pictures.
-    pub background: [f32; 3],
-    /// Degree of the spherical harmonics.
-    pub sh_degree: usize,
+    /// What the scene is drawn with.
+    pub rendering: Rendering,
     /// Least alpha of a pixel of a mask; the truth's own where `None`.
     pub mask_alpha: Option<f32>,
     /// Least alpha of the truth's masks.
@@ -63,7 +61,7 @@ impl Judge<'_> {
         truth: &TruthImage,
     ) -> Result<(FrameScore, Vec<f32>), String> {
         let alone = selected.of(at);
-        let image = draw(&alone, frame.camera.to_kernel(), self.background, self.sh_degree, self.device);
+        let image = draw(&alone, self.rendering.seen_by(frame.camera.to_kernel()), self.device);
         let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(quantise)).collect();
         let least = self.mask_alpha.unwrap_or(self.truth_alpha);
         let known = |(i, known): (usize, &bool)| match self.mask_alpha {
@@ -104,7 +102,7 @@ impl Judge<'_> {
     fn composite(&self, rgba: &[u8]) -> Vec<f32> {
         let over = |p: &[u8]| {
             let a = f32::from(p[3]) / 255.0;
-            [0, 1, 2].map(|c| quantise(f32::from(p[c]) / 255.0 * a + (1.0 - a) * self.background[c]))
+            [0, 1, 2].map(|c| quantise(f32::from(p[c]) / 255.0 * a + (1.0 - a) * self.rendering.background[c]))
         };
         rgba.chunks_exact(4).flat_map(over).collect()
     }

@@ -5,7 +5,7 @@
 
 use super::click::Click;
 use super::truth::Labelled;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, Rendering};
 use crate::rng::{Purpose, Rng};
 use crate::segment::click::seen;
 use burn::tensor::Device;
@@ -41,7 +41,7 @@ impl Prompt {
     pub fn new(
         views: &[Labelled],
         ids: &[u16],
-        at: &HostGaussians,
+        (at, rendering): (&HostGaussians, Rendering),
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
         let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();
@@ -71,7 +71,7 @@ impl Prompt {
         let rate = share(inner.len(), inner_total).min(share(outer.len(), outer_total));
         chosen.extend(&inner[..((rate * inner_total as f64) as usize).min(inner.len())]);
         chosen.extend(&outer[..((rate * outer_total as f64) as usize).min(outer.len())]);
-        let found = seen(at, camera, &chosen, device)?;
+        let found = seen(at, rendering.seen_by(camera), &chosen, device)?;
         let inside = chosen.iter().map(|&p| within[p as usize]).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
         let view = view.view.name.clone();

@@ -47,7 +47,8 @@ pub fn evaluate_segments(
     let mut clicked = Vec::new();
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
-        let prompt = Prompt::new(&views, &target.ids, &at, &device).map_err(|e| e.to_string())?;
+        let prompt =
+            Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), &device).map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
                 "segment {}: cannot be seen at time {time:.3}, so not be clicked; try another --time",
@@ -87,8 +88,7 @@ pub fn evaluate_segments(
     }
     let judge = Judge {
         device: &device,
-        background: scene.spec.background,
-        sh_degree: scene.spec.sh_degree,
+        rendering: scene.spec.rendering(),
         mask_alpha: options.mask_alpha,
         truth_alpha: truth.file.mask_alpha,
         networks,

@@ -175,15 +175,7 @@ impl Trainers<'_> {
     }
 
     fn job<'b>(&'b self, groups: &'b [Group], shots: &'b [Shot], time: f64) -> MaskJob<'b> {
-        MaskJob {
-            at: self.at,
-            groups,
-            shots,
-            time,
-            background: self.scene.spec.background,
-            sh_degree: self.scene.spec.sh_degree,
-            device: self.device,
-        }
+        MaskJob { at: self.at, groups, shots, time, rendering: self.scene.spec.rendering(), device: self.device }
     }
 
     fn origin(&self) -> MaskOrigin {
@@ -200,7 +192,8 @@ impl Trainers<'_> {
     fn fine_views(&self, masks: &MaskReader, groups: &[Group], frame: &Frame) -> Result<Vec<FineView>, String> {
         let members: Vec<Vec<u32>> = groups.iter().map(|g| g.members.clone()).collect();
         let seed = self.options.fine.seed;
-        let views = read_views(masks, self.at, frame, &members, seed, self.device, |_| {});
+        let views =
+            read_views(masks, (self.at, self.scene.spec.rendering()), frame, &members, seed, self.device, |_| {});
         Ok(views.map_err(|e| e.to_string())?.0)
     }
 

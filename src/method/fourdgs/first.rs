@@ -25,7 +25,16 @@ pub(super) fn first(
     let (host, scene) = init::initialise(split, config, background)?;
     let orders = settings.time_orders + 1;
     let (centre, half_size) = (scene.centre, scene.half_size);
-    let spec = Spec { sh_stride: host.sh_stride, orders, sh_degree: 0, time_degree: 0, background, centre, half_size };
+    let spec = Spec {
+        sh_stride: host.sh_stride,
+        orders,
+        sh_degree: 0,
+        time_degree: 0,
+        background,
+        dilation: config.model.dilation as f32,
+        centre,
+        half_size,
+    };
     let tensors = in_time(host, config.seed, settings);
     match Scene4d::of(spec, &tensors, device) {
         Ok(scene) => Ok(scene),

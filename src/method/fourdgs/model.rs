@@ -2,8 +2,9 @@
 
 use super::{ColourSeries, Gaussians4d};
 use crate::model::params::{self, HostTensor};
+use crate::model::rendering::check_dilation;
 use crate::model::scene_file::{read_tensors, refuse_not_finite, write_tensors};
-use crate::model::{Counts, Model, SceneError};
+use crate::model::{Counts, Model, Rendering, SceneError};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
@@ -11,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{SplatSettings, splat_covariances};
+use volseggs_kernels::splat::{DILATION, splat_covariances};
 
 /// Entry of the file's header.
 const HEADER: &str = "4dgs";
@@ -33,15 +34,28 @@ pub(super) struct Spec {
     pub time_degree: usize,
     /// What lies behind.
     pub background: [f32; 3],
+    /// Variance that each is widened by on the screen, pixels squared.
+    #[serde(default = "widened_as_3dgs")] // a scene from before it was a key still loads
+    pub dilation: f32,
     /// Centre of the box of the first Gaussians, world units.
     pub centre: [f32; 3],
     /// Its half sides, world units.
     pub half_size: [f32; 3],
 }
 
+fn widened_as_3dgs() -> f32 {
+    DILATION
+}
+
 impl Spec {
     pub(super) fn colours(&self) -> ColourSeries {
         ColourSeries { sh_stride: self.sh_stride, time_degree: self.time_degree, duration: DURATION }
+    }
+
+    /// What they are drawn with.
+    pub(super) fn rendering(&self) -> Rendering {
+        let Self { background, sh_degree, dilation, .. } = *self;
+        Rendering { background, sh_degree, dilation }
     }
 
     /// Refuses what no scene has, before anything is allocated as it says.
@@ -55,6 +69,7 @@ impl Spec {
                 "degrees {sh_degree} and {time_degree} are in use of {orders} orders of {sh_stride} coefficients"
             ));
         }
+        check_dilation(self.dilation)?;
         let numbers = self.background.iter().chain(&self.centre).chain(&self.half_size);
         if !numbers.copied().all(f32::is_finite) || self.half_size.iter().any(|h| *h <= 0.0) {
             return Err("background, centre and half_size must be finite, half_size above 0".into());
@@ -152,8 +167,7 @@ impl Model for Scene4d {
         let colours = self.spec.colours();
         let of = self.gaussians();
         let at = if self.device.is_autodiff() { of.valid().at(time, colours) } else { of.at(time, colours) };
-        let (background, sh_degree) = (self.spec.background, self.spec.sh_degree);
-        splat_covariances(at, SplatSettings { camera, background, sh_degree }).image
+        splat_covariances(at, self.spec.rendering().seen_by(camera)).image
     }
 
     fn device(&self) -> Device {

@@ -8,8 +8,8 @@ use crate::config::types::Config;
 use crate::config::types::methods::FourDgsConfig;
 use crate::data::{Dataset, Split};
 use crate::memory::Budget;
-use crate::model::Model;
 use crate::model::params::{self, HostTensor, to_vec};
+use crate::model::{Model, Rendering};
 use crate::rng::{Purpose, Rng};
 use crate::train::budget::{Views, check_memory};
 use crate::train::check::{Background, check_device, parse_background};
@@ -26,7 +26,7 @@ use burn::tensor::{Device, Gradients, Tensor};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use volseggs_kernels::activation::logit;
-use volseggs_kernels::splat::{CovarianceInputs, SplatSettings, splat_covariances};
+use volseggs_kernels::splat::{CovarianceInputs, splat_covariances};
 
 /// Opacities are reset to that (3DGS).
 const RESET: f32 = 0.01;
@@ -214,9 +214,8 @@ impl Training for Fit {
         lap(&mut times.deform);
         let offsets = Tensor::<2>::zeros([self.scene.gaussians().count(), 2], &self.device).require_grad();
         let inputs = CovarianceInputs { screen_offsets: Some(offsets.clone()), ..at };
-        let sh_degree = self.scene.spec.sh_degree;
-        let drawn =
-            splat_covariances(inputs, SplatSettings { camera: frame.camera.to_kernel(), background, sh_degree });
+        let rendering = Rendering { background, ..self.scene.spec.rendering() };
+        let drawn = splat_covariances(inputs, rendering.seen_by(frame.camera.to_kernel()));
         lap(&mut times.splat);
 
         let distance = losses::photometric(drawn.image.clone(), target.clone(), &self.config.loss);

@@ -3,7 +3,7 @@
 use super::*;
 use crate::device::DeviceName;
 use crate::model::{HostGaussians, params};
-use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads};
+use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads, rendering};
 use crate::segment::candidates::Candidates;
 use crate::segment::click;
 use crate::segment::fine::extract::{Clustering, cluster};
@@ -205,7 +205,7 @@ impl Trained {
         let [x, y, z] =
             [0, 1, 2].map(|r| (0..3).map(|k| camera.rotation[r][k] * centre[k]).sum::<f32>() + camera.translation[r]);
         let pixel = [camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy].map(|v| v as u32);
-        let under = click::under(&self.at, *camera, pixel, &device()).unwrap();
+        let under = click::under(&self.at, rendering().seen_by(*camera), pixel, &device()).unwrap();
         let found = click::heaviest(&under, |_| true).unwrap() as usize;
         assert_eq!(found / COUNT, ball, "the click hits the other ball");
         found

@@ -2,11 +2,10 @@
 //! make them up, and the masks that cover them. Geometry does not move, so all of it is found once.
 
 use super::network::Frame;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, Rendering};
 use crate::rng::{Purpose, Rng};
 use crate::segment::masks::{Mask, MaskReader, StoreError};
 use burn::tensor::Device;
-use volseggs_kernels::Camera;
 use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
@@ -20,8 +19,8 @@ const FAINT: f32 = 1e-3;
 pub struct MaskedView {
     /// Indices of the segment's Gaussians.
     pub members: Vec<u32>,
-    /// The camera.
-    pub camera: Camera,
+    /// How it is drawn.
+    pub settings: SplatSettings,
     /// Masks of the picture of the segment alone.
     pub masks: Vec<Mask>,
 }
@@ -56,7 +55,8 @@ impl FineView {
         seed: u64,
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
-        let mut covered = vec![false; view.camera.width * view.camera.height];
+        let SplatSettings { camera, .. } = view.settings;
+        let mut covered = vec![false; camera.width * camera.height];
         for pixel in view.masks.iter().flat_map(Mask::pixels) {
             if let Some(covered) = covered.get_mut(pixel as usize) {
                 *covered = true;
@@ -70,8 +70,7 @@ impl FineView {
             return Ok(None);
         }
         let alone = at.subset(&view.members);
-        let settings = SplatSettings { camera: view.camera, background: [0.0; 3], sh_degree: 0 };
-        let found = contributors(&alone.to_splat(device), &settings, &pixels)?;
+        let found = contributors(&alone.to_splat(device), &view.settings, &pixels)?;
         let (local, rows) = compact(&found);
         let means: Vec<f32> = local.iter().flat_map(|&i| &alone.means[3 * i as usize..][..3]).copied().collect();
 
@@ -109,13 +108,13 @@ impl FineView {
 }
 
 /// Everything a file of masks has to train on: each view of each of its segments, scales ranked, and the spreads of all
-/// masks, ascending. `members` gives the Gaussians of the file's segments, in its order; `progress` is told each view.
+/// masks, ascending. `at` and `rendering` say how the scene is drawn; `members` gives the Gaussians of the file's segments, in its order; `progress` is told each view.
 ///
 /// # Errors
 /// If the file is damaged.
 pub fn read_views(
     masks: &MaskReader,
-    at: &HostGaussians,
+    (at, rendering): (&HostGaussians, Rendering),
     frame: &Frame,
     members: &[Vec<u32>],
     seed: u64,
@@ -126,10 +125,10 @@ pub fn read_views(
     let mut views = Vec::new();
     for (i, view) in header.views.iter().enumerate() {
         let annotations = masks.view(i)?;
-        let camera = view.camera(header.width, header.height).to_kernel();
+        let settings = rendering.seen_by(view.camera(header.width, header.height).to_kernel());
         for (k, members) in (0..).zip(members) {
             let masks = annotations.iter().filter(|a| a.segment == k).map(|a| a.mask.clone()).collect();
-            let masked = MaskedView { members: members.clone(), camera, masks };
+            let masked = MaskedView { members: members.clone(), settings, masks };
             let number = (i * header.segments.len()) as u64 + u64::from(k);
             views.extend(FineView::new(at, frame, &masked, number, seed, device)?);
         }

@@ -67,7 +67,7 @@ pub fn write_pictures(
         let alone = job.at.subset(&group.members);
         for shot in job.shots {
             let path = inner.join(format!("{}.png", shot.file));
-            let rgba = draw(&alone, shot.camera.to_kernel(), job.background, job.sh_degree, job.device);
+            let rgba = draw(&alone, job.rendering.seen_by(shot.camera.to_kernel()), job.device);
             let bytes = rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
             let (w, h) = (shot.camera.width, shot.camera.height);
             let image = RgbImage::from_raw(w, h, bytes.collect())

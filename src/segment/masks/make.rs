@@ -6,7 +6,7 @@ use super::alpha::background_below;
 use super::source::{Found, Group, MaskSource, Seen, SourceError};
 use super::store::{Annotation, Header, MaskWriter, StoreError, View};
 use crate::data::Camera;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, Rendering};
 use crate::segment::pictures::{Picture, picture, share};
 use crate::segment::segmentation::members_key;
 use burn::tensor::Device;
@@ -46,10 +46,8 @@ pub struct MaskJob<'a> {
     pub shots: &'a [Shot],
     /// Time in [0, 1], as the mask file says it.
     pub time: f64,
-    /// Colour behind the Gaussians.
-    pub background: [f32; 3],
-    /// Spherical-harmonics degree in use.
-    pub sh_degree: usize,
+    /// What the scene is drawn with.
+    pub rendering: Rendering,
     /// Where to draw.
     pub device: &'a Device,
 }
@@ -129,7 +127,7 @@ impl MaskJob<'_> {
 
     /// Where `members` are what one sees in the whole scene; `picture` is of them alone.
     fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
-        let share = share(self.at, members, camera.to_kernel(), self.device);
+        let share = share(self.at, members, self.rendering.seen_by(camera.to_kernel()), self.device);
         let below = background_below(picture) as f32;
         share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MOST && p[3] > below).collect()
     }
@@ -156,7 +154,7 @@ pub fn make_masks(
         // pictures one after the other (each uses all threads), then their masks side by side, a few at a time
         for (start, shots) in (0..).step_by(batch).zip(job.shots.chunks(batch)) {
             let draw = |shot: &Shot| {
-                let drawn = picture(&alone, shot.camera.to_kernel(), job.background, job.sh_degree, job.device);
+                let drawn = picture(&alone, job.rendering.seen_by(shot.camera.to_kernel()), job.device);
                 let front = source.needs_front().then(|| job.front(members, &drawn, &shot.camera));
                 (drawn, front)
             };

@@ -4,6 +4,7 @@ use super::super::{Mask, MaskReader};
 use super::*;
 use crate::data::paths::{Lens, training_cameras};
 use crate::device::DeviceName;
+use volseggs_kernels::splat::DILATION;
 
 /// Three dense balls along x; the first hides the others from +x.
 fn scene() -> HostGaussians {
@@ -63,7 +64,8 @@ fn shots() -> Vec<Shot> {
 fn make(groups: &[Group], shots: &[Shot], source: &Fronts, path: &Path, stop_at: usize) -> Result<u64, MakeError> {
     let device = DeviceName::all()[0].open().unwrap();
     let at = scene();
-    let job = MaskJob { at: &at, groups, shots, time: 0.5, background: [1.0; 3], sh_degree: 0, device: &device };
+    let rendering = Rendering { background: [1.0; 3], sh_degree: 0, dilation: DILATION };
+    let job = MaskJob { at: &at, groups, shots, time: 0.5, rendering, device: &device };
     let mut views = 0;
     make_masks(&job, source, path, |seen, found| {
         assert_eq!((seen.group * shots.len() + seen.view, found.len()), (views, 1));

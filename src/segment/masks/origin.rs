@@ -85,7 +85,7 @@ impl MaskOrigin {
     /// If masks of another program do not fit the job, or the network cannot be loaded; with the file.
     pub fn open(&self, job: &MaskJob<'_>) -> Result<Box<dyn MaskSource>, OriginError> {
         Ok(match self {
-            Self::Regions(options) => Box::new(Regions::new(job.background, options.clone())),
+            Self::Regions(options) => Box::new(Regions::new(job.rendering.background, options.clone())),
             Self::Labels(truth, views) => Box::new(Labels::new(truth.clone(), views.clone())),
             Self::Dir(path) => {
                 let groups: Vec<String> = job.groups.iter().map(|g| g.name.clone()).collect();

@@ -2,6 +2,7 @@
 //! as a command would, so that commands are refused meanwhile, and goes on when the client who started it leaves.
 
 pub mod board;
+pub mod export;
 pub mod task;
 
 use super::hub::Hub;

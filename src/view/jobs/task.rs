@@ -2,15 +2,12 @@
 //! files.
 
 use super::board::Reporter;
-use crate::export::labels::Space;
+use super::export::{Export, FileFormat};
 use crate::name::Name;
 use crate::run::cameras::check_lens;
-use crate::run::export::{LabelFormat, Output, Record, SplatFormat, write_labels, write_splats};
 use crate::run::follow::{FollowRequest, SHEET, Stage as FollowStage, Times, follow};
-use crate::run::labels::{LabelPlan, Labels};
 use crate::run::masks::{MaskPlan, MaskRequest, make};
 use crate::run::segments::{RunSegments, write_picture};
-use crate::run::selection::Selection;
 use crate::run::split::{SplitOptions, sheet, split};
 use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::fine::train::FineOptions;
@@ -20,7 +17,6 @@ use burn::tensor::Device;
 use serde::Deserialize;
 use std::fmt;
 use std::ops::RangeInclusive;
-use std::path::Path;
 
 /// Views of masks, and times, that a client may ask for.
 const MOST: usize = 1000;
@@ -94,28 +90,6 @@ pub enum Source {
     Regions,
     /// Label images of the dataset.
     Labels,
-}
-
-/// A kind of file.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum FileFormat {
-    /// Gaussians.
-    Ply,
-    /// Labels on voxels, for 3D Slicer.
-    Nrrd,
-    /// Labels on voxels, for VTK.
-    Vti,
-}
-
-impl FileFormat {
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Ply => "ply",
-            Self::Nrrd => "nrrd",
-            Self::Vti => "vti",
-        }
-    }
 }
 
 /// What is done, in words.
@@ -204,7 +178,8 @@ impl Task {
                     Some(n) => (0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect(),
                     None => vec![*time],
                 };
-                export(run, *format, segments, *edited, (&times, frames.is_some()), report)
+                Export { format: *format, segments, edited: *edited, times: &times, many: frames.is_some() }
+                    .write(run, report)
             }
         }
     }
@@ -301,52 +276,6 @@ fn track(
         let names: Vec<&str> = found.iter().map(|f| f.name.as_str()).collect();
         format!("tables and pictures of {}: {}", names.join(", "), folder.display())
     }))
-}
-
-fn export(
-    run: &OpenRun,
-    format: FileFormat,
-    segments: &[String],
-    edited: bool,
-    (times, many): (&[f64], bool),
-    report: &mut Reporter,
-) -> Result<Option<String>, RunError> {
-    let paths = run.paths();
-    let mut done = 0;
-    let mut one_more = || {
-        done += 1;
-        report.at("times", done, times.len(), None)
-    };
-    let record = |run: &OpenRun, segments| {
-        let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
-        Record { version, run, format: format.extension(), times, edited, segments }
-    };
-    let place = |folder: &Path, name| Output::within(folder, name, format.extension(), many, &[]);
-    let written_as = match format {
-        FileFormat::Ply => {
-            let shown = Selection::open(run, segments, edited)?;
-            let output = place(&paths.exported(), "scene")?;
-            let Some(count) = write_splats(run, &shown, times, &output, SplatFormat::Ply, one_more)? else {
-                return Ok(None);
-            };
-            let said = format!("{count} Gaussians: {}", output.path().display());
-            output.finish(&record(run, segments), &[])?;
-            return Ok(Some(said));
-        }
-        FileFormat::Nrrd => LabelFormat::Nrrd(Space::default()),
-        FileFormat::Vti => LabelFormat::Vti,
-    };
-    let labels = Labels::new(run, &LabelPlan { segments: segments.to_vec(), edited, ..LabelPlan::default() })?;
-    let output = place(&paths.labels(), "labels")?;
-    for (i, &time) in times.iter().enumerate() {
-        write_labels(&output.place(i).0, &labels, &labels.at(time)?, edited, written_as)?;
-        if !one_more() {
-            return Ok(None);
-        }
-    }
-    let said = format!("labels of {}: {}", labels.names.join(", "), output.path().display());
-    output.finish(&record(run, &labels.names), &[])?;
-    Ok(Some(said))
 }
 
 #[cfg(test)]

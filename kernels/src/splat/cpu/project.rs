@@ -4,8 +4,8 @@ use super::Attributes;
 use super::covariance::{Covariance, Covariances, dot};
 use super::lanes::{LOG2_E, wide};
 use crate::activation::sigmoid;
-use crate::splat::{ALPHA_MIN, DILATION, NEAR, SplatSettings};
-use crate::{Camera, sh};
+use crate::sh;
+use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
 use rayon::prelude::*;
 
 /// A projected Gaussian, as blending reads it.
@@ -46,7 +46,8 @@ pub(crate) struct Projection {
 impl Projection {
     /// Of Gaussian `i` at `mean`.
     #[inline(always)]
-    pub(crate) fn new(mean: [f32; 3], covariances: Covariances<&[f32]>, i: usize, camera: &Camera) -> Self {
+    pub(crate) fn new(mean: [f32; 3], covariances: Covariances<&[f32]>, i: usize, settings: &SplatSettings) -> Self {
+        let SplatSettings { camera, dilation, .. } = settings;
         let w = &camera.rotation;
         let camera_mean: [f32; 3] =
             std::array::from_fn(|i| w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]);
@@ -63,8 +64,8 @@ impl Projection {
         ];
         let (source, on_screen) = Covariance::project(covariances, i, &jw);
         let [aa, ab, cc] = on_screen.entries;
-        let determinant = on_screen.determinant + DILATION * (aa + cc) + DILATION * DILATION;
-        let covariance = [aa + DILATION, ab, cc + DILATION];
+        let determinant = on_screen.determinant + dilation * (aa + cc) + dilation * dilation;
+        let covariance = [aa + dilation, ab, cc + dilation];
         Self { camera_mean, slope, clamped, jw, source, covariance, determinant }
     }
 }
@@ -122,7 +123,7 @@ fn project_one(
     if opacity.is_nan() || opacity < ALPHA_MIN {
         return None;
     }
-    let p = Projection::new(mean, a.covariances, i, camera);
+    let p = Projection::new(mean, a.covariances, i, settings);
     if p.camera_mean[2].is_nan() || p.camera_mean[2] <= NEAR {
         return None;
     }

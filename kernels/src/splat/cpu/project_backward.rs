@@ -85,7 +85,7 @@ fn one(
 ) -> One {
     let camera = &settings.camera;
     let mean = row::<3>(a.means, i);
-    let p = Projection::new(mean, a.covariances, i, camera);
+    let p = Projection::new(mean, a.covariances, i, settings);
     let [ca, cb, cc] = p.covariance;
     let inverse = 1.0 / p.determinant;
     let conic = [cc * inverse, -cb * inverse, ca * inverse];

@@ -110,7 +110,7 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
     let screen = Words::empty(client, n * project::SCREEN);
     let (keys, indices) = (Words::empty(client, n), Words::empty(client, n));
     let radii = empty_i32(means, [n]);
-    let camera = Words::f32s(client, &project::camera_words(&settings.camera));
+    let camera = Words::f32s(client, &project::camera_words(settings));
     project::project::launch(
         client,
         cubes(n, UNITS),
@@ -229,7 +229,7 @@ impl SplatBackwardOps for CubeBackend {
         let out_source = source.empty_like();
         let [out_means, out_offsets] = [3, 2].map(|width| empty_f32(&means, [n, width]));
         let (out_logits, out_sh) = (empty_f32(&means, [n]), empty_f32(&means, [n, sh_stride, 3]));
-        let camera = Words::f32s(&client, &project::camera_words(&settings.camera));
+        let camera = Words::f32s(&client, &project::camera_words(&settings));
         project_backward::project_backward::launch(
             &client,
             cubes(n, UNITS),

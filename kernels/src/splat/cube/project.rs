@@ -2,9 +2,8 @@
 
 use super::covariance::on_screen;
 use super::sh::basis;
-use crate::Camera;
 use crate::cube::is_finite;
-use crate::splat::{ALPHA_MIN, DILATION, NEAR};
+use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
@@ -17,14 +16,15 @@ pub(super) const SCREEN: usize = 12;
 pub(super) const CULLED: u32 = u32::MAX;
 
 /// The camera as the kernels read it: fx, fy, cx, cy, rotation (9), translation (3), eye (3), limits of the slope (2),
-/// width, height.
-pub(super) fn camera_words(camera: &Camera) -> Vec<f32> {
+/// width, height, dilation.
+pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
+    let camera = &settings.camera;
     let mut words = vec![camera.fx, camera.fy, camera.cx, camera.cy];
     words.extend(camera.rotation.iter().flatten());
     words.extend(camera.translation);
     words.extend(camera.position());
     words.extend(camera.jacobian_limits());
-    words.extend([camera.width as f32, camera.height as f32]);
+    words.extend([camera.width as f32, camera.height as f32, settings.dilation]);
     words
 }
 
@@ -123,7 +123,7 @@ pub(super) fn project(
         let i = ABSOLUTE_POS;
         let at_camera = view(means, camera, i);
         let s = on_screen(source, log_scales, &at_camera, i, entries);
-        let dilation = comptime!(DILATION);
+        let dilation = camera[23];
         let (ca, cb, cc) = (s.xx + dilation, s.xy, s.yy + dilation);
         let determinant = s.determinant + dilation * (s.xx + s.yy) + dilation * dilation;
         let (width, height) = (camera[21], camera[22]);

@@ -7,7 +7,7 @@
 
 mod backward;
 
-use super::{ALPHA_MAX, ALPHA_MIN, DILATION, MINOR_SLACK, NEAR, SplatSettings, TRANSMITTANCE_MIN};
+use super::{ALPHA_MAX, ALPHA_MIN, MINOR_SLACK, NEAR, SplatSettings, TRANSMITTANCE_MIN};
 
 pub use backward::backward;
 
@@ -182,7 +182,7 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
     let covariance: [[f64; 2]; 2] = std::array::from_fn(|a| {
         std::array::from_fn(|b| {
             let v: f64 = (0..3).map(|k| (0..3).map(|l| jw[a][k] * sigma[k][l] * jw[b][l]).sum::<f64>()).sum();
-            v + if a == b { f64::from(DILATION) } else { 0.0 }
+            v + if a == b { f64::from(settings.dilation) } else { 0.0 }
         })
     });
     let eye: [f64; 3] =

@@ -1,0 +1,109 @@
+//! Files of other programs, as `export` writes them, in the run folder.
+
+use super::board::Reporter;
+use crate::export::labels::Space;
+use crate::run::export::{LabelFormat, Output, Record, SplatFormat, write_labels, write_splats};
+use crate::run::labels::{LabelPlan, Labels};
+use crate::run::selection::Selection;
+use crate::run::{OpenRun, RunError};
+use serde::Deserialize;
+use std::path::Path;
+
+/// A kind of file.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum FileFormat {
+    /// Gaussians, for viewers of 3DGS.
+    Ply,
+    /// Gaussians in a fifth of the bytes.
+    Spz,
+    /// Labels on voxels, for 3D Slicer.
+    Nrrd,
+    /// Labels on voxels, for VTK.
+    Vti,
+}
+
+impl FileFormat {
+    /// How the names of its files end.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Ply => SplatFormat::Ply.extension(),
+            Self::Spz => SplatFormat::Spz.extension(),
+            Self::Nrrd => "nrrd",
+            Self::Vti => "vti",
+        }
+    }
+}
+
+/// What is to be written.
+pub struct Export<'a> {
+    /// As what.
+    pub format: FileFormat,
+    /// Segments alone; all if empty.
+    pub segments: &'a [String],
+    /// Whether the edits apply.
+    pub edited: bool,
+    /// Times in [0, 1].
+    pub times: &'a [f64],
+    /// Whether a folder holds a file for each time, in place of one file.
+    pub many: bool,
+}
+
+impl Export<'_> {
+    /// Writes it; what was written, in words. `None` if `report` stopped it.
+    ///
+    /// # Errors
+    /// As the functions of [`crate::run`].
+    pub fn write(&self, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
+        match self.format {
+            FileFormat::Ply => self.splats(run, SplatFormat::Ply, report),
+            FileFormat::Spz => self.splats(run, SplatFormat::Spz, report),
+            FileFormat::Nrrd => self.labels(run, LabelFormat::Nrrd(Space::default()), report),
+            FileFormat::Vti => self.labels(run, LabelFormat::Vti, report),
+        }
+    }
+
+    fn splats(&self, run: &OpenRun, format: SplatFormat, report: &mut Reporter) -> Result<Option<String>, RunError> {
+        let shown = Selection::open(run, self.segments, self.edited)?;
+        let output = self.place(&run.paths().exported(), "scene")?;
+        let mut done = 0;
+        let Some(count) = write_splats(run, &shown, self.times, &output, format, || self.one_more(&mut done, report))?
+        else {
+            return Ok(None);
+        };
+        let said = format!("{count} Gaussians: {}", output.path().display());
+        output.finish(&self.record(run, self.segments), &[])?;
+        Ok(Some(said))
+    }
+
+    fn labels(&self, run: &OpenRun, format: LabelFormat, report: &mut Reporter) -> Result<Option<String>, RunError> {
+        let edited = self.edited;
+        let labels = Labels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
+        let output = self.place(&run.paths().labels(), "labels")?;
+        let mut done = 0;
+        for (i, &time) in self.times.iter().enumerate() {
+            write_labels(&output.place(i).0, &labels, &labels.at(time)?, edited, format)?;
+            if !self.one_more(&mut done, report) {
+                return Ok(None);
+            }
+        }
+        let said = format!("labels of {}: {}", labels.names.join(", "), output.path().display());
+        output.finish(&self.record(run, &labels.names), &[])?;
+        Ok(Some(said))
+    }
+
+    fn place(&self, folder: &Path, name: &str) -> Result<Output, RunError> {
+        Output::within(folder, name, self.format.extension(), self.many, &[])
+    }
+
+    /// Reports that one more time is written; whether to go on.
+    fn one_more(&self, done: &mut usize, report: &mut Reporter) -> bool {
+        *done += 1;
+        report.at("times", *done, self.times.len(), None)
+    }
+
+    fn record<'a>(&'a self, run: &OpenRun, segments: &'a [String]) -> Record<'a> {
+        let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
+        Record { version, run, format: self.format.extension(), times: self.times, edited: self.edited, segments }
+    }
+}
