@@ -103,7 +103,7 @@ impl ConfigArgs {
         match self.action {
             Action::Show { source, json: false } => out!("{}", source.resolve()?.show()),
             Action::Show { source, json: true } => super::print_json(&source.resolve()?.value)?,
-            Action::Schema => super::print_json(&file_schema::<Config>())?,
+            Action::Schema => super::print_json(&file_schema(&Config::default()))?,
             Action::Presets => PRESETS.iter().for_each(|(name, text)| {
                 let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();
                 outln!("{name}: {}", comment.join(" "));

@@ -6,6 +6,7 @@ use glam::DVec4;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use volseggs::config::types::Config;
 use volseggs::data::{SplitName, Transforms};
 use volseggs::export::ply;
 
@@ -335,6 +336,12 @@ fn config_shows_values_with_their_origins() {
 fn the_schema_is_the_committed_one() {
     let schema: Value = serde_json::from_str(&output(volseggs().args(["config", "schema"]))).unwrap();
     assert!(schema["properties"]["densify"].is_object(), "{schema}");
+    // an editor shows the built-in values, not those that old files are read with
+    let built_in = serde_json::to_value(Config::default()).unwrap();
+    for key in ["dilation", "embedding", "sh_degree", "encoder"] {
+        assert_eq!(schema["$defs"]["ModelConfig"]["properties"][key]["default"], built_in["model"][key], "{key}");
+    }
+    assert_eq!((&schema["properties"]["seed"]["default"], &built_in["seed"]), (&Value::from(0), &Value::from(0)));
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs/schema.json");
     if committed.exists() {
         assert!(json(&committed) == schema, "run: volseggs config schema > configs/schema.json");

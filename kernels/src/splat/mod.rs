@@ -58,9 +58,8 @@ pub struct SplatSettings {
     pub background: [f32; 3],
     /// Spherical-harmonics degree in use, 0 to 3; coefficients beyond it are ignored and get no gradient.
     pub sh_degree: usize,
-    /// Added to the diagonal of the projected covariance, pixels squared, at least 0: a pixel is an area, not a point, and
-    /// Gaussians smaller than it must not slip between the points. At most [`MOST_DILATION`]; [`DILATION`] in 3DGS; 1/12 is the
-    /// variance of a square pixel.
+    /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall between the centres
+    /// of pixels; 0 to [`MOST_DILATION`], [`DILATION`] in 3DGS.
     pub dilation: f32,
 }
 

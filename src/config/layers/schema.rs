@@ -1,6 +1,7 @@
 //! Views into a JSON schema: which keys exist, and of what type a leaf is.
 
 use schemars::JsonSchema;
+use serde::Serialize;
 use serde_json::Value as Json;
 
 /// Depth at which a self-referring schema is no longer followed.
@@ -13,11 +14,13 @@ pub fn schema<T: JsonSchema>() -> Json {
 }
 
 /// The JSON schema of a configuration file for `T`: every key may be left out, since the layers below give
-/// it a value, and `extends` names the file or preset to start from.
+/// it a value, and `extends` names the file or preset to start from. Beside each key of `defaults` stands its value there.
 #[must_use]
-pub fn file_schema<T: JsonSchema>() -> Json {
+pub fn file_schema<T: JsonSchema + Serialize>(defaults: &T) -> Json {
     let mut schema = schema::<T>();
     relax(&mut schema);
+    // what cannot be written as JSON leaves the schema without built-in values
+    fill(&mut schema, &serde_json::to_value(defaults).unwrap_or_default());
     if let Some(properties) = schema.get_mut("properties").and_then(Json::as_object_mut) {
         let description = "File or preset whose values this file starts from.";
         properties.insert("extends".into(), serde_json::json!({ "type": "string", "description": description }));
@@ -33,6 +36,30 @@ fn relax(node: &mut Json) {
         }
         Json::Array(items) => items.iter_mut().for_each(relax),
         _ => {}
+    }
+}
+
+/// Puts the built-in value of each key into the schema, in the place of that with which a file from before the key is read.
+fn fill(schema: &mut Json, defaults: &Json) {
+    for (name, value) in defaults.as_object().into_iter().flatten() {
+        let properties = format!("/properties/{name}");
+        let section = schema.pointer(&properties).and_then(|p| p.get("$ref")).and_then(Json::as_str);
+        // a reference is written `#/$defs/Name`, which is a pointer but for its first character
+        match section.and_then(|s| s.strip_prefix('#')).map(str::to_owned) {
+            Some(section) => {
+                for (key, value) in value.as_object().into_iter().flatten() {
+                    set_default(schema, &format!("{section}/properties/{key}"), value);
+                }
+            }
+            None => set_default(schema, &properties, value),
+        }
+    }
+}
+
+fn set_default(schema: &mut Json, pointer: &str, value: &Json) {
+    // a method of its own has no section unless it is used
+    if let (Some(Json::Object(node)), false) = (schema.pointer_mut(pointer), value.is_null()) {
+        node.insert("default".into(), value.clone());
     }
 }
 

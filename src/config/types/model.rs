@@ -56,8 +56,8 @@ pub struct ModelConfig {
     /// Numbers of each Gaussian's own that the decoder sees beside the features of its place and time; 0 for none, as the paper.
     #[serde(default)] // a scene from before this key still loads
     pub embedding: usize,
-    /// Variance that each Gaussian is widened by on the screen, pixels squared, at least 0: what a pixel sees is an area. 1/12
-    /// is the variance of a square pixel; 3DGS and the paper's code have 0.3, which blurs what is a pixel or two wide.
+    /// Variance that each Gaussian is widened by on the screen, pixels squared, so that none falls between the centres of pixels;
+    /// at least 0. 3DGS and the paper's code have 0.3, which blurs what is a pixel or two wide.
     #[serde(default = "super::defaults::dilation_of_3dgs")] // a scene from before this key still loads
     pub dilation: f64,
     /// Width of the decoder's hidden layers.
