@@ -14,18 +14,6 @@ pub struct Rendering {
     pub dilation: f32,
 }
 
-/// Refuses a dilation that nothing is drawn with.
-///
-/// # Errors
-/// A message.
-pub fn check_dilation(dilation: f32) -> Result<(), String> {
-    if (0.0..=MOST_DILATION).contains(&dilation) {
-        Ok(())
-    } else {
-        Err(format!("dilation = {dilation}: 0 to {MOST_DILATION}, in pixels squared"))
-    }
-}
-
 impl Rendering {
     /// As seen by `camera`.
     #[must_use]
@@ -38,5 +26,17 @@ impl Rendering {
     #[must_use]
     pub fn flat(self) -> Self {
         Self { sh_degree: 0, ..self }
+    }
+}
+
+/// Refuses a dilation that nothing is drawn with.
+///
+/// # Errors
+/// A message.
+pub fn check_dilation(dilation: f32) -> Result<(), String> {
+    if (0.0..=MOST_DILATION).contains(&dilation) {
+        Ok(())
+    } else {
+        Err(format!("dilation = {dilation}: 0 to {MOST_DILATION}, in pixels squared"))
     }
 }

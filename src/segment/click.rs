@@ -5,7 +5,15 @@ use burn::tensor::Device;
 use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
-/// What the pixel at column `x` and row `y` is made of: indices of Gaussians and their weights, nearest first.
+/// A pixel of which Gaussians make up less than this shows nothing that a person would click on.
+const FAINT: f32 = 0.05;
+/// How far beside a thin thing a click still means it: a part of the picture's width, and at least two pixels.
+const REACH: f32 = 0.01;
+const LEAST_REACH: f32 = 2.0;
+
+/// What a click on column `x` and row `y` is on: indices of Gaussians and their weights, nearest first. It is what that pixel is
+/// made of, or, where the pixel shows nothing, the nearest one that shows something, up to a hundredth of the picture's width
+/// away and at least up to two pixels.
 ///
 /// # Errors
 /// If the camera has no such pixel.
@@ -19,9 +27,40 @@ pub fn under(
     let pixel = y.saturating_mul(camera.width as u32).saturating_add(x);
     // a column beyond the right edge must not become a pixel of the next row
     let pixel = if x as usize >= camera.width { u32::MAX } else { pixel };
-    let found = seen(gaussians, settings, &[pixel], device)?;
-    let (indices, weights) = found.row(0);
-    Ok(indices.iter().copied().zip(weights.iter().copied()).collect())
+    let clicked = seen(gaussians, settings, &[pixel], device)?;
+    if shows(&clicked, 0) {
+        return Ok(list(&clicked, 0));
+    }
+    let around = around([x, y], [camera.width, camera.height]);
+    let found = seen(gaussians, settings, &around, device)?;
+    let nearest = (0..around.len()).find(|&row| shows(&found, row));
+    Ok(nearest.map_or_else(|| list(&clicked, 0), |row| list(&found, row)))
+}
+
+/// Whether a pixel shows anything.
+fn shows(found: &Contributors, row: usize) -> bool {
+    found.row(row).1.iter().sum::<f32>() >= FAINT
+}
+
+fn list(found: &Contributors, row: usize) -> Vec<(u32, f32)> {
+    let (indices, weights) = found.row(row);
+    indices.iter().copied().zip(weights.iter().copied()).collect()
+}
+
+/// The pixels within reach of one, nearest first.
+fn around([x, y]: [u32; 2], [width, height]: [usize; 2]) -> Vec<u32> {
+    let reach = (REACH * width as f32).max(LEAST_REACH);
+    let (x, y, steps) = (i64::from(x), i64::from(y), reach as i64);
+    let mut found: Vec<(i64, u32)> = Vec::new();
+    for (dy, dx) in (-steps..=steps).flat_map(|dy| (-steps..=steps).map(move |dx| (dy, dx))) {
+        let (distance, column, row) = (dx * dx + dy * dy, x + dx, y + dy);
+        let inside = (0..width as i64).contains(&column) && (0..height as i64).contains(&row);
+        if inside && distance > 0 && distance as f32 <= reach * reach {
+            found.push((distance, (row * width as i64 + column) as u32));
+        }
+    }
+    found.sort_unstable();
+    found.into_iter().map(|(_, pixel)| pixel).collect()
 }
 
 /// What some pixels (`y * width + x`) are made of.
@@ -83,6 +122,20 @@ mod tests {
         assert_eq!(heaviest(&under, |_| true), Some(1), "the faint one in front does not count more");
         assert_eq!(heaviest(&under, |i| i == 0), Some(0));
         assert_eq!(heaviest(&under, |i| i == 2), None);
+    }
+
+    #[test]
+    fn a_click_beside_a_thin_thing_means_it() {
+        let device = crate::device::DeviceName::Flex.open().unwrap();
+        let (mut at, settings) = three();
+        // a thread along the vertical, a fraction of a pixel wide, in column 32
+        at.log_scales[..3].copy_from_slice(&[-9.0, -9.0, 0.0]);
+        at.opacity_logits[..2].copy_from_slice(&[4.0, -20.0]);
+        let on = |column| under(&at, settings, [column, 20], &device).unwrap().first().map(|u| u.0);
+        let columns: Vec<u32> = (20..45).filter(|&c| on(c) == Some(0)).collect();
+        let (first, last) = (columns[0], columns[columns.len() - 1]);
+        assert!((5..=6).contains(&(last - first + 1)), "two pixels on either side: {columns:?}");
+        assert!(columns.iter().any(|&c| (31..=32).contains(&c)) && on(first - 1).is_none(), "{columns:?}");
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::click::Click;
 use super::truth::Labelled;
 use crate::model::{HostGaussians, Rendering};
 use crate::rng::{Purpose, Rng};
-use crate::segment::click::seen;
+use crate::segment::click::{seen, under};
 use burn::tensor::Device;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError};
 
@@ -25,6 +25,7 @@ pub struct Prompt {
     pub view: String,
     /// Column and row of the first click.
     pub pixel: [u32; 2],
+    first: Click,
     size: [usize; 2],
     /// The pixels by which selections are judged (`y * width + x`), the clicked one first.
     chosen: Vec<u32>,
@@ -71,17 +72,19 @@ impl Prompt {
         let rate = share(inner.len(), inner_total).min(share(outer.len(), outer_total));
         chosen.extend(&inner[..((rate * inner_total as f64) as usize).min(inner.len())]);
         chosen.extend(&outer[..((rate * outer_total as f64) as usize).min(outer.len())]);
-        let found = seen(at, rendering.seen_by(camera), &chosen, device)?;
+        let settings = rendering.seen_by(camera);
+        let found = seen(at, settings, &chosen, device)?;
         let inside = chosen.iter().map(|&p| within[p as usize]).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
+        let first = Click { under: under(at, settings, pixel, device)? };
         let view = view.view.name.clone();
-        Ok(Some(Self { view, pixel, size: [width, height], chosen, pixels: found, inside }))
+        Ok(Some(Self { view, pixel, first, size: [width, height], chosen, pixels: found, inside }))
     }
 
     /// The first click.
     #[must_use]
     pub fn first(&self) -> Click {
-        self.click(0)
+        self.first.clone()
     }
 
     /// A click on the pixel that lies deepest in what `selected` leaves out of the segment; `None` if it leaves out none.
@@ -127,8 +130,8 @@ impl Prompt {
     }
 }
 
-/// The pixel of a segment that is farthest from what is not of it and from the border, the first of equals; steps along rows
-/// and columns count 1.
+/// The pixel of a segment that is farthest from what is not of it and from the border; steps along rows and columns count 1. Of
+/// equals the one nearest to the middle of all of them, not the tip of a thin thing; of those the first.
 fn deepest(within: &[bool], width: usize, height: usize) -> usize {
     let mut depth = vec![0u32; within.len()];
     for y in 0..height {
@@ -149,13 +152,13 @@ fn deepest(within: &[bool], width: usize, height: usize) -> usize {
             depth[i] = depth[i].min(1 + down.min(right));
         }
     }
-    let mut best = 0;
-    for (i, &d) in depth.iter().enumerate() {
-        if d > depth[best] {
-            best = i;
-        }
-    }
-    best
+    let most = depth.iter().copied().max().unwrap_or(0);
+    let equals: Vec<usize> = (0..depth.len()).filter(|&i| depth[i] == most).collect();
+    // distances to the sum of the places of n equals, in n-ths of a pixel: whole numbers, exact
+    let n = equals.len();
+    let sum = equals.iter().fold([0, 0], |[x, y], i| [x + i % width, y + i / width]);
+    let distance = |i: usize| (n * (i % width)).abs_diff(sum[0]).pow(2) + (n * (i / width)).abs_diff(sum[1]).pow(2);
+    equals.into_iter().min_by_key(|&i| distance(i)).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -172,5 +175,8 @@ mod tests {
         [13, 14, 25, 26].iter().for_each(|&i| within[i] = true);
         assert_eq!(deepest(&within, 12, 7), 3 * 12 + 8);
         assert_eq!(deepest(&[true; 9], 3, 3), 4, "the border counts as outside");
+        // all pixels of a thread are as deep as its ends
+        let thread: Vec<bool> = (0..81).map(|i| i % 9 == i / 9).collect();
+        assert_eq!(deepest(&thread, 9, 9), 4 * 9 + 4);
     }
 }

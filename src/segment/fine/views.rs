@@ -108,7 +108,8 @@ impl FineView {
 }
 
 /// Everything a file of masks has to train on: each view of each of its segments, scales ranked, and the spreads of all
-/// masks, ascending. `at` and `rendering` say how the scene is drawn; `members` gives the Gaussians of the file's segments, in its order; `progress` is told each view.
+/// masks, ascending. `at` is the scene and how it is drawn; `members` gives the Gaussians of the file's segments, in its order;
+/// `progress` is told each view.
 ///
 /// # Errors
 /// If the file is damaged.
@@ -125,7 +126,8 @@ pub fn read_views(
     let mut views = Vec::new();
     for (i, view) in header.views.iter().enumerate() {
         let annotations = masks.view(i)?;
-        let settings = rendering.seen_by(view.camera(header.width, header.height).to_kernel());
+        // colours do not change what a pixel is made of
+        let settings = rendering.flat().seen_by(view.camera(header.width, header.height).to_kernel());
         for (k, members) in (0..).zip(members) {
             let masks = annotations.iter().filter(|a| a.segment == k).map(|a| a.mask.clone()).collect();
             let masked = MaskedView { members: members.clone(), settings, masks };
