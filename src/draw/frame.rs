@@ -27,7 +27,7 @@ impl Axis {
             (low, high) if low > high => (0.0, 1.0),
             (low, high) if high - low <= (low.abs().max(high.abs()) * 1e-9).max(TINY) => {
                 let half = if log { 0.5 } else { (low.abs() * 0.1).max(0.5) };
-                (low - half, high + half)
+                ((low - half).max(f64::MIN), (high + half).min(f64::MAX))
             }
             range => range,
         };
@@ -68,6 +68,10 @@ impl Axis {
             return format!("1e{tick}");
         }
         let value = if self.log { 10f64.powf(tick) } else { tick };
+        if !value.is_normal() && self.log {
+            // Beside the largest and smallest numbers a logarithmic axis goes on, and no number holds what it says.
+            return format!("{:.1}e{}", 10f64.powf(tick - tick.floor()), tick.floor());
+        }
         let size = value.abs();
         let half_span = self.high / 2.0 - self.low / 2.0;
         if size < half_span * 2e-9 && !self.log {
@@ -183,12 +187,20 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    /// Any number, and often one at an end of what numbers hold, where sums overflow.
+    pub(in super::super) fn number() -> impl Strategy<Value = f64> {
+        let ends = prop::sample::select(vec![f64::MAX, f64::MIN, 1.5e308, -1.5e308, 5e-324, f64::INFINITY, f64::NAN]);
+        prop_oneof![any::<f64>(), ends]
+    }
 
     #[test]
     fn ranges_that_have_no_ticks_are_widened() {
-        for values in [vec![], vec![3.0], vec![0.0, 5e-324], vec![f64::MAX, f64::MIN]] {
+        let ends = [vec![f64::MAX], vec![f64::MIN], vec![f64::MAX, f64::MIN]];
+        for values in [vec![], vec![3.0], vec![0.0, 5e-324]].into_iter().chain(ends) {
             for axis in [Axis::of(values.iter().copied(), false), Axis::of(values.iter().copied(), false).padded()] {
                 let ticks = axis.ticks();
                 assert!(!ticks.is_empty() && ticks.iter().all(|tick| tick.is_finite()), "{axis:?}");
@@ -197,6 +209,17 @@ mod tests {
             }
         }
         assert_eq!(Axis::of([-1.0, 2.0].into_iter(), true).ticks().len(), 4);
+    }
+
+    #[test]
+    fn a_logarithmic_axis_goes_on_where_numbers_end() {
+        // A lone value has half a power of ten at either side, and rounding may leave a little less than a whole one.
+        for (values, labels) in [([307.8, 308.7], ["1e308", "2.5e308"]), ([-324.0, -323.1], ["1e-324", "4.0e-324"])] {
+            let axis = Axis::of(values.into_iter(), true);
+            let found: Vec<String> = axis.ticks().into_iter().map(|tick| axis.label(tick)).collect();
+            assert!(labels.iter().all(|label| found.iter().any(|text| text == label)), "{found:?}");
+            assert!(found.iter().all(|text| !text.contains("inf") && text != "0"), "{found:?}");
+        }
     }
 
     #[test]

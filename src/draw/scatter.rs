@@ -141,6 +141,7 @@ fn free_place(at: (f64, f64), width: f64, taken: &[Rect], [left, right, top, bot
 
 #[cfg(test)]
 mod tests {
+    use super::super::frame::tests::number;
     use super::*;
     use proptest::prelude::*;
 
@@ -183,7 +184,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_numbers_give_finite_coordinates(
-            points in proptest::collection::vec(any::<(f64, f64, Option<f64>, Option<f64>, usize)>(), 0..6)
+            points in proptest::collection::vec((number(), number(), prop::option::of(number()), prop::option::of(number()), any::<usize>()), 0..6)
         ) {
             let points: Vec<Point> = points
                 .into_iter()
