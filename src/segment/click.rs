@@ -29,22 +29,17 @@ pub fn under(
     let pixel = if x as usize >= camera.width { u32::MAX } else { pixel };
     let clicked = seen(gaussians, settings, &[pixel], device)?;
     if shows(&clicked, 0) {
-        return Ok(list(&clicked, 0));
+        return Ok(clicked.pairs(0).collect());
     }
     let around = around([x, y], [camera.width, camera.height]);
     let found = seen(gaussians, settings, &around, device)?;
     let nearest = (0..around.len()).find(|&row| shows(&found, row));
-    Ok(nearest.map_or_else(|| list(&clicked, 0), |row| list(&found, row)))
+    Ok(nearest.map_or_else(|| clicked.pairs(0).collect(), |row| found.pairs(row).collect()))
 }
 
 /// Whether a pixel shows anything.
 fn shows(found: &Contributors, row: usize) -> bool {
     found.row(row).1.iter().sum::<f32>() >= FAINT
-}
-
-fn list(found: &Contributors, row: usize) -> Vec<(u32, f32)> {
-    let (indices, weights) = found.row(row);
-    indices.iter().copied().zip(weights.iter().copied()).collect()
 }
 
 /// The pixels within reach of one, nearest first.

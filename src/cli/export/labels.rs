@@ -3,11 +3,11 @@
 
 use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
-use super::{ExportArgs, Format};
+use super::ExportArgs;
 use crate::export::labels::Space;
 use crate::log::progress;
 use crate::run::OpenRun;
-use crate::run::export::{LabelFormat, Output, write_labels};
+use crate::run::export::{LabelFormat, Output, Record, write_labels};
 use crate::run::labels::{Agreement, LabelPlan, Labels, Truth};
 use crate::segment::dice::Confusion;
 use crate::volume::grid::Grid;
@@ -58,6 +58,15 @@ impl LabelArgs {
     fn plan(&self, segments: Vec<String>) -> LabelPlan {
         let Self { dims, threshold, edited, .. } = *self;
         LabelPlan { segments, dims, like: self.like.clone(), data: self.data.clone(), threshold, edited }
+    }
+
+    /// Where the axes point to.
+    pub(super) fn space(&self) -> Space {
+        match self.space {
+            Some(SpaceName::Lps) | None => Space::LeftPosteriorSuperior,
+            Some(SpaceName::Ras) => Space::RightAnteriorSuperior,
+            Some(SpaceName::None) => Space::Plain,
+        }
     }
 
     /// The first of these options that is given.
@@ -118,7 +127,7 @@ struct Written {
 ///
 /// # Errors
 /// Segments, voxels or a truth that cannot be used; a file that cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Result<(), CliError> {
     let options = &args.labels;
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
     let truth =
@@ -134,16 +143,12 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
     needed.extend(truth.iter().flat_map(Truth::files));
     let output = output(args, run, format, &needed)?;
     let bar = progress::bar(times.len(), "times");
-    let written_as = match format {
-        Format::Vti => LabelFormat::Vti,
-        Format::Nrrd | Format::Ply | Format::Spz => LabelFormat::Nrrd(space(options.space)),
-    };
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
         let ids = labels.at(time)?;
         let (path, name) = output.place(i);
-        write_labels(&path, &labels, &ids, options.edited, written_as)?;
+        write_labels(&path, &labels, &ids, options.edited, format)?;
         let mut agreement = None;
         if let Some(truth) = &truth {
             let pairs = Confusion::new(&truth.at(time)?, &ids).map_err(CliError::failure)?;
@@ -155,7 +160,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output.finish(&args.record(run, format.extension(), &times, options.edited, &labels.names), &needed)?;
+    output.finish(&Record::new(run, format.extension(), &times, options.edited, &labels.names), &needed)?;
     let agreement = truth.map(|truth| truth.agreement(&whole, &labels.names));
     let Grid { dims, spacing, origin } = labels.grid.file;
     let labels = labels.listed.iter().map(|l| Label { value: l.value, name: l.name.clone() }).collect();
@@ -164,7 +169,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: Format) -> Result<()
 }
 
 /// The place that was named, or one in `RUN/labels`, which is made.
-fn output(args: &ExportArgs, run: &OpenRun, format: Format, needed: &[&Path]) -> Result<Output, CliError> {
+fn output(args: &ExportArgs, run: &OpenRun, format: LabelFormat, needed: &[&Path]) -> Result<Output, CliError> {
     let extension = format.extension();
     let many = args.frames.is_some();
     Ok(match &args.out {
@@ -182,14 +187,6 @@ fn tell_of_edits(run: &OpenRun) {
             "note: the labels are of the scene as trained, where the data lies; --edited applies the edits of the run \
              ({edits})"
         );
-    }
-}
-
-fn space(name: Option<SpaceName>) -> Space {
-    match name {
-        Some(SpaceName::Lps) | None => Space::LeftPosteriorSuperior,
-        Some(SpaceName::Ras) => Space::RightAnteriorSuperior,
-        Some(SpaceName::None) => Space::Plain,
     }
 }
 

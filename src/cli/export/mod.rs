@@ -6,10 +6,11 @@ mod splats;
 use super::shown::ShownArgs;
 use super::values::{count, fraction};
 use super::{CliError, Common, command_line};
+use crate::export::labels::Space;
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
-use crate::run::export::{Record, SplatFormat};
+use crate::run::export::{LabelFormat, SplatFormat};
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use std::path::{Path, PathBuf};
@@ -68,8 +69,8 @@ impl Format {
         match self {
             Self::Ply => SplatFormat::Ply.extension(),
             Self::Spz => SplatFormat::Spz.extension(),
-            Self::Nrrd => "nrrd",
-            Self::Vti => "vti",
+            Self::Nrrd => LabelFormat::Nrrd(Space::default()).extension(),
+            Self::Vti => LabelFormat::Vti.extension(),
         }
     }
 }
@@ -90,7 +91,8 @@ impl ExportArgs {
         match self.format()? {
             Format::Ply => splats::run(&self, &run, SplatFormat::Ply),
             Format::Spz => splats::run(&self, &run, SplatFormat::Spz),
-            format @ (Format::Nrrd | Format::Vti) => labels::run(&self, &run, format),
+            Format::Nrrd => labels::run(&self, &run, LabelFormat::Nrrd(self.labels.space())),
+            Format::Vti => labels::run(&self, &run, LabelFormat::Vti),
         }
     }
 
@@ -113,18 +115,6 @@ impl ExportArgs {
         let Some(n) = self.frames else { return Ok(vec![self.time]) };
         Budget::now().check(format!("--frames {n}"), product(&[n, FILE_BYTES])).map_err(CliError::input)?;
         Ok((0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect())
-    }
-
-    fn record<'a>(
-        &self,
-        run: &OpenRun,
-        format: &'static str,
-        times: &'a [f64],
-        edited: bool,
-        segments: &'a [String],
-    ) -> Record<'a> {
-        let run = run.path.display().to_string();
-        Record { version: env!("CARGO_PKG_VERSION"), run, format, times, edited, segments }
     }
 }
 

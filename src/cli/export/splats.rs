@@ -3,7 +3,7 @@
 use super::super::{CliError, print_json};
 use super::ExportArgs;
 use crate::run::OpenRun;
-use crate::run::export::{Output, SplatFormat, write_splats};
+use crate::run::export::{Output, Record, SplatFormat, write_splats};
 
 /// Writes the Gaussians of each time.
 ///
@@ -23,7 +23,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     let count = write_splats(run, &shown, &times, &output, format, || true)?.unwrap_or_default();
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
-    output.finish(&args.record(run, extension, &times, edited, &args.shown.segments), &needed)?;
+    output.finish(&Record::new(run, extension, &times, edited, &args.shown.segments), &needed)?;
     errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
     if args.common.json {
         print_json(&serde_json::json!({ "files": files, "gaussians": count }))?;

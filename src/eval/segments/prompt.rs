@@ -101,8 +101,7 @@ impl Prompt {
     }
 
     fn click(&self, p: usize) -> Click {
-        let (indices, weights) = self.pixels.row(p);
-        Click { under: indices.iter().copied().zip(weights.iter().copied()).collect() }
+        Click { under: self.pixels.pairs(p).collect() }
     }
 
     /// Whether the selected Gaussians make up most of what is seen at judged pixel `p`.

@@ -41,6 +41,17 @@ pub enum LabelFormat {
     Vti,
 }
 
+impl LabelFormat {
+    /// How the names of its files end.
+    #[must_use]
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Nrrd(_) => "nrrd",
+            Self::Vti => "vti",
+        }
+    }
+}
+
 /// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, those of the segments alone, without
 /// those that edits hide. Gives how many Gaussians each file holds; `None` if `goes_on`, asked after each, stopped it.
 ///

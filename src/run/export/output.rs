@@ -1,6 +1,6 @@
 //! Where exported files go: one file that a person named, or a folder of one file for each time.
 
-use super::super::RunError;
+use super::super::{OpenRun, RunError};
 use crate::files::{AtomicDir, FolderKind, check_file};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -30,6 +30,15 @@ pub struct Record<'a> {
     pub edited: bool,
     /// The segments in the files; all of the scene if empty.
     pub segments: &'a [String],
+}
+
+impl<'a> Record<'a> {
+    /// Of files that this version writes of `run`.
+    #[must_use]
+    pub fn new(run: &OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
+        let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
+        Self { version, run, format, times, edited, segments }
+    }
 }
 
 /// The place of the files. A folder appears when all of them are in it.

@@ -29,8 +29,8 @@ impl FileFormat {
         match self {
             Self::Ply => SplatFormat::Ply.extension(),
             Self::Spz => SplatFormat::Spz.extension(),
-            Self::Nrrd => "nrrd",
-            Self::Vti => "vti",
+            Self::Nrrd => LabelFormat::Nrrd(Space::default()).extension(),
+            Self::Vti => LabelFormat::Vti.extension(),
         }
     }
 }
@@ -103,7 +103,6 @@ impl Export<'_> {
     }
 
     fn record<'a>(&'a self, run: &OpenRun, segments: &'a [String]) -> Record<'a> {
-        let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
-        Record { version, run, format: self.format.extension(), times: self.times, edited: self.edited, segments }
+        Record::new(run, self.format.extension(), self.times, self.edited, segments)
     }
 }

@@ -117,14 +117,21 @@ impl Contributors {
         (&self.indices[range.clone()], &self.weights[range])
     }
 
+    /// The same, Gaussian by Gaussian.
+    ///
+    /// # Panics
+    /// As [`Self::row`].
+    pub fn pairs(&self, p: usize) -> impl Iterator<Item = (u32, f32)> {
+        let (indices, weights) = self.row(p);
+        indices.iter().copied().zip(weights.iter().copied())
+    }
+
     /// The Gaussian with the largest weight, the nearest of equals; `None` where nothing was drawn.
     ///
     /// # Panics
     /// As [`Self::row`].
     pub fn heaviest(&self, p: usize) -> Option<(u32, f32)> {
-        let (indices, weights) = self.row(p);
-        let pairs = indices.iter().copied().zip(weights.iter().copied());
-        pairs.reduce(|best, next| if next.1 > best.1 { next } else { best })
+        self.pairs(p).reduce(|best, next| if next.1 > best.1 { next } else { best })
     }
 
     /// The nearest contributing Gaussian, however faint; `None` where nothing was drawn.
@@ -132,8 +139,7 @@ impl Contributors {
     /// # Panics
     /// As [`Self::row`].
     pub fn front(&self, p: usize) -> Option<(u32, f32)> {
-        let (indices, weights) = self.row(p);
-        Some((*indices.first()?, *weights.first()?))
+        self.pairs(p).next()
     }
 }
 
