@@ -227,7 +227,7 @@ impl PrepareArgs {
                 TransferFunction::load("ramp")?
             }
         };
-        self.shading.apply(&mut transfer);
+        self.shading.lighting().apply(&mut transfer.shading);
         Ok(transfer)
     }
 

@@ -6,7 +6,7 @@ use crate::memory::{Budget, product};
 use crate::prepare::{FileLabels, SegmentSteps};
 use crate::volume::components::{PartOptions, PartsError, SMALLEST, VOXEL_BYTES};
 use crate::volume::series::Series;
-use crate::volume::transfer::TransferFunction;
+use crate::volume::transfer::Lighting;
 use clap::Args;
 
 /// Lighting in place of the transfer function's; any of them turns shading on.
@@ -27,19 +27,10 @@ pub(super) struct ShadingArgs {
 }
 
 impl ShadingArgs {
-    /// Puts what was given into the transfer function.
-    pub(super) fn apply(self, transfer: &mut TransferFunction) {
-        let own = &mut transfer.shading;
-        for (given, value) in [
-            (self.ambient, &mut own.ambient),
-            (self.diffuse, &mut own.diffuse),
-            (self.specular, &mut own.specular),
-            (self.shininess, &mut own.power),
-        ] {
-            if let Some(given) = given {
-                (*value, own.enabled) = (given, true);
-            }
-        }
+    /// What was given.
+    pub(super) fn lighting(self) -> Lighting {
+        let Self { ambient, diffuse, specular, shininess } = self;
+        Lighting { ambient, diffuse, specular, power: shininess }
     }
 }
 
@@ -90,20 +81,6 @@ pub(super) fn segment_steps(text: &str) -> Result<SegmentSteps, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_is_given_replaces_and_turns_shading_on() {
-        let mut transfer = TransferFunction::load("shells").unwrap();
-        let before = transfer.clone();
-        let none = ShadingArgs { ambient: None, diffuse: None, specular: None, shininess: None };
-        transfer.shading.enabled = false;
-        none.apply(&mut transfer);
-        assert!(!transfer.shading.enabled);
-        ShadingArgs { ambient: Some(0.1), shininess: Some(80.0), ..none }.apply(&mut transfer);
-        let (now, old) = (transfer.shading, before.shading);
-        assert_eq!((now.enabled, now.ambient, now.power), (true, 0.1, 80.0));
-        assert_eq!((now.diffuse, now.specular), (old.diffuse, old.specular));
-    }
 
     #[test]
     fn steps_are_numbers_or_own() {

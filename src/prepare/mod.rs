@@ -13,7 +13,7 @@ mod tests;
 #[cfg(test)]
 mod truth_tests;
 
-pub use segments::{SegmentOptions, SegmentSteps};
+pub use segments::{EVEN_STEPS, SegmentOptions, SegmentSteps};
 pub use source::{FileLabels, Source};
 
 use crate::data::DataError;

@@ -1,7 +1,7 @@
 //! The truth about segments: each rendered alone with its mask (`segments/NAME/`), label images (`labels/SPLIT/`),
 //! volumes of ids (`volumes/`), and `segments.json`, which says what there is.
 
-pub use super::shots::SegmentSteps;
+pub use super::shots::{EVEN_STEPS, SegmentSteps};
 use super::shots::{Shot, shots, volume_steps};
 use super::views::View;
 use super::write::{write_mask, write_picture};

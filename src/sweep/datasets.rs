@@ -8,7 +8,9 @@ use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
 use crate::log::progress;
 use crate::memory::{Budget, product};
 use crate::prepare::views::{Times, ViewOptions};
-use crate::prepare::{PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare};
+use crate::prepare::{
+    EVEN_STEPS, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare,
+};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use serde::{Deserialize, Serialize};
@@ -18,6 +20,8 @@ use std::sync::atomic::AtomicBool;
 
 /// Time steps of a synthetic series; training sees some of them, the test views all.
 const STEPS: usize = 60;
+/// Test views that show each segment alone, where each has a time of its own.
+const OWN_VIEWS: usize = 7;
 
 /// A dataset of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,6 +144,17 @@ pub(super) fn fingerprint(data: &DataPlan, downscale: u32, path: &Path, name: &s
 }
 
 impl DataPlan {
+    /// Pictures of segments alone that [`DataPlan::make`] renders.
+    pub(super) fn segment_images(&self) -> usize {
+        let DataSource::Synthetic(spec) = &self.source else { return 0 };
+        let segments = spec.scene().map_or(0, |scene| scene.segment_names().len());
+        match spec.segment_views {
+            _ if !spec.segments => 0,
+            Some(views) => views.saturating_mul(EVEN_STEPS).saturating_mul(segments),
+            None => OWN_VIEWS * segments,
+        }
+    }
+
     /// Renders the dataset if it is a synthetic scene that is not there yet.
     ///
     /// # Errors
@@ -175,14 +190,15 @@ fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), 
         side: published_side(),
         step: DEFAULT_STEP,
         segments: SegmentOptions {
-            views: if spec.segments { 7 } else { 0 },
-            steps: SegmentSteps::OfViews,
+            views: if spec.segments { spec.segment_views.unwrap_or(OWN_VIEWS) } else { 0 },
+            steps: if spec.segment_views.is_some() { SegmentSteps::default() } else { SegmentSteps::OfViews },
             label_images: spec.segments,
         },
         replace: false,
         needed: Vec::new(),
     };
-    let transfer = scene.transfer_function().map_err(|e| failed(&e))?;
+    let mut transfer = scene.transfer_function().map_err(|e| failed(&e))?;
+    spec.shading.apply(&mut transfer.shading);
     errln!("{}: rendering {} images", folder.display(), image_count(&source, &options));
     let bar = progress::bar(image_count(&source, &options), "images");
     let made = prepare(&source, &transfer, &options, folder, &|n| bar.set_position(n as u64), stop);

@@ -189,7 +189,10 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let correction = ratios.get(ratios.len() / 2).copied().unwrap_or(1.0);
     let together = jobs.min(open).max(1) as f64;
     if open > 0 {
-        let images = |d: &DataPlan| (d.views + d.test_views) as f64 * f64::from(d.size[0]) * f64::from(d.size[1]);
+        let images = |d: &DataPlan| {
+            let all = d.views + d.test_views + d.segment_images();
+            all as f64 * f64::from(d.size[0]) * f64::from(d.size[1])
+        };
         let rendered = plan.datasets.values().filter(|d| !d.folder.is_dir()).map(images).sum::<f64>();
         around += REPORT + wall(rendered * PER_PIXEL_RENDERED);
     }

@@ -4,6 +4,7 @@ use super::SweepError;
 use crate::compare::PaperTable;
 use crate::name::Name;
 use crate::volume::synthetic::Synthetic;
+use crate::volume::transfer::Lighting;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -163,6 +164,17 @@ pub struct SyntheticSpec {
     /// Images of each segment alone and label images, for `[segments]`.
     #[serde(default)]
     pub segments: bool,
+    /// So many test views show each segment alone at each of five times, as `prepare` has it; if not given seven, each at its own
+    /// time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub segment_views: Option<usize>,
+    /// Lighting in the place of the scene's own.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub shading: Lighting,
+}
+
+fn is_default(lighting: &Lighting) -> bool {
+    *lighting == Lighting::default()
 }
 
 fn side() -> u32 {
@@ -262,12 +274,16 @@ impl SyntheticSpec {
             ("times * views", images, 1, 1_000_000),
             ("test_views", self.test_views, 1, 100_000),
             ("voxels", self.voxels(), 2, 4096),
+            ("segment_views", self.segment_views.unwrap_or(1), 1, self.test_views),
         ] {
             if !(least..=most).contains(&value) {
                 return Err(format!("{key} = {value}: from {least} to {most}"));
             }
         }
-        Ok(())
+        if self.segment_views.is_some() && !self.segments {
+            return Err("segment_views without segments = true: no segment is rendered".to_owned());
+        }
+        self.shading.check().map_err(|e| format!("shading.{e}"))
     }
 
     /// Voxels an axis: a voxel is about as large as a pixel.

@@ -131,6 +131,10 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("times = 90000, views = 90000", "times * views = 8100000000"),
         ("voxels = 100000", "voxels = 100000: from 2 to 4096"),
         ("views = 0", "views = 0"),
+        ("segment_views = 3", "without segments = true"),
+        ("segments = true, test_views = 4, segment_views = 5", "segment_views = 5: from 1 to 4"),
+        ("shading = { ambient = -1.0 }", "shading.ambient = -1: a number from 0"),
+        ("shading = { shininess = 3.0 }", "shininess"),
     ] {
         let told = error(&format!("[data]\nx = {{ synthetic = 'jets', {key} }}"));
         assert!(told.contains("data.x") && told.contains(said), "{told}");

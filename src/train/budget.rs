@@ -13,6 +13,8 @@ const VALUE: u128 = 4;
 const COPIES: u128 = 5;
 /// Copies of each Gaussian's attributes while Gaussians are added and removed: on the device, on the host, old and new.
 const COPIES_MOVED: u128 = 7;
+/// More of both with a moving average: itself, and one in passing.
+const COPIES_AVERAGED: u128 = 2;
 /// Values of each Gaussian in a step beside attributes, features and hidden layers: outputs, projections, tile entries.
 const VALUES_DRAWN: u128 = 60;
 /// Values of each pixel in a step: target, image, gradients, and the statistics of DSSIM.
@@ -78,12 +80,13 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
     let (n, count) = (most_gaussians(config), views.count as u128);
     let Sizes { attributes, parameters, kept } = Sizes::of(config);
     let pixels = views.pixels as u128;
+    let averaged = if config.optim.average > 0 { COPIES_AVERAGED } else { 0 };
     let (each, copies, shown) = if on_gpu {
-        (attributes.saturating_mul(3), 2, 16)
+        (attributes.saturating_mul(3 + averaged / 2), 2 + averaged / 2, 16)
     } else {
-        let step = attributes.saturating_mul(COPIES - 1).saturating_add(kept);
+        let step = attributes.saturating_mul(COPIES - 1 + averaged).saturating_add(kept);
         let step = step.saturating_add(VALUES_DRAWN);
-        (step.max(attributes.saturating_mul(COPIES_MOVED)), COPIES, VALUES_PIXEL)
+        (step.max(attributes.saturating_mul(COPIES_MOVED + averaged)), COPIES + averaged, VALUES_PIXEL)
     };
     let hull = count.saturating_mul(pixels / 8 + pixels.min(HULL_TABLE).saturating_mul(VALUE));
     let reduced = pixels / u128::from(config.speed.coarse_factor.max(1)).pow(2);

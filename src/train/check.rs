@@ -1,7 +1,7 @@
 //! What a configuration must hold before training may start, beyond its types.
 
 use super::rate_schedule::find_schedule;
-use super::{TrainError, losses, schedule};
+use super::{TrainError, average, losses, schedule};
 use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
 use crate::memory::product;
 use crate::model::d3dgs;
@@ -101,6 +101,10 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     let whole = serde_json::to_value(config).map_err(|e| TrainError::Config(e.to_string()))?;
     if let Some(text) = bad_number(&whole, String::new()) {
         return bad(text);
+    }
+    if config.optim.average > 0 && !average::REACH.contains(&config.optim.average) {
+        let (least, most) = average::REACH.into_inner();
+        return bad(format!("optim.average = {}: 0 for none, or from {least} to {most}", config.optim.average));
     }
     if config.init.points == 0 {
         return bad("init.points = 0: at least 1".into());

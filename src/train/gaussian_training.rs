@@ -22,20 +22,21 @@ impl Training for Trainer {
     }
 
     fn model(&self) -> &dyn Model {
-        self.scene()
+        self.shown()
     }
 
     fn state(&self) -> BTreeMap<String, HostTensor> {
         let mut tensors = self.optimizer.to_tensors();
         tensors.extend(self.culling.to_tensors());
         tensors.extend(self.statistics.to_host().into_tensors());
+        tensors.extend(self.average.to_tensors(self.scene()));
         tensors
     }
 
     fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
         let bad = |reason: String| CheckpointError::File { path: from.state_path.into(), reason };
         let device = self.device().clone();
-        let scene = Scene::load(from.model, &device)?;
+        let scene = self.average.load(Scene::load(from.model, &device)?, &from.state).map_err(bad)?;
         let n = scene.gaussians.count();
         let statistics = Statistics::from_tensors(&from.state, n).map_err(bad)?;
         self.statistics.replace(|_| statistics);

@@ -6,6 +6,7 @@
 
 #[cfg(test)]
 mod attribute_tests;
+mod average;
 pub(crate) mod budget;
 pub(crate) mod check;
 pub mod checkpoint;

@@ -1,6 +1,6 @@
 //! Which keys of a configuration may change when a run goes on from a checkpoint, and which may not.
 //!
-//! Logs, evaluations and checkpoints shape no step, so `output.*` is free. `stages.joint_steps` may grow: a trained run
+//! Logs, evaluations, checkpoints and the average that is shown shape no step, so `output.*` and `optim.average` are free. `stages.joint_steps` may grow: a trained run
 //! can be lengthened. The schedules then follow the new length from the next step on (a rate that had fallen to its end
 //! rises to where the longer schedule has it, and a late DSSIM moves to the new end), so a run that was lengthened is
 //! not the run of that length from the start.
@@ -13,6 +13,9 @@ use toml::{Table, Value};
 
 /// The key of the length of joint training.
 const LENGTH: &str = "stages.joint_steps";
+
+/// The key of the moving average.
+const AVERAGE: &str = "optim.average";
 
 /// The key of the encoder, and how the keys begin that the implicit one alone reads: their defaults have changed.
 const ENCODER: &str = "model.encoder";
@@ -67,7 +70,7 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
 }
 
 fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize) -> Option<String> {
-    if key.starts_with("output.") {
+    if key.starts_with("output.") || key == AVERAGE {
         return None;
     }
     if key == LENGTH {
@@ -117,11 +120,12 @@ mod tests {
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
         let more = text(|c| {
             c.output.log_every = 7;
+            c.optim.average = 500;
             c.stages.joint_steps += 500;
         });
         let (allowed, refused) = changes(&base, &more, 5).unwrap();
         assert_eq!(refused, []);
-        assert_eq!(allowed.iter().map(|c| c.key.as_str()).collect::<Vec<_>>(), ["output.log_every", LENGTH]);
+        assert_eq!(allowed.iter().map(|c| c.key.as_str()).collect::<Vec<_>>(), [AVERAGE, "output.log_every", LENGTH]);
         let (_, refused) = changes(&more, &base, 5).unwrap();
         assert!(refused[0].to_string().contains("not shortened"), "{}", refused[0]);
         let other = text(|c| {

@@ -1,7 +1,7 @@
 //! A trainer on a dataset of a few small views: what the start of the grid means, and poison values.
 
 use super::schedule::{Stage, learning_rate};
-use super::{TrainError, Trainer, losses};
+use super::{Saved, TrainError, Trainer, Training, losses};
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::{Config, EncoderKind, GridInit, TvOrder, TvReduction};
@@ -259,4 +259,38 @@ fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
     for (a, b) in plain.iter().zip(&culled) {
         assert!((a - b).abs() < 1e-3 * a.abs(), "{plain:?} {culled:?}");
     }
+}
+
+#[test]
+fn an_average_changes_no_step_follows_the_order_and_comes_back_from_a_checkpoint() {
+    let of = |average: usize| {
+        let mut config = config();
+        (config.optim.average, config.speed.sort_every) = (average, 15);
+        trainer(&config)
+    };
+    let ((data, mut plain), (_, mut averaged)) = (of(0), of(20));
+    for step in 0..24 {
+        plain.step(&data.train).unwrap();
+        averaged.step(&data.train).unwrap();
+        assert_eq!(averaged.average.scene().is_some(), step >= 9);
+    }
+    assert_eq!(params::collect(averaged.scene()), params::collect(plain.scene()));
+    let mean = |trainer: &Trainer| to_vec(trainer.shown().gaussians.means.val());
+    let apart = mean(&plain).iter().zip(mean(&averaged)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(apart > 0.0 && apart < 0.02, "after Gaussians were sorted they are still each other's: {apart}");
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.safetensors");
+    averaged.model().save(&path).unwrap();
+    let (_, mut resumed) = of(20);
+    let state = averaged.state();
+    resumed.resume(Saved { model: &path, state, state_path: &path, step: 24, first_primitives: 200 }).unwrap();
+    for _ in 0..8 {
+        averaged.step(&data.train).unwrap();
+        resumed.step(&data.train).unwrap();
+    }
+    for [a, b] in [[averaged.scene(), resumed.scene()], [averaged.shown(), resumed.shown()]] {
+        assert_eq!(params::collect(a), params::collect(b));
+    }
+    assert_eq!(averaged.state(), resumed.state());
 }

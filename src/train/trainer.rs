@@ -1,5 +1,6 @@
 //! One training step at a time: view, forward, loss, backward, optimiser, densification.
 
+use super::average::Average;
 use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
@@ -29,6 +30,7 @@ pub struct Trainer {
     /// Absent only while the optimiser holds it.
     pub(super) scene: Option<Scene>,
     pub(super) optimizer: Optimizer,
+    pub(super) average: Average,
     pub(super) statistics: Gathered,
     pub(super) culling: Culling,
     pub(super) step: usize,
@@ -91,6 +93,7 @@ impl Trainer {
             watch: LossWatch::new(&device, config.output.checkpoint_every, total_steps(&config)),
             device,
             optimizer: Optimizer::new(constants),
+            average: Average::new(config.optim.average),
             statistics: Gathered::new(initial, runs_ahead),
             culling: Culling::new(config.speed.cull_visits),
             step: 0,
@@ -116,7 +119,7 @@ impl Trainer {
         self.step
     }
 
-    /// The scene as it stands.
+    /// The scene as the last step left it.
     pub fn scene(&self) -> &Scene {
         match &self.scene {
             Some(scene) => scene,
@@ -129,6 +132,11 @@ impl Trainer {
             Some(scene) => scene,
             None => unreachable!("the optimiser gives the scene back"),
         }
+    }
+
+    /// What is shown and saved: the average of the last steps, where one is asked for.
+    pub(super) fn shown(&self) -> &Scene {
+        self.average.scene().unwrap_or_else(|| self.scene())
     }
 
     /// The device with gradients that the scene lives on.
@@ -243,8 +251,14 @@ impl Trainer {
         if sort_every > 0 && (step + 1).is_multiple_of(sort_every) {
             self.sort();
         }
-        lap(&mut times.densify);
         self.step += 1;
+        if self.step == self.config.stages.warmup_steps {
+            self.average.clear();
+        }
+        if let Some(scene) = &self.scene {
+            self.average.look(self.step, scene);
+        }
+        lap(&mut times.densify);
         let ((loss, psnr), primitives) = (self.watch.last(), self.scene().gaussians.count());
         Ok(StepReport { step, stage: stage.name(), loss, psnr, primitives, times })
     }
@@ -261,6 +275,10 @@ impl Trainer {
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
         self.statistics.replace(|old| old.renewed(&rows, due));
+        let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::Row::Keep(i));
+        if !same || due.reset {
+            self.average.clear();
+        }
         self.replace_gaussians(new);
     }
 
@@ -271,6 +289,7 @@ impl Trainer {
         let new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
         self.statistics.replace(|old| old.rearranged(&rows));
+        self.average.rearrange(&rows);
         self.replace_gaussians(new);
     }
 

@@ -65,6 +65,8 @@ fn file() {
                 "views = 10000000000\n",
                 "size = 0\n",
                 "voxels = 1\n",
+                "segment_views = 0\n",
+                "shading = { power = 0 }\n",
                 "x = \"nowhere\"\n",
                 "name = \"../x\"\n",
             ],

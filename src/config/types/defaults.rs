@@ -91,6 +91,7 @@ impl Default for Config {
                 decay_over: DecayOver::Stage,
                 betas: [0.9, 0.99],
                 epsilon: 1e-15,
+                average: 0,
             },
             densify: DensifyConfig {
                 budget: 150_000,

@@ -54,6 +54,7 @@ impl Method for FourDgs {
 fn check_shared(config: &Config) -> Result<(), String> {
     let no_stages = "it has one stage, and its steps are stages.warmup_steps";
     let [joint, coarse, visits] = [config.stages.joint_steps, config.speed.coarse_steps, config.speed.cull_visits];
+    let average = config.optim.average;
     let refused = [
         (joint > 0, format!("stages.joint_steps = {joint}"), no_stages),
         (
@@ -71,6 +72,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
             format!("model.embedding = {}", config.model.embedding),
             "it has no decoder that would see it",
         ),
+        (average > 0, format!("optim.average = {average}"), "not with this method"),
         (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),
         (visits > 1, format!("speed.cull_visits = {visits}"), "not with this method"),
         (

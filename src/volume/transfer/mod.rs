@@ -8,6 +8,7 @@ mod file;
 pub mod paraview;
 
 use crate::volume::error::VolumeError;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// The transfer functions that need no file: name and TOML text.
@@ -70,6 +71,56 @@ pub struct Shading {
 impl Default for Shading {
     fn default() -> Self {
         Self { enabled: true, ambient: 0.3, diffuse: 0.7, specular: 0.2, power: 20.0 }
+    }
+}
+
+/// Lighting of which some is given, in the place of a transfer function's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lighting {
+    /// [`Shading::ambient`], at least 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ambient: Option<f32>,
+    /// [`Shading::diffuse`], at least 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub diffuse: Option<f32>,
+    /// [`Shading::specular`], at least 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub specular: Option<f32>,
+    /// [`Shading::power`], above 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub power: Option<f32>,
+}
+
+impl Lighting {
+    /// Puts what is given into `shading`; any of it turns shading on.
+    pub fn apply(self, shading: &mut Shading) {
+        for (given, value) in [
+            (self.ambient, &mut shading.ambient),
+            (self.diffuse, &mut shading.diffuse),
+            (self.specular, &mut shading.specular),
+            (self.power, &mut shading.power),
+        ] {
+            if let Some(given) = given {
+                (*value, shading.enabled) = (given, true);
+            }
+        }
+    }
+
+    /// Refuses what no light has.
+    ///
+    /// # Errors
+    /// The first such value, by its key.
+    pub fn check(self) -> Result<(), String> {
+        for (key, value) in [("ambient", self.ambient), ("diffuse", self.diffuse), ("specular", self.specular)] {
+            if let Some(value) = value.filter(|v| !(*v >= 0.0 && v.is_finite())) {
+                return Err(format!("{key} = {value}: a number from 0"));
+            }
+        }
+        match self.power.filter(|v| !(*v > 0.0 && v.is_finite())) {
+            Some(value) => Err(format!("power = {value}: a number above 0")),
+            None => Ok(()),
+        }
     }
 }
 

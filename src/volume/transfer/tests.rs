@@ -165,6 +165,24 @@ fn any_function() -> impl Strategy<Value = TransferFunction> {
     )
 }
 
+#[test]
+fn lighting_that_is_given_replaces_and_turns_shading_on() {
+    let before = Shading { enabled: false, ..Shading::default() };
+    let mut now = before;
+    Lighting::default().apply(&mut now);
+    assert_eq!(now, before);
+    let given = Lighting { ambient: Some(0.1), power: Some(80.0), ..Lighting::default() };
+    given.apply(&mut now);
+    assert_eq!(now, Shading { enabled: true, ambient: 0.1, power: 80.0, ..before });
+    given.check().unwrap();
+    for bad in ["ambient = -0.1", "diffuse = nan", "specular = inf", "power = 0.0"] {
+        let lighting: Lighting = toml::from_str(bad).unwrap();
+        let key = bad.split(' ').next().unwrap();
+        assert!(lighting.check().unwrap_err().starts_with(&format!("{key} = ")), "{bad}");
+    }
+    assert!(toml::from_str::<Lighting>("shininess = 3.0").is_err(), "it is called power in files");
+}
+
 proptest! {
     #[test]
     fn toml_reads_back_equal(tf in any_function()) {

@@ -1,0 +1,252 @@
+//! A moving average of the parameters of a scene, shown and saved in the place of what the last step left.
+//!
+//! Each step sees one view and moves the parameters towards it; their mean over the last steps is nearer to what all views ask
+//! for (Polyak and Juditsky 1992). Steps go on from the parameters themselves, so that the average changes none of them.
+
+use super::densify::{Row, apply};
+use crate::model::params::{self, HostTensor, Path};
+use crate::model::{Gaussians, Scene};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::Tensor;
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
+/// Steps from one look at the parameters to the next.
+const EVERY: usize = 10;
+/// Steps that an average reaches back at least: two looks; and at most: what a checkpoint counts exactly.
+pub(super) const REACH: RangeInclusive<usize> = 2 * EVERY..=1_000_000;
+/// Where a checkpoint keeps the parameters that steps go on from.
+const TRAINED: &str = "trained.";
+/// Where it keeps how many looks the average is of.
+const LOOKS: &str = "average.looks";
+
+/// The average, once there is one.
+#[derive(Debug)]
+pub(super) struct Average {
+    /// Steps that it reaches back; 0 for none.
+    reach: usize,
+    /// The mean, without gradients, and how many looks it is of; counted as far as that matters.
+    mean: Option<(Scene, usize)>,
+}
+
+impl Average {
+    /// None yet, of `reach` steps; 0 for never.
+    pub(super) fn new(reach: usize) -> Self {
+        Self { reach, mean: None }
+    }
+
+    /// The average, if there is one.
+    pub(super) fn scene(&self) -> Option<&Scene> {
+        self.mean.as_ref().map(|(scene, _)| scene)
+    }
+
+    /// Begins anew, as when there are other Gaussians than before.
+    pub(super) fn clear(&mut self) {
+        self.mean = None;
+    }
+
+    /// Looks at the parameters after `steps` steps, if a look is due. The first looks weigh alike, later ones fall off by a
+    /// factor of e in `reach` steps.
+    pub(super) fn look(&mut self, steps: usize, trained: &Scene) {
+        if self.reach == 0 || !steps.is_multiple_of(EVERY) {
+            return;
+        }
+        let trained = trained.valid();
+        let Some((mean, looks)) = self.mean.take() else {
+            self.mean = Some((trained, 1));
+            return;
+        };
+        let most = self.reach.div_ceil(EVERY);
+        let looks = (looks + 1).min(most);
+        let spec = trained.spec.clone();
+        let mut blend = Blend { path: Path::default(), values: handles(&trained), weight: 1.0 / looks as f32 };
+        drop(trained);
+        let mean = Module::map(mean, &mut blend);
+        self.mean = Some((Scene { spec, ..mean }, looks));
+    }
+
+    /// Puts its Gaussians into the order of `rows`, which keep them all.
+    pub(super) fn rearrange(&mut self, rows: &[Row]) {
+        if let Some((scene, _)) = &mut self.mean {
+            let device = scene.gaussians.means.val().device();
+            let moved = apply(rows, &scene.gaussians.to_host(), 0, 0);
+            scene.gaussians = Gaussians::from_host(moved, &device);
+        }
+    }
+
+    /// What a checkpoint needs beside the average itself, which is its model; nothing where there is none.
+    pub(super) fn to_tensors(&self, trained: &Scene) -> BTreeMap<String, HostTensor> {
+        let Some((_, looks)) = &self.mean else { return BTreeMap::new() };
+        let own = params::collect(trained).into_iter().map(|(name, tensor)| (format!("{TRAINED}{name}"), tensor));
+        own.chain([(LOOKS.to_owned(), HostTensor { shape: vec![1], values: vec![*looks as f32] })]).collect()
+    }
+
+    /// Takes back what [`Average::to_tensors`] gave, where `model` is the model of the checkpoint, and gives the scene that steps go
+    /// on from.
+    ///
+    /// # Errors
+    /// A message that names a tensor which does not fit.
+    pub(super) fn load(&mut self, model: Scene, tensors: &BTreeMap<String, HostTensor>) -> Result<Scene, String> {
+        self.mean = None;
+        let Some(looks) = tensors.get(LOOKS) else { return Ok(model) };
+        let [looks] = looks.values[..] else {
+            return Err(format!("{LOOKS} has {} values, expected 1", looks.values.len()));
+        };
+        if !(1.0..=*REACH.end() as f32).contains(&looks) || looks.fract() != 0.0 {
+            return Err(format!("{LOOKS} is no number of looks"));
+        }
+        let mut own = BTreeMap::new();
+        for (name, size) in params::sizes(&model) {
+            let tensor =
+                tensors.get(&format!("{TRAINED}{name}")).ok_or_else(|| format!("{TRAINED}{name} is missing"))?;
+            if tensor.values.len() != size {
+                return Err(format!("{TRAINED}{name} has {} values, expected {size}", tensor.values.len()));
+            }
+            if tensor.values.iter().any(|v| !v.is_finite()) {
+                return Err(format!("{TRAINED}{name} has values that are not finite"));
+            }
+            own.insert(name, tensor.clone());
+        }
+        let trained = params::load(model.clone(), &own).map_err(|e| format!("{TRAINED}*: {e}"))?;
+        // a run may go on without its average
+        self.mean = (self.reach > 0).then(|| (model.valid(), looks as usize));
+        Ok(trained)
+    }
+}
+
+/// The parameters of a scene by name, flat.
+fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
+    struct Handles {
+        path: Path,
+        out: BTreeMap<String, Tensor<1>>,
+    }
+    impl ModuleVisitor for Handles {
+        fn enter_module(&mut self, name: &str, _: &str) {
+            self.path.enter(name);
+        }
+        fn exit_module(&mut self, _: &str, _: &str) {
+            self.path.exit();
+        }
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let value = param.val();
+            let count = value.dims().iter().product::<usize>();
+            self.out.insert(self.path.name(), value.reshape([count]));
+        }
+    }
+    let mut handles = Handles { path: Path::default(), out: BTreeMap::new() };
+    scene.visit(&mut handles);
+    handles.out
+}
+
+/// Moves each parameter towards the value of its name.
+struct Blend {
+    path: Path,
+    values: BTreeMap<String, Tensor<1>>,
+    weight: f32,
+}
+
+impl ModuleMapper for Blend {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.enter(name);
+    }
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.exit();
+    }
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let Some(value) = self.values.remove(&self.path.name()) else { return param };
+        let mean = param.into_value();
+        let towards = value.reshape(mean.dims()).sub(mean.clone()).mul_scalar(self.weight);
+        Param::from_tensor(mean.add(towards))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::scene::tests::scene;
+
+    fn moved(scene: &Scene, by: f32) -> Scene {
+        let mut tensors = params::collect(scene);
+        tensors.values_mut().flat_map(|t| &mut t.values).for_each(|v| *v += by);
+        params::load(scene.clone(), &tensors).unwrap()
+    }
+
+    /// By how much each parameter of `a` is above that of `b`, if it is the same for all.
+    fn difference(a: &Scene, b: &Scene) -> f32 {
+        let (a, b) = (params::collect(a), params::collect(b));
+        let all: Vec<f32> =
+            a.iter().flat_map(|(name, t)| t.values.iter().zip(&b[name].values).map(|(a, b)| a - b)).collect();
+        assert!(all.iter().all(|d| (d - all[0]).abs() < 1e-5), "{all:?}");
+        all[0]
+    }
+
+    #[test]
+    fn the_first_looks_weigh_alike_and_later_ones_fall_off() {
+        let start = scene();
+        let mut average = Average::new(40);
+        for steps in 1..10 {
+            average.look(steps, &start);
+        }
+        assert!(average.scene().is_none(), "one look in ten steps");
+        for (i, expected) in [(0, 0.0), (1, 0.5), (2, 1.0), (3, 1.5), (4, 1.5 + 2.5 / 4.0)] {
+            average.look(10 * (i + 1), &moved(&start, i as f32));
+            assert!((difference(average.scene().unwrap(), &start) - expected).abs() < 1e-5, "look {i}");
+        }
+        average.clear();
+        assert!(average.scene().is_none());
+        let mut none = Average::new(0);
+        none.look(10, &start);
+        assert!(none.scene().is_none() && none.to_tensors(&start).is_empty());
+    }
+
+    #[test]
+    fn it_comes_back_from_a_checkpoint_and_what_does_not_fit_is_named() {
+        let start = scene();
+        let mut average = Average::new(1000);
+        (1..4).for_each(|i| average.look(10 * i, &moved(&start, i as f32)));
+        let trained = moved(&start, 5.0);
+        let tensors = average.to_tensors(&trained);
+        let mut again = Average::new(1000);
+        let back = again.load(average.scene().unwrap().clone(), &tensors).unwrap();
+        assert_eq!(params::collect(&back), params::collect(&trained));
+        for a in [&mut average, &mut again] {
+            a.look(40, &trained);
+        }
+        assert_eq!(params::collect(again.scene().unwrap()), params::collect(average.scene().unwrap()));
+
+        let poison = [f32::NAN].repeat(tensors["trained.gaussians.means"].values.len());
+        for (name, values) in [
+            (LOOKS, vec![0.5]),
+            (LOOKS, vec![f32::NAN]),
+            (LOOKS, vec![]),
+            ("trained.gaussians.sh", vec![0.0; 3]),
+            ("trained.gaussians.means", poison),
+        ] {
+            let mut bad = tensors.clone();
+            bad.insert(name.into(), HostTensor { shape: vec![values.len()], values });
+            let error = again.load(start.clone(), &bad).unwrap_err();
+            assert!(error.contains(name), "{error}");
+            assert!(again.scene().is_none());
+        }
+        let mut less = tensors.clone();
+        less.remove("trained.gaussians.rotations");
+        assert!(again.load(start.clone(), &less).unwrap_err().contains("trained.gaussians.rotations is missing"));
+        let mut without = Average::new(0);
+        assert_eq!(params::collect(&without.load(start.clone(), &tensors).unwrap()), params::collect(&trained));
+        assert!(without.scene().is_none(), "a run may go on without its average");
+        assert_eq!(params::collect(&again.load(start.clone(), &BTreeMap::new()).unwrap()), params::collect(&start));
+    }
+
+    #[test]
+    fn it_follows_the_order_of_the_gaussians() {
+        let start = scene();
+        let mut average = Average::new(100);
+        average.look(10, &start);
+        let n = start.gaussians.count();
+        let rows: Vec<Row> = (0..n).rev().map(Row::Keep).collect();
+        average.rearrange(&rows);
+        let flat = |scene: &Scene| params::to_vec(scene.gaussians.means.val());
+        let reversed: Vec<f32> = flat(&start).chunks(3).rev().flatten().copied().collect();
+        assert_eq!(flat(average.scene().unwrap()), reversed);
+    }
+}
