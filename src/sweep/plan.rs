@@ -4,28 +4,21 @@
 //! training, an *entry* is one place in the table.
 
 use super::SweepError;
-use super::axes::{Settings, Variant, all_seeds, check_count, flatten, variants};
+use super::axes::{Variant, all_seeds, check_count, variants};
 use super::checks::{baseline, check_halving, check_lists, check_plan, check_seed_keys};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, recipe, short_hash};
+use super::resolve::{Base, Resolved};
 use super::spec::SegmentSpec;
 use crate::compare::PaperTable;
 use crate::compare::metric::metric;
-use crate::config::layers::Layers;
-use crate::config::types::Config;
-use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::memory::Budget;
 use crate::method;
 use crate::program;
-use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
-use toml::{Table, Value};
-
-/// Prefix of the keys that say how segments are measured.
-const SEGMENTS: &str = "segments.";
 
 /// What is asked for beside the file.
 #[derive(Clone, Debug, Default)]
@@ -255,7 +248,7 @@ impl Plan {
                 twin.variant, twin.seed
             ));
         }
-        let text = |(k, v): (&String, &Value)| (k.clone(), v.to_string());
+        let text = |(k, v): (&String, &toml::Value)| (k.clone(), v.to_string());
         let mut settings: BTreeMap<_, _> = variant.settings.iter().map(text).collect();
         settings.extend(variant.config.iter().map(|config| ("config".to_owned(), config.clone())));
         self.entries.push(Entry { variant: variant.name.clone(), seed, settings, run: index, segments });
@@ -320,83 +313,6 @@ struct Placed {
     runs: HashMap<String, usize>,
     /// Entries by run and measurement of segments.
     entries: HashMap<(usize, Option<usize>), usize>,
-}
-
-/// What every variant starts from.
-struct Base<'a> {
-    file: &'a SweepFile,
-    path: &'a Path,
-    options: &'a PlanOptions,
-}
-
-/// A variant's configuration.
-struct Resolved {
-    config: Config,
-    toml: String,
-    segments: Option<SegmentSpec>,
-}
-
-impl Base<'_> {
-    fn resolve(&self, variant: &Variant, seed: u64) -> Result<Resolved, SweepError> {
-        let place = format!("variant \"{}\"", variant.name);
-        let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
-        let mut layers = Layers::new(PRESETS);
-        if let Some(config) = variant.config.as_ref().or(self.file.config.as_ref()) {
-            layers = layers.source(config);
-        }
-        let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(|e| bad(e.to_string()))?;
-        let set = flatten(&self.file.set);
-        let layers = layers
-            .sets(assignments(&set))
-            .sets(self.options.set.iter().filter(|s| !s.starts_with(SEGMENTS)).cloned())
-            .sets(assignments(&variant.settings))
-            .sets([format!("seed={seed}")]);
-        let resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
-        method::check(&resolved.value).map_err(|e| bad(e.to_string()))?;
-        let toml = resolved.to_toml().map_err(|e| bad(e.to_string()))?;
-        let segments = self.segments(&set, &variant.settings).map_err(&bad)?;
-        if let Some(spec) = &segments {
-            spec.options(seed).map_err(&bad)?;
-            let name = &resolved.value.method;
-            if !method::find(name).map_err(&bad)?.has_persistent_gaussians() {
-                return Err(bad(format!("segments: the method {name} has no Gaussians that stay the same over time")));
-            }
-        }
-        Ok(Resolved { config: resolved.value, toml, segments })
-    }
-
-    /// `[segments]` with the keys of the sweep, the command line and the variant on top.
-    fn segments(&self, set: &Settings, variant: &Settings) -> Result<Option<SegmentSpec>, String> {
-        let mut table = self.file.segments.clone();
-        let command_line = self.options.set.iter().filter_map(|s| {
-            let (key, value) = s.split_once('=')?;
-            let value: Option<Table> = format!("v = {value}").parse().ok();
-            Some((key.to_owned(), value.and_then(|mut t| t.remove("v")).unwrap_or(Value::String(value_text(s)))))
-        });
-        let all = set.clone().into_iter().chain(command_line).chain(variant.clone());
-        for (key, value) in all {
-            if let Some(key) = key.strip_prefix(SEGMENTS) {
-                table.get_or_insert_default().insert(key.to_owned(), value);
-            }
-        }
-        let read = |t: Table| {
-            let spec = t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
-            let mut spec: SegmentSpec = spec?;
-            let base = self.path.parent().unwrap_or(Path::new(""));
-            spec.place(base).map_err(|e| format!("segments: {e}"))?;
-            Ok::<_, String>(spec)
-        };
-        table.map(read).transpose()
-    }
-}
-
-fn value_text(assignment: &str) -> String {
-    assignment.split_once('=').map_or(String::new(), |(_, v)| v.to_owned())
-}
-
-/// Settings as `--set` takes them, without those of segments.
-fn assignments(settings: &Settings) -> Vec<String> {
-    settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Tests of plans: everything is checked before anything runs.
 
 use super::*;
+use crate::config::types::Config;
 
 const DATA: &str = "[data]\njets = { synthetic = 'jets', size = 40, times = 3, views = 4, test_views = 5 }\n";
 

@@ -23,6 +23,7 @@ mod gizmo;
 mod jobs;
 mod matrix;
 mod noise;
+mod page;
 mod soak;
 mod socket;
 mod take;

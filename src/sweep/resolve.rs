@@ -1,0 +1,96 @@
+//! A variant's configuration: the file's, the command line's settings and its own on top, checked.
+
+use super::SweepError;
+use super::axes::{Settings, Variant, flatten};
+use super::file::SweepFile;
+use super::plan::PlanOptions;
+use super::spec::SegmentSpec;
+use crate::config::layers::Layers;
+use crate::config::types::Config;
+use crate::config::{PRESETS, RESERVED_VARIABLES};
+use crate::method;
+use crate::words::plain;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Prefix of the keys that say how segments are measured.
+const SEGMENTS: &str = "segments.";
+
+/// What every variant starts from: the sweep's file and what the command line sets.
+pub(super) struct Base<'a> {
+    pub file: &'a SweepFile,
+    pub path: &'a Path,
+    pub options: &'a PlanOptions,
+}
+
+/// A variant's configuration.
+pub(super) struct Resolved {
+    pub config: Config,
+    /// As TOML text, every key.
+    pub toml: String,
+    pub segments: Option<SegmentSpec>,
+}
+
+impl Base<'_> {
+    /// The configuration of `variant` with `seed`, checked.
+    pub fn resolve(&self, variant: &Variant, seed: u64) -> Result<Resolved, SweepError> {
+        let place = format!("variant \"{}\"", variant.name);
+        let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
+        let mut layers = Layers::new(PRESETS);
+        if let Some(config) = variant.config.as_ref().or(self.file.config.as_ref()) {
+            layers = layers.source(config);
+        }
+        let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(|e| bad(e.to_string()))?;
+        let set = flatten(&self.file.set);
+        let layers = layers
+            .sets(assignments(&set))
+            .sets(self.options.set.iter().filter(|s| !s.starts_with(SEGMENTS)).cloned())
+            .sets(assignments(&variant.settings))
+            .sets([format!("seed={seed}")]);
+        let resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
+        method::check(&resolved.value).map_err(|e| bad(e.to_string()))?;
+        let toml = resolved.to_toml().map_err(|e| bad(e.to_string()))?;
+        let segments = self.segments(&set, &variant.settings).map_err(&bad)?;
+        if let Some(spec) = &segments {
+            spec.options(seed).map_err(&bad)?;
+            let name = &resolved.value.method;
+            if !method::find(name).map_err(&bad)?.has_persistent_gaussians() {
+                return Err(bad(format!("segments: the method {name} has no Gaussians that stay the same over time")));
+            }
+        }
+        Ok(Resolved { config: resolved.value, toml, segments })
+    }
+
+    /// `[segments]` with the keys of the sweep, the command line and the variant on top.
+    fn segments(&self, set: &Settings, variant: &Settings) -> Result<Option<SegmentSpec>, String> {
+        let mut table = self.file.segments.clone();
+        let command_line = self.options.set.iter().filter_map(|s| {
+            let (key, value) = s.split_once('=')?;
+            let value: Option<Table> = format!("v = {value}").parse().ok();
+            Some((key.to_owned(), value.and_then(|mut t| t.remove("v")).unwrap_or(Value::String(value_text(s)))))
+        });
+        let all = set.clone().into_iter().chain(command_line).chain(variant.clone());
+        for (key, value) in all {
+            if let Some(key) = key.strip_prefix(SEGMENTS) {
+                table.get_or_insert_default().insert(key.to_owned(), value);
+            }
+        }
+        let read = |t: Table| {
+            let spec = t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
+            let mut spec: SegmentSpec = spec?;
+            let base = self.path.parent().unwrap_or(Path::new(""));
+            spec.place(base).map_err(|e| format!("segments: {e}"))?;
+            Ok::<_, String>(spec)
+        };
+        table.map(read).transpose()
+    }
+}
+
+fn value_text(assignment: &str) -> String {
+    assignment.split_once('=').map_or(String::new(), |(_, v)| v.to_owned())
+}
+
+/// Settings as `--set` takes them, without those of segments.
+fn assignments(settings: &Settings) -> Vec<String> {
+    settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
+}
