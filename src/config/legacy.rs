@@ -7,7 +7,7 @@ use toml::{Table, Value};
 /// The keys that `run`, a whole resolved configuration, does not have, with the values that it was trained with.
 ///
 /// Warm-up's rate used to fall over the length of the joint stage, and warm-up densified to its end; Gaussians had no embedding,
-/// and were all widened as in 3DGS.
+/// were all widened as in 3DGS, and were saved as the last step left them.
 pub fn implied(run: &Table) -> Vec<(&'static str, Value)> {
     let number = |section: &str, key: &str| run.get(section)?.get(key)?.as_integer();
     let lacks = |section: &str, key: &str| run.get(section).is_some_and(|s| s.get(key).is_none());
@@ -26,6 +26,9 @@ pub fn implied(run: &Table) -> Vec<(&'static str, Value)> {
     }
     if lacks("model", "dilation") {
         found.push(("model.dilation", dilation_of_3dgs().into()));
+    }
+    if lacks("optim", "average") {
+        found.push(("optim.average", 0.into()));
     }
     found
 }
@@ -55,6 +58,8 @@ mod tests {
         assert_eq!(implied(&old)[1..], [("model.embedding", 0.into())]);
         old["model"].as_table_mut().unwrap().remove("dilation");
         assert_eq!(implied(&old)[2..], [("model.dilation", 0.3.into())]);
+        old["optim"].as_table_mut().unwrap().remove("average");
+        assert_eq!(implied(&old)[3..], [("optim.average", 0.into())]);
         assert_eq!(implied(&Table::new()), []);
     }
 }

@@ -251,7 +251,8 @@ pub struct OptimConfig {
     /// Adam's epsilon.
     pub epsilon: f64,
     /// Steps that a moving average of the parameters reaches back, which is shown and saved in their place; 0 for none. It
-    /// begins again with the joint stage, and whenever Gaussians are added or removed.
+    /// reaches back a tenth of the steps since it began at most, and begins again with the joint stage, and whenever
+    /// Gaussians are added or removed.
     #[serde(default)] // a run from before this key still opens
     pub average: usize,
 }

@@ -13,6 +13,9 @@ use std::ops::RangeInclusive;
 
 /// Steps from one look at the parameters to the next.
 const EVERY: usize = 10;
+/// It reaches back at most one in so many of the steps since it began, so that it does not show an early training as older
+/// than it is.
+const SHARE: usize = 10;
 /// Steps that an average reaches back at least: two looks; and at most: what a checkpoint counts exactly.
 pub(super) const REACH: RangeInclusive<usize> = 2 * EVERY..=1_000_000;
 /// Where a checkpoint keeps the parameters that steps go on from.
@@ -45,8 +48,8 @@ impl Average {
         self.mean = None;
     }
 
-    /// Looks at the parameters after `steps` steps, if a look is due. The first looks weigh alike, later ones fall off by a
-    /// factor of e in `reach` steps.
+    /// Looks at the parameters after `steps` steps, if a look is due. Older looks weigh less by a factor of e in `reach` steps, or
+    /// in a tenth of the steps since it began while that is fewer.
     pub(super) fn look(&mut self, steps: usize, trained: &Scene) {
         if self.reach == 0 || !steps.is_multiple_of(EVERY) {
             return;
@@ -56,10 +59,10 @@ impl Average {
             self.mean = Some((trained, 1));
             return;
         };
-        let most = self.reach.div_ceil(EVERY);
-        let looks = (looks + 1).min(most);
+        let looks = (looks + 1).min(SHARE * self.reach.div_ceil(EVERY));
         let spec = trained.spec.clone();
-        let mut blend = Blend { path: Path::default(), values: handles(&trained), weight: 1.0 / looks as f32 };
+        let mut blend =
+            Blend { path: Path::default(), values: handles(&trained), weight: 1.0 / looks.div_ceil(SHARE) as f32 };
         drop(trained);
         let mean = Module::map(mean, &mut blend);
         self.mean = Some((Scene { spec, ..mean }, looks));
@@ -181,16 +184,24 @@ mod tests {
     }
 
     #[test]
-    fn the_first_looks_weigh_alike_and_later_ones_fall_off() {
+    fn it_reaches_back_a_tenth_of_the_steps_and_no_further_than_asked() {
         let start = scene();
         let mut average = Average::new(40);
         for steps in 1..10 {
             average.look(steps, &start);
         }
         assert!(average.scene().is_none(), "one look in ten steps");
-        for (i, expected) in [(0, 0.0), (1, 0.5), (2, 1.0), (3, 1.5), (4, 1.5 + 2.5 / 4.0)] {
+        let mut expected = 0.0;
+        for i in 0..50 {
             average.look(10 * (i + 1), &moved(&start, i as f32));
-            assert!((difference(average.scene().unwrap(), &start) - expected).abs() < 1e-5, "look {i}");
+            let reach = match i {
+                0..10 => 1.0,
+                10..20 => 2.0,
+                20..30 => 3.0,
+                _ => 4.0,
+            };
+            expected += (i as f32 - expected) / reach;
+            assert!((difference(average.scene().unwrap(), &start) - expected).abs() < 1e-4, "look {i}");
         }
         average.clear();
         assert!(average.scene().is_none());
@@ -203,14 +214,14 @@ mod tests {
     fn it_comes_back_from_a_checkpoint_and_what_does_not_fit_is_named() {
         let start = scene();
         let mut average = Average::new(1000);
-        (1..4).for_each(|i| average.look(10 * i, &moved(&start, i as f32)));
+        (1..15).for_each(|i| average.look(10 * i, &moved(&start, i as f32)));
         let trained = moved(&start, 5.0);
         let tensors = average.to_tensors(&trained);
         let mut again = Average::new(1000);
         let back = again.load(average.scene().unwrap().clone(), &tensors).unwrap();
         assert_eq!(params::collect(&back), params::collect(&trained));
         for a in [&mut average, &mut again] {
-            a.look(40, &trained);
+            a.look(150, &trained);
         }
         assert_eq!(params::collect(again.scene().unwrap()), params::collect(average.scene().unwrap()));
 

@@ -160,9 +160,16 @@ mod tests {
         assert_eq!(view(&config, 12, 30), view(&config, 12, 30));
     }
 
+    /// The default, with rates that end at a hundredth.
+    fn to_a_hundredth() -> Config {
+        let mut config = Config::default();
+        config.optim.final_fraction = 0.01;
+        config
+    }
+
     #[test]
     fn the_means_rate_in_warm_up_does_not_depend_on_the_joint_stage() {
-        let mut config = Config::default();
+        let mut config = to_a_hundredth();
         let rate = |step: usize, config: &Config| {
             let rate = |stage| learning_rate("gaussians.means", stage, config, 1.0).unwrap();
             rate(Stage::Warmup(step)) / rate(Stage::Warmup(0))
@@ -177,7 +184,7 @@ mod tests {
 
     #[test]
     fn rates_may_fall_once_over_the_whole_run_and_dssim_count_from_the_first_step() {
-        let mut config = Config::default();
+        let mut config = to_a_hundredth();
         (config.stages.warmup_steps, config.stages.joint_steps) = (3000, 27_000);
         (config.optim.decay_over, config.loss.dssim_warmup) = (DecayOver::Run, true);
         let rate = |name, stage| learning_rate(name, stage, &config, 1.0).unwrap();
@@ -195,7 +202,7 @@ mod tests {
 
     #[test]
     fn rates_fall_log_linearly_and_the_field_waits_for_the_joint_stage() {
-        let config = Config::default();
+        let config = to_a_hundredth();
         let rate = |name, stage| learning_rate(name, stage, &config, 4.0);
         assert_eq!(rate("field.encoder.Factorised.planes", Stage::Warmup(3)), None);
         let start = rate("gaussians.means", Stage::Joint(0)).unwrap();
@@ -205,7 +212,7 @@ mod tests {
 
     #[test]
     fn the_built_in_schedules_end_where_they_say() {
-        let mut config = Config::default().optim;
+        let mut config = to_a_hundredth().optim;
         let mut course = |name: &str| {
             config.schedule = name.to_owned();
             [0.0, 0.5, 1.0].map(|p| decay(&config, p))

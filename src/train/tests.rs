@@ -265,11 +265,11 @@ fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
 fn an_average_changes_no_step_follows_the_order_and_comes_back_from_a_checkpoint() {
     let of = |average: usize| {
         let mut config = config();
-        (config.optim.average, config.speed.sort_every) = (average, 15);
+        (config.optim.average, config.speed.sort_every, config.stages.joint_steps) = (average, 15, 130);
         trainer(&config)
     };
     let ((data, mut plain), (_, mut averaged)) = (of(0), of(20));
-    for step in 0..24 {
+    for step in 0..114 {
         plain.step(&data.train).unwrap();
         averaged.step(&data.train).unwrap();
         assert_eq!(averaged.average.scene().is_some(), step >= 9);
@@ -284,7 +284,7 @@ fn an_average_changes_no_step_follows_the_order_and_comes_back_from_a_checkpoint
     averaged.model().save(&path).unwrap();
     let (_, mut resumed) = of(20);
     let state = averaged.state();
-    resumed.resume(Saved { model: &path, state, state_path: &path, step: 24, first_primitives: 200 }).unwrap();
+    resumed.resume(Saved { model: &path, state, state_path: &path, step: 114, first_primitives: 200 }).unwrap();
     for _ in 0..8 {
         averaged.step(&data.train).unwrap();
         resumed.step(&data.train).unwrap();
