@@ -12,6 +12,7 @@ pub mod terminal;
 pub mod cli;
 pub mod compare;
 pub mod config;
+mod csv;
 pub mod data;
 pub mod demo;
 pub mod device;

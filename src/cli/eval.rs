@@ -10,7 +10,7 @@ use crate::eval::run::Summary;
 use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::memory::MIB;
-use crate::metrics::lpips::Lpips;
+use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun, RunError, Trained};
 use clap::Args;
@@ -25,13 +25,13 @@ pub struct EvalArgs {
     /// Folder of the run.
     run: PathBuf,
     /// Split: train, val or test.
-    #[arg(long, default_value = "test")]
+    #[arg(long, default_value = "test", conflicts_with = "segments")]
     split: SplitName,
     /// Dataset folder, if it is not where it was in training, or another one.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
     /// At most this many views, evenly spaced; all if not given.
-    #[arg(long, value_name = "N", value_parser = count)]
+    #[arg(long, value_name = "N", value_parser = count, conflicts_with = "segments")]
     views: Option<usize>,
     /// LPIPS weights (safetensors); AlexNet or VGG-16 is recognised. May be given twice. To make them from the published
     /// files, see `volseggs lpips --help`.
@@ -53,6 +53,13 @@ impl EvalArgs {
             .map(|path| Lpips::load(path, &device).map_err(CliError::input))
             .collect::<Result<Vec<_>, _>>()?;
         if self.segments.segments {
+            let mut given = self.lpips_weights.iter().zip(&networks);
+            if let Some((path, _)) = given.find(|(_, network)| network.net() != LpipsNet::Alex) {
+                return Err(CliError::input(format!(
+                    "--lpips-weights {}: of VGG-16, and --segments measures LPIPS with AlexNet alone; leave it out",
+                    path.display()
+                )));
+            }
             return self.segments.run(&run.gaussians()?, self.data.as_deref(), &networks, self.common.json);
         }
         let split = run.measured(self.split, self.data.as_deref(), self.views)?;
@@ -98,7 +105,8 @@ impl EvalArgs {
         } else {
             format!("{} parameters", s.parameters.unwrap_or_default())
         };
-        outln!("model          {:.2} MiB ({:.2} MB), scene.safetensors in f32, {held}", bytes / MIB, bytes / 1e6);
+        let bits = if run.is_packed() { "packed in 8 and 16 bits" } else { "in f32" };
+        outln!("model          {:.2} MiB ({:.2} MB), scene.safetensors {bits}, {held}", bytes / MIB, bytes / 1e6);
         for note in &s.notes {
             outln!("note: {note}");
         }

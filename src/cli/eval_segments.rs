@@ -223,7 +223,7 @@ impl SegmentFlags {
 fn eval_error(error: SegmentEvalError) -> CliError {
     match error {
         SegmentEvalError::Data(error) => error.into(),
-        SegmentEvalError::Masks(_) => CliError::input(error),
+        SegmentEvalError::Masks(_) | SegmentEvalError::Input(_) => CliError::input(error),
         SegmentEvalError::Failed(_) => CliError::failure(error),
     }
 }

@@ -8,7 +8,7 @@ mod runs;
 #[cfg(test)]
 mod tests;
 
-use super::metric::{Better, Metric, metric};
+use super::metric::Column;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use super::sheet::{VariantSheet, sheets};
 use super::stats;
@@ -160,14 +160,7 @@ fn variant_mean(set: &ResultSet, place: &Place, variant: &str, id: &str) -> Opti
     stats::mean(&outcomes.filter_map(|o| value(o, id)).collect::<Vec<_>>())
 }
 
-/// The metric that pages are about, with a heading even where it is not a known one.
-fn first_metric(set: &ResultSet) -> Option<(&str, &str, usize, Better)> {
-    let id = set.metrics.first()?;
-    let (head, digits, better) = shown(id);
-    Some((id, head, digits, better))
-}
-
-/// Heading, digits and direction of a metric.
-fn shown(id: &str) -> (&str, usize, Better) {
-    metric(id).map_or((id, 3, Better::Neither), |Metric { head, digits, better, .. }| (head, *digits, *better))
+/// The metric that pages are about.
+fn first_metric(set: &ResultSet) -> Option<Column> {
+    set.metrics.first().map(|id| Column::of(id))
 }

@@ -81,12 +81,13 @@ fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunErro
 /// one variant, named after the first one's folder. `metrics` are those to report.
 ///
 /// # Errors
-/// A folder that is no run, or has not been evaluated on its test views.
+/// A folder that is no run, has not been evaluated on its test views, or on other ones than another run of its dataset.
 pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet, RunError> {
     let mut known: Vec<(Table, String)> = Vec::new();
     let mut datasets: Vec<(String, String)> = Vec::new();
     let mut outcomes: Vec<Outcome> = Vec::new();
     let mut met: Vec<PathBuf> = Vec::new();
+    let mut measured: Vec<(String, [usize; 3], PathBuf)> = Vec::new();
     for folder in folders {
         let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());
         if met.contains(&whole) {
@@ -113,6 +114,17 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             datasets.push((record.fingerprint.clone(), name.clone()));
             name
         });
+        let on = [summary.views, summary.width as usize, summary.height as usize];
+        match measured.iter().find(|(name, ..)| *name == dataset) {
+            Some((_, first, _)) if *first == on => {}
+            Some((_, first, other)) => {
+                let of = |[views, width, height]: [usize; 3]| format!("{views} views of {width}x{height}");
+                let problem = format!("measured on {}, but {} on {}", of(on), other.display(), of(*first));
+                let hint = format!("measure both alike by `volseggs eval {}`", shell::path(folder));
+                return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
+            }
+            None => measured.push((dataset.clone(), on, folder.clone())),
+        }
         // a seed that a variant has already is another row, such as the same configuration from another version
         let clash = |name: &str| {
             let same = |o: &Outcome| o.dataset == dataset && o.device == record.device && o.seed == record.seed;

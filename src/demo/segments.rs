@@ -125,7 +125,8 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         frame += 1;
         Some(at)
     };
-    let followed = follow(at, &wanted, &times, &FollowOptions::default()).map_err(|e| e.to_string())?;
+    let followed =
+        follow(at, &wanted, &times, &FollowOptions::within(scene.spec.half_size)).map_err(|e| e.to_string())?;
     let followed = followed.unwrap_or_default();
     let tracks = view_sheet(&pictures.concat(), SHOWN, WIDTH);
     let sheet = view_sheet(&evaluation.pictures, evaluation.columns, 2 * WIDTH);

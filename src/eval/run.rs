@@ -7,9 +7,10 @@ use super::regions::{ByRegion, RegionSums};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
 use super::speed::{self, Speed};
+use crate::csv;
 use crate::data::Split;
 use crate::metrics::lpips::{Lpips, LpipsNet};
-use crate::metrics::psnr::psnr;
+use crate::metrics::psnr::{most_of_pictures, psnr_of_pictures};
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
 use crate::model::Model;
 use image::RgbImage;
@@ -25,7 +26,7 @@ pub struct ViewMetrics {
     pub view: String,
     /// Its time in [0, 1].
     pub time: f64,
-    /// Decibels, over all pixels and channels of the 8-bit render.
+    /// Decibels, over all pixels and channels of the 8-bit render; finite, see [`psnr_of_pictures`].
     pub psnr: f64,
     /// SSIM on RGB, 11-tap Gaussian window, zero padding.
     pub ssim: f64,
@@ -120,7 +121,7 @@ pub struct Evaluation {
 pub struct ViewPicture {
     /// Name of the view.
     pub view: String,
-    /// The photograph.
+    /// The image of the dataset.
     pub truth: RgbImage,
     /// The render.
     pub render: RgbImage,
@@ -155,7 +156,7 @@ const LPIPS_WEIGHTS: &str = "LPIPS is null without --lpips-weights FILE: convert
                              see `volseggs lpips --help`";
 
 /// Rounds to 8 bits and back, as an image file would.
-fn quantise(v: f32) -> f32 {
+pub(super) fn quantise(v: f32) -> f32 {
     (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
 
@@ -199,7 +200,7 @@ fn measure_sample(model: &dyn Model, sample: &Sample) -> Result<TrainingViews, S
         let Pair { render, truth, alpha } = &pair;
         regions.add(render, truth, alpha, w);
         for (sum, value) in sums.iter_mut().zip([
-            psnr(render, truth).map_err(|e| e.to_string())?,
+            psnr_of_pictures(render, truth).map_err(|e| e.to_string())?,
             ssim_rgb(render, truth, w, h).map_err(|e| e.to_string())?,
             ssim_gray(render, truth, w, h).map_err(|e| e.to_string())?,
         ]) {
@@ -244,7 +245,7 @@ pub fn evaluate(
         let metrics = ViewMetrics {
             view: frame.name.clone(),
             time: frame.time,
-            psnr: psnr(render, truth).map_err(|e| e.to_string())?,
+            psnr: psnr_of_pictures(render, truth).map_err(|e| e.to_string())?,
             ssim: ssim_rgb(render, truth, w, h).map_err(|e| e.to_string())?,
             ssim_gray: ssim_gray(render, truth, w, h).map_err(|e| e.to_string())?,
             lpips_alex: lpips(LpipsNet::Alex)?,
@@ -273,6 +274,10 @@ pub fn evaluate(
     let mut notes = vec!["renders and truths are compared as 8-bit images".to_owned()];
     if networks.is_empty() {
         notes.push(LPIPS_WEIGHTS.to_owned());
+    }
+    let equal = pictures_equal(&views, w * h);
+    if equal > 0 {
+        notes.push(format!("{equal} of {n} renders equal the truth and count as one step of 255 in one value"));
     }
     let counts = model.counts();
     let summary = Summary {
@@ -306,6 +311,12 @@ pub fn evaluate(
     Ok(Evaluation { views, summary, sheet, pictures })
 }
 
+/// How many of `views`, of so many pixels, have the PSNR of equal pictures.
+fn pictures_equal(views: &[ViewMetrics], pixels: usize) -> usize {
+    let most = most_of_pictures(3 * pixels);
+    views.iter().filter(|v| v.psnr >= most).count()
+}
+
 /// Mean over views; none if there are no views, or one lacks the value.
 pub(super) fn mean_of(views: &[&ViewMetrics], value: impl Fn(&ViewMetrics) -> Option<f64>) -> Option<f64> {
     let sum = views.iter().map(|v| value(v)).sum::<Option<f64>>()?;
@@ -322,7 +333,15 @@ pub fn to_csv(views: &[ViewMetrics]) -> String {
     for v in views {
         let (alex, vgg) = (cell(v.lpips_alex), cell(v.lpips_vgg));
         // writing to a String cannot fail
-        let _ = write!(out, "{},{:.6},{:.4},{:.6},{:.6},{alex},{vgg}", v.view, v.time, v.psnr, v.ssim, v.ssim_gray);
+        let _ = write!(
+            out,
+            "{},{:.6},{:.4},{:.6},{:.6},{alex},{vgg}",
+            csv::field(&v.view),
+            v.time,
+            v.psnr,
+            v.ssim,
+            v.ssim_gray
+        );
         names.iter().for_each(|name| out.extend([",", &cell(v.extra.get(*name).copied())]));
         out.push('\n');
     }

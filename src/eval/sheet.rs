@@ -25,7 +25,7 @@ const ERROR_COLORS: [[f32; 3]; 6] = [
 pub struct SheetRow<'a> {
     /// Text above the row.
     pub label: String,
-    /// The photograph.
+    /// The image of the dataset.
     pub truth: &'a [f32],
     /// The render.
     pub render: &'a [f32],

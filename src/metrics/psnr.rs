@@ -40,10 +40,38 @@ pub fn psnr(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
     Ok(-10.0 * (sum / a.len() as f64).log10())
 }
 
+/// [`psnr`] of two 8-bit images as values in [0, 1], never infinite: equal images count as if one of their values differed
+/// by one step of 255. A view that shows nothing, drawn as nothing, would make the mean over all views infinite.
+///
+/// # Errors
+/// As [`psnr`].
+pub fn psnr_of_pictures(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
+    let most = most_of_pictures(a.len());
+    // NaN stays
+    psnr(a, b).map(|value| if value > most { most } else { value })
+}
+
+/// The PSNR in dB that equal 8-bit images of so many values count with.
+#[must_use]
+pub fn most_of_pictures(values: usize) -> f64 {
+    20.0 * 255f64.log10() + 10.0 * (values as f64).log10()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::metrics::ssim::tests::images;
+
+    #[test]
+    fn equal_pictures_count_as_a_step_of_one_value() {
+        let a = [0.2f32, 0.4, 0.6, 0.8, 1.0, 0.0].map(|v| (v * 255.0).round() / 255.0);
+        let mut b = a;
+        b[3] -= 1.0 / 255.0;
+        let (equal, nearly) = (psnr_of_pictures(&a, &a).unwrap(), psnr_of_pictures(&a, &b).unwrap());
+        assert!(equal.is_finite() && (equal - nearly).abs() < 1e-4, "{equal} {nearly}");
+        b[0] = f32::NAN;
+        assert!(psnr_of_pictures(&a, &b).unwrap().is_nan());
+    }
 
     #[test]
     fn agrees_with_scikit_image() {

@@ -59,7 +59,7 @@ pub struct PrepareOptions {
     pub needed: Vec<PathBuf>,
 }
 
-/// The record of a dataset, `prepare.json`: enough to make it again.
+/// The record of a dataset, `prepare.json`: what it was made of.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PrepareRecord {
     /// Version of the program.

@@ -166,7 +166,8 @@ fn follow_all(
 ) -> Result<Option<Vec<Followup>>, RunError> {
     let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
     let scene = |time: f64| goes_on().then(|| run.scene.host_at(time as f32));
-    track::follow(scene, &segments, times, &FollowOptions::default()).map_err(RunError::input)
+    let options = FollowOptions::within(run.scene.spec.half_size);
+    track::follow(scene, &segments, times, &options).map_err(RunError::input)
 }
 
 /// Names and members of what is followed.

@@ -105,7 +105,7 @@ pub fn measure(
         }
     }
     let costs = Costs {
-        training_seconds: run.record.training_seconds,
+        training_seconds: run.training_seconds(),
         model_bytes: model.len(),
         data: on.data.clone(),
         trained_times: on.trained_times.clone(),

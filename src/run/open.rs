@@ -249,6 +249,25 @@ impl<S: Trained> OpenRun<S> {
         (!is_newest).then(|| opened.to_string_lossy().into_owned())
     }
 
+    /// Seconds of training until the checkpoint that was opened.
+    #[must_use]
+    pub fn training_seconds(&self) -> f64 {
+        // the record is of the last steps of the run, or of those before a training that was killed
+        let of_checkpoint = (self.step() != Some(self.record.steps)).then(|| self.checkpoint_state()).flatten();
+        of_checkpoint.map_or(self.record.training_seconds, |state| state.seconds)
+    }
+
+    /// Whether the numbers of the checkpoint that was opened were rounded, see [`pack`](super::pack).
+    #[must_use]
+    pub fn is_packed(&self) -> bool {
+        self.checkpoint_state().is_some_and(|state| state.packed)
+    }
+
+    /// What the checkpoint says beside its tensors, if there is one.
+    fn checkpoint_state(&self) -> Option<checkpoint::State> {
+        checkpoint::read_state(self.scene_path.parent()?).ok()
+    }
+
     /// Where everything of it lies.
     #[must_use]
     pub fn paths(&self) -> RunPaths<'_> {

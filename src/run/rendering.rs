@@ -176,7 +176,7 @@ pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> 
         view_seconds: 1.0 / speed.fps_with_copy,
         peak_memory_bytes: peak_memory(),
         preparation_seconds: record(data)?.map(|record| record.seconds),
-        training_seconds: run.record.training_seconds,
+        training_seconds: run.training_seconds(),
     })
 }
 

@@ -121,15 +121,6 @@ impl Confusion {
         }
     }
 
-    /// The overlap of each label with itself, for volumes that use the same numbers; labels of either, ascending.
-    #[must_use]
-    pub fn same_labels(&self) -> Vec<(u32, Overlap)> {
-        let mut labels: Vec<u32> = self.truth.keys().chain(self.predicted.keys()).copied().collect();
-        labels.sort_unstable();
-        labels.dedup();
-        labels.into_iter().map(|l| (l, self.overlap(l, l))).collect()
-    }
-
     /// For each true label the set of predicted labels with the highest Dice score, as when a user picks the pieces of
     /// an over-segmented object. Each true label chooses for itself: a predicted label may serve two of them.
     ///

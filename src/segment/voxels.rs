@@ -110,12 +110,6 @@ pub fn label_voxels(cloud: &LabelledCloud<'_>, grid: &Grid, vote: &Vote) -> Resu
     Ok(labels)
 }
 
-/// The labels in 8 bits, or `None` if one is above 255.
-#[must_use]
-pub fn to_u8(labels: &[u16]) -> Option<Vec<u8>> {
-    labels.iter().map(|&l| u8::try_from(l).ok()).collect()
-}
-
 /// Checks everything and returns the number of voxels.
 fn check(cloud: &LabelledCloud<'_>, grid: &Grid, vote: &Vote) -> Result<usize, VoxelError> {
     let n = cloud.labels.len();

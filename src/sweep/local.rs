@@ -71,7 +71,7 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
     std::fs::create_dir_all(options.dir.join("logs")).map_err(|e| SweepError::io(&options.dir, e))?;
     let mut tally = Tally::default();
     let mut runs = options.runs.clone();
-    let mut stopped = BTreeMap::new();
+    let (mut stopped, mut failed_before_end) = (BTreeMap::new(), 0);
     if let Some(spec) = &plan.halving {
         for &rung in &spec.rungs {
             let short = |i: &usize| progress(plan, *i) == Progress::Open && steps_done(&plan.run_folder(*i)) < rung;
@@ -86,8 +86,11 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
                 }
             }
             let on = halving::survivors(plan, &runs, rung, spec.keep);
-            let off = runs.iter().filter(|run| !on.contains(run));
-            stopped.extend(off.map(|run| (plan.runs[*run].key.clone(), rung)));
+            let failed = |run: &usize| matches!(progress(plan, *run), Progress::Failed(_));
+            let (lost, off): (Vec<usize>, Vec<usize>) =
+                runs.iter().copied().filter(|run| !on.contains(run)).partition(failed);
+            failed_before_end += lost.len();
+            stopped.extend(off.into_iter().map(|run| (plan.runs[run].key.clone(), rung)));
             runs = on;
             halving::save(&options.dir, plan, &stopped)?;
         }
@@ -101,6 +104,7 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
     if tally.before + tally.failed > 0 {
         errln!("{} of {} runs are done before, {} failed before", tally.before, runs.len(), tally.failed);
     }
+    tally.failed += failed_before_end;
     Pool::new(plan, options, None, stop).all(&open, &mut tally)?;
     Ok(tally)
 }

@@ -143,12 +143,8 @@ impl Plan {
         let variants = variants(&file, path)?;
         let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
         let datasets = datasets(&file, path, &options.data, &options.out)?;
-        let default_metrics = if file.segments.is_some() { SEGMENT_METRICS } else { TRAIN_METRICS };
-        let mut metrics = file.metrics.clone();
-        if metrics.is_empty() {
-            metrics = default_metrics.iter().map(|m| (*m).to_owned()).collect();
-        }
-        if let Some(unknown) = metrics
+        if let Some(unknown) = file
+            .metrics
             .iter()
             .find(|m| metric(m).is_none() && !crate::eval::metric::registered().iter().any(|(name, _)| name == *m))
         {
@@ -162,7 +158,7 @@ impl Plan {
             title: file.title.clone(),
             note: file.note.clone(),
             head: file.head.clone(),
-            metrics,
+            metrics: file.metrics.clone(),
             baseline,
             eval: file.eval.clone(),
             halving: file.halving.clone(),
@@ -197,8 +193,13 @@ impl Plan {
                 }
             }
         }
-        if plan.entries.iter().any(|e| e.segments.is_some()) {
+        let has_segments = plan.entries.iter().any(|e| e.segments.is_some());
+        if has_segments {
             check_truth(&plan.datasets, path)?;
+        }
+        if plan.metrics.is_empty() {
+            let default = if has_segments { SEGMENT_METRICS } else { TRAIN_METRICS };
+            plan.metrics = default.iter().map(|m| (*m).to_owned()).collect();
         }
         if let Some(halving) = &plan.halving {
             check_halving(halving, &plan).map_err(|e| bad("halving", e))?;
@@ -298,7 +299,9 @@ impl Plan {
             .map_err(|e| e.to_string())
             .and_then(|plan: Self| check_plan(&plan).map(|()| plan))
             .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
-        let runs_folder = dir.parent().map(|out| out.join("runs")).unwrap_or_default();
+        // `.` has no parent in its name
+        let whole = std::fs::canonicalize(dir).map_err(|e| SweepError::io(dir, e))?;
+        let runs_folder = whole.parent().map(|out| out.join("runs")).unwrap_or_default();
         Ok(Self { runs_folder, ..plan })
     }
 }

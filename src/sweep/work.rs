@@ -169,7 +169,8 @@ impl Worker<'_> {
     fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &[Lpips]) -> Result<(), Failure> {
         let split = open_measured(data, SplitName::Test, config, self.plan.eval.views);
         let split = split.map_err(failed("eval"))?;
-        let (on, folder) = (MeasuredOn::own(trained, Vec::new()), trained.paths().eval().join("test"));
+        let on = MeasuredOn::open(trained, Some(data)).map_err(failed("eval"))?;
+        let folder = trained.paths().eval().join("test");
         let evaluation = measure(trained, &split, networks, &on, &folder, |_, _| ()).map_err(failed("eval"))?;
         let mut metrics = crate::compare::runs::metrics(&evaluation.summary, &trained.record);
         // a number that is none has no place in JSON, and none in a table

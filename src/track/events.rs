@@ -1,5 +1,5 @@
 //! When the components of a segment appear, vanish, split and merge. The overlap of components is measured in
-//! `overlap`; finding the components of one time is `segment::components`' work.
+//! `overlap`; finding the components of one time is `points::components`' work.
 
 pub use super::event::{Event, EventConfig, EventKind, Frame, TrackPoint, Tracking};
 use super::overlap::{Graph, LabelSum, Nodes, label_sums, usable};

@@ -4,8 +4,13 @@
 use super::events::{EventConfig, Frame, Tracking, find_events};
 use super::statistics::{Gaussians, SegmentStatistics, StatisticsConfig, fill_velocities, segment_statistics};
 use crate::model::HostGaussians;
+use crate::model::sh::C0;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, components_touching, largest_scales};
+
+/// Cells of the volumes along the longest side of the scene's box. A segment is often a tenth of that, some 25 cells; and
+/// one that reaches over two boxes is still within what [`super::volume::union_volume`] takes without coarsening.
+const CELLS: f32 = 256.0;
 
 /// A segment to follow.
 #[derive(Clone, Copy, Debug)]
@@ -25,11 +30,24 @@ pub struct FollowOptions {
     pub min_opacity: f32,
     /// What counts as an event.
     pub events: EventConfig,
+    /// Cell side of the volumes, world units. One for all segments and times, whichever are asked for and in whatever
+    /// order, so that volumes compare.
+    pub volume_cell: f32,
+}
+
+impl FollowOptions {
+    /// The defaults for a scene whose box has these half sides, world units.
+    #[must_use]
+    pub fn within(half_size: [f32; 3]) -> Self {
+        let volume_cell = 2.0 * half_size.into_iter().fold(0.0, f32::max) / CELLS;
+        Self { reach: 1.0, min_opacity: 0.05, events: EventConfig::default(), volume_cell }
+    }
 }
 
 impl Default for FollowOptions {
+    /// For a scene whose box is two units wide.
     fn default() -> Self {
-        Self { reach: 1.0, min_opacity: 0.05, events: EventConfig::default() }
+        Self::within([1.0; 3])
     }
 }
 
@@ -57,24 +75,19 @@ pub fn follow(
 ) -> Result<Option<Vec<Followup>>, PointsError> {
     let mut statistics = vec![Vec::with_capacity(times.len()); segments.len()];
     let mut frames: Vec<Vec<(Vec<u32>, Vec<f32>)>> = vec![Vec::with_capacity(times.len()); segments.len()];
-    // one cell for all times, so that volumes compare
-    let mut config = vec![StatisticsConfig::default(); segments.len()];
+    let config = StatisticsConfig { volume_cell: Some(options.volume_cell), ..StatisticsConfig::default() };
     for &time in times {
         let Some(at) = scene(time) else { return Ok(None) };
-        let opacity = at.opacity();
+        let (opacity, colours) = (at.opacity(), base_colours(&at));
         let all = Gaussians {
             means: &at.means,
             opacity: &opacity,
             log_scales: &at.log_scales,
             rotations: &at.rotations,
-            colours: &[],
+            colours: &colours,
         };
         for (k, segment) in segments.iter().enumerate() {
-            let described = segment_statistics(&all, segment.members, segment.name, time, &config[k])?;
-            if described.volume_cell > 0.0 && config[k].volume_cell.is_none() {
-                config[k].volume_cell = Some(described.volume_cell as f32);
-            }
-            statistics[k].push(described);
+            statistics[k].push(segment_statistics(&all, segment.members, segment.name, time, &config)?);
             let alone = at.subset(segment.members);
             let opacity = alone.opacity();
             let mut radii = largest_scales(&alone.log_scales)?;
@@ -97,6 +110,14 @@ pub fn follow(
         })
         .collect::<Result<Vec<_>, _>>()
         .map(Some)
+}
+
+/// The colour of each Gaussian that is the same from everywhere, `[N, 3]` RGB: of shaded ones that which no light has
+/// touched.
+fn base_colours(at: &HostGaussians) -> Vec<f32> {
+    let row = 3 * at.sh_stride.max(1);
+    // drawing takes no colour for less than black; what is not finite stays so, and is passed over
+    at.sh.chunks_exact(row).flat_map(|c| [c[0], c[1], c[2]]).map(|c| (0.5 + C0 * c).clamp(0.0, f32::INFINITY)).collect()
 }
 
 #[cfg(test)]
@@ -143,7 +164,48 @@ mod tests {
         assert!((velocity[1] - 1.0).abs() < 1e-4, "{velocity:?}");
         let cells: Vec<f64> = all[0].statistics.iter().map(|s| s.volume_cell).collect();
         assert!(cells.iter().all(|c| (c - cells[0]).abs() < 1e-6), "one cell for all times");
+        let colour = all[0].statistics[0].colour.unwrap();
+        assert!(colour.iter().all(|c| (c - 0.5).abs() < 1e-6), "coefficients of 0 are grey: {colour:?}");
         let stopped = follow(|t| rods(t).filter(|_| t < 0.5), &segments, &forward, &FollowOptions::default());
         assert_eq!(stopped.unwrap(), None);
+    }
+
+    #[test]
+    fn base_colours_are_those_of_the_first_coefficients() {
+        let sh = vec![0.5 / C0, 0.0, -1.0 / C0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0];
+        let one = HostGaussians { sh, ..HostGaussians::zeros(1, 4) };
+        let colours = base_colours(&one);
+        assert!((colours[0] - 1.0).abs() < 1e-6 && colours[1] == 0.5 && colours[2] == 0.0, "{colours:?}");
+        assert_eq!(colours.len(), 3);
+    }
+
+    /// One ball that shows, and from half the time 63 others in a cube of them, apart from each other.
+    fn growing(time: f64) -> Option<HostGaussians> {
+        let n = 64;
+        let place = |i: usize| [i % 4, i / 4 % 4, i / 16].map(|k| 0.3 * k as f32);
+        let shows = |i: usize| i == 0 || time > 0.5;
+        Some(HostGaussians {
+            means: (0..n).flat_map(place).collect(),
+            rotations: [1.0, 0.0, 0.0, 0.0].repeat(n),
+            log_scales: vec![0.04f32.ln(); 3 * n],
+            opacity_logits: (0..n).map(|i| if shows(i) { 1.0 } else { -20.0 }).collect(),
+            ..HostGaussians::zeros(n, 1)
+        })
+    }
+
+    #[test]
+    fn the_volume_at_a_time_depends_on_no_other_time() {
+        let members: Vec<u32> = (0..64).collect();
+        let segments = [Followed { name: "growing", members: &members }];
+        let last = |times: &[f64]| {
+            let found = follow(growing, &segments, times, &FollowOptions::default()).unwrap().unwrap();
+            let at = found[0].statistics.iter().find(|s| s.time == 1.0).unwrap();
+            (at.volume, at.volume_cell)
+        };
+        let (volume, cell) = last(&[1.0]);
+        assert_eq!((last(&[0.0, 0.4, 0.6, 1.0]), last(&[1.0, 0.6, 0.4, 0.0])), ((volume, cell), (volume, cell)));
+        assert_eq!(cell, f64::from(FollowOptions::default().volume_cell));
+        let exact = 64.0 * 4.0 / 3.0 * std::f64::consts::PI * 0.04f64.powi(3);
+        assert!((volume / exact - 1.0).abs() < 0.1, "{volume} {exact}");
     }
 }

@@ -2,6 +2,7 @@
 
 use super::events::{Event, TrackPoint};
 use super::statistics::SegmentStatistics;
+use crate::csv;
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -17,21 +18,11 @@ pub const EVENT_COLUMNS: &str = "segment,time_from,time_to,kind,parents,children
 /// Columns of [`tracks_csv`].
 pub const TRACK_COLUMNS: &str = "segment,time,component,track,weight,lent";
 
-/// One field of a CSV line, quoted where it holds a comma, a quote, a line break or outer blanks (RFC 4180).
-pub fn csv_field(text: &str) -> String {
-    let outer = text.starts_with([' ', '\t']) || text.ends_with([' ', '\t']);
-    if outer || text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
-}
-
 /// Statistics as CSV with a header; unknown and non-finite numbers are empty fields. Numbers read back exactly.
 pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
     let mut out = format!("{STATISTICS_COLUMNS}\n");
     for row in rows {
-        out.push_str(&csv_field(&row.segment));
+        out.push_str(&csv::field(&row.segment));
         number(&mut out, Some(row.time));
         let _ = write!(out, ",{},{}", row.gaussians, row.visible);
         number(&mut out, Some(row.opacity));
@@ -59,7 +50,7 @@ pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
 pub fn events_csv(segment: &str, events: &[Event]) -> String {
     let mut out = format!("{EVENT_COLUMNS}\n");
     for event in events {
-        out.push_str(&csv_field(segment));
+        out.push_str(&csv::field(segment));
         number(&mut out, Some(event.time_from));
         number(&mut out, Some(event.time_to));
         let kind = serde_json::to_string(&event.kind).unwrap_or_default();
@@ -74,7 +65,7 @@ pub fn events_csv(segment: &str, events: &[Event]) -> String {
 pub fn tracks_csv(segment: &str, points: &[TrackPoint]) -> String {
     let mut out = format!("{TRACK_COLUMNS}\n");
     for point in points {
-        out.push_str(&csv_field(segment));
+        out.push_str(&csv::field(segment));
         number(&mut out, Some(point.time));
         let _ = write!(out, ",{},{}", point.component, point.track);
         number(&mut out, Some(point.weight));
@@ -189,12 +180,5 @@ mod tests {
         let json = to_json(&[statistics()]).unwrap();
         assert!(json.contains("\"opacity\": null") && json.contains("\"velocity\": null"));
         assert_eq!((statistics_csv(&[]).lines().count(), tracks_csv("", &[]).lines().count()), (1, 1));
-    }
-
-    #[test]
-    fn fields_are_quoted_only_where_needed() {
-        assert_eq!(csv_field("grey-2"), "grey-2");
-        assert_eq!(csv_field("a\nb"), "\"a\nb\"");
-        assert_eq!(csv_field(" x"), "\" x\"");
     }
 }

@@ -55,26 +55,44 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
         let bit = (at[2] * size[1] + at[1]) * size[0] + at[0];
         bits[bit / 64].fetch_or(1 << (bit % 64), Ordering::Relaxed);
     };
+    // cells `from..=to` along x, a word of bits at a time
+    let fill = |from: usize, to: usize, y: usize, z: usize| {
+        let row = (z * size[1] + y) * size[0];
+        let (from, to) = (row + from, row + to);
+        for word in from / 64..=to / 64 {
+            let low = if word == from / 64 { u64::MAX << (from % 64) } else { u64::MAX };
+            let high = if word == to / 64 { u64::MAX >> (63 - to % 64) } else { u64::MAX };
+            bits[word].fetch_or(low & high, Ordering::Relaxed);
+        }
+    };
     ellipsoids.par_iter().for_each(|e| {
         let index = |v: f64, a: usize| ((v / cell).floor() - first[a]).clamp(0.0, (size[a] - 1) as f64) as usize;
         set([0, 1, 2].map(|a| index(e.centre[a], a)));
         let half = e.half_sides();
         let from = [0, 1, 2].map(|a| index(e.centre[a] - half[a], a));
         let to = [0, 1, 2].map(|a| index(e.centre[a] + half[a], a));
+        // along a row of cells the squared distance in half axes is a parabola of x, and what is inside lies between
+        // the two places where it is 1
+        let slope = [0, 1, 2].map(|k| e.rotation[0][k] / e.half_axes[k]);
+        let square: f64 = slope.iter().map(|s| s * s).sum();
+        let middle = |v: usize, a: usize| (first[a] + v as f64 + 0.5) * cell - e.centre[a];
+        let begin = middle(0, 0);
         for z in from[2]..=to[2] {
             for y in from[1]..=to[1] {
-                for x in from[0]..=to[0] {
-                    let at = [x, y, z];
-                    let d = [0, 1, 2].map(|a| (first[a] + at[a] as f64 + 0.5) * cell - e.centre[a]);
-                    let inside: f64 = (0..3)
-                        .map(|k| {
-                            let along = (0..3).map(|i| e.rotation[i][k] * d[i]).sum::<f64>();
-                            (along / e.half_axes[k]).powi(2)
-                        })
-                        .sum();
-                    if inside <= 1.0 {
-                        set(at);
-                    }
+                let (dy, dz) = (middle(y, 1), middle(z, 2));
+                let rest = [0, 1, 2].map(|k| (e.rotation[1][k] * dy + e.rotation[2][k] * dz) / e.half_axes[k]);
+                let mixed: f64 = (0..3).map(|k| slope[k] * rest[k]).sum();
+                let constant: f64 = rest.iter().map(|r| r * r).sum();
+                let root = (mixed * mixed - square * (constant - 1.0)).sqrt();
+                // none, or so thin that no cell's centre lies in it
+                if !root.is_finite() || !square.is_finite() {
+                    continue;
+                }
+                let at = |x: f64| (x - begin) / cell;
+                let low = at((-mixed - root) / square).ceil().max(from[0] as f64);
+                let high = at((-mixed + root) / square).floor().min(to[0] as f64);
+                if low <= high {
+                    fill(low as usize, high as usize, y, z);
                 }
             }
         }
@@ -102,6 +120,20 @@ mod tests {
                 assert_eq!(cell, 0.01);
             }
         }
+    }
+
+    #[test]
+    fn a_cell_counts_by_its_centre() {
+        let e = ball([0.31, -0.22, 0.17], [0.8, 0.05, 0.3], [0.3, -0.5, 0.8, 0.1]);
+        let (cell, side) = (0.026f64, 100usize);
+        let inside = |i: &usize| {
+            let at = [i % side, i / side % side, i / side / side];
+            let d = [0, 1, 2].map(|a| (at[a] as f64 - 50.0 + 0.5) * cell - e.centre[a]);
+            let along = |k: usize| (0..3).map(|i| e.rotation[i][k] * d[i]).sum::<f64>() / e.half_axes[k];
+            (0..3).map(|k| along(k).powi(2)).sum::<f64>() <= 1.0
+        };
+        let count = (0..side.pow(3)).filter(inside).count();
+        assert_eq!((union_volume(&[e], cell).0 / cell.powi(3)).round(), count as f64);
     }
 
     #[test]

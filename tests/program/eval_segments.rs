@@ -85,6 +85,13 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
     let pictures = [&["--mask-pictures", "pictures"][..], &short.split(' ').collect::<Vec<_>>()[..]].concat();
     volseggs().current_dir(root).args(fine).args(&pictures).assert().success();
     refused(volseggs().current_dir(root).args(fine).args(&pictures), &["--mask-pictures pictures"]);
+    for flag in [["--views", "5"], ["--split", "train"]] {
+        let said = volseggs().current_dir(root).args(["eval", "run", "--segments"]).args(flag).assert().code(2);
+        let text = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+        assert!(text.contains(flag[0]) && text.contains("--segments"), "{text}");
+    }
+    let none = ["eval", "run", "--methods", "coarse", "--no-oracle", "--mask-pictures", "none"];
+    refused(volseggs().current_dir(root).args(none).args(short.split(' ')), &["none of the methods needs masks"]);
     assert_eq!(names(&root.join("pictures")), ["pictures.json", "scene"]);
     std::fs::create_dir_all(root.join("masks/scene")).unwrap();
     for view in 0..4 {

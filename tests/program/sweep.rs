@@ -138,6 +138,24 @@ fn a_run_that_fails_is_recorded_and_the_others_go_on() {
     let status = sweep(&["status"], &file, &out).assert().success();
     let status = String::from_utf8_lossy(&status.get_output().stdout).into_owned();
     assert_eq!((status.matches(" done ").count(), status.matches(" failed ").count()), (2, 1), "{status}");
+    // from within the sweep's folder
+    let within =
+        Command::new(BINARY).current_dir(out.join("failing")).args(["sweep", "status", "."]).assert().success();
+    let within = String::from_utf8_lossy(&within.get_output().stdout).into_owned();
+    assert_eq!((within.matches(" done ").count(), within.matches(" failed ").count()), (2, 1), "{within}");
+}
+
+#[test]
+fn a_run_that_fails_before_a_rung_is_no_success() {
+    let file = sweep_file(
+        "wild",
+        "[[variant]]\nname = 'good'\n[[variant]]\nname = 'wild'\nset = { 'optim.means' = 1e38 }\n\
+         [halving]\nrungs = [40]\nkeep = 0.5",
+    );
+    let out = root().join("wild-out");
+    let said = sweep(&[], &file, &out).assert().code(1);
+    let text = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+    assert!(text.contains("1 runs failed"), "{text}");
 }
 
 #[test]
@@ -193,6 +211,14 @@ fn runs_are_compared_over_their_seeds() {
     let page = std::fs::read_to_string(root().join("comparison/report.html")).unwrap();
     assert!(page.contains("<svg") || page.contains("data:image/svg"), "no curves");
     Command::new(BINARY).args(["compare", "/no/such/run"]).assert().code(2);
+    // measured on fewer views, one cannot be laid beside the others
+    let mean = runs[1].join("eval/test/mean.json");
+    let mut summary = json(&mean);
+    summary["views"] = 2.into();
+    std::fs::write(&mean, summary.to_string()).unwrap();
+    let refused = Command::new(BINARY).arg("compare").args(&runs).assert().code(2);
+    let text = String::from_utf8_lossy(&refused.get_output().stderr).into_owned();
+    assert!(text.contains("measured on 2 views of") && text.contains("volseggs eval"), "{text}");
 }
 
 #[test]

@@ -133,6 +133,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
     let truth =
         if options.truth.is_empty() { None } else { Some(Truth::open(&options.truth, &labels.grid, &labels.data)?) };
     labels.assumed.iter().for_each(|note| errln!("note: {note}"));
+    truth.iter().flat_map(|truth| truth.notes()).for_each(|note| errln!("note: {note}"));
     if !options.edited {
         tell_of_edits(run);
     }

@@ -117,10 +117,33 @@ impl PickArgs {
         }
     }
 
+    /// Refuses options that would change nothing of what is done.
+    fn check(&self) -> Result<(), CliError> {
+        if self.name.is_some() {
+            return Ok(());
+        }
+        let meaning = [
+            ("--level", self.level.is_some()),
+            ("--scale", self.scale.is_some()),
+            ("--threshold", self.threshold.is_some()),
+        ];
+        if let Some((flag, _)) = meaning.into_iter().find(|(_, given)| *given && !self.levels) {
+            return Err(CliError::input(format!(
+                "{flag}: says what a segment is made of; name it with --name NAME, or see the levels with --levels"
+            )));
+        }
+        // levels are listed with their strays
+        if self.keep_strays {
+            return Err(CliError::input("--keep-strays: says what a segment is made of; name it with --name NAME"));
+        }
+        Ok(())
+    }
+
     pub(super) fn run(self) -> Result<(), CliError> {
         let [x, y] = self.pixel[..] else {
             return Err(CliError::input("--pixel: two numbers, such as --pixel 210,180"));
         };
+        self.check()?;
         let (_, device) = self.common.device()?;
         let run = match self.name {
             Some(_) => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?,

@@ -2,7 +2,7 @@
 
 use super::{Place, distinct, first_metric, places, row_name, value, variant_mean, variants};
 use crate::compare::curves::{Curves, mean, smooth};
-use crate::compare::metric::Better;
+use crate::compare::metric::{Better, Column};
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
 use crate::compare::stats;
 use crate::draw::parallel::{ParallelAxis, ParallelLine, Ticks, parallel_plot};
@@ -81,12 +81,12 @@ fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path
 /// The baseline and the variants that are best by the first metric.
 fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], most: usize) -> Vec<&'a str> {
     let mut ranked = names.to_vec();
-    if let Some((id, _, _, better)) = first_metric(set) {
+    if let Some(Column { id, better, .. }) = first_metric(set) {
         let rank = |name: &str| {
             if name == set.baseline {
                 return f64::NEG_INFINITY;
             }
-            let value = variant_mean(set, place, name, id).unwrap_or(f64::NAN);
+            let value = variant_mean(set, place, name, &id).unwrap_or(f64::NAN);
             let rank = if better == Better::Lower { value } else { -value };
             if rank.is_nan() { f64::INFINITY } else { rank }
         };
@@ -98,7 +98,7 @@ fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], most: usize) -> V
 
 /// A plot of the first metric against training time for each place.
 pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
-    let Some((id, head, ..)) = first_metric(set).filter(|first| first.0 != COST.0) else { return Vec::new() };
+    let Some(Column { id, head, .. }) = first_metric(set).filter(|first| first.id != COST.0) else { return Vec::new() };
     let variants = variants(set);
     let at = |place: &Place| {
         let rows = distinct(set.outcomes.iter().filter(|o| place.holds(o)).map(row_name));
@@ -108,7 +108,7 @@ pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
                 let outcomes = || set.outcomes.iter().filter(|o| place.holds(o) && row_name(o) == name);
                 let group = variants.iter().position(|v| outcomes().any(|o| o.variant == *v))?;
                 let both: Vec<(f64, f64)> =
-                    outcomes().filter_map(|o| Some((value(o, COST.0)?, value(o, id)?))).collect();
+                    outcomes().filter_map(|o| Some((value(o, COST.0)?, value(o, &id)?))).collect();
                 let (xs, ys): (Vec<f64>, Vec<f64>) = both.into_iter().unzip();
                 let (x_error, y_error) = (stats::deviation(&xs), stats::deviation(&ys));
                 Some(Point { x: stats::mean(&xs)?, y: stats::mean(&ys)?, x_error, y_error, group, name })
@@ -116,7 +116,7 @@ pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
             .collect();
         // one point has nothing to be laid beside
         (points.len() > 1).then(|| Block::Svg {
-            svg: scatter_plot(&titled(&format!("{} against cost", quantity(head)), place), COST.1, head, &points),
+            svg: scatter_plot(&titled(&format!("{} against cost", quantity(&head)), place), COST.1, &head, &points),
             caption: format!("{head}, against minutes of training, of each variant."),
         })
     };
@@ -141,9 +141,9 @@ enum Setting {
 }
 
 fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
-    let (id, head, ..) = first_metric(set)?;
+    let Column { id, head, .. } = first_metric(set)?;
     let outcomes: Vec<(&Outcome, f64)> =
-        set.outcomes.iter().filter(|o| place.holds(o)).filter_map(|o| Some((o, value(o, id)?))).collect();
+        set.outcomes.iter().filter(|o| place.holds(o)).filter_map(|o| Some((o, value(o, &id)?))).collect();
     let configs: Vec<Option<toml::Table>> = outcomes.iter().map(|(o, _)| config(&o.run)).collect();
     let mut keys = distinct(outcomes.iter().flat_map(|(o, _)| o.settings.keys()));
     keys.sort();
@@ -183,7 +183,7 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
         axes.push(ParallelAxis { name: short(key), ticks });
         lines.iter_mut().zip(numbers).for_each(|(line, number)| line.values.push(number));
     }
-    axes.push(ParallelAxis { name: head.to_owned(), ticks: Ticks::Linear });
+    axes.push(ParallelAxis { name: head.clone(), ticks: Ticks::Linear });
     lines.iter_mut().zip(&outcomes).for_each(|(line, (_, value))| line.values.push(Some(*value)));
     let mut caption = format!("Settings of each run ({}) and {head}.", names.join(", "));
     if !left_out.is_empty() {

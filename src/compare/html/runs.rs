@@ -1,8 +1,8 @@
 //! The runs of a comparison: headline figures, a list, and why some failed.
 
 use super::plots::quantity;
-use super::{Place, distinct, first_metric, places, row_name, shown, value, variant_mean, variants};
-use crate::compare::metric::Better;
+use super::{Place, distinct, first_metric, places, row_name, value, variant_mean, variants};
+use crate::compare::metric::{Better, Column};
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
 use crate::report::{Block, Number};
 use std::path::{Path, PathBuf};
@@ -41,25 +41,25 @@ pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
 
 /// The best variant by the first metric, and how far it is from the baseline.
 fn best(set: &ResultSet, place: &Place) -> Option<Number> {
-    let (id, head, digits, better) = first_metric(set)?;
+    let Column { id, head, digits, better, .. } = first_metric(set)?;
     let higher = match better {
         Better::Higher => true,
         Better::Lower => false,
         Better::Neither => return None,
     };
-    let means = variants(set).into_iter().filter_map(|v| Some((v, variant_mean(set, place, v, id)?)));
+    let means = variants(set).into_iter().filter_map(|v| Some((v, variant_mean(set, place, v, &id)?)));
     let (variant, mean) = means.reduce(|a, b| if (b.1 > a.1) == higher && b.1 != a.1 { b } else { a })?;
     let unit = head.split_once(", ").map_or("", |(_, unit)| unit);
     let mut note = if place.name.is_empty() { variant.to_owned() } else { format!("{variant}; {}", place.name) };
-    if let Some(base) = variant_mean(set, place, &set.baseline, id).filter(|_| variant != set.baseline) {
+    if let Some(base) = variant_mean(set, place, &set.baseline, &id).filter(|_| variant != set.baseline) {
         note += &format!("; {:+.digits$} to {}", mean - base, set.baseline);
     }
-    let name = format!("best {}", quantity(head));
+    let name = format!("best {}", quantity(&head));
     Some(Number { value: format!("{mean:.digits$}"), unit: unit.to_owned(), name, note })
 }
 
 /// Heading, whether it is shown, and its cells.
-type Column<'a> = (&'a str, bool, fn(&Outcome) -> &String);
+type TextColumn<'a> = (&'a str, bool, fn(&Outcome) -> &String);
 
 /// The list of all outcomes.
 pub(super) fn list(set: &ResultSet) -> Vec<Block> {
@@ -71,7 +71,7 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     // Columns that hold nothing, or the same all along, only make the table wide.
     let all = &set.outcomes;
     let several = |of: fn(&Outcome) -> &String| all.iter().any(|o| of(o) != of(&all[0]));
-    let columns: [Column<'_>; 4] = [
+    let columns: [TextColumn<'_>; 4] = [
         (name, true, |o| &o.variant),
         ("segment", several(|o| &o.segment) || !all[0].segment.is_empty(), |o| &o.segment),
         ("dataset", several(|o| &o.dataset), |o| &o.dataset),
@@ -80,14 +80,15 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     let columns: Vec<_> = columns.into_iter().filter(|(_, on, _)| *on).collect();
     let mut head: Vec<String> = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
     head.extend(["seed", "state"].map(String::from));
-    head.extend(set.metrics.iter().map(|id| shown(id).0.to_owned()));
+    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::of(id)).collect();
+    head.extend(metrics.iter().map(|metric| metric.head.clone()));
     head.push("run".to_owned());
     let row = |o: &Outcome| {
         let mut row: Vec<String> = columns.iter().map(|(_, _, of)| of(o).clone()).collect();
         row.extend([o.seed.to_string(), state(&o.state)]);
-        row.extend(set.metrics.iter().map(|id| {
-            let digits = shown(id).1;
-            o.metrics.get(id).filter(|v| v.is_finite()).map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"))
+        row.extend(metrics.iter().map(|metric| {
+            let value = o.metrics.get(&metric.id).filter(|v| v.is_finite());
+            value.map_or_else(|| "–".to_owned(), |v| metric.format(*v))
         }));
         row.push(o.run.strip_prefix(&folder).unwrap_or(&o.run).display().to_string());
         row

@@ -1,6 +1,7 @@
 //! All outcomes as comma-separated values, one line each, for other programs.
 
 use crate::compare::results::{OutcomeState, ResultSet};
+use crate::csv::field;
 use std::collections::BTreeSet;
 
 /// Columns that every set has.
@@ -64,10 +65,5 @@ fn plain(text: &str) -> String {
 }
 
 fn line(cells: &[String]) -> String {
-    cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\n"
-}
-
-fn quoted(cell: &str) -> String {
-    let needs = cell.contains([',', '"', '\n', '\r']) || cell.trim() != cell;
-    if needs { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
+    cells.iter().map(|cell| field(cell)).collect::<Vec<_>>().join(",") + "\n"
 }

@@ -2,8 +2,9 @@
 
 use super::select::Selected;
 use super::truth::{TruthFrame, TruthImage};
+use crate::eval::run::quantise;
 use crate::metrics::lpips::{Lpips, LpipsNet};
-use crate::metrics::psnr::psnr;
+use crate::metrics::psnr::psnr_of_pictures;
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
 use crate::model::{HostGaussians, Rendering};
 use crate::segment::pictures::draw;
@@ -84,7 +85,7 @@ impl Judge<'_> {
     fn compare(&self, render: &[f32], expected: &[f32], (w, h): (usize, usize)) -> Result<PictureScore, String> {
         let network = self.networks.iter().find(|n| n.net() == LpipsNet::Alex);
         Ok(PictureScore {
-            psnr: psnr(render, expected).map_err(|e| e.to_string())?,
+            psnr: psnr_of_pictures(render, expected).map_err(|e| e.to_string())?,
             ssim: ssim_rgb(render, expected, w, h).map_err(|e| e.to_string())?,
             ssim_gray: ssim_gray(render, expected, w, h).map_err(|e| e.to_string())?,
             lpips: network.map(|n| n.distance(render, expected, h, w).map_err(|e| e.to_string())).transpose()?,
@@ -106,9 +107,4 @@ impl Judge<'_> {
         };
         rgba.chunks_exact(4).flat_map(over).collect()
     }
-}
-
-/// Rounds to 8 bits and back, as an image file would.
-fn quantise(v: f32) -> f32 {
-    (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }

@@ -49,6 +49,9 @@ pub enum SegmentEvalError {
     /// Masks that were given cannot be used.
     #[error("masks: {0}")]
     Masks(String),
+    /// What was asked for cannot be had; other options can.
+    #[error("{0}")]
+    Input(String),
     /// A method failed.
     #[error("{0}")]
     Failed(String),

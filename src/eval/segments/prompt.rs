@@ -17,6 +17,8 @@ const PIXELS: usize = 6000;
 const SHARE: f32 = 0.5;
 /// Least alpha of a pixel that can be covered.
 const LEAST: f32 = 0.02;
+/// Pixels of the segment among which a further click is placed, at most.
+const PLACES: usize = 24_000;
 
 /// A click on a segment, and what is needed to judge what it selects.
 #[derive(Clone, Debug)]
@@ -26,11 +28,23 @@ pub struct Prompt {
     /// Column and row of the first click.
     pub pixel: [u32; 2],
     first: Click,
-    size: [usize; 2],
-    /// The pixels by which selections are judged (`y * width + x`), the clicked one first.
-    chosen: Vec<u32>,
+    /// What the pixels are made of by which selections are judged, the clicked one first.
     pixels: Contributors,
     inside: Vec<bool>,
+    places: Places,
+}
+
+/// Pixels of a segment where further clicks may be placed. Those by which selections are judged are scattered, and on
+/// a scatter no pixel lies deep in anything.
+#[derive(Clone, Debug)]
+struct Places {
+    /// Columns and rows of the picture that has these pixels only: of all pixels, those of every so many columns and
+    /// rows.
+    size: [usize; 2],
+    /// Which of that picture's pixels are inside the segment, ascending.
+    inside: Vec<u32>,
+    /// What each of these is made of.
+    pixels: Contributors,
 }
 
 impl Prompt {
@@ -77,8 +91,13 @@ impl Prompt {
         let inside = chosen.iter().map(|&p| within[p as usize]).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
         let first = Click { under: under(at, settings, pixel, device)? };
+        let (step, grid) = regular(&within, width, height);
+        let size = [width, height].map(|side| side.div_ceil(step));
+        let in_grid = |&p: &u32| (p as usize / width / step * size[0] + p as usize % width / step) as u32;
+        let places =
+            Places { size, inside: grid.iter().map(in_grid).collect(), pixels: seen(at, settings, &grid, device)? };
         let view = view.view.name.clone();
-        Ok(Some(Self { view, pixel, first, size: [width, height], chosen, pixels: found, inside }))
+        Ok(Some(Self { view, pixel, first, pixels: found, inside, places }))
     }
 
     /// The first click.
@@ -90,29 +109,14 @@ impl Prompt {
     /// A click on the pixel that lies deepest in what `selected` leaves out of the segment; `None` if it leaves out none.
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
-        let [width, height] = self.size;
-        let mut left_out = vec![false; width * height];
-        for (p, &pixel) in self.chosen.iter().enumerate() {
-            left_out[pixel as usize] = self.inside[p] && !self.covered(p, selected);
+        let Places { size: [columns, rows], inside, pixels } = &self.places;
+        let mut left_out = vec![false; columns * rows];
+        for (p, &place) in inside.iter().enumerate() {
+            left_out[place as usize] = !covered(pixels, p, selected);
         }
-        let pixel = deepest(&left_out, width, height);
-        let missing = left_out[pixel];
-        missing.then(|| self.chosen.iter().position(|&c| c as usize == pixel).map(|p| self.click(p))).flatten()
-    }
-
-    fn click(&self, p: usize) -> Click {
-        Click { under: self.pixels.pairs(p).collect() }
-    }
-
-    /// Whether the selected Gaussians make up most of what is seen at judged pixel `p`.
-    fn covered(&self, p: usize, selected: &[bool]) -> bool {
-        let (indices, weights) = self.pixels.row(p);
-        let (mut part, mut whole) = (0.0, 0.0);
-        for (&i, &w) in indices.iter().zip(weights) {
-            whole += w;
-            part += if selected[i as usize] { w } else { 0.0 };
-        }
-        whole > LEAST && part > SHARE * whole
+        let place = deepest(&left_out, *columns, *rows);
+        let p = inside.binary_search(&(place as u32)).ok()?;
+        left_out[place].then(|| Click { under: pixels.pairs(p).collect() })
     }
 
     /// Intersection over union, in the clicked view, of where the selected Gaussians make up most of what is seen and of
@@ -121,11 +125,35 @@ impl Prompt {
     pub fn fit(&self, selected: &[bool]) -> f64 {
         let (mut both, mut either) = (0usize, 0usize);
         for (p, &inside) in self.inside.iter().enumerate() {
-            let covered = self.covered(p, selected);
+            let covered = covered(&self.pixels, p, selected);
             both += usize::from(covered && inside);
             either += usize::from(covered || inside);
         }
         if either == 0 { 0.0 } else { both as f64 / either as f64 }
+    }
+}
+
+/// Whether the selected Gaussians make up most of what is seen at pixel `p` of these.
+fn covered(pixels: &Contributors, p: usize, selected: &[bool]) -> bool {
+    let (indices, weights) = pixels.row(p);
+    let (mut part, mut whole) = (0.0, 0.0);
+    for (&i, &w) in indices.iter().zip(weights) {
+        whole += w;
+        part += if selected[i as usize] { w } else { 0.0 };
+    }
+    whole > LEAST && part > SHARE * whole
+}
+
+/// The pixels of a segment in every k-th column and row, ascending, and k: the least with which they are few enough.
+fn regular(within: &[bool], width: usize, height: usize) -> (usize, Vec<u32>) {
+    let mut step = 1;
+    loop {
+        let all = (0..height).step_by(step).flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x));
+        let found: Vec<u32> = all.filter(|&p| within[p]).map(|p| p as u32).collect();
+        if found.len() <= PLACES {
+            return (step, found);
+        }
+        step += 1;
     }
 }
 
@@ -162,7 +190,12 @@ fn deepest(within: &[bool], width: usize, height: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::deepest;
+    use super::*;
+    use crate::data::Camera;
+    use crate::data::truth::LabelledView;
+    use crate::segment::balls::{add, rendering};
+    use crate::segment::click::heaviest;
+    use glam::DVec3;
 
     #[test]
     fn the_click_is_in_the_middle_of_the_largest_part() {
@@ -177,5 +210,40 @@ mod tests {
         // all pixels of a thread are as deep as its ends
         let thread: Vec<bool> = (0..81).map(|i| i % 9 == i / 9).collect();
         assert_eq!(deepest(&thread, 9, 9), 4 * 9 + 4);
+    }
+
+    #[test]
+    fn places_are_all_pixels_of_a_segment_or_every_so_many_columns_and_rows() {
+        let (step, all) = regular(&[true; 150 * 150], 150, 150);
+        assert_eq!((step, all.len()), (1, 150 * 150));
+        let right: Vec<bool> = (0..201 * 301).map(|p| p % 201 >= 3).collect();
+        let (step, some) = regular(&right, 201, 301);
+        assert_eq!((step, some.len(), &some[..2]), (2, 99 * 151, [4, 6].as_slice()));
+        assert!(some.is_sorted());
+    }
+
+    #[test]
+    fn a_further_click_is_deep_in_the_largest_missing_part_of_a_large_segment() {
+        const SIZE: u32 = 200;
+        let device = crate::device::DeviceName::Flex.open().unwrap();
+        // a wall of Gaussians that fills the picture; missing are a disc and, far away, a thin long line
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        for (i, j) in (-27..28).flat_map(|i| (-27..28).map(move |j| (i, j))) {
+            add(&mut at, [0.04 * i as f32, 0.0, 0.04 * j as f32], [-3.9; 3]);
+        }
+        let centre: [f32; 2] = [-0.4, -0.4];
+        let from_centre = |i: usize| (at.means[3 * i] - centre[0]).hypot(at.means[3 * i + 2] - centre[1]);
+        let missing = |i: usize| from_centre(i) < 0.3 || (at.means[3 * i] - 0.8).abs() < 0.01;
+        let selected: Vec<bool> = (0..at.len()).map(|i| !missing(i)).collect();
+
+        let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, SIZE, SIZE);
+        let view = LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 };
+        let views = [Labelled { view, labels: vec![3; (SIZE * SIZE) as usize] }];
+        let prompt = Prompt::new(&views, &[3], (&at, rendering()), &device).unwrap().unwrap();
+        assert!(prompt.pixels.len() < (SIZE * SIZE) as usize, "selections are judged by a sample");
+        let click = prompt.next(&selected).unwrap();
+        let on = heaviest(&click.under, |_| true).unwrap() as usize;
+        assert!(missing(on) && from_centre(on) < 0.1, "{} from the centre", from_centre(on));
+        assert_eq!(prompt.next(&vec![true; at.len()]), None);
     }
 }

@@ -95,7 +95,8 @@ pub struct Outcome {
     /// Their indices, ascending.
     #[serde(skip)]
     pub members: Vec<u32>,
-    /// Seconds from a click to a segment.
+    /// Seconds from a click to a segment: to the selection, the least of all clicks (and of all settings that an oracle
+    /// tried), and of fields the seconds that it took to carry it to the other times.
     pub click_seconds: f64,
     /// In space at each time.
     pub volumes: Vec<VolumeScore>,
@@ -218,6 +219,10 @@ pub struct SegmentEvaluation {
     pub training_seconds: BTreeMap<String, f64>,
     /// Over the segments, method by method; unions of segments are not among them.
     pub means: Vec<MethodMeans>,
+    /// Segments that no view shows at the time of the clicks, so that they could not be clicked: they are not among the
+    /// results, and not in the means.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub not_seen: Vec<String>,
     /// Segment by segment, method by method.
     pub results: Vec<SegmentResult>,
     /// Truth and each method's fixed setting, a row for each segment.

@@ -7,7 +7,7 @@ use super::options::{SegmentEvalError, SegmentOptions};
 use super::oracle;
 use super::prompt::Prompt;
 use super::result::{Outcome, SegmentEvaluation, SegmentResult, VolumeScore};
-use super::select::{Chosen, Scenery, Selected, fixed};
+use super::select::{Chosen, Scenery, fixed};
 use super::setting::{Setting, TRIES};
 use super::target::{Target, targets};
 use super::train::Trainers;
@@ -22,6 +22,7 @@ use crate::segment::carry::carry;
 use image::RgbImage;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Instant;
 
 /// Evaluates; `work` is a folder for files that nobody needs afterwards, and `say` is told what is being done.
 ///
@@ -44,7 +45,7 @@ pub fn evaluate_segments(
     let trained = trainers.train(time, work, &mut say)?;
     let scenery = Scenery { at: &at, trained: &trained };
 
-    let mut clicked = Vec::new();
+    let (mut clicked, mut not_seen) = (Vec::new(), Vec::new());
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
         let prompt =
@@ -54,6 +55,7 @@ pub fn evaluate_segments(
                 "segment {}: cannot be seen at time {time:.3}, so not be clicked; try another --time",
                 target.name
             ));
+            not_seen.push(target.name.clone());
             continue;
         };
         let choices: Vec<Choice> = options
@@ -76,6 +78,7 @@ pub fn evaluate_segments(
         palette: trained.coarse().palette.iter().map(|p| p.name.clone()).collect(),
         training_seconds: trained.seconds.iter().map(|(m, s)| (m.name().to_owned(), *s)).collect(),
         means: Vec::new(),
+        not_seen,
         results: Vec::new(),
         pictures: Vec::new(),
         columns: 1 + options.methods.len(),
@@ -155,12 +158,12 @@ fn choose(
     let best = || oracle::best(scenery, method, &options.coarse, prompt, options.clicks.max(1));
     let mut oracle = options.oracle.then(best).transpose()?;
     if matches!(method, Method::Fine | Method::CoarseFine) {
-        // as `segment pick` does
-        for Selected { members, .. } in
-            [Some(&mut fixed), oracle.as_mut()].into_iter().flatten().map(|c| &mut c.selected)
-        {
-            let within = scenery.looked_in(method, members);
-            *members = carry(scene, members, &within, time).map_err(|e| e.to_string())?;
+        // as `segment pick` does, and who clicks waits for it
+        for Chosen { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
+            let started = Instant::now();
+            let within = scenery.looked_in(method, &selected.members);
+            selected.members = carry(scene, &selected.members, &within, time).map_err(|e| e.to_string())?;
+            *seconds += started.elapsed().as_secs_f64();
         }
     }
     Ok(Pair { fixed, oracle })

@@ -163,7 +163,7 @@ pub struct Chosen {
     pub setting: String,
     /// Clicks that it took.
     pub clicks: usize,
-    /// Seconds from a click to a selection, the least of all.
+    /// Seconds from a click to a selection, the least of all; of what is carried to the other times, with that.
     pub seconds: f64,
     /// Intersection over union in the clicked view, of those that were chosen by it.
     pub fit: Option<f64>,

@@ -17,6 +17,8 @@ const COSINES: [f32; 4] = [0.5, 0.8, 0.9, 0.97];
 const AGREEMENTS: [f32; 4] = [0.5, 0.6, 0.7, 0.8];
 /// Numbers of colours that `coarse` is tried with beside the one asked for or suggested, in each space.
 const COLOURS: [usize; 5] = [2, 3, 4, 6, 8];
+/// Number of colours in place of one of these that is the one asked for: none of them.
+const SPARE: usize = 5;
 
 /// How a method is asked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,12 +48,17 @@ impl Setting {
 
     /// What the oracle may choose from, the fixed setting among them. Fields: that, and eleven of three scales with four
     /// cosines; SAGA: all twelve;
-    /// SAGD: three choices of a mask with four shares of the votes; `coarse`: six numbers of colours in two spaces.
+    /// SAGD: three choices of a mask with four shares of the votes; `coarse`: six numbers of colours in two spaces. No two
+    /// are equal.
     #[must_use]
     pub fn tries(method: Method, coarse: &CoarseOptions) -> [Self; TRIES] {
         std::array::from_fn(|i| match method {
             Method::Coarse => {
-                let clusters = if i / 2 == 0 { coarse.clusters } else { Some(COLOURS[i / 2 - 1]) };
+                let clusters = match i / 2 {
+                    0 => coarse.clusters,
+                    n if coarse.clusters == Some(COLOURS[n - 1]) => Some(SPARE),
+                    n => Some(COLOURS[n - 1]),
+                };
                 let other = if coarse.space == ColourSpace::Rgb { ColourSpace::Material } else { ColourSpace::Rgb };
                 let space = if i % 2 == 0 { coarse.space } else { other };
                 Self::Coarse(CoarseOptions { clusters, space, ..*coarse })
@@ -117,13 +124,29 @@ mod tests {
 
     #[test]
     fn every_method_has_as_many_different_tries_and_the_fixed_one_is_among_them() {
-        let coarse = CoarseOptions::default();
-        for method in Method::ALL {
-            let tries = Setting::tries(method, &coarse);
-            for (i, one) in tries.iter().enumerate() {
-                assert!(!tries[..i].contains(one), "{method}: {one}");
+        for clusters in [None, Some(SPARE)].into_iter().chain(COLOURS.map(Some)) {
+            let coarse = CoarseOptions { clusters, ..CoarseOptions::default() };
+            for method in Method::ALL {
+                let tries = Setting::tries(method, &coarse);
+                for (i, one) in tries.iter().enumerate() {
+                    assert!(!tries[..i].contains(one), "{method}, {clusters:?}: {one}");
+                }
+                assert!(tries.contains(&Setting::fixed(method, &coarse)), "{method}, {clusters:?}");
             }
-            assert!(tries.contains(&Setting::fixed(method, &coarse)), "{method}");
         }
+    }
+
+    #[test]
+    fn colours_are_tried_with_the_suggested_number_and_five_more() {
+        let numbers = |clusters| {
+            let coarse = CoarseOptions { clusters, ..CoarseOptions::default() };
+            Setting::tries(Method::Coarse, &coarse).map(|setting| match setting {
+                Setting::Coarse(options) => options.clusters,
+                other => panic!("{other}"),
+            })
+        };
+        let twice = |all: [Option<usize>; 6]| all.into_iter().flat_map(|k| [k, k]).collect::<Vec<_>>();
+        assert_eq!(numbers(None).to_vec(), twice([None, Some(2), Some(3), Some(4), Some(6), Some(8)]));
+        assert_eq!(numbers(Some(3)).to_vec(), twice([Some(3), Some(2), Some(5), Some(4), Some(6), Some(8)]));
     }
 }

@@ -78,6 +78,13 @@ fn note(evaluation: &SegmentEvaluation) -> String {
             evaluation.oracle_tries
         );
     }
+    if !evaluation.not_seen.is_empty() {
+        let _ = write!(
+            out,
+            " Not seen at that time, so not clicked, and neither in the table nor in the means: {}.",
+            evaluation.not_seen.join(", ")
+        );
+    }
     match evaluation.volume_times.len() {
         0 => out.push_str(
             " 3D: the dataset has no volumes of segment ids; make it again with `volseggs prepare` to have them.",
@@ -199,3 +206,35 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
 
 /// From an outcome to the points of a plot.
 type Points = dyn Fn(&Outcome) -> Vec<(f64, f64)>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eval::results::DataId;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn the_note_names_segments_that_were_not_seen() {
+        let mut evaluation = SegmentEvaluation {
+            data: DataId::default(),
+            time: 0.5,
+            masks: "regions",
+            mask_views: 4,
+            seed: 0,
+            oracle_tries: 0,
+            volume_times: Vec::new(),
+            palette: Vec::new(),
+            training_seconds: BTreeMap::new(),
+            means: Vec::new(),
+            not_seen: Vec::new(),
+            results: Vec::new(),
+            pictures: Vec::new(),
+            columns: 1,
+        };
+        let json = |e: &SegmentEvaluation| serde_json::to_string(e).unwrap();
+        assert!(!markdown(&evaluation).contains("Not seen") && !json(&evaluation).contains("not_seen"));
+        evaluation.not_seen = vec!["tube-c".into(), "tube-d".into()];
+        assert!(markdown(&evaluation).contains("Not seen") && markdown(&evaluation).contains("tube-c, tube-d."));
+        assert!(json(&evaluation).contains(r#""not_seen":["tube-c","tube-d"]"#));
+    }
+}

@@ -8,12 +8,13 @@ use super::truth::{Labelled, labelled};
 use crate::data::Truth;
 use crate::data::paths::{Lens, Sphere, biased, training_cameras};
 use crate::model::{HostGaussians, Scene};
-use crate::segment::baselines::saga::{self, SagaModel};
+use crate::segment::baselines::saga::{self, SagaError, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
+use crate::segment::fine::train::{self as fine, FineError};
 use crate::segment::fine::views::{FineView, read_views};
-use crate::segment::fine::{AffinityField, train as fine};
 use crate::segment::masks::handout::write_pictures;
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::origin::{MaskKind, MaskOrigin};
@@ -129,7 +130,10 @@ impl Trainers<'_> {
                 say(&format!("saga: {} steps", self.options.saga.steps));
                 let started = Instant::now();
                 let model = saga::train(&views, &self.at.means, &self.options.saga, |_, _| true);
-                trained.saga = Some(model.map_err(|e| e.to_string())?);
+                trained.saga = Some(model.map_err(|e| match e {
+                    SagaError::NoMasks => SegmentEvalError::Input(e.to_string()),
+                    e => SegmentEvalError::Failed(e.to_string()),
+                })?);
                 trained.seconds.insert(Method::Saga, before + started.elapsed().as_secs_f64());
             }
         }
@@ -197,9 +201,18 @@ impl Trainers<'_> {
         Ok(views.map_err(|e| e.to_string())?.0)
     }
 
-    fn lift(&self, views: &[FineView], frame: Frame, name: &str, say: &mut impl FnMut(&str)) -> Result<Lifted, String> {
+    fn lift(
+        &self,
+        views: &[FineView],
+        frame: Frame,
+        name: &str,
+        say: &mut impl FnMut(&str),
+    ) -> Result<Lifted, SegmentEvalError> {
         say(&format!("{name}: {} steps", self.options.fine.steps));
-        let field = fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| e.to_string())?;
+        let field = fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| match e {
+            FineError::NoMasks => SegmentEvalError::Input(e.to_string()),
+            e => SegmentEvalError::Failed(e.to_string()),
+        })?;
         Ok(Lifted { field, frame })
     }
 }
@@ -289,7 +302,8 @@ pub fn write_mask_pictures(
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {
-        return Err("none of the methods needs masks, so there are no pictures of them".to_owned().into());
+        let problem = "none of the methods needs masks, so there are no pictures of them";
+        return Err(SegmentEvalError::Input(problem.to_owned()));
     }
     let shots = trainers.shots()?;
     let job = trainers.job(&groups, &shots, time);

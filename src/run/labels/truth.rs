@@ -4,6 +4,7 @@
 use super::super::RunError;
 use super::grid::LabelGrid;
 use crate::data::truth::SegmentFile;
+use crate::prepare::PrepareRecord;
 use crate::segment::dice::{Confusion, Match, mean_dice};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -52,7 +53,8 @@ impl Truth {
     /// Opens the label volumes that `inputs` name, or the synthetic scene of that name. `data` is the run's dataset.
     ///
     /// # Errors
-    /// Files that cannot be read, or are not on the voxels of `grid`.
+    /// Files that cannot be read, are not on the voxels of `grid`, or are several, but not one for each step that the
+    /// dataset was prepared from: nothing says then at which times they are.
     pub fn open(inputs: &[String], grid: &LabelGrid, data: &Path) -> Result<Self, RunError> {
         if let [name] = inputs
             && let Ok(scene) = name.parse::<Synthetic>()
@@ -65,7 +67,7 @@ impl Truth {
             }
             return Ok(Self::Synthetic(scene, grid.file.dims));
         }
-        // numbers may be missing: the truth need not be known at every step
+        // numbers may be missing, as in the names of the volumes that the dataset was prepared from
         let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
         let series = Series::open(inputs, &options).map_err(RunError::input)?;
         if series.grid().dims != grid.file.dims {
@@ -74,6 +76,15 @@ impl Truth {
                 series.name(0),
                 series.grid().dims,
                 grid.file.dims
+            )));
+        }
+        if let Some(steps) = prepared_steps(data).filter(|steps| series.len() > 1 && series.len() != *steps) {
+            return Err(RunError::input(format!(
+                "--truth {}: {} steps, and {} was prepared from {steps}, so nothing says at which times they are; give a \
+                 label volume for each step, or one alone with --time",
+                inputs.join(" "),
+                series.len(),
+                data.display()
             )));
         }
         let known = std::fs::read_to_string(data.join("segments.json")).ok();
@@ -89,6 +100,15 @@ impl Truth {
         match self {
             Self::Files(series, _) => series.files().iter().map(std::path::PathBuf::as_path).collect(),
             Self::Synthetic(..) => Vec::new(),
+        }
+    }
+
+    /// What a person should know about the files, one sentence each.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Self::Files(series, _) => series.notes(),
+            Self::Synthetic(..) => &[],
         }
     }
 
@@ -135,5 +155,57 @@ impl Truth {
             Self::Synthetic(scene, _) => scene.segment_names().get((label as usize).wrapping_sub(1)).copied(),
         };
         known.map_or_else(|| format!("label {label}"), ToOwned::to_owned)
+    }
+}
+
+/// Steps of the series that the dataset at `data` was prepared from, where that is known.
+fn prepared_steps(data: &Path) -> Option<usize> {
+    // a record that is damaged was told of when the voxels were looked for
+    let text = std::fs::read_to_string(data.join("prepare.json")).ok()?;
+    serde_json::from_str::<PrepareRecord>(&text).ok().map(|record| record.steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::volume::grid::Grid;
+
+    /// Two by two by two labels, all 0.
+    fn npy() -> Vec<u8> {
+        let header = format!("{:<117}\n", "{'descr': '|u1', 'fortran_order': False, 'shape': (2, 2, 2), }");
+        [&b"\x93NUMPY\x01\x00"[..], &(header.len() as u16).to_le_bytes(), header.as_bytes(), &[0; 8]].concat()
+    }
+
+    #[test]
+    fn several_label_volumes_are_one_for_each_step() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        let file = Grid { dims: [2; 3], spacing: [1.0; 3], origin: [0.0; 3] };
+        let grid = LabelGrid { scene: file, file, is_source: true };
+        let inputs: Vec<String> = ["t00.npy", "t10.npy", "t30.npy"]
+            .iter()
+            .map(|name| {
+                std::fs::write(root.join(name), npy()).unwrap();
+                root.join(name).display().to_string()
+            })
+            .collect();
+        let prepare = |steps: usize| {
+            let json = serde_json::json!({
+                "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": [2, 2, 2],
+                "half_size": [1, 1, 1], "steps": steps, "step": 1, "train_views": 1, "test_views": 1, "size": [8, 8],
+                "segments": [], "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0,
+            });
+            std::fs::write(root.join("prepare.json"), json.to_string()).unwrap();
+        };
+        let open = |inputs: &[String]| Truth::open(inputs, &grid, root).map_err(|e| e.to_string());
+        assert!(open(&inputs).is_ok_and(|truth| truth.notes().len() == 1), "a gap, and not known of how many steps");
+        prepare(100);
+        let Err(error) = open(&inputs) else { panic!("three steps of a hundred") };
+        for words in ["--truth", "3 steps", &root.display().to_string(), "from 100", "--time"] {
+            assert!(error.contains(words), "{words}: {error}");
+        }
+        assert!(open(&inputs[..1]).is_ok(), "one alone");
+        prepare(3);
+        assert!(open(&inputs).is_ok());
     }
 }

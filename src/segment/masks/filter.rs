@@ -1,6 +1,6 @@
 //! Clean-up of masks: duplicates, specks, ragged outlines and holes.
 //!
-//! Works on single masks and lists of masks of one image; where they come from does not matter.
+//! Works on lists of masks of one image and on buffers of pixels; where they come from does not matter.
 
 use super::mask::{Mask, MaskError};
 
@@ -35,25 +35,9 @@ pub fn suppress(masks: &[Mask], scores: &[f32], threshold: f64) -> Result<Vec<us
     Ok(kept)
 }
 
-/// Indices of the masks of at least `min_area` pixels, ascending.
-#[must_use]
-pub fn large_enough(masks: &[Mask], min_area: u64) -> Vec<usize> {
-    (0..masks.len()).filter(|&index| masks[index].area() >= min_area).collect()
-}
-
-/// Smooths the outline: a pixel is set if most of the 3x3 pixels about it are. Pixels past the image count as clear.
-///
-/// # Errors
-/// As [`Mask::validate`].
-pub fn majority(mask: &Mask) -> Result<Mask, MaskError> {
-    mask.validate()?;
-    let bounds = mask.bbox();
-    // No pixel outside the box can win: at most 3 of its 9 are in the box.
-    let smooth = majority_rows(bounds[2] as usize, bounds[3] as usize, &mask.window(bounds));
-    Ok(Mask::from_window(mask.width, mask.height, bounds, &smooth))
-}
-
-/// [`majority`] on a row-major buffer `[height, width]`.
+/// Smooths the outline in a row-major buffer `[height, width]`: a pixel is set if most of the 3x3 pixels about it are.
+/// Pixels past the buffer count as clear. So the box of a mask is enough: no pixel outside of it can win, as at most 3 of
+/// its 9 are in the box.
 pub(super) fn majority_rows(width: usize, height: usize, set: &[bool]) -> Vec<bool> {
     // A border of clear pixels spares the tests at the sides.
     let wide = width + 2;
@@ -73,20 +57,8 @@ pub(super) fn majority_rows(width: usize, height: usize, set: &[bool]) -> Vec<bo
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| at(x, y) >= 5).collect()
 }
 
-/// Sets the holes of at most `max_area` pixels: clear areas, joined by sides, that do not touch the image's border.
-///
-/// # Errors
-/// As [`Mask::validate`].
-pub fn fill_holes(mask: &Mask, max_area: u64) -> Result<Mask, MaskError> {
-    mask.validate()?;
-    let bounds = mask.bbox();
-    let mut set = mask.window(bounds);
-    // A hole lies inside the mask's box and does not touch its sides, or it would open to the outside there.
-    fill_holes_rows(bounds[2] as usize, bounds[3] as usize, &mut set, max_area);
-    Ok(Mask::from_window(mask.width, mask.height, bounds, &set))
-}
-
-/// [`fill_holes`] on a row-major buffer `[height, width]` whose border counts as open.
+/// Sets the holes of at most `max_area` pixels in a row-major buffer `[height, width]`: clear areas, joined by sides, that
+/// do not touch the border. So the box of a mask is enough: what touches its sides opens to the outside there.
 pub(super) fn fill_holes_rows(width: usize, height: usize, set: &mut [bool], max_area: u64) {
     let mut seen = set.to_vec();
     let mut area = Vec::new();
@@ -136,10 +108,16 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn draw(text: &str) -> Mask {
+    /// Columns, rows and pixels.
+    fn rows(text: &str) -> (usize, usize, Vec<bool>) {
         let rows: Vec<&str> = text.split('/').collect();
-        let set: Vec<bool> = rows.iter().flat_map(|row| row.chars().map(|c| c == '#')).collect();
-        Mask::from_rows(rows[0].len() as u32, rows.len() as u32, &set).unwrap()
+        let set = rows.iter().flat_map(|row| row.chars().map(|c| c == '#')).collect();
+        (rows[0].len(), rows.len(), set)
+    }
+
+    fn draw(text: &str) -> Mask {
+        let (width, height, set) = rows(text);
+        Mask::from_rows(width as u32, height as u32, &set).unwrap()
     }
 
     #[test]
@@ -149,30 +127,36 @@ mod tests {
         assert_eq!(suppress(&masks, &[0.5, f32::NAN, 0.1], 0.8).unwrap(), [0, 2, 3]);
         assert_eq!(suppress(&masks, &[1.0; 4], 0.3).unwrap(), [0, 3]);
         assert!(suppress(&[draw("##"), draw("##/##")], &[], 0.5).is_err());
-        assert_eq!(large_enough(&masks, 4), [0, 1, 2]);
     }
 
     #[test]
     fn majority_takes_specks_and_fills_pinholes() {
-        assert_eq!(majority(&draw("...../.#.../...../.....")).unwrap().area(), 0);
-        assert!(majority(&draw("#####/##.##/#####")).unwrap().contains(2, 1));
+        let smooth = |text| {
+            let (width, height, set) = rows(text);
+            majority_rows(width, height, &set)
+        };
+        assert_eq!(smooth("...../.#.../...../....."), [false; 20]);
+        assert!(smooth("#####/##.##/#####")[7]);
     }
 
     #[test]
     fn only_closed_small_holes_are_filled() {
-        let ring = draw("......./.#####./.#...#./.#####./.......");
-        assert_eq!(fill_holes(&ring, 3).unwrap().area(), 15);
-        assert_eq!(fill_holes(&ring, 2).unwrap(), ring);
-        let open = draw("#####/#...#/##.##");
-        assert_eq!(fill_holes(&open, 100).unwrap(), open);
+        let filled = |text, max_area| {
+            let (width, height, mut set) = rows(text);
+            fill_holes_rows(width, height, &mut set, max_area);
+            set
+        };
+        let ring = "......./.#####./.#...#./.#####./.......";
+        assert_eq!(filled(ring, 3), rows("......./.#####./.#####./.#####./.......").2);
+        assert_eq!(filled(ring, 2), rows(ring).2);
+        let open = "#####/#...#/##.##";
+        assert_eq!(filled(open, 100), rows(open).2);
     }
 
     proptest! {
         #[test]
-        fn windows_change_nothing(set in proptest::collection::vec(any::<bool>(), 63)) {
-            let mask = Mask::from_rows(9, 7, &set).unwrap();
+        fn most_of_nine_win_and_what_is_closed_in_is_filled(set in proptest::collection::vec(any::<bool>(), 63)) {
             let smooth = majority_rows(9, 7, &set);
-            prop_assert_eq!(majority(&mask).unwrap().to_rows(), smooth.clone());
             for y in 0..7_i32 {
                 for x in 0..9_i32 {
                     let near = (-1..2).flat_map(|dy| (-1..2).map(move |dx| (x + dx, y + dy)));
@@ -182,7 +166,29 @@ mod tests {
             }
             let mut filled = set.clone();
             fill_holes_rows(9, 7, &mut filled, 63);
-            prop_assert_eq!(fill_holes(&mask, 63).unwrap().to_rows(), filled);
+            // clear pixels that are joined to the border stay clear, and no others
+            let mut open: Vec<bool> =
+                (0..63_usize).map(|p| !set[p] && (p % 9 == 0 || p % 9 == 8 || !(9..54).contains(&p))).collect();
+            for _ in 0..63 {
+                for p in (9..54_usize).filter(|p| (1..8).contains(&(p % 9))) {
+                    let joined = open[p - 9] || open[p - 1] || open[p + 1] || open[p + 9];
+                    open[p] |= joined && !set[p];
+                }
+            }
+            prop_assert_eq!(filled, open.iter().map(|open| !open).collect::<Vec<_>>());
+        }
+
+        #[test]
+        fn the_box_of_a_mask_is_enough(set in proptest::collection::vec(any::<bool>(), 63)) {
+            let mask = Mask::from_rows(9, 7, &set).unwrap();
+            let bounds = mask.bbox();
+            let (width, height, window) = (bounds[2] as usize, bounds[3] as usize, mask.window(bounds));
+            let smooth = majority_rows(width, height, &window);
+            prop_assert_eq!(Mask::from_window(9, 7, bounds, &smooth).to_rows(), majority_rows(9, 7, &set));
+            let (mut part, mut whole) = (window, set);
+            fill_holes_rows(width, height, &mut part, 63);
+            fill_holes_rows(9, 7, &mut whole, 63);
+            prop_assert_eq!(Mask::from_window(9, 7, bounds, &part).to_rows(), whole);
         }
     }
 }

@@ -95,24 +95,9 @@ pub struct RegionMask {
 }
 
 impl RegionImage {
-    /// A picture from bytes: `[height, width, 4]` RGBA with straight alpha, or `[height, width, 3]` RGB, where what
-    /// differs from the `background` colour (0 to 255) counts as covered. `depth`, if known, is the expected depth
-    /// `[height, width]` in any unit; values that are not finite and positive count as unknown.
-    ///
-    /// # Errors
-    /// [`RegionError::Length`] if a buffer does not fit the size.
-    pub fn from_bytes(
-        width: u32,
-        height: u32,
-        pixels: &[u8],
-        background: [u8; 3],
-        depth: Option<&[f32]>,
-    ) -> Result<Self, RegionError> {
-        let values: Vec<f32> = pixels.iter().map(|&byte| f32::from(byte) / 255.0).collect();
-        Self::from_floats(width, height, &values, background.map(|byte| f32::from(byte) / 255.0), depth)
-    }
-
-    /// As [`RegionImage::from_bytes`] with values in [0, 1]; values that are not finite count as 0.
+    /// A picture of values in [0, 1], those that are not finite count as 0: `[height, width, 4]` RGBA with straight alpha,
+    /// or `[height, width, 3]` RGB, where what differs from the `background` colour counts as covered. `depth`, if known,
+    /// is the expected depth `[height, width]` in any unit; values that are not finite and positive count as unknown.
     ///
     /// # Errors
     /// [`RegionError::Length`] if a buffer does not fit the size.

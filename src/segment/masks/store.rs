@@ -36,7 +36,7 @@ pub struct Header {
     pub width: u32,
     /// Pixels down every view.
     pub height: u32,
-    /// Time step of the model that was rendered.
+    /// Time in [0, 1] at which the model was rendered.
     pub time: f64,
     /// The views; an annotation's `image_id` counts into this list from 0.
     pub views: Vec<View>,

@@ -108,15 +108,16 @@ fn specks_and_nothing_are_no_masks() {
     assert!(find(&vec![0.0; SIDE * SIDE * 4], None).is_empty());
     let (rgba, _) = balls(&[Ball(30.0, 30.0, 2.0, 9.0, RED)]);
     assert!(find(&rgba, None).is_empty());
-    let image = RegionImage::from_bytes(0, 0, &[], [0; 3], None).unwrap();
+    let image = RegionImage::from_floats(0, 0, &[], [0.0; 3], None).unwrap();
     assert!(find_regions(&image, &RegionOptions::default()).unwrap().is_empty());
 }
 
 #[test]
 fn pictures_without_alpha_take_the_background_colour() {
-    let bytes: Vec<u8> =
-        (0..SIDE * SIDE).flat_map(|p| if p % SIDE < 50 { [200, 30, 30] } else { [0, 0, 64] }).collect();
-    let image = RegionImage::from_bytes(SIDE as u32, SIDE as u32, &bytes, [0, 0, 64], None).unwrap();
+    let background: [f32; 3] = [0.0, 0.0, 0.25];
+    let rgb: Vec<f32> =
+        (0..SIDE * SIDE).flat_map(|p| if p % SIDE < 50 { [0.8, 0.1, 0.1] } else { background }).collect();
+    let image = RegionImage::from_floats(SIDE as u32, SIDE as u32, &rgb, background, None).unwrap();
     let found = find_regions(&image, &RegionOptions::default()).unwrap();
     assert_eq!(found.iter().map(|region| region.mask.bbox()).collect::<Vec<_>>(), [[0, 0, 50, 200]]);
 }
@@ -124,9 +125,9 @@ fn pictures_without_alpha_take_the_background_colour() {
 #[test]
 fn wrong_buffers_and_options_are_named() {
     let message = |result: Result<RegionImage, RegionError>| result.unwrap_err().to_string();
-    assert!(message(RegionImage::from_bytes(3, 3, &[0; 10], [0; 3], None)).contains("36 (RGBA) or 27 (RGB)"));
-    assert!(message(RegionImage::from_bytes(3, 3, &[0; 36], [0; 3], Some(&[0.0]))).contains("depth holds 1"));
-    let image = RegionImage::from_bytes(1, 1, &[0; 4], [0; 3], None).unwrap();
+    assert!(message(RegionImage::from_floats(3, 3, &[0.0; 10], [0.0; 3], None)).contains("36 (RGBA) or 27 (RGB)"));
+    assert!(message(RegionImage::from_floats(3, 3, &[0.0; 36], [0.0; 3], Some(&[0.0]))).contains("depth holds 1"));
+    let image = RegionImage::from_floats(1, 1, &[0.0; 4], [0.0; 3], None).unwrap();
     for (name, options) in [
         ("contrast", RegionOptions { contrast: f32::NAN, ..Default::default() }),
         ("min_area", RegionOptions { min_area: -1.0, ..Default::default() }),

@@ -1,0 +1,33 @@
+//! A field of a CSV line (RFC 4180).
+
+use std::borrow::Cow;
+
+/// `text` as a field, quoted where it holds a comma, a quote, a line break or outer blanks.
+#[must_use]
+pub fn field(text: &str) -> Cow<'_, str> {
+    if text.contains([',', '"', '\n', '\r']) || text.trim() != text {
+        Cow::Owned(format!("\"{}\"", text.replace('"', "\"\"")))
+    } else {
+        Cow::Borrowed(text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::field;
+
+    #[test]
+    fn what_would_end_a_field_is_quoted() {
+        for (text, expected) in [
+            ("grey-2", "grey-2"),
+            ("", ""),
+            ("a b", "a b"),
+            ("a,b", "\"a,b\""),
+            ("a\nb", "\"a\nb\""),
+            (" x", "\" x\""),
+            ("an \"x\"", "\"an \"\"x\"\"\""),
+        ] {
+            assert_eq!(field(text), expected);
+        }
+    }
+}
