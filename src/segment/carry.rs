@@ -5,8 +5,7 @@
 //! then selects what the thing consists of at its time, and nothing of what it consists of later. In between both are
 //! seen, as they overlap: at each of many times, from that of the click outwards, what has come up joins those that it
 //! overlaps with and is nearest to, whether they are selected or not. What comes up on its own, as a new thing does, joins
-//! none, unless the selection was all that was seen among those that are looked at, which may be one colour: a thing that
-//! moves farther than it is thick from one looked at time to the next keeps its colour.
+//! none.
 
 use super::pieces::SEEN;
 use crate::model::{HostGaussians, Scene};
@@ -21,8 +20,6 @@ const STEP: f64 = 1.0 / 15.0;
 /// Largest standard deviations, those of both together, within which two Gaussians overlap. From 0.7 to 1.5 it makes no
 /// difference; at 2.5, what comes up beside a thing joins it too: see the results of 2026-11-23 in `benches/results`.
 const OVERLAP: f32 = 1.0;
-/// Share of the opacity that is seen at the time of the click up to which what is not selected is nothing.
-const STRAYS: f32 = 0.05;
 /// Neighbours that vote.
 const VOTERS: usize = 6;
 
@@ -45,25 +42,16 @@ pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Resu
 fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
     let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
     let first = at(time);
-    let of = |wanted: bool| -> f32 {
-        let all = (0..was.len()).filter(|&i| was[i] == wanted && seen(&first, i));
-        all.map(|i| first.opacity_of(i)).sum()
-    };
-    let (selected, rest) = (of(true), of(false));
-    let is_alone = selected > 0.0 && rest <= STRAYS * (selected + rest);
-    let mut comes_up = vec![false; was.len()];
     let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| seen(&first, i).then_some(was[i])).collect();
     for time in outwards(time) {
         let at = at(time);
         let (there, open): (Vec<u32>, Vec<u32>) =
             (0..was.len() as u32).filter(|&i| seen(&at, i as usize)).partition(|&i| known[i as usize].is_some());
-        open.iter().for_each(|&i| comes_up[i as usize] = true);
         for (i, is) in joining(&at, &there, &open, &known)? {
             known[i as usize] = Some(is);
         }
     }
-    let unjoined = |i: usize| was[i] || is_alone && comes_up[i];
-    Ok(known.into_iter().enumerate().map(|(i, known)| known.unwrap_or_else(|| unjoined(i))).collect())
+    Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
 }
 
 /// The times from one on to the end, then from it back to the beginning, itself left out.
@@ -137,30 +125,6 @@ mod tests {
             let found = carried(&was, time, rods).unwrap();
             assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
             assert_eq!(found, on_threads(1, || carried(&was, time, rods)).unwrap());
-        }
-    }
-
-    #[test]
-    fn what_is_alone_when_selected_is_what_comes_up_anywhere() {
-        // the first rod leaps away; of the second there is nothing, or one Gaussian of `ALONG` or all
-        let n = 2 * STAGES * ALONG + 1;
-        for (others, is_alone) in [(0, true), (1, false), (ALONG, false)] {
-            let leaping = |time: f64| {
-                let mut at = rods(if time < 0.5 { 0.0 } else { 1.0 });
-                for k in 0..ALONG {
-                    for i in (0..STAGES).map(|stage| (STAGES + stage) * ALONG + k) {
-                        at.opacity_logits[i] = if k < others && i < (STAGES + 1) * ALONG { 2.0 } else { -8.0 };
-                    }
-                }
-                at
-            };
-            let seen = leaping(0.0).opacity();
-            let was: Vec<bool> = (0..n).map(|i| i < ALONG && seen[i] > 0.1).collect();
-            let found = carried(&was, 0.0, leaping).unwrap();
-            let last = (STAGES - 1) * ALONG;
-            assert!(found[..ALONG].iter().all(|f| *f), "{others}");
-            assert_eq!(found[last..last + ALONG], [is_alone; ALONG], "{others}");
-            assert_eq!(found.iter().filter(|f| **f).count(), if is_alone { 2 * ALONG } else { ALONG }, "{others}");
         }
     }
 
