@@ -87,7 +87,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
     let mut datasets: Vec<(String, String)> = Vec::new();
     let mut outcomes: Vec<Outcome> = Vec::new();
     let mut met: Vec<PathBuf> = Vec::new();
-    let mut measured: Vec<(String, [usize; 3], PathBuf)> = Vec::new();
+    let mut measured: BTreeMap<String, ([usize; 3], PathBuf)> = BTreeMap::new();
     for folder in folders {
         let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());
         if met.contains(&whole) {
@@ -115,15 +115,12 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             name
         });
         let on = [summary.views, summary.width as usize, summary.height as usize];
-        match measured.iter().find(|(name, ..)| *name == dataset) {
-            Some((_, first, _)) if *first == on => {}
-            Some((_, first, other)) => {
-                let of = |[views, width, height]: [usize; 3]| format!("{views} views of {width}x{height}");
-                let problem = format!("measured on {}, but {} on {}", of(on), other.display(), of(*first));
-                let hint = format!("measure both alike by `volseggs eval {}`", shell::path(folder));
-                return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
-            }
-            None => measured.push((dataset.clone(), on, folder.clone())),
+        let (first, other) = measured.entry(dataset.clone()).or_insert_with(|| (on, folder.clone()));
+        if *first != on {
+            let of = |[views, width, height]: [usize; 3]| format!("{views} views of {width}x{height}");
+            let problem = format!("measured on {}, but {} on {}", of(on), other.display(), of(*first));
+            let hint = format!("measure both alike by `volseggs eval {}`", shell::path(folder));
+            return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
         }
         // a seed that a variant has already is another row, such as the same configuration from another version
         let clash = |name: &str| {

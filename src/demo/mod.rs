@@ -197,8 +197,7 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         replace: false,
         needed: Vec::new(),
     };
-    if let Ok(text) = std::fs::read_to_string(data.join("prepare.json")) {
-        let record: PrepareRecord = serde_json::from_str(&text).map_err(failed("prepare"))?;
+    if let Some(record) = PrepareRecord::read(data).map_err(|e| DemoError::Input(e.to_string()))? {
         if record.source == source.describe() && record.size == plan.views.size {
             return Ok(record);
         }

@@ -2,6 +2,7 @@
 //! known. The volumes are held one step at a time; the folder appears when all of it is there.
 
 mod check;
+mod record;
 pub mod segments;
 mod shots;
 mod source;
@@ -13,6 +14,7 @@ mod tests;
 #[cfg(test)]
 mod truth_tests;
 
+pub use record::{PrepareRecord, RecordError};
 pub use segments::{EVEN_STEPS, SegmentOptions, SegmentSteps};
 pub use source::{FileLabels, Source};
 
@@ -30,7 +32,6 @@ pub use check::LENGTHS;
 use check::{check, needed};
 use rayon::prelude::*;
 use segments::SegmentWriter;
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -57,50 +58,6 @@ pub struct PrepareOptions {
     pub replace: bool,
     /// Files that are read beside the volumes: no folder that holds one is replaced.
     pub needed: Vec<PathBuf>,
-}
-
-/// The record of a dataset, `prepare.json`: what it was made of.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PrepareRecord {
-    /// Version of the program.
-    pub version: String,
-    /// What was rendered.
-    pub source: String,
-    /// Name of the transfer function, which stands beside as `transfer-function.toml`.
-    pub transfer_function: String,
-    /// Data values at its two ends.
-    pub span: [f64; 2],
-    /// Voxels along x, y, z.
-    pub dims: [usize; 3],
-    /// Half the size of the volume's box around the origin, scene units.
-    pub half_size: [f64; 3],
-    /// Distance of voxel centres along x, y, z, in the units of the files; not in records of old versions.
-    #[serde(default)]
-    pub spacing: Option<[f64; 3]>,
-    /// Position of the centre of the first voxel, in the units of the files; not in records of old versions.
-    #[serde(default)]
-    pub origin: Option<[f64; 3]>,
-    /// Number of steps of the series.
-    pub steps: usize,
-    /// Distance of samples, in voxels.
-    pub step: f64,
-    /// Images of each split.
-    pub train_views: usize,
-    /// Images of the test split.
-    pub test_views: usize,
-    /// Width and height in pixels.
-    pub size: [u32; 2],
-    /// Names of the segments, if any are known.
-    pub segments: Vec<String>,
-    /// Times in [0, 1] that training sees and whose training images are all empty; not in records of old versions.
-    #[serde(default)]
-    pub empty_times: Vec<f64>,
-    /// Seconds it took.
-    pub seconds: f64,
-    /// Of these, seconds of reading volumes and laying them out.
-    pub load_seconds: f64,
-    /// Peak memory of the process, bytes; 0 where unknown.
-    pub peak_memory_bytes: u64,
 }
 
 /// Why a dataset could not be made.
@@ -154,7 +111,7 @@ pub enum PrepareError {
 /// The folder of a dataset that was prepared here.
 pub const FOLDER: FolderKind = FolderKind {
     what: "a dataset made by prepare",
-    markers: &["prepare.json"],
+    markers: &[record::FILE],
     entries: &[
         "transforms_*.json",
         "train/r_[0-9]*.png",
@@ -287,7 +244,7 @@ pub fn prepare(
         peak_memory_bytes: crate::memory::peak_memory(),
     };
     let json = serde_json::to_vec_pretty(&record).map_err(|e| write_error(root, &e))?;
-    for (name, bytes) in [("prepare.json", json), ("transfer-function.toml", transfer.to_toml().into_bytes())] {
+    for (name, bytes) in [(record::FILE, json), ("transfer-function.toml", transfer.to_toml().into_bytes())] {
         let path = root.join(name);
         write_atomic(&path, &bytes).map_err(|e| write_error(&path, &e))?;
     }

@@ -72,7 +72,7 @@ impl Prepared {
     /// # Errors
     /// If it was not made by `prepare`, or a file of it is damaged.
     pub fn open(folder: &Path) -> Result<Self, RunError> {
-        let record = record(folder)?.ok_or_else(|| {
+        let record = PrepareRecord::read(folder).map_err(RunError::input)?.ok_or_else(|| {
             RunError::input(format!(
                 "{}: no prepare.json in it, so nothing says how its volumes were drawn; give a dataset that `volseggs prepare` \
                  made (--data)",
@@ -139,17 +139,6 @@ impl Prepared {
     }
 }
 
-/// How a dataset was prepared; none of one from elsewhere.
-fn record(folder: &Path) -> Result<Option<PrepareRecord>, RunError> {
-    let path = folder.join("prepare.json");
-    if !path.is_file() {
-        return Ok(None);
-    }
-    let bad = |problem: String| RunError::input(format!("{}: {}", path.display(), plain(&problem)));
-    let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
-    serde_json::from_str(&text).map(Some).map_err(|e| bad(e.to_string()))
-}
-
 /// Asks the system to let go of what it has read of a file, so that reading it again goes to the disk; where it does not, a
 /// file that was read before loads faster.
 fn forget(file: &Path) {
@@ -175,7 +164,7 @@ pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> 
         load_seconds,
         view_seconds: 1.0 / speed.fps_with_copy,
         peak_memory_bytes: peak_memory(),
-        preparation_seconds: record(data)?.map(|record| record.seconds),
+        preparation_seconds: PrepareRecord::read(data).map_err(RunError::input)?.map(|record| record.seconds),
         training_seconds: run.training_seconds(),
     })
 }

@@ -251,6 +251,9 @@ mod tests {
     fn poison_coefficients_give_nan_and_wrong_shapes_errors() {
         let out = mean_colour(&[f32::NAN, 0.0, -100.0], 1, &fibonacci_sphere(8)).unwrap();
         assert!(out[0].is_nan() && out[1] == 0.5 && out[2] == 0.0);
+        let row = [0.5 / sh::C0, 0.0, -1.0 / sh::C0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0];
+        let one = constant_colour(&row, 4).unwrap();
+        assert!((one[0] - 1.0).abs() < 1e-6 && one[1] == 0.5 && one[2] == 0.0 && one.len() == 3, "{one:?}");
         assert!(constant_colour(&[0.0; 5], 1).is_err() && constant_colour(&[0.0; 6], 2).is_err());
         assert!(mean_colour(&[], 16, &fibonacci_sphere(8)).unwrap().is_empty());
     }

@@ -4,9 +4,9 @@
 use super::events::{EventConfig, Frame, Tracking, find_events};
 use super::statistics::{Gaussians, SegmentStatistics, StatisticsConfig, fill_velocities, segment_statistics};
 use crate::model::HostGaussians;
-use crate::model::sh::C0;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, components_touching, largest_scales};
+use crate::segment::colour::constant_colour;
 
 /// Cells of the volumes along the longest side of the scene's box. A segment is often a tenth of that, some 25 cells; and
 /// one that reaches over two boxes is still within what [`super::volume::union_volume`] takes without coarsening.
@@ -44,13 +44,6 @@ impl FollowOptions {
     }
 }
 
-impl Default for FollowOptions {
-    /// For a scene whose box is two units wide.
-    fn default() -> Self {
-        Self::within([1.0; 3])
-    }
-}
-
 /// A segment through time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Followup {
@@ -78,7 +71,8 @@ pub fn follow(
     let config = StatisticsConfig { volume_cell: Some(options.volume_cell), ..StatisticsConfig::default() };
     for &time in times {
         let Some(at) = scene(time) else { return Ok(None) };
-        let (opacity, colours) = (at.opacity(), base_colours(&at));
+        // of shaded Gaussians, what no light has touched
+        let (opacity, colours) = (at.opacity(), constant_colour(&at.sh, at.sh_stride.max(1))?);
         let all = Gaussians {
             means: &at.means,
             opacity: &opacity,
@@ -112,14 +106,6 @@ pub fn follow(
         .map(Some)
 }
 
-/// The colour of each Gaussian that is the same from everywhere, `[N, 3]` RGB: of shaded ones that which no light has
-/// touched.
-fn base_colours(at: &HostGaussians) -> Vec<f32> {
-    let row = 3 * at.sh_stride.max(1);
-    // drawing takes no colour for less than black; what is not finite stays so, and is passed over
-    at.sh.chunks_exact(row).flat_map(|c| [c[0], c[1], c[2]]).map(|c| (0.5 + C0 * c).clamp(0.0, f32::INFINITY)).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -150,7 +136,7 @@ mod tests {
         let forward: Vec<f64> = (0..21).map(|i| i as f64 / 20.0).collect();
         let backward: Vec<f64> = forward.iter().rev().copied().collect();
         let kinds = |times: &[f64]| {
-            let all = follow(rods, &segments, times, &FollowOptions::default()).unwrap().unwrap();
+            let all = follow(rods, &segments, times, &FollowOptions::within([1.0; 3])).unwrap().unwrap();
             let of = |k: usize| {
                 let found = all[k].tracking.events.iter().map(|e| e.kind);
                 found.filter(|k| *k != EventKind::Continue).collect::<Vec<_>>()
@@ -166,17 +152,8 @@ mod tests {
         assert!(cells.iter().all(|c| (c - cells[0]).abs() < 1e-6), "one cell for all times");
         let colour = all[0].statistics[0].colour.unwrap();
         assert!(colour.iter().all(|c| (c - 0.5).abs() < 1e-6), "coefficients of 0 are grey: {colour:?}");
-        let stopped = follow(|t| rods(t).filter(|_| t < 0.5), &segments, &forward, &FollowOptions::default());
+        let stopped = follow(|t| rods(t).filter(|_| t < 0.5), &segments, &forward, &FollowOptions::within([1.0; 3]));
         assert_eq!(stopped.unwrap(), None);
-    }
-
-    #[test]
-    fn base_colours_are_those_of_the_first_coefficients() {
-        let sh = vec![0.5 / C0, 0.0, -1.0 / C0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0];
-        let one = HostGaussians { sh, ..HostGaussians::zeros(1, 4) };
-        let colours = base_colours(&one);
-        assert!((colours[0] - 1.0).abs() < 1e-6 && colours[1] == 0.5 && colours[2] == 0.0, "{colours:?}");
-        assert_eq!(colours.len(), 3);
     }
 
     /// One ball that shows, and from half the time 63 others in a cube of them, apart from each other.
@@ -198,13 +175,13 @@ mod tests {
         let members: Vec<u32> = (0..64).collect();
         let segments = [Followed { name: "growing", members: &members }];
         let last = |times: &[f64]| {
-            let found = follow(growing, &segments, times, &FollowOptions::default()).unwrap().unwrap();
+            let found = follow(growing, &segments, times, &FollowOptions::within([1.0; 3])).unwrap().unwrap();
             let at = found[0].statistics.iter().find(|s| s.time == 1.0).unwrap();
             (at.volume, at.volume_cell)
         };
         let (volume, cell) = last(&[1.0]);
         assert_eq!((last(&[0.0, 0.4, 0.6, 1.0]), last(&[1.0, 0.6, 0.4, 0.0])), ((volume, cell), (volume, cell)));
-        assert_eq!(cell, f64::from(FollowOptions::default().volume_cell));
+        assert_eq!(cell, f64::from(FollowOptions::within([1.0; 3]).volume_cell));
         let exact = 64.0 * 4.0 / 3.0 * std::f64::consts::PI * 0.04f64.powi(3);
         assert!((volume / exact - 1.0).abs() < 0.1, "{volume} {exact}");
     }

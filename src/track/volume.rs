@@ -51,10 +51,6 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
     let first = low.map(|v| (v / cell).floor());
     let size = counts(cell).map(|n| n as usize);
     let bits: Vec<AtomicU64> = (0..(size[0] * size[1] * size[2]).div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-    let set = |at: [usize; 3]| {
-        let bit = (at[2] * size[1] + at[1]) * size[0] + at[0];
-        bits[bit / 64].fetch_or(1 << (bit % 64), Ordering::Relaxed);
-    };
     // cells `from..=to` along x, a word of bits at a time
     let fill = |from: usize, to: usize, y: usize, z: usize| {
         let row = (z * size[1] + y) * size[0];
@@ -67,7 +63,8 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
     };
     ellipsoids.par_iter().for_each(|e| {
         let index = |v: f64, a: usize| ((v / cell).floor() - first[a]).clamp(0.0, (size[a] - 1) as f64) as usize;
-        set([0, 1, 2].map(|a| index(e.centre[a], a)));
+        let [x, y, z] = [0, 1, 2].map(|a| index(e.centre[a], a));
+        fill(x, x, y, z);
         let half = e.half_sides();
         let from = [0, 1, 2].map(|a| index(e.centre[a] - half[a], a));
         let to = [0, 1, 2].map(|a| index(e.centre[a] + half[a], a));

@@ -1,9 +1,9 @@
 //! Which keys of a configuration may change when a run goes on from a checkpoint, and which may not.
 //!
-//! Logs, evaluations, checkpoints and the average that is shown shape no step, so `output.*` and `optim.average` are free. `stages.joint_steps` may grow: a trained run
-//! can be lengthened. The schedules then follow the new length from the next step on (a rate that had fallen to its end
-//! rises to where the longer schedule has it, and a late DSSIM moves to the new end), so a run that was lengthened is
-//! not the run of that length from the start.
+//! Logs, evaluations, checkpoints and the average that is shown shape no step, so `output.*` and `optim.average` are
+//! free. `stages.joint_steps` may grow: a trained run can be lengthened. The schedules then follow the new length from
+//! the next step on (a rate that had fallen to its end rises to where the longer schedule has it, and a late DSSIM
+//! moves to the new end), so a run that was lengthened is not the run of that length from the start.
 
 use crate::config::legacy::implied;
 use crate::config::types::Config;

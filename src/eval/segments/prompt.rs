@@ -31,7 +31,8 @@ pub struct Prompt {
     /// What the pixels are made of by which selections are judged, the clicked one first.
     pixels: Contributors,
     inside: Vec<bool>,
-    places: Places,
+    /// None where there is one click.
+    places: Option<Places>,
 }
 
 /// Pixels of a segment where further clicks may be placed. Those by which selections are judged are scattered, and on
@@ -49,7 +50,8 @@ struct Places {
 
 impl Prompt {
     /// A click on what the segments `ids` show: on the pixel that lies deepest inside it, in the view that shows most of
-    /// it. `None` where no view shows it: it is hidden behind others.
+    /// it. `None` where no view shows it: it is hidden behind others. With up to `clicks` clicks, of which those after the
+    /// first need the pixels to be looked at once more.
     ///
     /// # Errors
     /// As [`contributors`](volseggs_kernels::splat::contributors::contributors).
@@ -57,6 +59,7 @@ impl Prompt {
         views: &[Labelled],
         ids: &[u16],
         (at, rendering): (&HostGaussians, Rendering),
+        clicks: usize,
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
         let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();
@@ -91,11 +94,17 @@ impl Prompt {
         let inside = chosen.iter().map(|&p| within[p as usize]).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
         let first = Click { under: under(at, settings, pixel, device)? };
-        let (step, grid) = regular(&within, width, height);
-        let size = [width, height].map(|side| side.div_ceil(step));
-        let in_grid = |&p: &u32| (p as usize / width / step * size[0] + p as usize % width / step) as u32;
-        let places =
-            Places { size, inside: grid.iter().map(in_grid).collect(), pixels: seen(at, settings, &grid, device)? };
+        let places = |within: &[bool]| {
+            let (step, grid) = regular(within, width, height);
+            let size = [width, height].map(|side| side.div_ceil(step));
+            let in_grid = |&p: &u32| (p as usize / width / step * size[0] + p as usize % width / step) as u32;
+            seen(at, settings, &grid, device).map(|pixels| Places {
+                size,
+                inside: grid.iter().map(in_grid).collect(),
+                pixels,
+            })
+        };
+        let places = (clicks > 1).then(|| places(&within)).transpose()?;
         let view = view.view.name.clone();
         Ok(Some(Self { view, pixel, first, pixels: found, inside, places }))
     }
@@ -106,10 +115,11 @@ impl Prompt {
         self.first.clone()
     }
 
-    /// A click on the pixel that lies deepest in what `selected` leaves out of the segment; `None` if it leaves out none.
+    /// A click on the pixel that lies deepest in what `selected` leaves out of the segment; `None` if it leaves out none, or
+    /// there is to be one click only.
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
-        let Places { size: [columns, rows], inside, pixels } = &self.places;
+        let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
         let mut left_out = vec![false; columns * rows];
         for (p, &place) in inside.iter().enumerate() {
             left_out[place as usize] = !covered(pixels, p, selected);
@@ -239,7 +249,7 @@ mod tests {
         let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, SIZE, SIZE);
         let view = LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 };
         let views = [Labelled { view, labels: vec![3; (SIZE * SIZE) as usize] }];
-        let prompt = Prompt::new(&views, &[3], (&at, rendering()), &device).unwrap().unwrap();
+        let prompt = Prompt::new(&views, &[3], (&at, rendering()), 2, &device).unwrap().unwrap();
         assert!(prompt.pixels.len() < (SIZE * SIZE) as usize, "selections are judged by a sample");
         let click = prompt.next(&selected).unwrap();
         let on = heaviest(&click.under, |_| true).unwrap() as usize;

@@ -48,8 +48,8 @@ pub fn evaluate_segments(
     let (mut clicked, mut not_seen) = (Vec::new(), Vec::new());
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
-        let prompt =
-            Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), &device).map_err(|e| e.to_string())?;
+        let prompt = Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), options.clicks, &device)
+            .map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
                 "segment {}: cannot be seen at time {time:.3}, so not be clicked; try another --time",

@@ -57,7 +57,7 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     let (at, trained) = scene();
     let scenery = Scenery { at: &at, trained: &trained };
     let prompt = |labels: &dyn Fn(u32, u32) -> u16| {
-        Prompt::new(&[view(labels)], &[3], (&at, rendering()), &device).unwrap().unwrap()
+        Prompt::new(&[view(labels)], &[3], (&at, rendering()), 1, &device).unwrap().unwrap()
     };
     // a disc about where one of the balls is seen
     let whole = prompt(&|x, y| if x.abs_diff(12).pow(2) + y.abs_diff(20).pow(2) < 36 { 3 } else { 5 });
@@ -90,7 +90,7 @@ fn further_clicks_add_to_what_is_selected() {
     let (at, trained) = scene();
     let scenery = Scenery { at: &at, trained: &trained };
     // both balls are wanted
-    let prompt = Prompt::new(&[view(|_, _| 3)], &[3], (&at, rendering()), &device).unwrap().unwrap();
+    let prompt = Prompt::new(&[view(|_, _| 3)], &[3], (&at, rendering()), 2, &device).unwrap().unwrap();
     let [first, second] = [3, COUNT as u32 + 3].map(|i| Click { under: vec![(i, 1.0)] });
     let setting = Setting::fixed(Method::Coarse, &CoarseOptions::default());
     let one = fixed(scenery, (Method::Coarse, &setting), first.clone(), 1, |_| Some(second.clone())).unwrap();

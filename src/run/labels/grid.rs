@@ -28,17 +28,11 @@ pub struct LabelGrid {
 /// A record that cannot be read, or no folder at `data`.
 pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, RunError> {
     let folder = data.unwrap_or(&run.record.dataset);
-    let path = folder.join("prepare.json");
-    let fault = |e: &dyn std::fmt::Display| RunError::input(format!("{}: {e}", path.display()));
-    match std::fs::read_to_string(&path) {
-        Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| fault(&e)),
-        Err(_) if data.is_some() && !folder.is_dir() => Err(RunError::input(format!(
-            "--data {}: there is no such folder to look for prepare.json in",
-            folder.display()
-        ))),
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
-        Err(e) => Err(fault(&e)),
+    if data.is_some() && !folder.is_dir() {
+        let problem = "there is no such folder to look for prepare.json in";
+        return Err(RunError::input(format!("--data {}: {problem}", folder.display())));
     }
+    PrepareRecord::read(folder).map_err(RunError::input)
 }
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or

@@ -161,8 +161,7 @@ impl Truth {
 /// Steps of the series that the dataset at `data` was prepared from, where that is known.
 fn prepared_steps(data: &Path) -> Option<usize> {
     // a record that is damaged was told of when the voxels were looked for
-    let text = std::fs::read_to_string(data.join("prepare.json")).ok()?;
-    serde_json::from_str::<PrepareRecord>(&text).ok().map(|record| record.steps)
+    PrepareRecord::read(data).ok().flatten().map(|record| record.steps)
 }
 
 #[cfg(test)]
