@@ -287,6 +287,21 @@ fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), Da
     Err(DataError::field_error(&json.path, None, "w", problem, hint))
 }
 
+/// 16 hexadecimal digits that tell what runs are measured on: as [`Dataset::fingerprint`], of the test views, and of the
+/// text of what is known of segments, if anything is.
+///
+/// # Errors
+/// Test views that are not there or cannot be read.
+pub fn measured_fingerprint(root: &Path) -> Result<String, DataError> {
+    let path = SplitName::Test.json_path(root);
+    let text = read_text(&path)?;
+    let json = Transforms::parse(&path, &text)?;
+    let images: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
+    let views = fingerprint(&path, text.as_bytes(), &images, 1)?;
+    let truth = read_text(&root.join(super::truth::FILE)).unwrap_or_default();
+    Ok(format!("{:016x}", fnv1a(views, truth.as_bytes())))
+}
+
 fn fingerprint(json: &Path, text: &[u8], images: &[PathBuf], downscale: u32) -> Result<u64, DataError> {
     let mut hash = fnv1a(0xcbf2_9ce4_8422_2325, text);
     for (i, path) in images.iter().enumerate() {

@@ -62,26 +62,31 @@ impl Scene {
         }
     }
 
-    /// Which of the Gaussians that are `asked` `[N]` are at least so opaque at any of eleven evenly spaced times, `[N]`.
-    /// The others cost nothing, and one that was found costs no more.
+    /// Opacities `[N]` of the Gaussians that are `asked` `[N]`, each at the first of eleven evenly spaced times, from the
+    /// ends inwards, at which it is at least `least`; 0 for those that never are. The others cost nothing, and are 0; one
+    /// that was found costs no more.
     ///
     /// # Panics
     /// If `asked` is not of length N.
     #[must_use]
-    pub fn ever_seen(&self, asked: &[bool], least: f32) -> Vec<bool> {
+    pub fn opacity_elsewhen(&self, asked: &[bool], least: f32) -> Vec<f32> {
         // far from each other first, so that few are left soon
         const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
         assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
         let all = self.without_colour();
         let mut open: Vec<u32> = (0..asked.len() as u32).filter(|&i| asked[i as usize]).collect();
-        let mut seen = vec![false; asked.len()];
+        let mut seen = vec![0.0; asked.len()];
         for &tenths in if self.opacity_changes() { &TENTHS[..] } else { &TENTHS[..1] } {
             if open.is_empty() {
                 break;
             }
             let at = self.rows(&all, &open).inputs(f32::from(tenths) / 10.0).opacity_logits;
-            open.iter().zip(to_vec(at)).for_each(|(&i, logit)| seen[i as usize] = sigmoid(logit) >= least);
-            open.retain(|&i| !seen[i as usize]);
+            let mut now = to_vec(at).into_iter().map(sigmoid);
+            open.retain(|&i| {
+                let found = now.next().filter(|opacity| *opacity >= least);
+                seen[i as usize] = found.unwrap_or(0.0);
+                found.is_none()
+            });
         }
         seen
     }
@@ -122,12 +127,15 @@ mod tests {
             spec.deformed = deformed;
             let scene = Scene::new(gaussians.clone(), spec.clone(), 3, &device);
             let asked: Vec<bool> = (0..n).map(|i| i % 3 == 1).collect();
-            let found = scene.ever_seen(&asked, 0.5);
+            let found = scene.opacity_elsewhen(&asked, 0.5);
             for i in 0..n {
-                let any = (0..11).any(|k| scene.host_at(k as f32 / 10.0).opacity()[i] >= 0.5);
-                assert_eq!(found[i], asked[i] && any, "{i}");
+                let of: Vec<f32> = (0..11).map(|k| scene.host_at(k as f32 / 10.0).opacity()[i]).collect();
+                let any = of.iter().any(|o| *o >= 0.5);
+                assert_eq!(found[i] > 0.0, asked[i] && any, "{i}");
+                assert!(found[i] == 0.0 || found[i] >= 0.5 && of.iter().any(|o| (o - found[i]).abs() < 1e-6), "{i}");
             }
-            assert!(found.contains(&true) && scene.ever_seen(&vec![false; n], 0.0).iter().all(|s| !s));
+            assert!(found.iter().any(|o| *o > 0.0));
+            assert!(scene.opacity_elsewhen(&vec![false; n], 0.0).iter().all(|o| *o == 0.0));
             let (which, all) = ([3, 50, 149], scene.host_at(0.3));
             let some = scene.some(&which).at(0.3);
             assert_eq!(

@@ -57,7 +57,7 @@ impl Default for CoarseOptions {
 
 impl CoarseOptions {
     /// Which of `gaussians` are too transparent at their time to make colours, `[N]`: [`coarse`] asks of
-    /// these alone whether they are seen later.
+    /// these alone how opaque they are at other times.
     #[must_use]
     pub fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
         gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
@@ -80,9 +80,11 @@ pub struct Coarse {
     pub not_finite: usize,
 }
 
-/// Groups Gaussians at a time by colour, each weighted by its opacity. Those of which `later` `[N]` says that
-/// they are not always transparent (read where [`CoarseOptions::hidden`]) join the colour next to theirs: at another time
-/// they may be what a segment consists of.
+/// Groups Gaussians at a time by colour, each weighted by its opacity. Those that are transparent then and not always join
+/// the colour next to theirs, as they may be what a segment consists of at another time; those of a material that nothing
+/// shows at this time make a colour of their own, unless the number of colours is given, or they are mean colours.
+/// `later` `[N]` holds the opacity of each at another time, 0 for what is always transparent, and is read where
+/// [`CoarseOptions::hidden`].
 ///
 /// # Errors
 /// If an option is out of range.
@@ -91,7 +93,7 @@ pub struct Coarse {
 /// If `later` has another length.
 pub fn coarse(
     gaussians: &HostGaussians,
-    later: Option<&[bool]>,
+    later: Option<&[f32]>,
     options: &CoarseOptions,
 ) -> Result<Coarse, PointsError> {
     if let Some(later) = later {
@@ -109,19 +111,18 @@ pub fn coarse(
         })
         .partition(|&i| too_transparent[i as usize]);
     let not_finite = gaussians.len() - shown.len() - hidden.len();
-    let later: Vec<u32> = match later {
-        Some(later) => hidden.into_iter().filter(|&i| later[i as usize]).collect(),
-        None => Vec::new(),
-    };
-    let weights: Vec<f32> = shown.iter().map(|&i| opacity[i as usize]).collect();
+    let shown = Weighed::new(shown, &opacity);
+    let later = later.map_or_else(Weighed::default, |opacity| {
+        Weighed::new(hidden.into_iter().filter(|&i| opacity[i as usize] > 0.0).collect(), opacity)
+    });
     let mut rng = Rng::new(options.seed, 0, Purpose::Clusters);
     let mut uniform = || rng.uniform();
     let found = match options.space {
-        ColourSpace::Material => by_material(gaussians, &shown, &later, &weights, options, &mut uniform)?,
-        ColourSpace::Rgb | ColourSpace::Lab => by_mean(gaussians, &shown, &later, &weights, options, &mut uniform)?,
+        ColourSpace::Material => by_material(gaussians, &shown, &later, options, &mut uniform)?,
+        ColourSpace::Rgb | ColourSpace::Lab => by_mean(gaussians, &shown, &later, options, &mut uniform)?,
     };
     let mut labels = vec![0; gaussians.len()];
-    for (&i, &label) in shown.iter().zip(&found.shown) {
+    for (&i, &label) in shown.rows.iter().zip(&found.shown) {
         labels[i as usize] = label;
     }
     let mut removed = 0;
@@ -146,7 +147,7 @@ pub fn coarse(
             }
         }
     }
-    for (&i, &label) in later.iter().zip(&found.later) {
+    for (&i, &label) in later.rows.iter().zip(&found.later) {
         labels[i as usize] = label;
     }
     let kept = without_empty(&found.colours, &mut labels);
@@ -154,6 +155,20 @@ pub fn coarse(
     let transparent = none - removed - not_finite;
     let palette = if options.space == ColourSpace::Material { name_materials(&kept) } else { name_colours(&kept) };
     Ok(Coarse { palette, labels, outliers: removed, transparent, not_finite })
+}
+
+/// Gaussians, and what each counts.
+#[derive(Default)]
+struct Weighed {
+    rows: Vec<u32>,
+    weights: Vec<f32>,
+}
+
+impl Weighed {
+    /// `rows` with the weights that `of_all` `[N]` has for them.
+    fn new(rows: Vec<u32>, of_all: &[f32]) -> Self {
+        Self { weights: rows.iter().map(|&i| of_all[i as usize]).collect(), rows }
+    }
 }
 
 /// Labels from 1 of the Gaussians that are shown and of those that are at another time, and the groups' colours `[K,
@@ -166,9 +181,8 @@ struct Found {
 
 fn by_material(
     gaussians: &HostGaussians,
-    shown: &[u32],
-    later: &[u32],
-    weights: &[f32],
+    shown: &Weighed,
+    later: &Weighed,
     options: &CoarseOptions,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
@@ -182,16 +196,20 @@ fn by_material(
         full: rows(&all.full, 1, which),
         certainty: rows(&all.certainty, 1, which),
     };
-    let found = group(&rows(&gaussians.means, 3, shown), &of(shown), weights, options.clusters, uniform)?;
-    Ok(Found { later: found.nearest(&of(later)), shown: found.labels, colours: found.colours })
+    let means = |which: &[u32]| rows(&gaussians.means, 3, which);
+    let mut found = group(&means(&shown.rows), &of(&shown.rows), &shown.weights, options.clusters, uniform)?;
+    let of_later = of(&later.rows);
+    if options.clusters.is_none() {
+        found.add_unseen(&means(&later.rows), &of_later, &later.weights)?;
+    }
+    Ok(Found { later: found.nearest(&of_later), shown: found.labels, colours: found.colours })
 }
 
 /// The paper's grouping: k-means of the colours that [`mean_colour`] gives.
 fn by_mean(
     gaussians: &HostGaussians,
-    shown: &[u32],
-    later: &[u32],
-    weights: &[f32],
+    shown: &Weighed,
+    later: &Weighed,
     options: &CoarseOptions,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
@@ -201,15 +219,15 @@ fn by_mean(
         let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
         if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
     };
-    let points = points_of(shown);
+    let (points, weights) = (points_of(&shown.rows), &shown.weights);
     let clusters = match options.clusters {
         Some(k) => k,
         None => suggest_clusters(&points, 3, weights, 2..=10, uniform)?.clusters,
     };
     let found = kmeans(&points, 3, weights, &KMeansConfig::new(clusters), uniform)?;
-    let mut of_later = vec![0; later.len()];
+    let mut of_later = vec![0; later.rows.len()];
     if found.clusters() > 0 {
-        for (label, colour) in of_later.iter_mut().zip(points_of(later).chunks_exact(3)) {
+        for (label, colour) in of_later.iter_mut().zip(points_of(&later.rows).chunks_exact(3)) {
             *label = nearest(colour, &found.centroids, 3).0 as u32 + 1;
         }
     }
@@ -286,7 +304,7 @@ mod tests {
             assert_eq!(out.labels.last(), Some(&stray), "the stray");
         }
         // a part of the haze that is opaque at another time joins the colour next to it
-        let later: Vec<bool> = (0..truth.len()).map(|i| i % 6 == 2).collect();
+        let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.02 } else { 0.0 }).collect();
         for space in [ColourSpace::Rgb, ColourSpace::Material] {
             let options = CoarseOptions { space, ..CoarseOptions::default() };
             let with = coarse(&g, Some(&later), &options).unwrap();

@@ -43,6 +43,10 @@ const LIGHT_PASS: f64 = 0.25;
 const DARKEST: f32 = 0.05;
 /// How sure a vote is by distance to a material in the plane (standard deviation).
 const SURE: f32 = 0.12;
+/// Distance in the plane from every material beyond which a hill is none of theirs.
+const UNKNOWN: f32 = 0.2;
+/// Share of all weight that a material has at least which nothing shows at the chosen time.
+const UNSEEN: f64 = 0.05;
 /// Weight of a Gaussian's own vote beside that of all its neighbours.
 const OWN: f32 = 3.0;
 /// Materials that one Gaussian votes for, the nearest.
@@ -56,9 +60,40 @@ pub struct MaterialGroups {
     /// `[K, 3]`: each material's colour under full light, in `[0, 1]`.
     pub colours: Vec<f32>,
     centres: Vec<Centre>,
+    smooth: Smooth,
+    weights: Vec<f32>,
 }
 
 impl MaterialGroups {
+    /// Adds the materials that only Gaussians of other times have: those of M others at `means` `[M, 3]` with the colours
+    /// `of` and an `opacity` `[M]` at a time when they are seen. Where these stand on a hill of the density of all colours
+    /// together that is far from every material, they are one.
+    ///
+    /// # Errors
+    /// Slices of the wrong length.
+    pub fn add_unseen(&mut self, means: &[f32], of: &Materials, opacity: &[f32]) -> Result<(), PointsError> {
+        let neighbours = Grid::adaptive(means)?.nearest_of_each();
+        let smooth = Smooth::new(of, opacity, &neighbours);
+        let weights = smooth.weights();
+        let all: Vec<f32> = self.smooth.plane.iter().chain(&smooth.plane).flatten().copied().collect();
+        let all_weights = [&self.weights[..], &weights].concat();
+        let found = hills(&all, &all_weights, &PLANE, pass)?;
+        let total: f64 = all_weights.iter().map(|w| f64::from(*w)).sum();
+        let labels = &found.labels[self.weights.len()..];
+        let shown = self.centres.len();
+        for (label, peak) in (1..).zip(found.peaks) {
+            let rows: Vec<u32> = (0..).zip(labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
+            let mass: f64 = rows.iter().map(|&i| f64::from(weights[i as usize])).sum();
+            let unknown = |c: &Centre| c.squared_in_plane(peak) > UNKNOWN * UNKNOWN;
+            if mass > 0.0 && mass >= UNSEEN * total && self.centres[..shown].iter().all(unknown) {
+                let centre = Centre::of(&Members { rows, light: 0.0 }, &smooth, &weights);
+                self.colours.extend(to_rgb(from_plane(centre.shown), centre.brightest));
+                self.centres.push(centre);
+            }
+        }
+        Ok(())
+    }
+
     /// The label of the material nearest to each of M other Gaussians `[M]`; 0 without any material.
     #[must_use]
     pub fn nearest(&self, of: &Materials) -> Vec<u32> {
@@ -114,10 +149,11 @@ pub fn group(
     labels.iter_mut().for_each(|l| *l = place[*l as usize]);
     let centres: Vec<Centre> = order.into_iter().map(|k| centres[k].clone()).collect();
     let colours = centres.iter().flat_map(|c| to_rgb(from_plane(c.shown), c.brightest)).collect();
-    Ok(MaterialGroups { labels, colours, centres })
+    Ok(MaterialGroups { labels, colours, centres, smooth, weights })
 }
 
 /// Colours averaged with those of like neighbours.
+#[derive(Debug, Clone)]
 struct Smooth {
     /// `[M]`, in the plane of [`to_plane`].
     plane: Vec<[f32; 2]>,

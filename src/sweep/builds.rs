@@ -157,7 +157,7 @@ pub fn tally<'a>(keys: impl Iterator<Item = &'a String>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::result::{Failure, Metrics, failure_path, metrics_path, write, write_measured};
+    use super::super::result::{Failure, Metrics, failure_path, metrics_in, write, write_measured};
     use super::super::{PlanOptions, halving};
     use super::*;
     use crate::sweep::collect::collect;
@@ -191,7 +191,7 @@ mod tests {
 
     fn measure(plan: &Plan, key: &str, psnr: f64) {
         let folder = train(plan, key);
-        write_measured(&metrics_path(&folder, &plan.eval), Metrics::from([("psnr".to_owned(), psnr)])).unwrap();
+        write_measured(&metrics_in(plan, 0, &folder), Metrics::from([("psnr".to_owned(), psnr)])).unwrap();
     }
 
     fn age(plan: &Plan, key: &str, seconds: u64) {

@@ -28,7 +28,7 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             build: parts(&run.key).1.to_owned(),
             ..Outcome::default()
         };
-        let whole = read_metrics(&metrics_path(&folder, &plan.eval));
+        let whole = read_metrics(&metrics_path(plan, entry.run));
         let failure = || read::<Failure>(&failure_path(&folder)).map(|f| format!("{}: {}", f.stage, f.error));
         let open = |metrics: Metrics| {
             let state = match (failure(), stopped.get(&run.key)) {
@@ -53,7 +53,7 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             });
             continue;
         };
-        match read_segments(&segments_path(&folder, &plan.eval, &run.segments[index])) {
+        match read_segments(&segments_path(plan, entry.run, &run.segments[index])) {
             None => outcomes.push(open(Metrics::new())),
             Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| Outcome {
                 segment,

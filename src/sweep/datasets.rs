@@ -3,6 +3,7 @@
 use super::SweepError;
 use super::file::{DataSource, SweepFile, SyntheticSpec};
 use super::key::short_hash;
+use crate::data::dataset::measured_fingerprint;
 use crate::data::paths::FOV_X;
 use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
 use crate::log::progress;
@@ -36,6 +37,9 @@ pub struct DataPlan {
     pub test_views: usize,
     /// Width and height of the images as they lie on disk.
     pub size: [u32; 2],
+    /// What tells its test views and truth from others of the same training views; empty where `source` tells it.
+    #[serde(default)]
+    pub measured: String,
 }
 
 /// The last name of a folder, also where it is given as `.` or with a slash at its end.
@@ -86,6 +90,7 @@ pub(super) fn datasets(
                     views: dataset.train.frames.len(),
                     test_views: test.frames.len(),
                     size: [dataset.train.images.width, dataset.train.images.height],
+                    measured: measured_fingerprint(folder).map_err(|e| bad(&e))?,
                     source,
                 }
             }
@@ -96,6 +101,7 @@ pub(super) fn datasets(
                     views: spec.times.saturating_mul(spec.views),
                     test_views: spec.test_views,
                     size: [spec.size; 2],
+                    measured: String::new(),
                     source,
                 }
             }

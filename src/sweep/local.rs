@@ -257,7 +257,7 @@ impl<'a> Pool<'a> {
         let head = format!("{count} {}: {time}", run.label);
         if status.success() {
             tally.done += 1;
-            let found = read_metrics(&metrics_path(&folder, &self.plan.eval));
+            let found = read_metrics(&metrics_path(self.plan, job.index));
             let psnr =
                 found.and_then(|m| m.metrics.get("psnr").copied()).or(live_psnr(&folder, usize::MAX).map(|(_, p)| p));
             self.say(&format!("{head}{}", psnr.map(|p| format!(", {p:.2} dB")).unwrap_or_default()));

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::config::types::Config;
+use crate::sweep::result::{metrics_path, segments_path};
 
 const DATA: &str = "[data]\njets = { synthetic = 'jets', size = 40, times = 3, views = 4, test_views = 5 }\n";
 
@@ -249,4 +250,27 @@ fn every_sweep_file_of_the_repository_can_be_planned() {
         }
     }
     assert!(count >= 26, "{count}");
+}
+
+#[test]
+fn other_test_views_or_another_truth_are_measured_again_by_the_same_run() {
+    let data = crate::data::dataset::tests::dataset(4, 8);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("one.toml");
+    std::fs::write(&path, format!("config = 'demo'\n[data]\nballs = '{}'\n", data.path().display())).unwrap();
+    let places = || {
+        let plan = Plan::new(&path, &PlanOptions { out: dir.path().into(), ..PlanOptions::default() }).unwrap();
+        let (metrics, segments) = (metrics_path(&plan, 0), segments_path(&plan, 0, &SegmentSpec::default()));
+        (plan.runs[0].key.clone(), metrics, segments)
+    };
+    let before = places();
+    assert_eq!(before, places());
+    for name in ["transforms_test.json", crate::data::truth::FILE] {
+        let (file, last) = (data.path().join(name), places());
+        let text = std::fs::read_to_string(&file).unwrap_or_default();
+        std::fs::write(&file, text + " ").unwrap();
+        let now = places();
+        assert_eq!(now.0, before.0, "nothing is trained again");
+        assert!(now.1 != last.1 && now.2 != last.2, "{name}");
+    }
 }

@@ -1,6 +1,5 @@
 //! What a run leaves for tables: one small file for each way of measuring it, and one if it failed.
 
-use super::file::EvalSpec;
 use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
@@ -41,21 +40,37 @@ pub struct Failure {
     pub stage: String,
 }
 
-/// Where `folder` has the metrics of an evaluation.
+/// Where the folder of run `index` has the metrics of its evaluation.
 #[must_use]
-pub fn metrics_path(folder: &Path, eval: &EvalSpec) -> PathBuf {
+pub fn metrics_path(plan: &Plan, index: usize) -> PathBuf {
+    metrics_in(plan, index, &plan.run_folder(index))
+}
+
+/// The same if its folder were `folder`.
+#[must_use]
+pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
     // with metrics that came later, everything is measured again
     let registered: String =
         crate::eval::metric::registered().into_iter().map(|(name, _)| format!(" {name}")).collect();
-    folder.join(format!("metrics-{}.json", short_hash(&(text_of(eval) + &registered))))
+    let text = text_of(&plan.eval) + &registered + measured_on(plan, index);
+    folder.join(format!("metrics-{}.json", short_hash(&text)))
 }
 
-/// Where `folder` has the metrics of a measurement of segments, by segment.
+/// Where the folder of run `index` has the metrics of a measurement of segments, by segment.
 #[must_use]
-pub fn segments_path(folder: &Path, eval: &EvalSpec, spec: &SegmentSpec) -> PathBuf {
+pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentSpec) -> PathBuf {
+    segments_in(plan, index, spec, &plan.run_folder(index))
+}
+
+fn segments_in(plan: &Plan, index: usize, spec: &SegmentSpec, folder: &Path) -> PathBuf {
     // the weights of LPIPS are the evaluation's
-    let text = text_of(&eval.lpips_weights) + &text_of(spec);
+    let text = text_of(&plan.eval.lpips_weights) + &text_of(spec) + measured_on(plan, index);
     folder.join(format!("segments-{}.json", short_hash(&text)))
+}
+
+/// With other test views or another truth, everything is measured again.
+fn measured_on(plan: &Plan, index: usize) -> &str {
+    plan.datasets.get(&plan.runs[index].dataset).map_or("", |data| &data.measured)
 }
 
 /// Where `folder` says that its run failed.
@@ -133,8 +148,8 @@ pub fn progress(plan: &Plan, index: usize) -> Progress {
 /// The same if its folder were `folder`.
 #[must_use]
 pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
-    let measured = read_metrics(&metrics_path(folder, &plan.eval)).is_some();
-    let segments = |s| read_segments(&segments_path(folder, &plan.eval, s)).is_some();
+    let measured = read_metrics(&metrics_in(plan, index, folder)).is_some();
+    let segments = |s| read_segments(&segments_in(plan, index, s, folder)).is_some();
     if measured && plan.runs[index].segments.iter().all(segments) {
         return Progress::Done;
     }

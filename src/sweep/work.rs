@@ -64,14 +64,15 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
         Err(LockError::Held { holder, .. }) => return Ok(Ended::Busy(holder.to_string())),
         Err(LockError::Io { source, .. }) => return Err(source),
     };
-    let ended = match (Worker { plan, run: &plan.runs[index], folder: &folder, stop, lock: &lock }).go(stop_after) {
-        Ok(ended) => ended,
-        Err(_) if stop.load(Ordering::Relaxed) => Ended::Interrupted,
-        Err(failure) => {
-            write(&failure_path(&folder), &failure).map_err(std::io::Error::other)?;
-            Ended::Failed(format!("{}: {}", failure.stage, failure.error))
-        }
-    };
+    let ended =
+        match (Worker { plan, index, run: &plan.runs[index], folder: &folder, stop, lock: &lock }).go(stop_after) {
+            Ok(ended) => ended,
+            Err(_) if stop.load(Ordering::Relaxed) => Ended::Interrupted,
+            Err(failure) => {
+                write(&failure_path(&folder), &failure).map_err(std::io::Error::other)?;
+                Ended::Failed(format!("{}: {}", failure.stage, failure.error))
+            }
+        };
     drop((lock, held));
     Ok(ended)
 }
@@ -87,6 +88,7 @@ fn ended(plan: &Plan, index: usize) -> Option<Ended> {
 
 struct Worker<'a> {
     plan: &'a Plan,
+    index: usize,
     run: &'a Run,
     folder: &'a Path,
     stop: &'a AtomicBool,
@@ -116,7 +118,7 @@ impl Worker<'_> {
         let trained = AnyRun::open_any(self.folder, &device).map_err(failed("eval"))?;
         let load = |path: &std::path::PathBuf| Lpips::load(path, &device).map_err(failed("eval"));
         let networks = self.plan.eval.lpips_weights.iter().map(load).collect::<Result<Vec<_>, _>>()?;
-        if !metrics_path(self.folder, &self.plan.eval).is_file() {
+        if !metrics_path(self.plan, self.index).is_file() {
             self.measure(&config, &data.folder, &trained, &networks)?;
         }
         if self.run.segments.is_empty() {
@@ -175,7 +177,7 @@ impl Worker<'_> {
         let mut metrics = crate::compare::runs::metrics(&evaluation.summary, &trained.record);
         // a number that is none has no place in JSON, and none in a table
         metrics.retain(|_, value| value.is_finite());
-        write_measured(&metrics_path(self.folder, &self.plan.eval), &metrics).map_err(failed("eval"))
+        write_measured(&metrics_path(self.plan, self.index), &metrics).map_err(failed("eval"))
     }
 
     fn segments(
@@ -186,7 +188,7 @@ impl Worker<'_> {
         trained: &OpenRun,
         networks: &[Lpips],
     ) -> Result<(), Failure> {
-        let path = segments_path(self.folder, &self.plan.eval, spec);
+        let path = segments_path(self.plan, self.index, spec);
         if path.is_file() {
             return Ok(());
         }

@@ -8,6 +8,7 @@ use super::{Saved, Training};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
 use crate::model::Scene;
 use crate::model::scene_file::{SceneError, read_tensors, write_tensors};
+use crate::shell;
 use crate::tensors;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
@@ -192,7 +193,7 @@ pub fn advice(path: &Path) -> String {
             "an older checkpoint is whole: give {} in place of {}, or train on from it with `volseggs train --resume {}`",
             older.display(),
             run.display(),
-            older.display()
+            shell::path(&older)
         ),
         None => "no older checkpoint is whole; restore the file from a copy, or train again".to_owned(),
     }

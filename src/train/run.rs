@@ -15,6 +15,7 @@ use crate::memory::peak_memory;
 use crate::metrics::psnr::psnr;
 use crate::model::Model;
 use crate::program;
+use crate::shell;
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
 use std::cell::Cell;
@@ -129,7 +130,7 @@ fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointErr
         (Start::New, Ok(Some(_))) => {
             let reason = format!(
                 "holds checkpoints of a run; go on with `volseggs train --resume {}`, or choose another --out",
-                out.display()
+                shell::path(out)
             );
             Err(CheckpointError::File { path: out.into(), reason })
         }

@@ -130,15 +130,17 @@ struct Written {
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Result<(), CliError> {
     let options = &args.labels;
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
-    let truth =
-        if options.truth.is_empty() { None } else { Some(Truth::open(&options.truth, &labels.grid, &labels.data)?) };
+    let times = args.times()?;
+    let truth = match options.truth.as_slice() {
+        [] => None,
+        inputs => Some(Truth::open(inputs, &labels.grid, &labels.data, &times)?),
+    };
     labels.assumed.iter().for_each(|note| errln!("note: {note}"));
     truth.iter().flat_map(|truth| truth.notes()).for_each(|note| errln!("note: {note}"));
     if !options.edited {
         tell_of_edits(run);
     }
 
-    let times = args.times()?;
     let mut needed = vec![run.path.as_path(), labels.data.as_path()];
     needed.extend(options.like.as_deref());
     needed.extend(truth.iter().flat_map(Truth::files));

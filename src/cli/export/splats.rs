@@ -4,6 +4,7 @@ use super::super::{CliError, print_json};
 use super::ExportArgs;
 use crate::run::OpenRun;
 use crate::run::export::{Output, Record, SplatFormat, write_splats};
+use volseggs_kernels::splat::DILATION;
 
 /// Writes the Gaussians of each time.
 ///
@@ -25,6 +26,13 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
     output.finish(&Record::new(run, extension, &times, edited, &args.shown.segments), &needed)?;
     errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
+    let dilation = run.scene.spec.rendering().dilation;
+    if dilation != DILATION {
+        errln!(
+            "note: trained with a dilation of {dilation} pixels squared, which the file cannot say; viewers that dilate by \
+             {DILATION}, as most do, do not show it as `volseggs render` does"
+        );
+    }
     if args.common.json {
         print_json(&serde_json::json!({ "files": files, "gaussians": count }))?;
     }

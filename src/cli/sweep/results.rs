@@ -11,7 +11,7 @@ use crate::sweep::claim::holder;
 use crate::sweep::collect::collect;
 use crate::sweep::halving;
 use crate::sweep::key::parts;
-use crate::sweep::result::{Progress, live_psnr, metrics_path, progress, read_metrics};
+use crate::sweep::result::{Progress, live_psnr, metrics_in, metrics_path, progress, read_metrics};
 use crate::sweep::slurm::{Tools, queue};
 use clap::Args;
 use serde::Serialize;
@@ -74,16 +74,13 @@ impl StatusArgs {
         };
         let stopped = halving::stopped(&dir);
         let others = OtherBuilds::find(&plan);
-        let psnr_of = |folder: &Path| {
-            let measured = read_metrics(&metrics_path(folder, &plan.eval));
-            measured.and_then(|m| m.metrics.get("psnr").copied())
-        };
+        let psnr_in = |path: &Path| read_metrics(path).and_then(|m| m.metrics.get("psnr").copied());
         let status = |task: usize| -> RunStatus {
             let run = &plan.runs[task];
             let folder = plan.run_folder(task);
             let live = live_psnr(&folder, usize::MAX);
             let step = live.map_or(0, |(s, _)| s);
-            let psnr = psnr_of(&folder).or(live.map(|(_, p)| p));
+            let psnr = psnr_in(&metrics_path(&plan, task)).or(live.map(|(_, p)| p));
             let (state, mut detail) = match (progress(&plan, task), stopped.get(&run.key), queued.get(&task)) {
                 (Progress::Done, ..) => ("done", String::new()),
                 (Progress::Failed(failure), ..) => ("failed", format!("{}: {}", failure.stage, failure.error)),
@@ -101,7 +98,7 @@ impl StatusArgs {
             let other_run = |key: &String| OtherRun {
                 key: key.clone(),
                 build: parts(key).1.to_owned(),
-                psnr: psnr_of(&plan.runs_folder.join(key)),
+                psnr: psnr_in(&metrics_in(&plan, task, &plan.runs_folder.join(key))),
             };
             let other_builds: Vec<OtherRun> = others.of(task).iter().map(other_run).collect();
             if let (Some(other), true) = (other_builds.first(), state != "done") {

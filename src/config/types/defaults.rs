@@ -54,7 +54,7 @@ impl Default for Config {
             stages: StagesConfig {
                 warmup_steps: 500,
                 warmup_times: WarmupTimes::Middle,
-                joint_steps: 20_000,
+                joint_steps: 30_000,
                 sh_every: 0,
             },
             loss: LossConfig {
@@ -74,7 +74,7 @@ impl Default for Config {
             },
             optim: OptimConfig {
                 means: 1.6e-4,
-                warmup_decay_steps: 20_000,
+                warmup_decay_steps: 30_000,
                 rotations: 1e-3,
                 log_scales: 5e-3,
                 opacity: 0.05,

@@ -50,12 +50,13 @@ pub struct Score {
 }
 
 impl Truth {
-    /// Opens the label volumes that `inputs` name, or the synthetic scene of that name. `data` is the run's dataset.
+    /// Opens the label volumes that `inputs` name, or the synthetic scene of that name, to be compared at `times`. `data` is
+    /// the run's dataset.
     ///
     /// # Errors
     /// Files that cannot be read, are not on the voxels of `grid`, or are several, but not one for each step that the
-    /// dataset was prepared from: nothing says then at which times they are.
-    pub fn open(inputs: &[String], grid: &LabelGrid, data: &Path) -> Result<Self, RunError> {
+    /// dataset was prepared from: nothing says then at which times they are. One file of a series for several times.
+    pub fn open(inputs: &[String], grid: &LabelGrid, data: &Path, times: &[f64]) -> Result<Self, RunError> {
         if let [name] = inputs
             && let Ok(scene) = name.parse::<Synthetic>()
         {
@@ -78,7 +79,16 @@ impl Truth {
                 grid.file.dims
             )));
         }
-        if let Some(steps) = prepared_steps(data).filter(|steps| series.len() > 1 && series.len() != *steps) {
+        let prepared = prepared_steps(data);
+        if series.len() == 1 && times.len() > 1 && prepared != Some(1) {
+            return Err(RunError::input(format!(
+                "--truth {}: one step, which cannot be the truth at {} times; give a label volume for each step, or a \
+                 single --time",
+                inputs.join(" "),
+                times.len()
+            )));
+        }
+        if let Some(steps) = prepared.filter(|steps| series.len() > 1 && series.len() != *steps) {
             return Err(RunError::input(format!(
                 "--truth {}: {} steps, and {} was prepared from {steps}, so nothing says at which times they are; give a \
                  label volume for each step, or one alone with --time",
@@ -196,7 +206,9 @@ mod tests {
             });
             std::fs::write(root.join("prepare.json"), json.to_string()).unwrap();
         };
-        let open = |inputs: &[String]| Truth::open(inputs, &grid, root).map_err(|e| e.to_string());
+        let open_at =
+            |inputs: &[String], times: &[f64]| Truth::open(inputs, &grid, root, times).map_err(|e| e.to_string());
+        let open = |inputs: &[String]| open_at(inputs, &[0.0]);
         assert!(open(&inputs).is_ok_and(|truth| truth.notes().len() == 1), "a gap, and not known of how many steps");
         prepare(100);
         let Err(error) = open(&inputs) else { panic!("three steps of a hundred") };
@@ -204,7 +216,11 @@ mod tests {
             assert!(error.contains(words), "{words}: {error}");
         }
         assert!(open(&inputs[..1]).is_ok(), "one alone");
+        let Err(error) = open_at(&inputs[..1], &[0.0, 1.0]) else { panic!("one step at two times") };
+        assert!(error.contains("2 times") && error.contains("--time"), "{error}");
         prepare(3);
-        assert!(open(&inputs).is_ok());
+        assert!(open(&inputs).is_ok() && open_at(&inputs, &[0.0, 1.0]).is_ok());
+        prepare(1);
+        assert!(open_at(&inputs[..1], &[0.0, 1.0]).is_ok(), "a static volume");
     }
 }

@@ -95,38 +95,29 @@ pub struct RegionMask {
 }
 
 impl RegionImage {
-    /// A picture of values in [0, 1], those that are not finite count as 0: `[height, width, 4]` RGBA with straight alpha,
-    /// or `[height, width, 3]` RGB, where what differs from the `background` colour counts as covered. `depth`, if known,
-    /// is the expected depth `[height, width]` in any unit; values that are not finite and positive count as unknown.
+    /// A picture of values in [0, 1], those that are not finite count as 0: `[height, width, 4]` RGBA with straight alpha.
+    /// `depth`, if known, is the expected depth `[height, width]` in any unit; values that are not finite and positive count
+    /// as unknown.
     ///
     /// # Errors
     /// [`RegionError::Length`] if a buffer does not fit the size.
-    pub fn from_floats(
-        width: u32,
-        height: u32,
-        pixels: &[f32],
-        background: [f32; 3],
-        depth: Option<&[f32]>,
-    ) -> Result<Self, RegionError> {
+    pub fn from_rgba(width: u32, height: u32, rgba: &[f32], depth: Option<&[f32]>) -> Result<Self, RegionError> {
         Mask::empty(width, height)?;
         let count = width as usize * height as usize;
         let fail = |what, found, expected| Err(RegionError::Length { what, found, expected, width, height });
         let tame = |value: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { 0.0 };
-        let rgba = if pixels.len() == count * 4 {
-            pixels.iter().map(|&value| tame(value)).collect()
-        } else if pixels.len() == count * 3 {
-            let covered = |rgb: &[f32]| (0..3).map(|c| (tame(rgb[c]) - background[c]).abs()).fold(0.0, f32::max);
-            pixels
-                .chunks_exact(3)
-                .flat_map(|rgb| [tame(rgb[0]), tame(rgb[1]), tame(rgb[2]), if covered(rgb) > 0.02 { 1.0 } else { 0.0 }])
-                .collect()
-        } else {
-            return fail("pixels", pixels.len(), format!("{} (RGBA) or {} (RGB)", count * 4, count * 3));
-        };
+        if rgba.len() != 4 * count {
+            return fail("rgba", rgba.len(), (4 * count).to_string());
+        }
         if let Some(depth) = depth.filter(|depth| depth.len() != count) {
             return fail("depth", depth.len(), count.to_string());
         }
-        Ok(Self { width, height, rgba, depth: depth.map(<[f32]>::to_vec) })
+        Ok(Self {
+            width,
+            height,
+            rgba: rgba.iter().map(|&value| tame(value)).collect(),
+            depth: depth.map(<[f32]>::to_vec),
+        })
     }
 }
 

@@ -56,8 +56,12 @@ impl Centre {
 
     /// Squared distance of a colour in the plane, and of its lightness where that counts.
     pub fn squared(&self, plane: [f32; 2], light: f32) -> f32 {
-        let off = [plane[0] - self.plane[0], plane[1] - self.plane[1], self.lightness * (light - self.light)];
-        off.iter().map(|v| v * v).sum()
+        self.squared_in_plane(plane) + (self.lightness * (light - self.light)).powi(2)
+    }
+
+    /// Squared distance of a colour in the plane alone.
+    pub fn squared_in_plane(&self, plane: [f32; 2]) -> f32 {
+        [0, 1].map(|a| (plane[a] - self.plane[a]).powi(2)).iter().sum()
     }
 }
 

@@ -172,7 +172,7 @@ fn gaussians_of_another_time_join_the_material_of_their_colour() {
     let (mut g, truth) = cloud(&nested(), &PLAIN, 9);
     (0..g.len()).filter(|i| i % 7 == 0).for_each(|i| g.opacity_logits[i] = -9.0);
     let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
-    let later = options.hidden(&g);
+    let later: Vec<f32> = options.hidden(&g).iter().map(|h| if *h { 0.9 } else { 0.0 }).collect();
     let found = coarse(&g, Some(&later), &options).unwrap();
     assert_eq!(found.transparent, 0);
     let later: Vec<usize> = (0..g.len()).filter(|i| i % 7 == 0 && truth[*i] > 0).collect();
@@ -185,6 +185,27 @@ fn gaussians_of_another_time_join_the_material_of_their_colour() {
     let labels: Vec<u32> = (0..4).map(of_truth).collect();
     let right = later.iter().filter(|&&i| found.labels[i] == labels[truth[i] as usize]).count();
     assert!(right * 10 > later.len() * 8, "{right} of {}", later.len());
+}
+
+#[test]
+fn a_material_that_nothing_shows_at_this_time_is_found_by_those_of_another() {
+    let (mut g, truth) = cloud(&nested(), &PLAIN, 10);
+    let core = |i: usize| i >= 2500 + 1200;
+    (0..g.len()).filter(|&i| core(i)).for_each(|i| g.opacity_logits[i] = -9.0);
+    let later: Vec<f32> = (0..g.len()).map(|i| if core(i) { 0.9 } else { 0.0 }).collect();
+    let of = |later: Option<&[f32]>, clusters| {
+        coarse(&g, later, &CoarseOptions { outliers: None, clusters, ..CoarseOptions::default() }).unwrap()
+    };
+    let found = of(Some(&later), None);
+    assert!(found.palette.len() == 3 && names(&found)[2].ends_with("red"), "{:?}", names(&found));
+    let right = (0..g.len()).filter(|&i| core(i) && truth[i] == 3 && found.labels[i] == 3).count();
+    let all = (0..g.len()).filter(|&i| core(i) && truth[i] == 3).count();
+    assert!(right * 10 > all * 9, "{right} of {all}");
+    assert_eq!(of(None, None).palette.len(), 2);
+    assert_eq!(of(Some(&later), Some(2)).palette.len(), 2, "as many as asked for");
+    // too few of them, and too faint, are strays
+    let faint: Vec<f32> = later.iter().enumerate().map(|(i, o)| if i % 20 == 0 { 0.05 * o } else { 0.0 }).collect();
+    assert_eq!(of(Some(&faint), None).palette.len(), 2);
 }
 
 /// Base colours that a person tells apart.

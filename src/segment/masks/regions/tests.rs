@@ -31,7 +31,7 @@ fn balls(balls: &[Ball]) -> (Vec<f32>, Vec<f32>) {
 }
 
 fn find(rgba: &[f32], depth: Option<&[f32]>) -> Vec<RegionMask> {
-    let image = RegionImage::from_floats(SIDE as u32, SIDE as u32, rgba, [1.0; 3], depth).unwrap();
+    let image = RegionImage::from_rgba(SIDE as u32, SIDE as u32, rgba, depth).unwrap();
     find_regions(&image, &RegionOptions::default()).unwrap()
 }
 
@@ -108,26 +108,16 @@ fn specks_and_nothing_are_no_masks() {
     assert!(find(&vec![0.0; SIDE * SIDE * 4], None).is_empty());
     let (rgba, _) = balls(&[Ball(30.0, 30.0, 2.0, 9.0, RED)]);
     assert!(find(&rgba, None).is_empty());
-    let image = RegionImage::from_floats(0, 0, &[], [0.0; 3], None).unwrap();
+    let image = RegionImage::from_rgba(0, 0, &[], None).unwrap();
     assert!(find_regions(&image, &RegionOptions::default()).unwrap().is_empty());
-}
-
-#[test]
-fn pictures_without_alpha_take_the_background_colour() {
-    let background: [f32; 3] = [0.0, 0.0, 0.25];
-    let rgb: Vec<f32> =
-        (0..SIDE * SIDE).flat_map(|p| if p % SIDE < 50 { [0.8, 0.1, 0.1] } else { background }).collect();
-    let image = RegionImage::from_floats(SIDE as u32, SIDE as u32, &rgb, background, None).unwrap();
-    let found = find_regions(&image, &RegionOptions::default()).unwrap();
-    assert_eq!(found.iter().map(|region| region.mask.bbox()).collect::<Vec<_>>(), [[0, 0, 50, 200]]);
 }
 
 #[test]
 fn wrong_buffers_and_options_are_named() {
     let message = |result: Result<RegionImage, RegionError>| result.unwrap_err().to_string();
-    assert!(message(RegionImage::from_floats(3, 3, &[0.0; 10], [0.0; 3], None)).contains("36 (RGBA) or 27 (RGB)"));
-    assert!(message(RegionImage::from_floats(3, 3, &[0.0; 36], [0.0; 3], Some(&[0.0]))).contains("depth holds 1"));
-    let image = RegionImage::from_floats(1, 1, &[0.0; 4], [0.0; 3], None).unwrap();
+    assert!(message(RegionImage::from_rgba(3, 3, &[0.0; 10], None)).contains("rgba holds 10"));
+    assert!(message(RegionImage::from_rgba(3, 3, &[0.0; 36], Some(&[0.0]))).contains("depth holds 1"));
+    let image = RegionImage::from_rgba(1, 1, &[0.0; 4], None).unwrap();
     for (name, options) in [
         ("contrast", RegionOptions { contrast: f32::NAN, ..Default::default() }),
         ("min_area", RegionOptions { min_area: -1.0, ..Default::default() }),
@@ -143,7 +133,7 @@ proptest! {
         values in proptest::collection::vec(prop_oneof![8 => -0.2_f32..1.2, 1 => Just(f32::NAN), 1 => Just(f32::INFINITY)], 12 * 9 * 4),
         depth in proptest::collection::vec(prop_oneof![4 => -1.0_f32..9.0, 1 => Just(f32::NAN), 1 => Just(f32::MAX)], 12 * 9),
     ) {
-        let image = RegionImage::from_floats(12, 9, &values, [0.0; 3], Some(&depth)).unwrap();
+        let image = RegionImage::from_rgba(12, 9, &values, Some(&depth)).unwrap();
         let options = RegionOptions { min_area: 5000.0, contrast: 0.01, ..Default::default() };
         let found = find_regions(&image, &options).unwrap();
         for region in &found {

@@ -44,5 +44,5 @@ fn region_image(picture: &Picture, background: [f32; 3]) -> Result<RegionImage, 
             p[c] = ((p[c] - (1.0 - p[3]) * background[c]) / a).clamp(0.0, 1.0);
         }
     }
-    RegionImage::from_floats(picture.width as u32, picture.height as u32, &rgba, background, Some(&picture.depth))
+    RegionImage::from_rgba(picture.width as u32, picture.height as u32, &rgba, Some(&picture.depth))
 }
