@@ -1,7 +1,7 @@
 //! Differentiable operations for deformable Gaussian scenes, as burn backend extensions.
 //!
 //! One folder an op, each with the same files: `mod.rs` (the public function on tensors and the
-//! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `autodiff.rs`
+//! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `ops.rs` or `autodiff.rs`
 //! (gradient registration), `cpu` (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels,
 //! with the feature `wgpu` or `cuda`). `contributors` lies in `splat`, whose rule of compositing it shares.
 //! `shading` and `sine` are ops on the CPU and tensor operations on GPUs.

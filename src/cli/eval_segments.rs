@@ -9,7 +9,7 @@ use crate::eval::segments::{
     KIND, Method, SegmentEvalError, SegmentOptions, Union, evaluate_segments, markdown, write_mask_pictures,
     write_results,
 };
-use crate::files::AtomicDir;
+use crate::files::{AtomicDir, check_file};
 use crate::log::progress;
 use crate::memory::{Budget, product};
 use crate::metrics::lpips::Lpips;
@@ -17,7 +17,7 @@ use crate::run::OpenRun;
 use crate::run::measure::MeasuredOn;
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::{FineOptions, MaskScale, repulsion};
+use crate::segment::fine::train::{FineOptions, MARGIN, MaskScale, repulsion};
 use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
 use crate::segment::masks::sam::checkpoint;
 use clap::{Args, ValueEnum};
@@ -38,7 +38,7 @@ pub(super) struct SegmentFlags {
     methods: Vec<Method>,
     /// Clicks on each segment at most; those after the first on what is still missing in the clicked view. The truth
     /// places them.
-    #[arg(long, default_value_t = 1, value_parser = count, requires = "segments")]
+    #[arg(long, default_value_t = SegmentOptions::default().clicks, value_parser = count, requires = "segments")]
     clicks: usize,
     /// Leave the oracle out: half the time.
     #[arg(long, requires = "segments")]
@@ -56,9 +56,9 @@ pub(super) struct SegmentFlags {
     /// For sam: the weights; looked for in the cache folder if not given.
     #[arg(long, value_name = "FILE", requires = "segments")]
     sam_weights: Option<PathBuf>,
-    /// For sam: points along a side of the grid that is asked.
-    #[arg(long, value_name = "N", default_value_t = SAM_POINTS, value_parser = count, requires = "segments")]
-    sam_points: usize,
+    /// For sam: points along a side of the grid that is asked [default: 32].
+    #[arg(long, value_name = "N", value_parser = count, requires = "segments")]
+    sam_points: Option<usize>,
     /// Known segments to measure; all if not given.
     #[arg(long = "only", value_name = "NAME,...", value_delimiter = ',', requires = "segments")]
     only: Vec<String>,
@@ -66,10 +66,10 @@ pub(super) struct SegmentFlags {
     #[arg(long = "score", value_name = "NAME=SEGMENT+SEGMENT", requires = "segments")]
     unions: Vec<Union>,
     /// Time of the clicks in [0, 1]; the nearest training time is taken, the other times are tracked.
-    #[arg(long, default_value_t = 0.5, value_parser = fraction, requires = "segments")]
+    #[arg(long, default_value_t = SegmentOptions::default().time, value_parser = fraction, requires = "segments")]
     time: f64,
     /// Views with masks.
-    #[arg(long, default_value_t = 30, value_parser = count, requires = "segments")]
+    #[arg(long, default_value_t = SegmentOptions::default().views, value_parser = count, requires = "segments")]
     mask_views: usize,
     /// Take these views near an axis (x, y or z), within 45 degrees, in place of the whole sphere.
     #[arg(long, value_name = "AXIS", requires = "segments")]
@@ -78,16 +78,16 @@ pub(super) struct SegmentFlags {
     #[arg(long, value_name = "K", value_parser = count, requires = "segments")]
     clusters: Option<usize>,
     /// Steps of the affinity field.
-    #[arg(long, default_value_t = 5000, value_parser = count, requires = "segments")]
+    #[arg(long, default_value_t = FineOptions::default().steps, value_parser = count, requires = "segments")]
     fine_steps: usize,
     /// Pixels of a step of the affinity field; the paper's 8192.
     #[arg(long, default_value_t = FineOptions::default().pixels, value_parser = count, requires = "segments")]
     fine_pixels: usize,
     /// Steps of SAGA.
-    #[arg(long, default_value_t = 10_000, value_parser = count, requires = "segments")]
+    #[arg(long, default_value_t = SagaOptions::default().steps, value_parser = count, requires = "segments")]
     saga_steps: usize,
     /// Margin of the contrastive loss; -1 is the paper's loss, without one.
-    #[arg(long, default_value_t = 0.5, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
+    #[arg(long, default_value_t = MARGIN, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
     margin: f32,
     /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper [drawn, own].
     #[arg(long, value_name = "WHICH", default_value = "drawn", requires = "segments")]
@@ -129,8 +129,9 @@ impl SegmentFlags {
         let views = product(&[self.mask_views, 4 * size_of::<Camera>()]);
         Budget::now().check(format!("--mask-views {}", self.mask_views), views).map_err(CliError::input)?;
         if self.masks == Masks::Sam {
-            let points = product(&[self.sam_points, self.sam_points, POINT]);
-            Budget::now().check(format!("--sam-points {}", self.sam_points), points).map_err(CliError::input)?;
+            let side = self.sam_points();
+            let points = product(&[side, side, POINT]);
+            Budget::now().check(format!("--sam-points {side}"), points).map_err(CliError::input)?;
         }
         let gaussians = run.scene.gaussians.count();
         if let Some(k) = self.clusters.filter(|k| *k > gaussians) {
@@ -201,6 +202,7 @@ impl SegmentFlags {
         for (given, option, of, name) in [
             (self.mask_dir.is_some(), "--mask-dir", Masks::Dir, "dir"),
             (self.sam_weights.is_some(), "--sam-weights", Masks::Sam, "sam"),
+            (self.sam_points.is_some(), "--sam-points", Masks::Sam, "sam"),
         ] {
             if given && self.masks != of {
                 return Err(CliError::input(format!("{option} is for --masks {name}")));
@@ -214,9 +216,13 @@ impl SegmentFlags {
             })?),
             Masks::Sam => MaskKind::Sam {
                 weights: checkpoint::locate(self.sam_weights.as_deref()).map_err(CliError::input)?,
-                points: self.sam_points,
+                points: self.sam_points(),
             },
         })
+    }
+
+    fn sam_points(&self) -> usize {
+        self.sam_points.unwrap_or(SAM_POINTS)
     }
 }
 
@@ -236,6 +242,7 @@ fn hand_out(run: &OpenRun, truth: &Truth, options: &SegmentOptions, folder: &Pat
             folder.display()
         )));
     }
+    check_file(folder)?;
     let fail = |e: std::io::Error| CliError::failure(format!("{}: {e}", folder.display()));
     let stop = stop_flag("stopping; nothing is written")?;
     let building = AtomicDir::create(folder).map_err(fail)?;

@@ -45,12 +45,16 @@ impl InspectArgs {
             }
             check_file(picture)?;
         }
-        if SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file()) {
+        let is_dataset = SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file());
+        if is_dataset {
+            self.refuse("--transfer-function", self.transfer_function.is_some())?;
             self.dataset()
         } else if RunPaths(&self.path).record().is_file() || !checkpoint::list(&self.path).is_empty() {
             // a run that was stopped at step 0 has a record, and no checkpoint yet
+            self.refuse_those_of_volumes()?;
             self.run_folder()
         } else if extension == Some("ply") {
+            self.refuse_those_of_volumes()?;
             let ply = ply::read(&self.path).map_err(CliError::input)?;
             let damaged = (0..ply.len()).filter(|i| !ply.is_finite(*i)).count();
             self.show(
@@ -63,6 +67,7 @@ impl InspectArgs {
                 }
             }
         } else if extension == Some("safetensors") {
+            self.refuse_those_of_volumes()?;
             self.tensors(&self.path)
         } else if is_volume(&self.path) {
             inspect_volume(&self.path, self.transfer_function.as_deref(), self.picture.as_deref(), self.json)
@@ -72,6 +77,16 @@ impl InspectArgs {
                 self.path.display()
             )))
         }
+    }
+
+    fn refuse_those_of_volumes(&self) -> Result<(), CliError> {
+        self.refuse("--transfer-function", self.transfer_function.is_some())?;
+        self.refuse("--picture", self.picture.is_some())
+    }
+
+    fn refuse(&self, flag: &str, given: bool) -> Result<(), CliError> {
+        let path = self.path.display();
+        if given { Err(CliError::input(format!("{flag}: {path} is no volume; leave it out"))) } else { Ok(()) }
     }
 
     fn dataset(&self) -> Result<(), CliError> {

@@ -45,7 +45,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "synthetic")]
     labels: Vec<String>,
     /// Names of labels, such as 1=core,2=shell.
-    #[arg(long, value_name = "ID=NAME", value_delimiter = ',', value_parser = label_name)]
+    #[arg(long, value_name = "ID=NAME", value_delimiter = ',', value_parser = label_name, conflicts_with = "synthetic")]
     label_names: Vec<(u16, Name)>,
     #[command(flatten)]
     components: ComponentArgs,
@@ -83,7 +83,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "AXIS")]
     bias: Option<Axis>,
     /// How near to it, degrees.
-    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = bias_angle, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = bias_angle, allow_negative_numbers = true, requires = "bias")]
     bias_angle: f64,
     /// Seed of the deal of views to times.
     #[arg(long, default_value_t = 0)]
@@ -92,19 +92,19 @@ pub struct PrepareArgs {
     #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS", value_parser = sample_step, allow_negative_numbers = true)]
     sample_step: f64,
     /// Time of each step, in any unit, ascending; evenly spaced if not given.
-    #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true)]
+    #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true, conflicts_with = "synthetic")]
     time_values: Vec<f64>,
     /// Accept a series with numbers missing.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "synthetic")]
     allow_gaps: bool,
     /// Value in place of NaN and infinite voxels.
-    #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true)]
+    #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true, conflicts_with = "synthetic")]
     nan: Option<f32>,
     /// Voxels of a synthetic scene along each axis.
-    #[arg(long, default_value_t = 128, value_name = "N", value_parser = dims)]
+    #[arg(long, default_value_t = 128, value_name = "N", value_parser = dims, conflicts_with = "volume")]
     dims: usize,
     /// Steps of a synthetic scene.
-    #[arg(long, default_value_t = 100, value_name = "N", value_parser = series_steps)]
+    #[arg(long, default_value_t = 100, value_name = "N", value_parser = series_steps, conflicts_with = "volume")]
     series_steps: usize,
     /// Test views, evenly spaced, in which each known segment is rendered alone; 0 for none, and no volumes of ids.
     #[arg(long, default_value_t = 10, value_name = "N")]

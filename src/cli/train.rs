@@ -31,7 +31,7 @@ macro_rules! watching {
 /// Train a scene from posed, timed images, with our method or another one.
 #[derive(Debug, Args)]
 #[command(
-    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=30000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* may change, and stages.joint_steps may grow: rates then follow the new length from there on.")
+    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* and optim.average may change, and stages.joint_steps may grow: rates then follow the new length from there on.")
 )]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).

@@ -100,6 +100,10 @@ mod tests {
                 assert_eq!(of(&preset), of(&defaults), "{name}: [{section}] is to state each key");
             }
             assert_eq!(preset[name].as_table(), Some(&settings), "the defaults are the published settings");
+            assert!(
+                preset["model"].get("bounds").is_some() && preset["model"].get("bounds_margin").is_some(),
+                "{name}"
+            );
             let small = Layers::new(PRESETS).source(format!("{name}-small")).resolve::<Config>().unwrap().value;
             assert_eq!((small.method.as_str(), small.loss.kind), (name, types::LossKind::L1));
         }

@@ -133,7 +133,7 @@ pub struct StagesConfig {
     pub warmup_times: WarmupTimes,
     /// Steps of joint training; 0 trains a static scene, 3DGS as it is.
     pub joint_steps: usize,
-    /// The spherical-harmonics degree rises by one every so many steps, in each stage; 0 starts at the top.
+    /// The spherical-harmonics degree rises by one every so many steps of the run; 0 starts at the top.
     pub sh_every: usize,
 }
 
@@ -238,11 +238,12 @@ pub struct OptimConfig {
     pub decoder: f64,
     /// The embedding of each Gaussian, of `model.embedding` above 0.
     pub embedding: f64,
-    /// Final rate of means, encoder and decoder, as a fraction of the first.
+    /// Final rate of means, encoder, decoder and embedding, as a fraction of the first.
     pub final_fraction: f64,
-    /// Final rate of the other groups, as a fraction of the first.
+    /// Final rate of the other groups, as a fraction of the first; they fall in the stage that ends the training, or over the
+    /// whole run with `decay_over = "run"`.
     pub attributes_final_fraction: f64,
-    /// How means, encoder and decoder fall: `log-linear`, `cosine`, `constant` or a registered schedule.
+    /// How means, encoder, decoder and embedding fall: `log-linear`, `cosine`, `constant` or a registered schedule.
     pub schedule: String,
     /// Over each stage anew (`stage`, in warm-up over `warmup_decay_steps`), or once over the whole run (`run`, as 3DGS).
     pub decay_over: DecayOver,

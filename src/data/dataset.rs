@@ -193,19 +193,22 @@ impl Dataset {
         self.train.times()
     }
 
-    /// 1.1 times the largest distance of a training camera from their mean; learning rates of positions are
-    /// relative to it.
+    /// See [`scene_extent`].
     #[must_use]
     pub fn scene_extent(&self) -> f64 {
         scene_extent(&self.train.frames)
     }
 }
 
-/// See [`Dataset::scene_extent`]; 0 for no frames.
+/// 1.1 times the largest distance of a camera from their mean, as in 3DGS; learning rates of positions are relative to it.
+/// Where all cameras stand at one place it is 1.1 times their distance from the origin, since nothing would move otherwise;
+/// 0 at the origin and for no frames.
 #[must_use]
 pub fn scene_extent(frames: &[Frame]) -> f64 {
     let mean = frames.iter().map(|f| f.camera.position()).sum::<DVec3>() / frames.len().max(1) as f64;
-    1.1 * frames.iter().map(|f| f.camera.position().distance(mean)).fold(0.0, f64::max)
+    let spread = frames.iter().map(|f| f.camera.position().distance(mean)).fold(0.0, f64::max);
+    // the mean of equal places is rounded
+    1.1 * if spread > 1e-9 * mean.length() { spread } else { mean.length() }
 }
 
 /// Reads one split with its images; `downscale` and `max_views` as in [`OpenOptions`].

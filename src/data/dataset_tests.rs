@@ -167,3 +167,17 @@ fn a_camera_too_far_away_is_called_so() {
         assert!(words.iter().all(|w| text.contains(w)) && text.contains("frame 1"), "{text}");
     }
 }
+
+#[test]
+fn the_scene_has_an_extent_also_where_all_cameras_stand_at_one_place() {
+    let folder = dataset(6, 8);
+    let options = OpenOptions { downscale: 1, splits: &[SplitName::Train], max_views: None };
+    let mut frames = Dataset::open(folder.path(), &options).unwrap().train.frames;
+    let spread = scene_extent(&frames);
+    assert!((2.0..=8.8).contains(&spread), "{spread}");
+    let first = frames[0].camera.camera_to_world;
+    frames.iter_mut().for_each(|f| f.camera.camera_to_world = first);
+    // cameras lie on a sphere of radius 4
+    assert!((scene_extent(&frames) - 4.4).abs() < 1e-6);
+    assert_eq!(scene_extent(&[]), 0.0);
+}

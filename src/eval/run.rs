@@ -10,7 +10,7 @@ use super::speed::{self, Speed};
 use crate::csv;
 use crate::data::Split;
 use crate::metrics::lpips::{Lpips, LpipsNet};
-use crate::metrics::psnr::{most_of_pictures, psnr_of_pictures};
+use crate::metrics::psnr::{most_of_pictures, psnr_of_pictures, to_8_bits};
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
 use crate::model::Model;
 use image::RgbImage;
@@ -155,11 +155,6 @@ pub struct Sample {
 const LPIPS_WEIGHTS: &str = "LPIPS is null without --lpips-weights FILE: convert the published files with `volseggs lpips`; \
                              see `volseggs lpips --help`";
 
-/// Rounds to 8 bits and back, as an image file would.
-pub(super) fn quantise(v: f32) -> f32 {
-    (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
-}
-
 /// A view as it is drawn and as it should be, as 8-bit images.
 struct Pair {
     /// `[H, W, 3]`
@@ -181,10 +176,10 @@ impl Pair {
         let frame = &split.frames[i];
         let image = model.render(frame.camera.to_kernel(), frame.time as f32);
         for (to, from) in self.render.chunks_exact_mut(3).zip(image.chunks_exact(4)) {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = quantise(*from));
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = to_8_bits(*from));
         }
         split.images.composite(i, model.background(), &mut self.truth);
-        self.truth.iter_mut().for_each(|v| *v = quantise(*v));
+        self.truth.iter_mut().for_each(|v| *v = to_8_bits(*v));
         split.images.alpha(i, &mut self.alpha);
     }
 }

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 /// Name of the file within a run folder.
 const FILE: &str = ".lock";
 /// Longest wait for work that is short.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub const LOCK_PATIENCE: Duration = Duration::from_secs(60);
 /// Time between two tries.
 const PAUSE: Duration = Duration::from_millis(10);
 /// A file that has just been locked does not say yet by whom; this long nobody is refused for it.
@@ -80,12 +80,20 @@ pub struct RunLock {
 }
 
 impl RunLock {
+    /// As [`RunLock::acquire_within`] a minute.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn acquire(run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
+        Self::acquire_within(LOCK_PATIENCE, run, command, work)
+    }
+
     /// Takes the lock of the run in folder `run`, which must be there, for `command` (shown to others). Waits while its
-    /// holder's work is short, a minute at most. Temporaries in the run that killed writers left are then removed.
+    /// holder's work is short, for `patience` at most. Temporaries in the run that killed writers left are then removed.
     ///
     /// # Errors
     /// [`LockError::Held`] if another process has it, [`LockError::Io`] if the lock file cannot be used.
-    pub fn acquire(run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
+    pub fn acquire_within(patience: Duration, run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
         let path = run.join(FILE);
         let io = |source| LockError::Io { path: path.clone(), source };
         let mut file =
@@ -106,8 +114,8 @@ impl RunLock {
             let give_up = match &holder {
                 // seen twice: what a killed process wrote stays until the next holder has signed
                 Some(now) if now.work == Work::Long && last.as_ref() == Some(now) => true,
-                Some(_) => started.elapsed() > PATIENCE,
-                None => unsigned.get_or_insert_with(Instant::now).elapsed() > UNSIGNED,
+                Some(_) => started.elapsed() > patience,
+                None => unsigned.get_or_insert_with(Instant::now).elapsed() > UNSIGNED.min(patience),
             };
             if give_up {
                 let holder = Box::new(holder.unwrap_or_else(Holder::unknown));

@@ -10,7 +10,7 @@ mod replace;
 mod run_paths;
 
 pub use atomic::{AtomicDir, AtomicFile, remove_whole, write_atomic, write_named};
-pub use lock::{Holder, LockError, RunLock, Work};
+pub use lock::{Holder, LOCK_PATIENCE, LockError, RunLock, Work};
 pub use open::{is_mendable, open_regular, read_regular, read_text};
 pub use replace::{FolderKind, MARK, ReplaceError, check_file};
 pub use run_paths::RunPaths;

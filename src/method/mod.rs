@@ -18,7 +18,7 @@
 //!
 //! 1. A folder here with burn modules (`#[derive(Module)]`); random numbers from [`crate::rng::Rng`] with a `Purpose` of their
 //!    own, keyed by seed and step, so that a checkpoint needs no state of a generator.
-//! 2. A section of the configuration: a struct in `config/types/methods.rs` with all settings of the method, and a field
+//! 2. A section of the configuration: a struct in `config/types/methods/` with all settings of the method, and a field
 //!    `NAME: Option<...>` of `Config`; `seed`, `[data]` and `[output]` mean the same for every method. The published
 //!    settings as `configs/methods/NAME.toml`, for two cores as `configs/methods/NAME-small.toml`, both in
 //!    `config::PRESETS`: `volseggs train --method NAME` takes the preset of that name.

@@ -40,6 +40,12 @@ pub fn psnr(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
     Ok(-10.0 * (sum / a.len() as f64).log10())
 }
 
+/// `value` rounded to 8 bits and back, as an image file would.
+#[must_use]
+pub fn to_8_bits(value: f32) -> f32 {
+    (value.clamp(0.0, 1.0) * 255.0).round() / 255.0
+}
+
 /// [`psnr`] of two 8-bit images as values in [0, 1], never infinite: equal images count as if one of their values differed
 /// by one step of 255. A view that shows nothing, drawn as nothing, would make the mean over all views infinite.
 ///

@@ -40,6 +40,11 @@ use thiserror::Error;
 use views::{View, ViewOptions, test_views, training_views};
 use write::{write_gray, write_picture, write_sheet};
 
+/// Grows with every change of what the same options make images and cameras of; who keys results by options adds it.
+pub const IMAGES: u32 = 1;
+/// The same of the truth about segments.
+pub const TRUTH: u32 = 2;
+
 /// Least alpha of a pixel that belongs to a segment, in masks and label images: what shows at all on white.
 pub const MASK_ALPHA: f32 = 0.05;
 
@@ -220,7 +225,7 @@ pub fn prepare(
     if empty_times.len() == trained {
         return Err(PrepareError::Empty { source_of_values: source.describe(), transfer: transfer.name.clone(), span });
     }
-    let names = segments.finish()?;
+    let names = segments.finish(stop)?;
     let pictures = preview(root, 12)?;
     write_sheet(&root.join("contact-sheet.png"), &view_sheet(&pictures, 4, 320))?;
     let record = PrepareRecord {

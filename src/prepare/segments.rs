@@ -10,12 +10,12 @@ use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame, VolumeEn
 use crate::data::{SplitName, TruthVolume};
 use crate::files::write_atomic;
 use crate::volume::grid::Labels;
-use crate::volume::raycast::{Cells, RayCaster};
+use crate::volume::raycast::{Cells, Picture, RayCaster};
 use crate::volume::transfer::TransferFunction;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Most cells along the longest side of a volume of ids.
 pub const VOLUME_CELLS: usize = 96;
@@ -128,29 +128,13 @@ impl<'a> SegmentWriter<'a> {
         let ids: Vec<u16> = self.ids.iter().copied().collect();
         for id in ids {
             let name = self.name(id);
-            let folder = self.root.join("segments").join(&name);
-            std::fs::create_dir_all(&folder)
-                .map_err(|e| PrepareError::Write { path: folder.clone(), reason: e.to_string() })?;
+            self.make_folder(&name)?;
             let alone = caster.isolate(id);
-            let time = self.source.time(step);
             let frames = shots
                 .par_iter()
                 .map(|shot| {
-                    let camera = &shot.view.camera;
-                    let picture = caster.render_until(camera, Some(&alone), stop).ok_or(PrepareError::Interrupted)?;
-                    let mask = picture.mask(MASK_ALPHA);
-                    let [image_name, mask_name] =
-                        ["", "_mask"].map(|end| PathBuf::from(format!("{}{end}.png", shot.name)));
-                    write_picture(&folder.join(&image_name), &picture)?;
-                    write_mask(&folder.join(&mask_name), [camera.width, camera.height], &mask)?;
-                    let relative = |file: &Path| format!("./segments/{name}/{}", file.display());
-                    Ok(SegmentFrame {
-                        file_path: relative(&image_name),
-                        mask_path: relative(&mask_name),
-                        transform_matrix: camera.camera_to_world.transpose().to_cols_array_2d(),
-                        time,
-                        pixels: mask.iter().filter(|m| **m > 0).count(),
-                    })
+                    let picture = caster.render_until(&shot.view.camera, Some(&alone), stop);
+                    self.write_frame(&name, shot, &picture.ok_or(PrepareError::Interrupted)?)
                 })
                 .collect::<Result<Vec<_>, PrepareError>>()?;
             match self.entries.iter_mut().find(|e| e.id == id) {
@@ -158,6 +142,58 @@ impl<'a> SegmentWriter<'a> {
                 None => self.entries.push(SegmentEntry { id, name, frames }),
             }
         }
+        Ok(())
+    }
+
+    fn make_folder(&self, segment: &str) -> Result<(), PrepareError> {
+        let folder = self.root.join("segments").join(segment);
+        std::fs::create_dir_all(&folder)
+            .map_err(|e| PrepareError::Write { path: folder.clone(), reason: e.to_string() })
+    }
+
+    /// Writes the `picture` of a segment alone and its mask, in the segment's folder.
+    fn write_frame(&self, segment: &str, shot: &Shot, picture: &Picture) -> Result<SegmentFrame, PrepareError> {
+        let camera = &shot.view.camera;
+        let mask = picture.mask(MASK_ALPHA);
+        let [file_path, mask_path] = ["", "_mask"].map(|end| format!("./segments/{segment}/{}{end}.png", shot.name));
+        write_picture(&self.root.join(&file_path), picture)?;
+        write_mask(&self.root.join(&mask_path), [camera.width, camera.height], &mask)?;
+        Ok(SegmentFrame {
+            file_path,
+            mask_path,
+            transform_matrix: camera.camera_to_world.transpose().to_cols_array_2d(),
+            time: self.source.time(shot.view.step),
+            pixels: mask.iter().filter(|m| **m > 0).count(),
+        })
+    }
+
+    /// The frames of every segment, in the order of steps and views: where a segment was not known yet, as it appears later,
+    /// it shows nothing, and what is selected there in its place is wrong.
+    fn complete(&mut self, stop: &AtomicBool) -> Result<(), PrepareError> {
+        let mut shots: Vec<&Shot> = self.shots.iter().collect();
+        shots.sort_by_key(|shot| shot.view.step);
+        let mut all = Vec::with_capacity(self.ids.len());
+        for &id in &self.ids {
+            let known = self.entries.iter().position(|e| e.id == id).map(|at| &self.entries[at]);
+            let name = known.map_or_else(|| self.name(id), |entry| entry.name.clone());
+            if !shots.is_empty() {
+                self.make_folder(&name)?;
+            }
+            let frame = |shot: &&Shot| {
+                let path = format!("./segments/{name}/{}.png", shot.name);
+                match known.and_then(|entry| entry.frames.iter().find(|f| f.file_path == path)) {
+                    Some(frame) => Ok(frame.clone()),
+                    None if stop.load(Ordering::Relaxed) => Err(PrepareError::Interrupted),
+                    None => {
+                        let [width, height] = [shot.view.camera.width, shot.view.camera.height].map(|n| n as usize);
+                        self.write_frame(&name, shot, &Picture::new(width, height))
+                    }
+                }
+            };
+            let frames = shots.par_iter().map(frame).collect::<Result<_, PrepareError>>()?;
+            all.push(SegmentEntry { id, name, frames });
+        }
+        self.entries = all;
         Ok(())
     }
 
@@ -177,17 +213,11 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// Writes `segments.json` if anything is known, and gives the names of the segments.
-    pub fn finish(mut self) -> Result<Vec<String>, PrepareError> {
+    pub fn finish(mut self, stop: &AtomicBool) -> Result<Vec<String>, PrepareError> {
         if !self.known {
             return Ok(Vec::new());
         }
-        for id in &self.ids {
-            if !self.entries.iter().any(|e| e.id == *id) {
-                let (id, name) = (*id, self.name(*id));
-                self.entries.push(SegmentEntry { id, name, frames: Vec::new() });
-            }
-        }
-        self.entries.sort_by_key(|e| e.id);
+        self.complete(stop)?;
         let names = self.entries.iter().map(|e| e.name.clone()).collect();
         let splits = [SplitName::Train, SplitName::Test];
         let file = SegmentFile {

@@ -146,3 +146,30 @@ fn labels_of_a_scene_hold_under_other_transfer_functions() {
         }
     }
 }
+
+#[test]
+fn a_segment_that_appears_later_shows_nothing_until_then() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let steps = SegmentSteps::These(vec![0, 2, 4]);
+    let wanted = PrepareOptions { segments: SegmentOptions { steps, ..options(32).segments }, ..options(32) };
+    make_with(Synthetic::Vortices, &out, &wanted).unwrap();
+    let truth = Truth::read(&out).unwrap();
+    let when = |s: &crate::data::truth::SegmentEntry| s.frames.iter().map(|f| f.time).collect::<Vec<_>>();
+    let all = when(&truth.file.segments[0]);
+    assert_eq!(all.len(), 9);
+    let mut empty = 0;
+    for segment in &truth.file.segments {
+        assert_eq!(when(segment), all, "{}", segment.name);
+        for frame in &segment.frames {
+            let picture = image::open(out.join(&frame.file_path)).unwrap().to_rgba8();
+            let mask = image::open(out.join(&frame.mask_path)).unwrap().to_luma8();
+            assert_eq!(mask.pixels().filter(|p| p.0[0] > 0).count(), frame.pixels, "{}", frame.mask_path);
+            if frame.pixels == 0 {
+                assert!(picture.pixels().all(|p| f32::from(p.0[3]) < MASK_ALPHA * 255.0), "{}", frame.file_path);
+                empty += 1;
+            }
+        }
+    }
+    assert!(empty > 0, "{:?}", truth.file.segments.iter().map(|s| &s.name).collect::<Vec<_>>());
+}

@@ -16,6 +16,7 @@ use crate::train::run::RunRecord;
 use crate::train::{checkpoint, live, open_measured};
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What a run was opened as: Gaussians, or whatever draws.
 pub trait Trained {
@@ -219,12 +220,13 @@ impl<S: Trained> OpenRun<S> {
         self.scene.model()
     }
 
-    /// Takes the lock of a run that is open to be looked at, for one change: what others wrote since is to be read anew.
+    /// Takes the lock of a run that is open to be looked at, for one change: what others wrote since is to be read anew. Waits
+    /// for short work of others as long as `patience`.
     ///
     /// # Errors
     /// If another process writes into the run, or the run was trained on since it was opened.
-    pub fn lock(&self, command: &str, work: Work) -> Result<RunLock, RunError> {
-        let lock = RunLock::acquire(&self.path, command, work)?;
+    pub fn lock(&self, command: &str, work: Work, patience: Duration) -> Result<RunLock, RunError> {
+        let lock = RunLock::acquire_within(patience, &self.path, command, work)?;
         match self.older_step() {
             None => Ok(lock),
             Some(_) => Err(RunError::input(format!(

@@ -287,7 +287,8 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let mut plan = plan(dir.path());
         let stop = |plan: &Plan, run: usize, step| {
-            halving::save(dir.path(), plan, &BTreeMap::from([(plan.runs[run].key.clone(), step)])).unwrap();
+            let all: Vec<usize> = (0..plan.runs.len()).collect();
+            halving::save(dir.path(), plan, &all, &BTreeMap::from([(plan.runs[run].key.clone(), step)])).unwrap();
         };
         stop(&plan, 0, 40);
         let old = plan.runs[0].key.clone();

@@ -10,7 +10,7 @@ use crate::log::progress;
 use crate::memory::{Budget, product};
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
-    EVEN_STEPS, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare,
+    EVEN_STEPS, IMAGES, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, TRUTH, image_count, prepare,
 };
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
@@ -37,7 +37,7 @@ pub struct DataPlan {
     pub test_views: usize,
     /// Width and height of the images as they lie on disk.
     pub size: [u32; 2],
-    /// What tells its test views and truth from others of the same training views; empty where `source` tells it.
+    /// What tells its test views and truth from others of the same training views.
     #[serde(default)]
     pub measured: String,
 }
@@ -95,13 +95,15 @@ pub(super) fn datasets(
                 }
             }
             DataSource::Synthetic(spec) => {
-                let text = serde_json::to_string(spec).map_err(|e| bad(&e))?;
+                // made by another version it may be another
+                let truth = if spec.segments { format!("truth {TRUTH}") } else { String::new() };
+                let text = recipe(spec).map_err(|e| bad(&e))? + &truth;
                 DataPlan {
                     folder: out.join("datasets").join(format!("{name}-{}", short_hash(&text))),
                     views: spec.times.saturating_mul(spec.views),
                     test_views: spec.test_views,
                     size: [spec.size; 2],
-                    measured: String::new(),
+                    measured: truth,
                     source,
                 }
             }
@@ -144,9 +146,16 @@ pub(super) fn fingerprint(data: &DataPlan, downscale: u32, path: &Path, name: &s
             if downscale == 0 || spec.size % downscale != 0 {
                 return Err(bad(&format!("data.downscale = {downscale} does not divide size = {}", spec.size)));
             }
-            serde_json::to_string(spec).map_err(|e| bad(&e))
+            recipe(spec).map_err(|e| bad(&e))
         }
     }
+}
+
+/// What the images of a synthetic scene are made of.
+fn recipe(spec: &SyntheticSpec) -> serde_json::Result<String> {
+    // the first ones were keyed by the text alone
+    let images = if IMAGES > 1 { format!("images {IMAGES}") } else { String::new() };
+    Ok(serde_json::to_string(spec)? + &images)
 }
 
 impl DataPlan {

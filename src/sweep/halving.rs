@@ -48,13 +48,13 @@ fn file(dir: &Path) -> PathBuf {
     dir.join("halving.json")
 }
 
-/// Notes the step at which each stopped run was stopped, by key, in place of what was noted before of the runs of `plan`.
-/// What was noted of other runs, such as those of another build of the program, stays.
+/// Notes the step at which each stopped run was stopped, by key, in place of what was noted before of the runs of `plan`
+/// that were `judged`. What was noted of other runs, such as those of another build of the program, stays.
 ///
 /// # Errors
 /// If the note cannot be written.
-pub fn save(dir: &Path, plan: &Plan, now: &BTreeMap<String, usize>) -> Result<(), SweepError> {
-    let ours: BTreeSet<&str> = plan.runs.iter().map(|run| run.key.as_str()).collect();
+pub fn save(dir: &Path, plan: &Plan, judged: &[usize], now: &BTreeMap<String, usize>) -> Result<(), SweepError> {
+    let ours: BTreeSet<&str> = judged.iter().map(|run| plan.runs[*run].key.as_str()).collect();
     let mut all = stopped(dir);
     all.retain(|key, _| !ours.contains(key.as_str()));
     all.extend(now.iter().map(|(key, step)| (key.clone(), *step)));

@@ -85,14 +85,18 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
                     return Ok(Tally { died: at_rung.died, failed: at_rung.failed, ..tally });
                 }
             }
-            let on = halving::survivors(plan, &runs, rung, spec.keep);
+            // beside the chosen ones those that came as far before: a run is not the best of itself alone
+            let came = |i: &usize| progress(plan, *i) == Progress::Done || steps_done(&plan.run_folder(*i)) >= rung;
+            let field: Vec<usize> =
+                (0..plan.runs.len()).filter(|i| runs.contains(i) || !options.runs.contains(i) && came(i)).collect();
+            let on = halving::survivors(plan, &field, rung, spec.keep);
             let failed = |run: &usize| matches!(progress(plan, *run), Progress::Failed(_));
             let (lost, off): (Vec<usize>, Vec<usize>) =
                 runs.iter().copied().filter(|run| !on.contains(run)).partition(failed);
             failed_before_end += lost.len();
             stopped.extend(off.into_iter().map(|run| (plan.runs[run].key.clone(), rung)));
-            runs = on;
-            halving::save(&options.dir, plan, &stopped)?;
+            runs.retain(|run| on.contains(run));
+            halving::save(&options.dir, plan, &options.runs, &stopped)?;
         }
         tally.stopped = stopped.len();
         errln!("to the end: {} runs", runs.len());

@@ -4,7 +4,7 @@ use crate::data::paths::Axis;
 use crate::eval::segments::{Method, SegmentOptions};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::{FineOptions, repulsion};
+use crate::segment::fine::train::{FineOptions, MARGIN, repulsion};
 use crate::segment::masks::origin::MaskKind;
 use crate::segment::masks::origin::SAM_POINTS;
 use crate::segment::masks::sam::checkpoint;
@@ -65,25 +65,26 @@ pub struct SegmentSpec {
 
 impl Default for SegmentSpec {
     fn default() -> Self {
+        let SegmentOptions { time, clicks, oracle, views, fine, saga, .. } = SegmentOptions::default();
         Self {
             method: "coarse+fine".into(),
             masks: "regions".into(),
             mask_dir: None,
             sam_weights: None,
             sam_points: SAM_POINTS,
-            views: 30,
+            views,
             bias: String::new(),
             bias_angle: 45.0,
-            time: 0.5,
+            time,
             only: Vec::new(),
             score: Vec::new(),
-            oracle: true,
-            clicks: 1,
+            oracle,
+            clicks,
             clusters: None,
-            fine_steps: 5000,
-            saga_steps: 10_000,
-            pixels: FineOptions::default().pixels,
-            margin: 0.5,
+            fine_steps: fine.steps,
+            saga_steps: saga.steps,
+            pixels: fine.pixels,
+            margin: MARGIN,
             mask_scale: "drawn".into(),
         }
     }

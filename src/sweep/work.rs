@@ -4,7 +4,8 @@
 use super::claim::{Claimed, claim};
 use super::plan::{Plan, Run};
 use super::result::{
-    Failure, Metrics, Progress, failure_path, metrics_path, progress, read, segments_path, write, write_measured,
+    Failure, Metrics, Progress, failure_path, metrics_path, progress, read, read_metrics, read_segments, segments_path,
+    write, write_measured,
 };
 use crate::config::types::Config;
 use crate::data::{SplitName, Truth};
@@ -118,7 +119,7 @@ impl Worker<'_> {
         let trained = AnyRun::open_any(self.folder, &device).map_err(failed("eval"))?;
         let load = |path: &std::path::PathBuf| Lpips::load(path, &device).map_err(failed("eval"));
         let networks = self.plan.eval.lpips_weights.iter().map(load).collect::<Result<Vec<_>, _>>()?;
-        if !metrics_path(self.plan, self.index).is_file() {
+        if read_metrics(&metrics_path(self.plan, self.index)).is_none() {
             self.measure(&config, &data.folder, &trained, &networks)?;
         }
         if self.run.segments.is_empty() {
@@ -189,7 +190,7 @@ impl Worker<'_> {
         networks: &[Lpips],
     ) -> Result<(), Failure> {
         let path = segments_path(self.plan, self.index, spec);
-        if path.is_file() {
+        if read_segments(&path).is_some() {
             return Ok(());
         }
         let options = spec.options(seed).map_err(failed("segments"))?;

@@ -178,16 +178,23 @@ fn check_times(data: &DataConfig) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Refuses keys that would do nothing, as they wait for resets of opacity that never come.
+/// Refuses keys that would do nothing, as they wait for resets of opacity that never come, or something else than they say.
 fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
+    let bad = |text: String| Err(TrainError::Config(text));
+    if densify.every == 0 {
+        return bad("densify.every = 0: at least 1; densify.mode = \"off\" adds none".into());
+    }
+    if densify.prune_every == 0 {
+        return bad("densify.prune_every = 0: at least 1; densify.prune_opacity = 0 removes none".into());
+    }
     let waits = [
         ("prune_size", densify.prune_size > 0.0, densify.prune_size),
         ("opacity_reset_until", densify.opacity_reset_until > 0, densify.opacity_reset_until as f64),
     ];
     match waits.into_iter().find(|(_, is_on, _)| *is_on && densify.opacity_reset == 0) {
-        Some((key, _, value)) => Err(TrainError::Config(format!(
+        Some((key, _, value)) => bad(format!(
             "densify.{key} = {value}: only once opacities have been reset; set densify.opacity_reset as well"
-        ))),
+        )),
         None => Ok(()),
     }
 }
@@ -247,12 +254,14 @@ mod tests {
     fn values_that_make_no_sense_are_named_with_what_may_stand_there() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 19] = [
+        let cases: [(Edit, [&str; 2]); 21] = [
             (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
             (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
             (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
             (|c| c.data.only_times = vec![f64::NAN], ["data.only_times", "NaN"]),
             (|c| (c.data.only_times, c.data.times) = (vec![0.5], 3), ["data.times = 3", "one of them"]),
+            (|c| c.densify.every = 0, ["densify.every = 0", "at least 1"]),
+            (|c| c.densify.prune_every = 0, ["densify.prune_every = 0", "at least 1"]),
             (|c| c.densify.prune_size = 0.1, ["densify.prune_size = 0.1", "densify.opacity_reset"]),
             (|c| c.densify.opacity_reset_until = 9, ["densify.opacity_reset_until = 9", "densify.opacity_reset "]),
             (|c| c.init.scale = 0.0, ["init.scale = 0", "above 0"]),

@@ -7,9 +7,8 @@ use super::resume::{self, Change};
 use super::{Saved, Training};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
 use crate::model::Scene;
-use crate::model::scene_file::{SceneError, read_tensors, write_tensors};
+use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
 use crate::shell;
-use crate::tensors;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -184,7 +183,10 @@ pub fn advice(path: &Path) -> String {
     let run = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new("."));
     let whole = |checkpoint: &Path| {
         read_state(checkpoint).is_ok()
-            && [RunPaths::SCENE, OPTIMIZER].iter().all(|f| tensors::read(&checkpoint.join(f)).is_ok())
+            && [RunPaths::SCENE, OPTIMIZER]
+                .iter()
+                .map(|f| checkpoint.join(f))
+                .all(|file| read_tensors(&file).is_ok_and(|(tensors, _)| refuse_not_finite(&file, &tensors).is_ok()))
     };
     let before = step_of(path).unwrap_or(usize::MAX);
     let older = list(run).into_iter().rev().filter(|(step, _)| *step < before).map(|(_, p)| p);
@@ -253,14 +255,17 @@ pub fn save_packed(run: &Path, scene: &Scene, checkpoint: &Path) -> Result<PathB
 /// Writes a checkpoint and removes all but the `keep` newest.
 ///
 /// # Errors
-/// If a file cannot be written; nothing half-written is left under a final name.
+/// If a file cannot be written, or a moment is no finite number; nothing half-written is left under a final name.
 pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> Result<PathBuf, CheckpointError> {
     let path = RunPaths(run).checkpoints().join(folder_name(state.step));
     let file_error = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     std::fs::create_dir_all(RunPaths(run).checkpoints()).map_err(|e| file_error(&e))?;
     let dir = AtomicDir::create(&path).map_err(|e| file_error(&e))?;
     training.model().save(&dir.dir().join(RunPaths::SCENE))?;
-    write_tensors(&dir.dir().join(OPTIMIZER), &training.state(), None)?;
+    // on a GPU losses and gradients are looked at now and then only; what is not finite shows in the moments too
+    let moments = training.state();
+    refuse_not_finite(&path.join(OPTIMIZER), &moments)?;
+    write_tensors(&dir.dir().join(OPTIMIZER), &moments, None)?;
     let json = serde_json::to_vec_pretty(state).map_err(|e| file_error(&e))?;
     write_atomic(&dir.dir().join(STATE), &json).map_err(|e| file_error(&e))?;
     dir.commit_replacing(&KIND, &[])?;

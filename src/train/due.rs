@@ -73,9 +73,9 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         Stage::Joint(_) => d.prune_joint,
     };
     let prunes = prunes && every(d.prune_every);
-    let was_reset = d.opacity_reset > 0 && (stage.is_joint() || step > d.opacity_reset);
     // counted over the run where resets go on in the joint stage
     let of_run = stage.step_of_run(config) + 1;
+    let was_reset = d.opacity_reset > 0 && of_run > d.opacity_reset;
     let reset = (!stage.is_joint() || d.opacity_reset_joint)
         && d.opacity_reset > 0
         && (of_run == d.opacity_reset || of_run <= d.opacity_reset_until && of_run.is_multiple_of(d.opacity_reset));

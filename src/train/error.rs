@@ -12,7 +12,7 @@ pub enum TrainError {
     /// A number is not finite.
     #[error(
         "step {step}: {what} is not finite (NaN or infinite); nothing after the last checkpoint was kept. \
-         Lower the learning rate of that group, or resume with another seed"
+         Train into another --out with a lower learning rate of that group, or another seed"
     )]
     NotFinite {
         /// Global step, from 0.

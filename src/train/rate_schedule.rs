@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 pub(crate) static SCHEDULES: Registry<dyn Schedule> = Registry::new("schedule");
 
-/// A course of the learning rates of means, encoder and decoder, in place of `optim.final_fraction ^ progress`.
+/// A course of the learning rates of means, encoder, decoder and embedding, in place of `optim.final_fraction ^ progress`.
 ///
 /// The other groups keep `optim.attributes_final_fraction`.
 pub trait Schedule: Send + Sync {

@@ -171,6 +171,6 @@ mod tests {
         let short = text(|c| c.stages.joint_steps = 9000);
         assert_eq!(changes(&without(&short), &without(&short), 5).unwrap(), (Vec::new(), Vec::new()));
         let (_, refused) = changes(&without(&short), &short, 5).unwrap();
-        assert!(refused[0].to_string().contains("optim.warmup_decay_steps was 9000 and is 20000 now"), "{refused:?}");
+        assert!(refused[0].to_string().contains("optim.warmup_decay_steps was 9000 and is 30000 now"), "{refused:?}");
     }
 }

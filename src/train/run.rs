@@ -12,7 +12,7 @@ use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::progress;
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
-use crate::metrics::psnr::psnr;
+use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
 use crate::model::Model;
 use crate::program;
 use crate::shell;
@@ -355,7 +355,7 @@ fn builds_before(record: &Path, build: &str) -> Vec<String> {
     builds
 }
 
-/// Mean PSNR over `views` evenly spaced views of a split, decibels.
+/// Mean PSNR over `views` evenly spaced views of a split as 8-bit images, decibels; finite, as that of an evaluation.
 #[must_use]
 pub fn mean_psnr(model: &dyn Model, split: &Split, views: usize) -> f64 {
     let n = split.frames.len();
@@ -366,9 +366,10 @@ pub fn mean_psnr(model: &dyn Model, split: &Split, views: usize) -> f64 {
         let i = k * n / views;
         let frame = &split.frames[i];
         let image = model.render(frame.camera.to_kernel(), frame.time as f32);
-        let rgb: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+        let rgb: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).map(to_8_bits).collect();
         split.images.composite(i, model.background(), &mut truth);
-        sum += psnr(&rgb, &truth).unwrap_or(f64::NAN);
+        truth.iter_mut().for_each(|v| *v = to_8_bits(*v));
+        sum += psnr_of_pictures(&rgb, &truth).unwrap_or(f64::NAN);
     }
     sum / views as f64
 }

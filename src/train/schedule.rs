@@ -21,8 +21,7 @@ impl Stage {
         if step < warmup { Self::Warmup(step) } else { Self::Joint(step - warmup) }
     }
 
-    /// The spherical-harmonics degree in use: one more every `stages.sh_every` steps of warm-up. It does
-    /// not fall back in the joint stage unless there was no warm-up long enough to reach the top.
+    /// The spherical-harmonics degree in use: one more every `stages.sh_every` steps of the run, up to the top.
     pub fn sh_degree(self, config: &Config) -> usize {
         let every = config.stages.sh_every;
         self.step_of_run(config).checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
@@ -84,7 +83,7 @@ impl Stage {
 /// The schedules that are built in.
 pub const SCHEDULES: [&str; 3] = ["log-linear", "cosine", "constant"];
 
-/// What the rates of means, encoder and decoder are multiplied by at `progress` in [0, 1]: as the registered schedule
+/// What the rates of means, encoder, decoder and embedding are multiplied by at `progress` in [0, 1]: as the registered schedule
 /// `optim.schedule` says, or the built-in one of that name, or else log-linearly.
 pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
     let last = config.final_fraction;
@@ -102,8 +101,10 @@ pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> 
         means, rotations, log_scales, opacity, sh, normals, material, encoder, decoder, embedding, ..
     } = config.optim;
     let decayed = |rate: f64| rate * decay(&config.optim, stage.progress(config));
+    // warm-up before a joint stage with rates of its own ends with the rates that it began with
+    let falls = stage.is_joint() || config.stages.joint_steps == 0 || config.optim.decay_over == DecayOver::Run;
     let attribute = |rate: f64| {
-        if stage.is_joint() { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
+        if falls { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
     };
     match name {
         "gaussians.means" => Some(decayed(means * extent)),
@@ -160,9 +161,10 @@ mod tests {
         assert_eq!(view(&config, 12, 30), view(&config, 12, 30));
     }
 
-    /// The default, with rates that end at a hundredth.
+    /// A joint stage of 20,000 steps, and rates that end at a hundredth.
     fn to_a_hundredth() -> Config {
         let mut config = Config::default();
+        (config.stages.joint_steps, config.optim.warmup_decay_steps) = (20_000, 20_000);
         config.optim.final_fraction = 0.01;
         config
     }
@@ -195,6 +197,12 @@ mod tests {
         // the network's own begins where the schedule has come by then, as in the published code of D3DGS
         let network = rate("field.encoder.D3dgs.output.weight", Stage::Joint(0));
         assert!((network / config.optim.encoder - 0.01f64.powf(0.1)).abs() < 1e-12);
+        // and so do the attributes
+        config.optim.attributes_final_fraction = 0.01;
+        let rate = |name, stage| learning_rate(name, stage, &config, 1.0).unwrap();
+        let fallen =
+            rate("gaussians.opacity_logits", Stage::Warmup(1500)) / rate("gaussians.opacity_logits", Stage::Warmup(0));
+        assert!((fallen - 0.01f64.powf(0.05)).abs() < 1e-12, "{fallen}");
         (config.loss.dssim_last, config.loss.dssim_ramp) = (27_000, 1);
         let weights = [Stage::Warmup(0), Stage::Warmup(2999), Stage::Joint(0), Stage::Joint(26_999)];
         assert_eq!(weights.map(|stage| stage.dssim_weight(&config)), [config.loss.dssim; 4]);
@@ -225,7 +233,7 @@ mod tests {
 
     #[test]
     fn dssim_comes_late_and_rises() {
-        let mut config = Config::default();
+        let mut config = to_a_hundredth();
         config.loss.dssim_ramp = 10;
         let weight = |s| Stage::Joint(s).dssim_weight(&config);
         assert_eq!(weight(14_999), 0.0);

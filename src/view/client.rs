@@ -21,6 +21,8 @@ pub struct Client {
     out: Sender<Outgoing>,
     /// It does not take what is sent, and is to be given up.
     pub lost: bool,
+    /// What it wants to see could not be drawn; it is tried again when something changes.
+    pub failed: bool,
     /// When to draw.
     pub pace: Pace,
     /// What it wants to see.
@@ -68,6 +70,7 @@ impl Client {
         Self {
             out,
             lost: false,
+            failed: false,
             pace: Pace::new(Instant::now()),
             view: None,
             preview: None,
@@ -122,6 +125,7 @@ impl Client {
 
     /// What is shown is to be drawn anew.
     pub fn changed(&mut self) {
+        self.failed = false;
         self.selections += 1;
         self.pace.changes(Instant::now(), false);
     }
@@ -242,11 +246,13 @@ impl Client {
     ///
     /// # Errors
     /// If there was none.
-    pub fn adjust(&mut self, id: u32, meaning: Option<Asked>) -> Result<Selected, ClickError> {
+    pub fn adjust(&mut self, space: &Workspace, id: u32, meaning: Option<Asked>) -> Result<Selected, ClickError> {
         let Some((_, Clicked { hit, time, before, .. })) = &self.clicked else {
             return Err(RunError::input("click on something first").into());
         };
         let (hit, time, before) = (hit.clone(), *time, before.clone());
+        // a click at another time that hit nothing may have been meanwhile
+        Clicks::get(&mut self.clicks, space, time)?;
         self.select(id, hit, time, before, meaning, Instant::now())
     }
 

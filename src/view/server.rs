@@ -4,6 +4,7 @@ use super::auth::Guard;
 use super::hub::{ClientId, Event, Hub, Outgoing};
 use super::page::{FILES, MODULES, PageFile};
 use super::protocol::{Answer, FrameInfo, LONGEST, Request};
+use crate::words::plain;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
@@ -69,17 +70,17 @@ fn text<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
 /// without it.
 async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -> Response<Body> {
     let (guard, headers) = (&shared.guard, request.headers());
+    let token = request.uri().query().and_then(|q| q.strip_prefix("token="));
     let mut response = if !guard.allows_host(text(headers, &header::HOST)) {
         (StatusCode::FORBIDDEN, "this name is not one of the server's; see --allow-host").into_response()
+    } else if token.is_some_and(|token| guard.allows_token(token)) {
+        // also who has the cookie: the secret is not to stay in the address
+        let cookie = guard.set_cookie();
+        (StatusCode::SEE_OTHER, [(header::SET_COOKIE, cookie), (header::LOCATION, "/".to_owned())]).into_response()
     } else if guard.allows_cookie(text(headers, &header::COOKIE)) {
         next.run(request).await
-    } else if let Some(token) = request.uri().query().and_then(|q| q.strip_prefix("token=")) {
-        if guard.allows_token(token) {
-            let cookie = guard.set_cookie();
-            (StatusCode::SEE_OTHER, [(header::SET_COOKIE, cookie), (header::LOCATION, "/".to_owned())]).into_response()
-        } else {
-            (StatusCode::FORBIDDEN, "the token is not that of this server").into_response()
-        }
+    } else if token.is_some() {
+        (StatusCode::FORBIDDEN, "the token is not that of this server").into_response()
     } else {
         (StatusCode::FORBIDDEN, "open the whole address that `volseggs view` printed, with its token").into_response()
     };
@@ -171,8 +172,11 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outg
             shared.hub.tell(id, Event::Said(Box::new(request)));
         }
         Err(error) => {
-            let message = format!("not understood: {error}");
-            return out.try_send(Outgoing::Text(Box::new(Answer::Error { id: None, message }))).is_ok();
+            let message = format!("not understood: {}", plain(&error.to_string()));
+            // who waits for an answer hears it
+            let id = serde_json::from_str::<serde_json::Value>(text).ok().and_then(|request| request["id"].as_u64());
+            let id = id.and_then(|id| u32::try_from(id).ok());
+            return out.try_send(Outgoing::Text(Box::new(Answer::Error { id, message }))).is_ok();
         }
     }
     true

@@ -52,6 +52,9 @@ fn every_mixture_of_host_origin_secret_and_method() {
         (String::new(), format!("?token={}", server.token), false, true),
         (String::new(), format!("?token={wrong}"), false, false),
         (cookie(&wrong), format!("?token={}", server.token), false, true),
+        // who knows both gets an address without the secret
+        (cookie(&server.token), format!("?token={}", server.token), true, true),
+        (cookie(&server.token), format!("?token={wrong}"), true, false),
         (format!("Cookie: volseggs-{}={}\r\n", port ^ 1, server.token), String::new(), false, false),
     ];
     let upgrade = "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
@@ -72,14 +75,14 @@ fn every_mixture_of_host_origin_secret_and_method() {
                         );
                         let expected: &[u32] = match (host_right, known, brings) {
                             (false, ..) => &[400, 403],
-                            (true, true, _) => match (path, method) {
+                            (true, true, false) => match (path, method) {
                                 ("/", "GET" | "HEAD") => &[200],
                                 ("/ws", "GET") if of.is_some() && of == own => &[101],
                                 ("/ws", "GET") => &[403],
                                 ("/run.json", _) => &[404],
                                 _ => &[400, 405],
                             },
-                            (true, false, true) => &[303],
+                            (true, _, true) => &[303],
                             (true, false, false) => &[403],
                         };
                         let answer = head(&server, &request);
@@ -105,7 +108,7 @@ fn every_mixture_of_host_origin_secret_and_method() {
             }
         }
     }
-    assert_eq!((asked, opened), (7 * 5 * 7 * 6 * 3, 3));
+    assert_eq!((asked, opened), (7 * 5 * 9 * 6 * 3, 6));
 }
 
 #[test]

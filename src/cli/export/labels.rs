@@ -129,6 +129,9 @@ struct Written {
 /// Segments, voxels or a truth that cannot be used; a file that cannot be written.
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Result<(), CliError> {
     let options = &args.labels;
+    if options.space.is_some() && !matches!(format, LabelFormat::Nrrd(_)) {
+        return Err(CliError::input("--space: is said in NRRD files alone; leave it out, or write .nrrd"));
+    }
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
     let times = args.times()?;
     let truth = match options.truth.as_slice() {
@@ -177,7 +180,7 @@ fn output(args: &ExportArgs, run: &OpenRun, format: LabelFormat, needed: &[&Path
     let many = args.frames.is_some();
     Ok(match &args.out {
         Some(out) if many => Output::folder(out, extension, needed)?,
-        Some(out) => Output::file(out, extension)?,
+        Some(out) => Output::file(out, extension, needed)?,
         None => Output::within(&run.paths().labels(), "labels", extension, many, needed)?,
     })
 }

@@ -18,8 +18,11 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     let times = args.times()?;
     let needed = [run.path.as_path()];
     let extension = format.extension();
-    let output =
-        if args.frames.is_some() { Output::folder(out, extension, &needed) } else { Output::file(out, extension) }?;
+    let output = if args.frames.is_some() {
+        Output::folder(out, extension, &needed)
+    } else {
+        Output::file(out, extension, &needed)
+    }?;
     // a command has nothing that stops it but its end
     let count = write_splats(run, &shown, &times, &output, format, || true)?.unwrap_or_default();
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();

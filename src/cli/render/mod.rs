@@ -27,7 +27,7 @@ pub struct RenderArgs {
     run: PathBuf,
     /// `test` (the 181-view spiral through 100 times), `orbit`, a transforms_*.json file, or a path of keyframes that was saved
     /// in `volseggs view`.
-    #[arg(long, default_value = "test")]
+    #[arg(long, default_value = "test", conflicts_with_all = ["camera", "view"])]
     path: PathBuf,
     #[command(flatten)]
     view: ViewArgs,

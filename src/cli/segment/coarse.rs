@@ -37,10 +37,10 @@ pub struct CoarseArgs {
     #[arg(long)]
     keep_outliers: bool,
     /// Radius in which neighbours are counted, world units; from the scene's spacing if not given.
-    #[arg(long, value_name = "R", value_parser = positive_f32)]
+    #[arg(long, value_name = "R", value_parser = positive_f32, conflicts_with = "keep_outliers")]
     radius: Option<f32>,
     /// Neighbours that a Gaussian has at least.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with = "keep_outliers")]
     min_neighbours: Option<u32>,
     /// Seed of the clustering.
     #[arg(long, default_value_t = 0)]

@@ -6,7 +6,7 @@ use crate::files::Work;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::affinity::{self, Stage, Trained};
-use crate::segment::fine::train::{FineOptions, MaskScale, repulsion};
+use crate::segment::fine::train::{FineOptions, MARGIN, MaskScale, repulsion};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
@@ -21,7 +21,7 @@ pub struct FineArgs {
     /// Folder of the run.
     run: PathBuf,
     /// Steps.
-    #[arg(long, default_value_t = 5000, value_parser = count)]
+    #[arg(long, default_value_t = FineOptions::default().steps, value_parser = count)]
     steps: usize,
     /// Pixels a step, of the up to 16384 that are kept of a view; with a margin, time grows with their square.
     #[arg(long, default_value_t = 2048, value_parser = count)]
@@ -31,7 +31,7 @@ pub struct FineArgs {
     rate: f64,
     /// Pixels of different masks repel where their cosine exceeds this; -1 is the paper's loss, without a margin. With
     /// one, more parts find room beside each other.
-    #[arg(long, value_name = "COSINE", default_value_t = 0.5, value_parser = cosine_f32, allow_negative_numbers = true)]
+    #[arg(long, value_name = "COSINE", default_value_t = MARGIN, value_parser = cosine_f32, allow_negative_numbers = true)]
     margin: f32,
     /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper [drawn, own].
     #[arg(long, value_name = "WHICH", default_value = "drawn")]

@@ -66,6 +66,21 @@ pub(super) struct StartArgs {
     json: bool,
 }
 
+/// Says that the report in `dir` will be of other data than it is of now. The runs of both stay.
+fn tell_of_other_data(plan: &Plan, dir: &Path) {
+    let folders = |plan: &Plan| plan.datasets.values().map(|data| data.folder.clone()).collect::<Vec<_>>();
+    if let Ok(before) = Plan::load(dir, None)
+        && folders(&before) != folders(plan)
+    {
+        errln!(
+            "note: the report in {} was of other data ({}) and will be of these; all runs stay; another --out keeps both \
+             reports",
+            dir.display(),
+            before.datasets.keys().cloned().collect::<Vec<_>>().join(", ")
+        );
+    }
+}
+
 impl StartArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let file = self.file.clone().ok_or_else(|| CliError::input("give a sweep file"))?;
@@ -102,6 +117,7 @@ impl StartArgs {
         // read before anything is written
         let profile = self.profile.as_deref().map(Profile::read).transpose()?.unwrap_or_default();
         let stop = stop_flag("stopping; runs save checkpoints first")?;
+        tell_of_other_data(&plan, &dir);
         let hash = plan.save(&dir)?;
         if self.rerun_failed {
             for &run in &runs {

@@ -5,6 +5,7 @@ use super::{Place, distinct, first_metric, places, row_name, value, variant_mean
 use crate::compare::metric::{Better, Column};
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
 use crate::report::{Block, Number};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Most places whose best variant is a headline.
@@ -47,6 +48,16 @@ fn best(set: &ResultSet, place: &Place) -> Option<Number> {
         Better::Lower => false,
         Better::Neither => return None,
     };
+    // means over other segments are no fair comparison
+    let segments = |variant: &str| -> BTreeSet<&str> {
+        let of_it = set.outcomes.iter().filter(|o| place.holds(o) && o.variant == variant && value(o, &id).is_some());
+        of_it.map(|o| o.segment.as_str()).collect()
+    };
+    let mut measured = variants(set).into_iter().map(segments).filter(|s| !s.is_empty());
+    let first = measured.next()?;
+    if measured.any(|other| other != first) {
+        return None;
+    }
     let means = variants(set).into_iter().filter_map(|v| Some((v, variant_mean(set, place, v, &id)?)));
     let (variant, mean) = means.reduce(|a, b| if (b.1 > a.1) == higher && b.1 != a.1 { b } else { a })?;
     let unit = head.split_once(", ").map_or("", |(_, unit)| unit);

@@ -2,9 +2,8 @@
 
 use super::select::Selected;
 use super::truth::{TruthFrame, TruthImage};
-use crate::eval::run::quantise;
 use crate::metrics::lpips::{Lpips, LpipsNet};
-use crate::metrics::psnr::psnr_of_pictures;
+use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
 use crate::model::{HostGaussians, Rendering};
 use crate::segment::pictures::draw;
@@ -63,7 +62,7 @@ impl Judge<'_> {
     ) -> Result<(FrameScore, Vec<f32>), String> {
         let alone = selected.of(at);
         let image = draw(&alone, self.rendering.seen_by(frame.camera.to_kernel()), self.device);
-        let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(quantise)).collect();
+        let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(to_8_bits)).collect();
         let least = self.mask_alpha.unwrap_or(self.truth_alpha);
         let known = |(i, known): (usize, &bool)| match self.mask_alpha {
             Some(least) => truth.alpha[i] >= least,
@@ -103,7 +102,7 @@ impl Judge<'_> {
     fn composite(&self, rgba: &[u8]) -> Vec<f32> {
         let over = |p: &[u8]| {
             let a = f32::from(p[3]) / 255.0;
-            [0, 1, 2].map(|c| quantise(f32::from(p[c]) / 255.0 * a + (1.0 - a) * self.rendering.background[c]))
+            [0, 1, 2].map(|c| to_8_bits(f32::from(p[c]) / 255.0 * a + (1.0 - a) * self.rendering.background[c]))
         };
         rgba.chunks_exact(4).flat_map(over).collect()
     }

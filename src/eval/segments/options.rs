@@ -40,6 +40,27 @@ pub struct SegmentOptions {
     pub mask_alpha: Option<f32>,
 }
 
+impl Default for SegmentOptions {
+    /// What `eval --segments` and sweeps measure if nothing else is said: every method, with one click on each segment.
+    fn default() -> Self {
+        Self {
+            time: 0.5,
+            methods: Method::ALL.to_vec(),
+            segments: Vec::new(),
+            unions: Vec::new(),
+            clicks: 1,
+            oracle: true,
+            masks: MaskKind::Regions,
+            views: 30,
+            bias: None,
+            coarse: CoarseOptions::default(),
+            fine: FineOptions::default(),
+            saga: SagaOptions::default(),
+            mask_alpha: None,
+        }
+    }
+}
+
 /// Why segments cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum SegmentEvalError {

@@ -115,14 +115,14 @@ impl Prompt {
         self.first.clone()
     }
 
-    /// A click on the pixel that lies deepest in what `selected` leaves out of the segment; `None` if it leaves out none, or
-    /// there is to be one click only.
+    /// A click on the pixel that lies deepest in what `selected` leaves out of the segment, as far as the scene shows anything
+    /// there; `None` if it leaves out none, or there is to be one click only.
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
         let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
         let mut left_out = vec![false; columns * rows];
         for (p, &place) in inside.iter().enumerate() {
-            left_out[place as usize] = !covered(pixels, p, selected);
+            left_out[place as usize] = shows(pixels, p) && !covered(pixels, p, selected);
         }
         let place = deepest(&left_out, *columns, *rows);
         let p = inside.binary_search(&(place as u32)).ok()?;
@@ -141,6 +141,11 @@ impl Prompt {
         }
         if either == 0 { 0.0 } else { both as f64 / either as f64 }
     }
+}
+
+/// Whether anything is seen at pixel `p` of these: a click where nothing is would snap to another place.
+fn shows(pixels: &Contributors, p: usize) -> bool {
+    pixels.row(p).1.iter().sum::<f32>() > LEAST
 }
 
 /// Whether the selected Gaussians make up most of what is seen at pixel `p` of these.

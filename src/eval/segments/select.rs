@@ -187,9 +187,11 @@ pub fn fixed(
         let started = Instant::now();
         let more = scenery.select(method, setting, &place)?;
         seconds = seconds.min(started.elapsed().as_secs_f64());
+        let before = out.members.len();
         out = if count == 0 { more } else { out.with(&more) };
         count += 1;
-        if count < clicks {
+        // one that adds nothing would be made at the same place again
+        if count < clicks && (count == 1 || out.members.len() > before) {
             click = next(&out.members);
         }
     }

@@ -25,6 +25,9 @@ impl FromStr for Union {
         if parts.iter().any(String::is_empty) {
             return Err(format!("\"{text}\": a segment without a name; {how}"));
         }
+        if parts.len() < 2 {
+            return Err(format!("\"{text}\": one segment is measured as it is; {how}"));
+        }
         if let Some(twice) = parts.iter().enumerate().find(|(i, p)| parts[..*i].contains(p)) {
             return Err(format!("\"{text}\": {} stands there twice; {how}", twice.1));
         }
@@ -119,7 +122,7 @@ mod tests {
     fn a_union_is_read_and_refused_with_its_text() {
         let union: Union = "pair = a + b".parse().unwrap();
         assert_eq!((union.name.to_string(), union.parts), ("pair".into(), vec!["a".to_owned(), "b".into()]));
-        for text in ["pair", "=a+b", "pair=", "pair=a+", "pair=a+a", "../x=a"] {
+        for text in ["pair", "=a+b", "pair=", "pair=a", "pair=a+", "pair=a+a", "../x=a+b"] {
             let error = text.parse::<Union>().unwrap_err();
             assert!(error.contains(text) && error.contains("NAME=SEGMENT+SEGMENT"), "{error}");
         }
@@ -136,7 +139,7 @@ mod tests {
             (vec!["x".to_owned()], vec![], "\"x\""),
             (vec![], vec![union("pair=a+x")], "\"x\""),
             (vec![], vec![union("c=a+b")], "\"c\""),
-            (vec![], vec![union("p=a+b"), union("p=a")], "\"p\""),
+            (vec![], vec![union("p=a+b"), union("p=b+a")], "\"p\""),
             (vec![], vec![union("p=a+c")], "different views"),
         ] {
             let error = targets(&truth(), &only, &unions).unwrap_err().to_string();

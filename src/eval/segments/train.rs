@@ -118,6 +118,9 @@ impl Trainers<'_> {
                 trained.votes = Some(votes(&masks)?);
                 trained.seconds.insert(Method::Sagd, started.elapsed().as_secs_f64());
             }
+            if !self.wants(Method::Fine) && !self.wants(Method::Saga) {
+                return Ok(trained);
+            }
             let started = Instant::now();
             let views = self.fine_views(&masks, &scene, &frame)?;
             let before = mask_seconds + started.elapsed().as_secs_f64();

@@ -53,9 +53,15 @@ impl Output {
     /// The single file `path`.
     ///
     /// # Errors
-    /// Something else stands there, or its folder is missing.
-    pub fn file(path: &Path, extension: &'static str) -> Result<Self, RunError> {
+    /// Something else stands there, it is itself of `needed`, or its folder is missing.
+    pub fn file(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, RunError> {
         check_file(path)?;
+        let whole = std::fs::canonicalize(path);
+        let is_it = |other: &&Path| whole.as_ref().is_ok_and(|w| std::fs::canonicalize(other).is_ok_and(|o| o == *w));
+        if needed.iter().any(is_it) {
+            let problem = "is read by this command, and would be written over; choose another name with --out";
+            return Err(RunError::input(format!("{}: {problem}", path.display())));
+        }
         Ok(Self { path: path.to_owned(), extension, folder: None })
     }
 
@@ -83,7 +89,7 @@ impl Output {
         if many {
             Self::folder(&folder.join("frames"), extension, needed)
         } else {
-            Self::file(&folder.join(format!("{name}.{extension}")), extension)
+            Self::file(&folder.join(format!("{name}.{extension}")), extension, needed)
         }
     }
 

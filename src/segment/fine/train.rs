@@ -37,6 +37,9 @@ impl FromStr for MaskScale {
     }
 }
 
+/// The margin of the contrastive loss that is taken if none is given, a cosine.
+pub const MARGIN: f32 = 0.5;
+
 /// How masks repel with that `margin`, a cosine: -1 is the paper's loss, without one.
 #[must_use]
 pub fn repulsion(margin: f32) -> Repulsion {
@@ -69,7 +72,7 @@ impl Default for FineOptions {
             steps: 5000,
             pixels: 2048,
             rate: 1e-3,
-            repulsion: Repulsion::Margin(0.5),
+            repulsion: repulsion(MARGIN),
             mask_scale: MaskScale::Drawn,
             hierarchy: 0.0,
             seed: 0,

@@ -6,7 +6,7 @@ pub mod export;
 pub mod task;
 
 use super::hub::Hub;
-use crate::files::Work;
+use crate::files::{LOCK_PATIENCE, Work};
 use crate::run::{OpenRun, RunError};
 use board::{Board, JobEnd, JobState, Reporter};
 use burn::tensor::Device;
@@ -122,6 +122,6 @@ impl Drop for Jobs {
 }
 
 fn carry_out(task: &Task, run: &OpenRun, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
-    let _lock = run.lock(&format!("volseggs view: {task}"), Work::Long)?;
+    let _lock = run.lock(&format!("volseggs view: {task}"), Work::Long, LOCK_PATIENCE)?;
     task.carry_out(run, device, report)
 }

@@ -16,14 +16,15 @@ canvas.addEventListener("pointerdown", (e) => {
   canvas.focus();
   canvas.setPointerCapture(e.pointerId);
   fingers.set(e.pointerId, [e.clientX, e.clientY]);
-  drag = { x: e.clientX, y: e.clientY, moved: 0, button: e.button, shift: e.shiftKey, ctrl: e.ctrlKey, alt: e.altKey };
+  drag = { moved: 0, button: e.button, shift: e.shiftKey, ctrl: e.ctrlKey, alt: e.altKey };
 });
 canvas.addEventListener("pointermove", (e) => {
   if (!drag || !fingers.has(e.pointerId)) return;
   const before = [...fingers.values()];
+  const [x, y] = fingers.get(e.pointerId);
   fingers.set(e.pointerId, [e.clientX, e.clientY]);
-  const [dx, dy] = [e.clientX - drag.x, e.clientY - drag.y];
-  Object.assign(drag, { x: e.clientX, y: e.clientY, moved: drag.moved + Math.abs(dx) + Math.abs(dy) });
+  const [dx, dy] = [e.clientX - x, e.clientY - y];
+  drag.moved += Math.abs(dx) + Math.abs(dy);
   if (drag.moved < 4) return;
   const width = Math.min(canvas.clientWidth, canvas.clientHeight);
   if (fingers.size === 2) {
@@ -86,7 +87,7 @@ document.addEventListener("keydown", (e) => {
     return look(true);
   }
   // on a button, a box or a colour it does what it does there
-  if (e.key === " " && !document.activeElement?.matches("button, [type=checkbox], [type=color]")) { e.preventDefault(); play(); }
+  if (e.key === " " && !document.activeElement?.matches("button, summary, [type=checkbox], [type=color]")) { e.preventDefault(); play(); }
   if (e.key === ",") nudge(-1);
   if (e.key === ".") nudge(1);
   if (e.key === "s") save();

@@ -8,19 +8,34 @@ const hex = (colour) => `#${colour.map((c) => Math.round(255 * Math.min(1, Math.
 const rgb = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
 
 // an edit that is shown while a control is moved and made once it rests, so that one movement is one step
-let timer;
-function show(s, operation) {
-  clearTimeout(timer);
+let waiting = null; // the edit that waits: of which control, its timer, and what makes it
+let earlier = []; // what controls waited for that were left for another: made before its edit, as the row is then drawn anew
+function pause(key) {
+  if (!waiting) return;
+  clearTimeout(waiting.timer);
+  // the same control has a newer value
+  if (waiting.key !== key) earlier.push(waiting.make);
+  waiting = null;
+}
+function wait(key, make) {
+  pause(key);
+  const all = async () => {
+    const edits = [...earlier, make];
+    [waiting, earlier] = [null, []];
+    for (const edit of edits) await edit();
+    if (waiting) return;
+    app.preview = null;
+    look(false);
+  };
+  waiting = { key, make, timer: setTimeout(all, 400) };
+}
+function show(s, key, operation) {
+  pause(key);
   app.preview = { base: app.doc.revision, edits: operation ? [{ segments: [s.name], operation }] : [] };
   look(true);
 }
-function makeSoon(s, operation) {
-  clearTimeout(timer);
-  timer = setTimeout(async () => {
-    if (operation) await change({ kind: "edit", segments: [s.name], operation });
-    app.preview = null;
-    look(false);
-  }, 400);
+function makeSoon(s, key, operation) {
+  wait(key, async () => operation && change({ kind: "edit", segments: [s.name], operation }));
 }
 
 // the one edit to an opacity, if it takes any: 0 hides, and more shows again
@@ -37,8 +52,10 @@ function edits(kind, key, label, properties, operation, s) {
   input.setAttribute("aria-label", label);
   input.dataset.key = key;
   input.title = label;
-  input.oninput = () => show(s, operation(input.value));
-  input.onchange = () => makeSoon(s, operation(input.value));
+  input.oninput = () => show(s, key, operation(input.value));
+  input.onchange = () => makeSoon(s, key, operation(input.value));
+  // moved and put back, it does not change
+  input.onpointerup = () => earlier.length && !waiting && wait(key, async () => {});
   return input;
 }
 

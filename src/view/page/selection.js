@@ -103,6 +103,8 @@ hear("picked", (message) => {
   selected(message);
   tell("picked", message);
 });
+// the next connection knows nothing of what was selected
+hear("closed", () => app.picked && clear());
 let scene = null;
 on("welcome", (welcome) => {
   // what was selected is of the scene before

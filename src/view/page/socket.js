@@ -15,6 +15,7 @@ export function connect() {
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => (typeof data === "string" ? listen(JSON.parse(data)) : hearers.frame(data));
   socket.onclose = () => {
+    hearers.closed?.();
     for (const { reject } of waiting.values()) reject("The viewer does not answer.");
     waiting.clear();
     if (ended) return say(ended);
@@ -23,14 +24,21 @@ export function connect() {
   };
 }
 
-export const send = (message) => socket?.readyState === 1 && socket.send(JSON.stringify(message));
+// whether it could be sent
+export function send(message) {
+  if (socket?.readyState !== 1) return false;
+  socket.send(JSON.stringify(message));
+  return true;
+}
 
 // a request that is answered; resolves to the answer or rejects with its message
 export function ask(message) {
   const id = ++number;
   return new Promise((resolve, reject) => {
     waiting.set(id, { resolve, reject });
-    send({ ...message, id });
+    if (send({ ...message, id })) return;
+    waiting.delete(id);
+    reject("The viewer does not answer.");
   });
 }
 

@@ -34,6 +34,7 @@ impl Renderer {
                 wanted.compare.map_or(Ok(()), |c| c.check(self.others.len())).map_err(|e| (None, e))?;
                 wanted.preview.as_ref().map_or(Ok(()), Preview::check).map_err(|e| (None, e))?;
                 client.view = Some(wanted.view);
+                client.failed = false;
                 client.preview = wanted.preview;
                 client.compare = wanted.compare;
             }
@@ -44,7 +45,7 @@ impl Renderer {
                 client.answer(Answer::Picked(Box::new(picked)));
             }
             Request::Adjust { id, meaning } => {
-                let picked = client.adjust(id, meaning).map_err(|e| (Some(id), e.to_string()))?;
+                let picked = client.adjust(&self.space, id, meaning).map_err(|e| (Some(id), e.to_string()))?;
                 client.answer(Answer::Picked(Box::new(picked)));
             }
             Request::Still { id: number } => {

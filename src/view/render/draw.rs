@@ -24,7 +24,7 @@ impl Renderer {
         let before: Vec<ClientId> = self.clients.range(..=self.last).map(|(id, _)| *id).collect();
         for id in after.into_iter().chain(before) {
             let Some(client) = self.clients.get(&id) else { continue };
-            let Some(view) = client.view.clone() else { continue };
+            let Some(view) = client.view.clone().filter(|_| !client.failed) else { continue };
             match client.pace.next(now, (view.size[0] * view.size[1]) as usize) {
                 Next::Wait => {}
                 Next::WaitUntil(moment) => until = Some(until.map_or(moment, |u| u.min(moment))),
@@ -58,8 +58,8 @@ impl Renderer {
                 client.tell_legend();
             }
             Err(error) => {
-                // not again before it changes
-                client.view = None;
+                // not again before it, or what it shows, changes
+                client.failed = true;
                 client.answer(Answer::Error { id: None, message: error.to_string() });
             }
         }

@@ -136,7 +136,7 @@ impl Renderer {
     fn wish(&self) {
         let Some(live) = self.space.live() else { return };
         let looking = || self.clients.values().filter(|client| client.view.is_some());
-        let all_shown = looking().all(|client| client.pace.is_done());
+        let all_shown = looking().all(|client| client.failed || client.pace.is_done());
         let long_ago = self.changed.elapsed() > MOVING && looking().any(|client| client.pace.keeps_up());
         live.wish(match looking().next() {
             None => Wish::Nothing,

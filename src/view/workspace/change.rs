@@ -12,9 +12,12 @@ use crate::view::order::{Stack, Steps};
 use crate::view::protocol::Change;
 use crate::view::reading::seen;
 use crate::view::refusal::ChangeError;
+use std::time::Duration;
 
 /// What others are told of who holds the run.
 const COMMAND: &str = "volseggs view";
+/// Longest wait for the short work of a command: the thread that draws waits meanwhile.
+const PATIENCE: Duration = Duration::from_millis(200);
 
 impl Workspace {
     /// Carries out a change of a client that knows revision `base`.
@@ -22,7 +25,7 @@ impl Workspace {
     /// # Errors
     /// If the document has another revision by now, or it cannot be done; all is then as it was.
     pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
-        let lock = self.begin(base)?;
+        let lock = self.begin(base, PATIENCE)?;
         let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
         let steps = self.steps();
         let mut segments = self.segments.clone();
@@ -67,18 +70,19 @@ impl Workspace {
     /// # Errors
     /// As [`Workspace::change`].
     pub fn adopt(&mut self, base: u64, segments: RunSegments) -> Result<(), ChangeError> {
-        let lock = self.begin(base)?;
+        // seconds of work would be lost
+        let lock = self.begin(base, 10 * PATIENCE)?;
         let steps = self.steps();
         self.end(lock, steps, Some(segments))
     }
 
     /// Takes the lock, reads what others wrote, and checks that the client knows it.
-    fn begin(&mut self, base: u64) -> Result<RunLock, ChangeError> {
+    fn begin(&mut self, base: u64, patience: Duration) -> Result<RunLock, ChangeError> {
         self.refuse()?;
         if self.newer.is_under_way() || self.unread().is_some() {
             return Err(ChangeError::Reading);
         }
-        let lock = self.run.lock(COMMAND, Work::Short)?;
+        let lock = self.run.lock(COMMAND, Work::Short, patience)?;
         self.check(base)?;
         Ok(lock)
     }

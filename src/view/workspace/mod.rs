@@ -39,6 +39,8 @@ pub struct Workspace {
     segments: RunSegments,
     /// Why the segments on the disk cannot be used with this scene, if they cannot.
     fault: Option<String>,
+    /// Why what was written since cannot be read, if so; what was read before is shown, and nothing can be changed.
+    damage: Option<String>,
     edits: EditStack,
     field: Option<(AffinityField, AffinitySpec)>,
     revision: u64,
@@ -72,6 +74,7 @@ impl Workspace {
             newer: Newer::default(),
             segments,
             fault,
+            damage: None,
             edits,
             field,
             revision: 1,
@@ -102,6 +105,7 @@ impl Workspace {
             newer,
             segments,
             fault,
+            damage: None,
             edits,
             field,
             revision,
@@ -213,7 +217,10 @@ impl Workspace {
         // told once, not at every look at the files
         let before = std::mem::replace(&mut self.seen, now);
         let steps = self.steps();
-        let (segments, edits) = (RunSegments::open(&self.run)?, self.run.edits()?);
+        let read = RunSegments::open(&self.run).and_then(|segments| Ok((segments, self.run.edits()?)));
+        // what was not read must not be written over
+        self.damage = read.as_ref().err().map(ToString::to_string);
+        let (segments, edits) = read?;
         self.renamed = renamed(self.segments.now(), segments.now());
         (self.segments, self.edits) = (segments, edits);
         self.note(steps, before);
@@ -246,7 +253,7 @@ impl Workspace {
             field: self.field,
         } = read;
         // what was changed before was of another state of the scene
-        (self.order, self.renamed) = (Order::default(), Vec::new());
+        (self.order, self.renamed, self.damage) = (Order::default(), Vec::new(), None);
         self.revision += 1;
     }
 
@@ -267,7 +274,7 @@ impl Workspace {
             _ if self.revision != base => Err(ChangeError::Stale),
             _ if self.newer.is_under_way() => Err(ChangeError::Reading),
             Some(fault) => Err(RunError::input(fault).into()),
-            None => Ok(()),
+            None => self.damage.as_ref().map_or(Ok(()), |fault| Err(RunError::input(fault).into())),
         }
     }
 

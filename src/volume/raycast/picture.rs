@@ -14,7 +14,9 @@ pub struct Picture {
 }
 
 impl Picture {
-    pub(super) fn new(width: usize, height: usize) -> Self {
+    /// One that shows nothing.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![0.0; 4 * width * height] }
     }
 
