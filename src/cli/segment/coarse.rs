@@ -21,7 +21,7 @@ use std::path::PathBuf;
 pub struct CoarseArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Time in [0, 1] at which outliers are looked for.
+    /// Time in [0, 1] whose colours are grouped, and at which outliers are looked for.
     #[arg(long, default_value_t = 0.5, value_parser = fraction)]
     time: f64,
     /// Number of colours; suggested from the data if not given.

@@ -143,7 +143,7 @@ impl Prompt {
     }
 }
 
-/// Whether anything is seen at pixel `p` of these: a click where nothing is would snap to another place.
+/// Whether anything is seen at pixel `p` of these: a person does not click where nothing is.
 fn shows(pixels: &Contributors, p: usize) -> bool {
     pixels.row(p).1.iter().sum::<f32>() > LEAST
 }
