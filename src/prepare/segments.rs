@@ -54,6 +54,11 @@ pub(super) struct SegmentWriter<'a> {
     entries: Vec<SegmentEntry>,
 }
 
+/// Path of what `shot` shows of a segment, from the dataset's root.
+fn file_path(segment: &str, shot: &Shot, end: &str) -> String {
+    format!("./segments/{segment}/{}{end}.png", shot.name)
+}
+
 impl<'a> SegmentWriter<'a> {
     pub fn new(
         root: &'a Path,
@@ -155,7 +160,7 @@ impl<'a> SegmentWriter<'a> {
     fn write_frame(&self, segment: &str, shot: &Shot, picture: &Picture) -> Result<SegmentFrame, PrepareError> {
         let camera = &shot.view.camera;
         let mask = picture.mask(MASK_ALPHA);
-        let [file_path, mask_path] = ["", "_mask"].map(|end| format!("./segments/{segment}/{}{end}.png", shot.name));
+        let [file_path, mask_path] = ["", "_mask"].map(|end| file_path(segment, shot, end));
         write_picture(&self.root.join(&file_path), picture)?;
         write_mask(&self.root.join(&mask_path), [camera.width, camera.height], &mask)?;
         Ok(SegmentFrame {
@@ -174,13 +179,13 @@ impl<'a> SegmentWriter<'a> {
         shots.sort_by_key(|shot| shot.view.step);
         let mut all = Vec::with_capacity(self.ids.len());
         for &id in &self.ids {
-            let known = self.entries.iter().position(|e| e.id == id).map(|at| &self.entries[at]);
+            let known = self.entries.iter().find(|e| e.id == id);
             let name = known.map_or_else(|| self.name(id), |entry| entry.name.clone());
             if !shots.is_empty() {
                 self.make_folder(&name)?;
             }
             let frame = |shot: &&Shot| {
-                let path = format!("./segments/{name}/{}.png", shot.name);
+                let path = file_path(&name, shot, "");
                 match known.and_then(|entry| entry.frames.iter().find(|f| f.file_path == path)) {
                     Some(frame) => Ok(frame.clone()),
                     None if stop.load(Ordering::Relaxed) => Err(PrepareError::Interrupted),
