@@ -175,6 +175,9 @@ pub struct LossConfig {
     pub tv_reduction: TvReduction,
     /// Weight of mean |1 - g| over the grid (the reference code's prior).
     pub one_prior: f64,
+    /// Weight of fading in the joint stage: of the mean change of a Gaussian's opacity from its canonical one, so that the field
+    /// rather moves what it can move; ours.
+    pub fade: f64,
     /// Weights of registered loss terms by name, see `docs/research.md`; 0 leaves one out.
     pub extra: BTreeMap<String, f64>,
 }

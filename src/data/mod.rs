@@ -12,6 +12,7 @@ pub mod inspect;
 mod inspect_views;
 pub mod layout;
 mod lenient;
+pub mod lineage;
 pub mod paths;
 pub(crate) mod png;
 pub mod scan;

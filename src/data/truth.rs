@@ -11,6 +11,7 @@ use super::camera::Camera;
 use super::dataset::SplitName;
 use super::error::DataError;
 use super::images::downscaled_size;
+use super::lineage::{Turn, ids_at};
 use super::png::check_claim;
 use super::transforms::Transforms;
 
@@ -39,6 +40,9 @@ pub struct SegmentFile {
     /// Volumes of ids and opacity, by ascending time; none in datasets of old versions.
     #[serde(default)]
     pub volumes: Vec<VolumeEntry>,
+    /// Merges and splits of segments; none where ids are the same things at all times, and in datasets of old versions.
+    #[serde(default)]
+    pub lineage: Vec<Turn>,
 }
 
 /// One segment.
@@ -128,6 +132,12 @@ impl Truth {
             return Err(DataError::field_error(&path, None, "size", format!("{w}x{h} is no image size"), hint));
         }
         Ok(Self { root: root.to_owned(), file })
+    }
+
+    /// The ids that hold at time `to` the matter of what the segments `ids` are at time `from`, see [`ids_at`].
+    #[must_use]
+    pub fn ids_at(&self, ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
+        ids_at(&self.file.lineage, ids, from, to)
     }
 
     /// The training views with a label image of the one time that is nearest to `time`; if they are fewer than

@@ -27,6 +27,7 @@ fn write(root: &Path) {
         label_images: vec!["./labels/train".into(), "./labels/test".into()],
         segments: Vec::new(),
         volumes: Vec::new(),
+        lineage: Vec::new(),
     };
     std::fs::write(root.join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
 }

@@ -28,6 +28,7 @@ fn truth(root: &Path, times: &[f64]) -> Truth {
         label_images: Vec::new(),
         segments: Vec::new(),
         volumes: volumes.collect(),
+        lineage: Vec::new(),
     };
     std::fs::write(root.join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
     Truth::read(root).unwrap()

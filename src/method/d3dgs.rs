@@ -29,6 +29,9 @@ impl Method for D3dgs {
         if config.model.embedding > 0 {
             return Err(format!("model.embedding = {}: only with the method volseggs", config.model.embedding));
         }
+        if config.loss.fade != 0.0 {
+            return Err(format!("loss.fade = {}: its network does not change opacities", config.loss.fade));
+        }
         if config.speed.cull_visits > 1 {
             return Err(format!("speed.cull_visits = {}: only with the method volseggs", config.speed.cull_visits));
         }

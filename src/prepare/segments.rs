@@ -237,6 +237,7 @@ impl<'a> SegmentWriter<'a> {
             },
             segments: self.entries,
             volumes: self.volumes,
+            lineage: self.source.lineage(),
         };
         let path = self.root.join(FILE);
         let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.clone(), reason: e.to_string() };

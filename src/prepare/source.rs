@@ -1,7 +1,8 @@
 //! Where the steps of a series come from: volume files, or a synthetic scene.
 
+use crate::data::lineage::{Change, Turn};
 use crate::name::Name;
-use crate::volume::components::{PartOptions, Parts, PartsError, part_name};
+use crate::volume::components::{PartChange, PartOptions, Parts, PartsError, part_name};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, Labels, Volume};
 use crate::volume::series::Series;
@@ -141,6 +142,16 @@ impl Source {
             Self::Files { labels, .. } => labels.kind(),
             Self::Synthetic { .. } => Some("labels"),
         }
+    }
+
+    /// Merges and splits of connected parts, by time; none of segments that are given.
+    #[must_use]
+    pub fn lineage(&self) -> Vec<Turn> {
+        let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
+        let change = |ends| if ends { Change::Merged } else { Change::Split };
+        let turn =
+            |c: &PartChange| Turn { time: self.time(c.step), segment: c.id, change: change(c.ends), other: c.other };
+        parts.changes().iter().map(turn).collect()
     }
 
     /// The name of a segment id (from 1).

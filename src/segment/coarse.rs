@@ -1,6 +1,7 @@
 //! Coarse segmentation: Gaussians by the colour of their material, or by their mean colour as in the paper's section on
 //! colours, without outliers.
 
+use super::bodies::join_skins;
 use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
@@ -8,7 +9,9 @@ use super::palette::{PaletteEntry, name_colours, name_materials};
 use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
+use crate::points::chunks::point;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
+use crate::points::neighbours::Grid;
 use crate::points::outliers::{OutlierConfig, keep_mask};
 use crate::points::suggest::suggest_clusters;
 use crate::rng::{Purpose, Rng};
@@ -36,6 +39,9 @@ pub struct CoarseOptions {
     pub space: ColourSpace,
     /// Gaussians less opaque than this at the chosen time make no colours, and those that always are belong to none.
     pub min_opacity: f32,
+    /// Whether skins stay segments of their own, or go with the things of their hue, see [`bodies`](super::bodies). They do
+    /// so anyway where the number of colours is given, and where mean colours are grouped.
+    pub keep_skins: bool,
     /// How outliers are found; `None` keeps them. Those with too few neighbours go unless they hang together, by
     /// touching, with more than that number of their colour, as threads do.
     pub outliers: Option<OutlierConfig>,
@@ -49,6 +55,7 @@ impl Default for CoarseOptions {
             clusters: None,
             space: ColourSpace::Material,
             min_opacity: 0.02,
+            keep_skins: false,
             outliers: Some(OutlierConfig::default()),
             seed: 0,
         }
@@ -147,7 +154,15 @@ pub fn coarse(
             }
         }
     }
-    for (&i, &label) in later.rows.iter().zip(&found.later) {
+    let mut of_later = found.later;
+    if options.space == ColourSpace::Material && options.clusters.is_none() && !options.keep_skins {
+        let before: Vec<u32> = shown.rows.iter().map(|&i| labels[i as usize]).collect();
+        let mut after = before.clone();
+        join_skins(gaussians, &shown.rows, &mut after)?;
+        follow_nearest(gaussians, [&shown.rows, &later.rows], [&before, &after], &mut of_later)?;
+        shown.rows.iter().zip(after).for_each(|(&i, label)| labels[i as usize] = label);
+    }
+    for (&i, &label) in later.rows.iter().zip(&of_later) {
         labels[i as usize] = label;
     }
     let kept = without_empty(&found.colours, &mut labels);
@@ -238,6 +253,29 @@ fn by_mean(
     Ok(Found { shown: found.labels, later: of_later, colours })
 }
 
+/// Gaussians of other times go where the nearest that is seen of their material went: `before` and `after` are the labels of
+/// the rows `shown`, `labels` those of the rows `later`.
+fn follow_nearest(
+    gaussians: &HostGaussians,
+    [shown, later]: [&[u32]; 2],
+    [before, after]: [&[u32]; 2],
+    labels: &mut [u32],
+) -> Result<(), PointsError> {
+    let mut moved: Vec<u32> = before.iter().zip(after).filter(|(b, a)| b != a).map(|(b, _)| *b).collect();
+    moved.sort_unstable();
+    moved.dedup();
+    for material in moved {
+        let rows: Vec<usize> = (0..shown.len()).filter(|&n| before[n] == material).collect();
+        let means: Vec<f32> = rows.iter().flat_map(|&n| point(&gaussians.means, shown[n] as usize)).collect();
+        let grid = Grid::adaptive(&means)?;
+        for (label, &i) in labels.iter_mut().zip(later).filter(|(label, _)| **label == material) {
+            let nearest = grid.nearest(point(&gaussians.means, i as usize), 1, None);
+            *label = nearest.first().map_or(material, |(n, _)| after[rows[*n as usize]]);
+        }
+    }
+    Ok(())
+}
+
 /// The rows of `centroids` `[K, 3]` whose label, from 1, any of `labels` is; those then count in the rows that are
 /// left.
 fn without_empty(centroids: &[f32], labels: &mut [u32]) -> Vec<f32> {
@@ -314,7 +352,7 @@ mod tests {
             }
         }
         let kept =
-            CoarseOptions { outliers: None, clusters: Some(2), space: ColourSpace::Rgb, seed: 0, min_opacity: 0.02 };
+            CoarseOptions { outliers: None, clusters: Some(2), space: ColourSpace::Rgb, ..CoarseOptions::default() };
         let out = coarse(&g, None, &kept).unwrap();
         assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
         assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same twice");

@@ -1,6 +1,6 @@
 //! Scene -> segments: which Gaussians belong together.
 //!
-//! Coarse by the colour of the [`material`] or the mean colour ([`coarse`]), fine by a field trained on 2D masks
+//! Coarse by the colour of the [`material`], things with their skins ([`bodies`]), or the mean colour ([`coarse`]), fine by a field trained on 2D masks
 //! ([`masks`], [`mod@fine`]); a [`segmentation`] is what the commands after it read, [`history`] takes changes of it
 //! back; [`voxels`] carries labels back to a volume, [`dice`] compares label volumes; [`pick`] is what a click selects of
 //! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together, [`necks`] what parts
@@ -8,6 +8,7 @@
 //! [`baselines`]. What segments do over time lives in `track`.
 
 pub mod baselines;
+pub mod bodies;
 pub mod candidates;
 pub mod carry;
 pub mod click;

@@ -128,6 +128,9 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
             config.speed.cull_visits
         ));
     }
+    if config.loss.fade > 0.0 && !config.model.deform_opacity {
+        return bad(format!("loss.fade = {}: nothing fades with model.deform_opacity = false", config.loss.fade));
+    }
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
     }

@@ -6,6 +6,7 @@ use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
 use crate::model::encoder::Encoder;
 use crate::registry::NotRegistered;
 use burn::tensor::Tensor;
+use burn::tensor::activation::sigmoid;
 use std::sync::Arc;
 use volseggs_kernels::photometric::{Distance, Photometric, photometric_loss};
 use volseggs_kernels::splat::SplatInputs;
@@ -65,6 +66,13 @@ pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
     }
 }
 
+/// How much the Gaussians fade: the mean over them of how far the opacity at a time is from the canonical one, in [0, 1].
+/// Both are logits `[N]`. Returns `[1]`. Ours: pictures alone do not tell a thing that moves from one that goes out while
+/// another comes up.
+pub fn fading(at: Tensor<1>, canonical: Tensor<1>) -> Tensor<1> {
+    (sigmoid(at) - sigmoid(canonical)).abs().mean()
+}
+
 /// Smoothness along time of planes of space and time `[knots, lines]`, weighted as `loss.tv_time` says.
 fn over_time(planes: Tensor<2>, config: &LossConfig) -> Tensor<1> {
     let differences = |values: Tensor<2>| {
@@ -122,6 +130,25 @@ mod tests {
     use super::*;
     use crate::config::types::Config;
     use crate::model::params::to_vec;
+
+    #[test]
+    fn fading_is_the_mean_change_of_opacity_and_goes_down_by_either() {
+        let device = crate::device::DeviceName::all()[0].open().unwrap().autodiff();
+        let logits = |v: [f32; 3]| Tensor::<1>::from_floats(v, &device).require_grad();
+        let (at, canonical) = (logits([0.0, 2.0, -8.0]), logits([1.0, 2.0, 3.0]));
+        let loss = fading(at.clone(), canonical.clone());
+        let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
+        let expected = ((sigmoid(1.0) - 0.5) + (sigmoid(3.0) - sigmoid(-8.0))) / 3.0;
+        assert!((to_vec(loss.clone().inner())[0] - expected).abs() < 1e-6);
+        let gradients = loss.backward();
+        let of = |t: &Tensor<1>| to_vec(t.grad(&gradients).unwrap());
+        let slope = |x: f32| sigmoid(x) * (1.0 - sigmoid(x)) / 3.0;
+        for (found, expected) in
+            [(of(&at), [-slope(0.0), 0.0, -slope(-8.0)]), (of(&canonical), [slope(1.0), 0.0, slope(3.0)])]
+        {
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}, not {expected:?}");
+        }
+    }
 
     #[test]
     fn planes_of_time_are_smooth_by_first_or_second_differences() {

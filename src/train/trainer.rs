@@ -215,6 +215,10 @@ impl Trainer {
         {
             loss = loss + tv;
         }
+        if stage.is_joint() && config.fade > 0.0 {
+            let canonical = self.scene().gaussians.opacity_logits.val();
+            loss = loss + losses::fading(logits.clone(), canonical).mul_scalar(config.fade as f32);
+        }
         self.watch.look(step, &loss, || distance.squared)?;
         lap(&mut times.loss);
         let mut gradients = loss.backward();

@@ -63,6 +63,19 @@ pub enum PartsError {
     TooLarge(usize),
 }
 
+/// A part that ends as it merges into another, or begins as it splits off one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PartChange {
+    /// The first step at which it has happened.
+    pub step: usize,
+    /// The part that ends or begins.
+    pub id: u16,
+    /// Whether it ends.
+    pub ends: bool,
+    /// The part that goes on: of those that it overlaps with, the one it shares most voxels with.
+    pub other: u16,
+}
+
 /// The parts of a series and their ids over time.
 ///
 /// Ids begin at 1. Those that appear at the same step are numbered from the largest to the smallest. Where parts merge,
@@ -73,6 +86,7 @@ pub struct Parts {
     options: PartOptions,
     /// Of each step, the ids of its parts from the largest to the smallest.
     ids: Vec<Vec<u16>>,
+    changes: Vec<PartChange>,
     count: u16,
 }
 
@@ -149,7 +163,7 @@ impl Parts {
         if grid.len() >= u32::MAX as usize {
             return Err(PartsError::TooLarge(grid.len()));
         }
-        let mut out = Self { options, ids: Vec::with_capacity(steps), count: 0 };
+        let mut out = Self { options, ids: Vec::with_capacity(steps), changes: Vec::new(), count: 0 };
         let mut before: Vec<u16> = Vec::new();
         let mut largest = f32::NEG_INFINITY;
         for step in 0..steps {
@@ -159,16 +173,30 @@ impl Parts {
             drop(volume);
             let mut ids = vec![0; sizes.len()];
             let mut taken = vec![false; usize::from(out.count) + 1];
-            for (_, id, number) in overlaps(&before, &numbers) {
+            let shared = overlaps(&before, &numbers);
+            for &(_, id, number) in &shared {
                 let own = &mut ids[number as usize - 1];
                 if *own == 0 && !taken[usize::from(id)] {
                     *own = id;
                     taken[usize::from(id)] = true;
                 }
             }
+            let known = out.count;
             for id in ids.iter_mut().filter(|id| **id == 0) {
                 out.count = out.count.checked_add(1).ok_or(PartsError::TooMany { options, step })?;
                 *id = out.count;
+            }
+            let mut told = vec![false; usize::from(out.count) + 1];
+            for (_, id, number) in shared {
+                let now = ids[number as usize - 1];
+                let ended = (!taken[usize::from(id)]).then_some((id, true, now));
+                let begun = (now > known).then_some((now, false, id));
+                // most is shared first
+                for (id, ends, other) in [ended, begun].into_iter().flatten() {
+                    if !std::mem::replace(&mut told[usize::from(id)], true) {
+                        out.changes.push(PartChange { step, id, ends, other });
+                    }
+                }
             }
             before.clear();
             before.extend(numbers.iter().map(|n| if *n == 0 { 0 } else { ids[*n as usize - 1] }));
@@ -184,6 +212,12 @@ impl Parts {
     #[must_use]
     pub fn count(&self) -> u16 {
         self.count
+    }
+
+    /// Merges and splits, by step.
+    #[must_use]
+    pub fn changes(&self) -> &[PartChange] {
+        &self.changes
     }
 
     /// Which voxels make parts.

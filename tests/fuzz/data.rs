@@ -121,6 +121,7 @@ fn segments() -> Vec<u8> {
             SegmentEntry { id: 2, name: "b".into(), frames: Vec::new() },
         ],
         volumes: Vec::new(),
+        lineage: Vec::new(),
     };
     serde_json::to_vec_pretty(&file).unwrap()
 }

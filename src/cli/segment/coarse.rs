@@ -33,6 +33,9 @@ pub struct CoarseArgs {
     /// Gaussians less opaque than this make no colours; those that never are more opaque belong to no segment.
     #[arg(long, default_value_t = 0.02, value_name = "ALPHA", value_parser = fraction_f32)]
     min_opacity: f32,
+    /// Keep the skins of things, in the colours that a transfer function passes on their flanks, apart from them.
+    #[arg(long, conflicts_with = "clusters")]
+    keep_skins: bool,
     /// Keep Gaussians without neighbours.
     #[arg(long)]
     keep_outliers: bool,
@@ -98,6 +101,9 @@ impl CoarseArgs {
                 run.paths().segments().display()
             )));
         }
+        if self.keep_skins && self.space != Space::Material {
+            return Err(CliError::input("--keep-skins: only --space material joins skins; leave one of them out"));
+        }
         let mut outliers = OutlierConfig { radius: self.radius, ..OutlierConfig::default() };
         outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);
         let options = CoarseOptions {
@@ -108,6 +114,7 @@ impl CoarseArgs {
                 Space::Lab => ColourSpace::Lab,
             },
             min_opacity: self.min_opacity,
+            keep_skins: self.keep_skins,
             outliers: (!self.keep_outliers).then_some(outliers),
             seed: self.seed,
         };

@@ -70,6 +70,7 @@ impl Default for Config {
                 tv_kind: TvOrder::First,
                 tv_reduction: TvReduction::Mean,
                 one_prior: 0.0,
+                fade: 0.0,
                 extra: BTreeMap::new(),
             },
             optim: OptimConfig {

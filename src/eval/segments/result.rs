@@ -223,6 +223,10 @@ pub struct SegmentEvaluation {
     /// results, and not in the means.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub not_seen: Vec<String>,
+    /// Segments that are part of something larger at some times, as they merge into it or have split off it; no id tells
+    /// their part there, so that these times do not count for them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub partly_known: Vec<String>,
     /// Segment by segment, method by method.
     pub results: Vec<SegmentResult>,
     /// Truth and each method's fixed setting, a row for each segment.

@@ -36,9 +36,9 @@ pub fn evaluate_segments(
     work: &Path,
     mut say: impl FnMut(&str),
 ) -> Result<SegmentEvaluation, SegmentEvalError> {
-    let targets = targets(truth, &options.segments, &options.unions)?;
     let views = labelled(truth, options.time)?;
     let time = views.first().map_or(options.time, |v| v.view.time);
+    let targets = targets(truth, &options.segments, &options.unions, time)?;
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
@@ -79,6 +79,11 @@ pub fn evaluate_segments(
         training_seconds: trained.seconds.iter().map(|(m, s)| (m.name().to_owned(), *s)).collect(),
         means: Vec::new(),
         not_seen,
+        partly_known: clicked
+            .iter()
+            .filter(|c| !c.is_known_at_all_times(truth, time))
+            .map(|c| c.target.name.clone())
+            .collect(),
         results: Vec::new(),
         pictures: Vec::new(),
         columns: 1 + options.methods.len(),
@@ -87,7 +92,7 @@ pub fn evaluate_segments(
     let mut volumes = Vec::new();
     for &volume_time in &volume_times {
         say(&format!("IoU in space at time {volume_time:.3}"));
-        volumes.push(in_space(truth, deformed.at(volume_time), volume_time, &clicked)?);
+        volumes.push(in_space(truth, deformed.at(volume_time), [time, volume_time], &clicked)?);
     }
     let judge = Judge {
         device: &device,
@@ -144,6 +149,14 @@ struct Clicked<'a> {
     choices: Vec<Choice>,
 }
 
+impl Clicked<'_> {
+    /// Whether some ids tell at every time of the truth where the matter is that was clicked at the time `from`.
+    fn is_known_at_all_times(&self, truth: &Truth, from: f64) -> bool {
+        let pictures = truth.file.segments.iter().flat_map(|s| &s.frames).map(|f| f.time);
+        truth.volume_times().into_iter().chain(pictures).all(|t| truth.ids_at(&self.target.ids, from, t).is_some())
+    }
+}
+
 /// What a method selects: at its fixed setting, which is told where the clicks are and nothing else, and by the oracle.
 fn choose(
     method: Method,
@@ -182,18 +195,23 @@ fn outcome(chosen: Chosen) -> Outcome {
     }
 }
 
-/// The IoU in space of all selections at one time: by segment, then by method, in [0, 1].
+/// The IoU in space of all selections at one time: by segment, then by method, in [0, 1]; none where the segment is part of
+/// something larger then.
 fn in_space(
     truth: &Truth,
     at: &HostGaussians,
-    time: f64,
+    [from, time]: [f64; 2],
     clicked: &[Clicked<'_>],
 ) -> Result<Vec<Vec<Pair<Option<f64>>>>, SegmentEvalError> {
     let volume = truth.volume(time)?;
     let cells = Cells::new(&volume, at).map_err(|e| e.to_string())?;
     let mut out = Vec::new();
     for one in clicked {
-        let of = |chosen: &Chosen| cells.iou(&chosen.selected, &one.target.ids).map_err(|e| e.to_string());
+        let ids = truth.ids_at(&one.target.ids, from, time);
+        let of = |chosen: &Chosen| match &ids {
+            Some(ids) => cells.iou(&chosen.selected, ids).map_err(|e| e.to_string()),
+            None => Ok(None),
+        };
         let mut row = Vec::new();
         for choice in &one.choices {
             let fixed = of(&choice.fixed)?;

@@ -85,6 +85,13 @@ fn note(evaluation: &SegmentEvaluation) -> String {
             evaluation.not_seen.join(", ")
         );
     }
+    if !evaluation.partly_known.is_empty() {
+        let _ = write!(
+            out,
+            " Part of something larger at some times, which do not count for them: {}.",
+            evaluation.partly_known.join(", ")
+        );
+    }
     match evaluation.volume_times.len() {
         0 => out.push_str(
             " 3D: the dataset has no volumes of segment ids; make it again with `volseggs prepare` to have them.",
@@ -223,6 +230,7 @@ mod tests {
             seed: 0,
             oracle_tries: 0,
             volume_times: Vec::new(),
+            partly_known: Vec::new(),
             palette: Vec::new(),
             training_seconds: BTreeMap::new(),
             means: Vec::new(),

@@ -3,6 +3,7 @@
 use super::truth::{TruthFrame, frames};
 use crate::data::{DataError, Truth, truth};
 use crate::name::Name;
+use std::collections::BTreeMap;
 use std::str::FromStr;
 
 /// Several known segments that count as one, as in `pair=tube-a+tube-b`.
@@ -40,18 +41,19 @@ impl FromStr for Union {
 pub struct Target {
     /// Its name.
     pub name: String,
-    /// Ids of its segments in label images and volumes.
+    /// Ids of its segments in label images and volumes, at the time of the click.
     pub ids: Vec<u16>,
-    /// The views in which it is known alone.
+    /// The views in which it is known alone; not those of times at which it is part of something larger, see
+    /// [`Truth::ids_at`].
     pub frames: Vec<TruthFrame>,
 }
 
-/// The targets: the segments in `only`, all if it is empty, and the unions.
+/// The targets: the segments in `only`, all if it is empty, and the unions, as they are at the time `clicked`.
 ///
 /// # Errors
 /// If a segment is not known, a union has a segment's or another union's name, or segments of one are known in
 /// different views.
-pub fn targets(truth: &Truth, only: &[String], unions: &[Union]) -> Result<Vec<Target>, DataError> {
+pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -> Result<Vec<Target>, DataError> {
     let path = truth.root.join(truth::FILE);
     let bad = |problem: String| {
         let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
@@ -65,32 +67,50 @@ pub fn targets(truth: &Truth, only: &[String], unions: &[Union]) -> Result<Vec<T
     for name in only {
         id(name)?;
     }
+    let target = |name: String, ids: Vec<u16>| match followed(truth, &ids, clicked) {
+        Some(frames) => Ok(Target { name, ids, frames }),
+        None => Err(bad(format!("the segments of \"{name}\" are known in different views"))),
+    };
     let wanted = truth.file.segments.iter().filter(|s| only.is_empty() || only.contains(&s.name));
-    let mut out: Vec<Target> =
-        wanted.map(|s| Target { name: s.name.clone(), ids: vec![s.id], frames: frames(truth, s.id) }).collect();
+    let mut out = wanted.map(|s| target(s.name.clone(), vec![s.id])).collect::<Result<Vec<_>, _>>()?;
     for (i, union) in unions.iter().enumerate() {
         let name = union.name.to_string();
         if id(&name).is_ok() || unions[..i].iter().any(|u| u.name == union.name) {
             return Err(bad(format!("\"{name}\" is to name several segments, but is a name already; choose another")));
         }
         let ids = union.parts.iter().map(|part| id(part)).collect::<Result<Vec<_>, _>>()?;
-        let mut frames_of = ids.iter().map(|id| frames(truth, *id));
-        let mut frames = frames_of.next().unwrap_or_default();
-        for others in frames_of {
-            let joined =
-                frames.len() == others.len() && frames.iter_mut().zip(others).all(|(frame, other)| frame.join(other));
-            if !joined {
-                return Err(bad(format!("the segments of \"{name}\" are known in different views")));
-            }
-        }
-        out.push(Target { name, ids, frames });
+        out.push(target(name, ids)?);
     }
     Ok(out)
+}
+
+/// The views in which the matter of what `ids` are at the time `clicked` is known alone; `None` if the segments that it is
+/// made of are known in different ones.
+fn followed(truth: &Truth, ids: &[u16], clicked: f64) -> Option<Vec<TruthFrame>> {
+    let mut of: BTreeMap<u16, Vec<TruthFrame>> = BTreeMap::new();
+    let mut out = Vec::new();
+    let (first, others) = ids.split_first()?;
+    let all = frames(truth, *first);
+    if others.iter().any(|id| of.entry(*id).or_insert_with(|| frames(truth, *id)).len() != all.len()) {
+        return None;
+    }
+    for (k, mut frame) in all.into_iter().enumerate() {
+        let Some(then) = truth.ids_at(ids, clicked, frame.time) else { continue };
+        for id in then.into_iter().filter(|id| id != first) {
+            let other = of.entry(id).or_insert_with(|| frames(truth, id)).get(k)?;
+            if !frame.join(other.clone()) {
+                return None;
+            }
+        }
+        out.push(frame);
+    }
+    Some(out)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::lineage::{Change, Turn};
     use crate::data::truth::{SegmentEntry, SegmentFile, SegmentFrame};
 
     fn truth() -> Truth {
@@ -114,6 +134,7 @@ mod tests {
             label_images: Vec::new(),
             segments: vec![entry(1, "a", 2), entry(2, "b", 2), entry(5, "c", 1)],
             volumes: Vec::new(),
+            lineage: Vec::new(),
         };
         Truth { root: "/data".into(), file }
     }
@@ -131,10 +152,10 @@ mod tests {
     #[test]
     fn segments_and_unions_are_targets_and_what_is_unknown_is_named() {
         let union = |text: &str| text.parse::<Union>().unwrap();
-        let found = targets(&truth(), &["b".to_owned()], &[union("pair=a+b")]).unwrap();
+        let found = targets(&truth(), &["b".to_owned()], &[union("pair=a+b")], 0.5).unwrap();
         let rows: Vec<_> = found.iter().map(|t| (t.name.as_str(), t.ids.clone(), t.frames.len())).collect();
         assert_eq!(rows, [("b", vec![2], 2), ("pair", vec![1, 2], 2)]);
-        assert_eq!(targets(&truth(), &[], &[]).unwrap().len(), 3);
+        assert_eq!(targets(&truth(), &[], &[], 0.5).unwrap().len(), 3);
         for (only, unions, words) in [
             (vec!["x".to_owned()], vec![], "\"x\""),
             (vec![], vec![union("pair=a+x")], "\"x\""),
@@ -142,8 +163,25 @@ mod tests {
             (vec![], vec![union("p=a+b"), union("p=b+a")], "\"p\""),
             (vec![], vec![union("p=a+c")], "different views"),
         ] {
-            let error = targets(&truth(), &only, &unions).unwrap_err().to_string();
+            let error = targets(&truth(), &only, &unions, 0.5).unwrap_err().to_string();
             assert!(error.contains(words) && error.contains("segments.json") && error.contains("a, b, c"), "{error}");
         }
+    }
+
+    #[test]
+    fn a_whole_is_all_that_merged_into_it_before_and_a_part_is_not_known_after() {
+        let mut truth = truth();
+        let Truth { file, .. } = &mut truth;
+        file.segments.truncate(2);
+        file.lineage.push(Turn { time: 0.4, segment: 1, change: Change::Merged, other: 2 });
+        let times = |clicked| -> Vec<Vec<(f64, usize)>> {
+            let found = targets(&truth, &[], &[], clicked).unwrap();
+            found.iter().map(|t| t.frames.iter().map(|f| (f.time, f.segments())).collect()).collect()
+        };
+        assert_eq!(times(0.5), [vec![(0.0, 1), (0.5, 1)], vec![(0.0, 2), (0.5, 1)]]);
+        assert_eq!(times(0.0), [vec![(0.0, 1)], vec![(0.0, 1)]]);
+        // nothing of 1 is left at 0.5, so that it cannot be clicked; both as one are the whole at any time
+        let both = targets(&truth, &["a".to_owned()], &["both=a+b".parse().unwrap()], 0.0).unwrap();
+        assert_eq!(both[1].frames.len(), 2);
     }
 }

@@ -77,6 +77,12 @@ impl TruthFrame {
         same
     }
 
+    /// How many segments it is of.
+    #[cfg(test)]
+    pub(super) fn segments(&self) -> usize {
+        self.images.len()
+    }
+
     /// Reads its pictures and masks.
     ///
     /// # Errors

@@ -1,0 +1,177 @@
+//! Bodies that show several materials: a transfer function gives a thing of high values a skin in the colours of the lower
+//! ones that it passes on its flank, and training mixes these in the Gaussians of its surface. By colour alone such a skin
+//! is a segment of its own, or goes with other things of its hue far away.
+//!
+//! Pieces of a material that hang together are looked at, and which pieces of other materials they touch. A skin touches
+//! what it covers nearly everywhere, and nothing holds it together with the rest of its material.
+
+use super::pieces::{Touch, pieces};
+use crate::model::HostGaussians;
+use crate::points::PointsError;
+use crate::points::chunks::point;
+use crate::points::components::largest_scales;
+use crate::points::neighbours::Grid;
+use std::collections::BTreeMap;
+
+/// Neighbours that are looked at.
+const NEIGHBOURS: usize = 12;
+/// Two Gaussians are in contact within the sum of their largest standard deviations, times this.
+const REACH: f32 = 1.0;
+/// Share of a piece, by opacity, that is in contact with another if it is a part of that one's body. Skins of trained scenes have
+/// 0.87 to 0.94, a body in a shell, or a core in a body, 0.37 at most: see the results of 2026-11-25 in `benches/results`.
+const CONTACT: f64 = 0.7;
+/// Share of its material, by opacity, up to which a piece may be a skin without being covered in turn.
+const MINOR: f64 = 0.5;
+
+/// Joins skins to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`, indices into `at`, which
+/// are all finite), become those of the bodies, each the material of its piece of most opacity.
+///
+/// # Errors
+/// If the arrays of `at` disagree.
+///
+/// # Panics
+/// If an index is not below N.
+pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
+    let opacity: Vec<f64> = shown.iter().map(|&i| f64::from(at.opacity_of(i as usize))).collect();
+    let pieces = Pieces::of(at, shown, labels, &opacity)?;
+    let contacts = pieces.contacts(at, shown, &opacity)?;
+    let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
+    // what each is a skin of: of those that it touches so, the one of most opacity
+    let mut covers: Vec<Option<usize>> = vec![None; pieces.weights.len()];
+    for &(skin, body) in contacts.keys() {
+        let less = (pieces.weights[skin], skin) < (pieces.weights[body], body);
+        let alone = pieces.weights[skin] <= MINOR * pieces.of_material[&pieces.materials[skin]];
+        let is_skin = less && touching(skin, body) >= CONTACT && (alone || touching(body, skin) >= CONTACT);
+        let better = |other: usize| (pieces.weights[other], other) < (pieces.weights[body], body);
+        if is_skin && covers[skin].is_none_or(better) {
+            covers[skin] = Some(body);
+        }
+    }
+    for (label, piece) in labels.iter_mut().zip(&pieces.labels) {
+        let Some(mut body) = *piece else { continue };
+        // each is lighter than what it covers, so that this ends
+        while let Some(next) = covers[body] {
+            body = next;
+        }
+        *label = pieces.materials[body];
+    }
+    Ok(())
+}
+
+/// What hangs together of one material.
+struct Pieces {
+    /// `[M]`: the piece of each; none for what has no material.
+    labels: Vec<Option<usize>>,
+    /// `[P]`: the material of each.
+    materials: Vec<u32>,
+    /// `[P]`: the opacity of each.
+    weights: Vec<f64>,
+    /// The opacity of each material.
+    of_material: BTreeMap<u32, f64>,
+}
+
+impl Pieces {
+    fn of(at: &HostGaussians, shown: &[u32], materials: &[u32], opacity: &[f64]) -> Result<Self, PointsError> {
+        let mut out = Self {
+            labels: vec![None; shown.len()],
+            materials: Vec::new(),
+            weights: Vec::new(),
+            of_material: BTreeMap::new(),
+        };
+        for material in 1..=materials.iter().copied().max().unwrap_or(0) {
+            let rows: Vec<usize> = (0..shown.len()).filter(|&n| materials[n] == material).collect();
+            let members: Vec<u32> = rows.iter().map(|&n| shown[n]).collect();
+            let found = pieces(at, &members, Touch::SEEN)?;
+            let first = out.weights.len();
+            for (&n, &label) in rows.iter().zip(&found.labels) {
+                out.labels[n] = label.checked_sub(1).map(|p| first + p as usize);
+            }
+            out.materials.extend(found.weights.iter().map(|_| material));
+            out.weights.extend(&found.weights);
+            out.of_material.insert(material, rows.iter().map(|&n| opacity[n]).sum());
+        }
+        Ok(out)
+    }
+
+    /// By two pieces, the opacity of what of the first is in contact with the second.
+    fn contacts(
+        &self,
+        at: &HostGaussians,
+        shown: &[u32],
+        opacity: &[f64],
+    ) -> Result<BTreeMap<(usize, usize), f64>, PointsError> {
+        let rows = |values: &[f32]| -> Vec<f32> { shown.iter().flat_map(|&i| point(values, i as usize)).collect() };
+        let (means, radii) = (rows(&at.means), largest_scales(&rows(&at.log_scales))?);
+        let neighbours = Grid::adaptive(&means)?.nearest_of_each::<NEIGHBOURS>();
+        let mut out: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+        let mut met = Vec::with_capacity(NEIGHBOURS);
+        for (n, near) in neighbours.iter().enumerate() {
+            let Some(own) = self.labels[n] else { continue };
+            met.clear();
+            for other in near.iter().map(|&k| k as usize) {
+                let limit = REACH * (radii[n] + radii[other]);
+                let square: f32 = (0..3).map(|a| (means[3 * n + a] - means[3 * other + a]).powi(2)).sum();
+                met.extend(self.labels[other].filter(|piece| *piece != own && square <= limit * limit));
+            }
+            met.sort_unstable();
+            met.dedup();
+            met.iter().for_each(|&piece| *out.entry((own, piece)).or_default() += opacity[n]);
+        }
+        Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::balls::{add, on_threads};
+    use crate::segment::colour::fibonacci_sphere;
+
+    /// Adds a sphere of Gaussians whose neighbours are 0.083 radii apart, and gives their labels, by number.
+    fn sphere(to: &mut HostGaussians, x: f32, radius: f32, label: impl Fn(usize) -> u32) -> Vec<u32> {
+        let places = fibonacci_sphere(1800);
+        places.iter().for_each(|p| add(to, [x + radius * p[0], radius * p[1], radius * p[2]], [-3.0; 3]));
+        (0..places.len()).map(label).collect()
+    }
+
+    fn joined(at: &HostGaussians, labels: &[u32]) -> Vec<u32> {
+        let (all, mut out): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels.to_vec());
+        join_skins(at, &all, &mut out).unwrap();
+        out
+    }
+
+    #[test]
+    fn a_skin_goes_with_what_it_covers_and_the_rest_of_its_material_stays() {
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        // two fifths of the first sphere are of the material of the second, which is far away
+        let mut labels = sphere(&mut at, -3.0, 1.0, |i| if i % 5 < 3 { 1 } else { 2 });
+        labels.extend(sphere(&mut at, 3.0, 1.0, |_| 2));
+        let found = joined(&at, &labels);
+        assert!(found[..1800].iter().all(|l| *l == 1) && found[1800..].iter().all(|l| *l == 2));
+        assert_eq!(found, on_threads(1, || joined(&at, &labels)));
+        // so it does where all of its material is skin, as it is covered in turn
+        let alone = joined(&at.subset(&(0..1800).collect::<Vec<u32>>()), &labels[..1800]);
+        assert!(alone.iter().all(|l| *l == 1));
+    }
+
+    #[test]
+    fn shells_around_things_and_patches_on_them_stay() {
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        // a core, a shell well away from it, and one whose half is painted
+        let mut labels = sphere(&mut at, 0.0, 1.0, |_| 1);
+        labels.extend(sphere(&mut at, 0.0, 1.3, |_| 2));
+        labels.extend(sphere(&mut at, 5.0, 1.0, |i| if i < 900 { 3 } else { 4 }));
+        assert_eq!(joined(&at, &labels), labels);
+    }
+
+    #[test]
+    fn what_has_no_material_or_is_not_seen_stays_as_it_is() {
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        let mut labels = sphere(&mut at, 0.0, 1.0, |i| if i % 5 < 3 { 1 } else { 2 });
+        (labels[3], at.opacity_logits[8]) = (0, -9.0);
+        let found = joined(&at, &labels);
+        assert_eq!((found[3], found[8], found[13]), (0, 2, 1));
+        assert_eq!(joined(&at.subset(&[]), &[]), [0u32; 0]);
+        assert_eq!(joined(&at.subset(&[4]), &[7]), [7]);
+    }
+}
