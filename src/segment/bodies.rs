@@ -22,6 +22,8 @@ const REACH: f32 = 1.0;
 const CONTACT: f64 = 0.7;
 /// Share of its material, by opacity, up to which a piece may be a skin without being covered in turn.
 const MINOR: f64 = 0.5;
+/// Share of a material, by opacity, that is skins if all of it is: crumbs of it go with the skin nearest to them.
+const ALL: f64 = 0.9;
 
 /// Joins skins to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`, indices into `at`, which
 /// are all finite), become those of the bodies, each the material of its piece of most opacity.
@@ -47,6 +49,7 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
             covers[skin] = Some(body);
         }
     }
+    let before = labels.to_vec();
     for (label, piece) in labels.iter_mut().zip(&pieces.labels) {
         let Some(mut body) = *piece else { continue };
         // each is lighter than what it covers, so that this ends
@@ -54,6 +57,20 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
             body = next;
         }
         *label = pieces.materials[body];
+    }
+    for (&material, &whole) in &pieces.of_material {
+        let of_it = || (0..labels.len()).filter(|&n| before[n] == material);
+        let (moved, left): (Vec<usize>, Vec<usize>) = of_it().partition(|&n| labels[n] != material);
+        if left.is_empty() || moved.iter().map(|&n| opacity[n]).sum::<f64>() < ALL * whole {
+            continue;
+        }
+        let place = |n: usize| point(&at.means, shown[n] as usize);
+        let grid = Grid::adaptive(&moved.iter().flat_map(|&n| place(n)).collect::<Vec<f32>>())?;
+        for n in left {
+            if let Some((near, _)) = grid.nearest(place(n), 1, None).first() {
+                labels[n] = labels[moved[*near as usize]];
+            }
+        }
     }
     Ok(())
 }
@@ -149,9 +166,11 @@ mod tests {
         let found = joined(&at, &labels);
         assert!(found[..1800].iter().all(|l| *l == 1) && found[1800..].iter().all(|l| *l == 2));
         assert_eq!(found, on_threads(1, || joined(&at, &labels)));
-        // so it does where all of its material is skin, as it is covered in turn
-        let alone = joined(&at.subset(&(0..1800).collect::<Vec<u32>>()), &labels[..1800]);
-        assert!(alone.iter().all(|l| *l == 1));
+        // so it does where all of its material is skin, as it is covered in turn, and a crumb of it goes along
+        let mut alone = at.subset(&(0..1800).collect::<Vec<u32>>());
+        add(&mut alone, [-3.0, 0.0, 1.5], [-3.0; 3]);
+        labels[1800] = 2;
+        assert!(joined(&alone, &labels[..1801]).iter().all(|l| *l == 1));
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //!
 //! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one
 //! colour and is in one piece mostly is one thing, unless it has a neck: then it is things that touch, and the one is
-//! meant that was clicked (see [`super::necks`]); the whole piece is the next level. In a whole scene, whose things touch each other, it is a plateau of
-//! the affinity.
+//! meant that was clicked (see [`super::necks`]); the whole piece is the next level. Where the masks say that a piece is several
+//! things all the same, as shells are that touch everywhere, and in a whole scene, it is a plateau of the affinity.
 //!
 //! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a
 //! thing it stops growing for a while, as what belongs to one mask has like features and what belongs to another does
@@ -32,6 +32,12 @@ const ALIKE: f64 = 0.85;
 const LARGE: f64 = 0.1;
 /// ... and how much one that leaves something out is to one that takes all: power of the rest.
 const NOT_ALL: f64 = 0.3;
+
+/// Mask scale at which all of one thing is alike ...
+const WHOLE: f32 = 0.9;
+/// ... and the share of a piece, by weight, that is like the clicked Gaussian there, with [`LOWEST`], if it is one. Pieces that are
+/// one thing have 0.97 to 1, shells that touch 0.56 to 0.71: see the results of 2026-11-25 in `benches/results`.
+const ONE: f64 = 0.95;
 
 /// Pieces whose parts are found before a click, see [`prepare`] ...
 const PIECES: usize = 8;
@@ -73,6 +79,16 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
         return Ok((found, likeliest));
     }
     found.retain(|l| spatial.iter().all(|s| overlap(&l.members, &s.members) < ALIKE));
+    if let [piece] = &spatial[..]
+        && !is_one(of, clicked, piece)?
+    {
+        let inside = |l: &Level| within(&l.members, &piece.members) >= ALIKE;
+        let likeliest = most_likely_of(&found, inside);
+        let place = found.partition_point(|l| l.members.len() < piece.members.len());
+        found.extend(spatial);
+        found[place..].rotate_right(1);
+        return Ok((found, likeliest.unwrap_or(place)));
+    }
     let mut likeliest = 0;
     for level in spatial.into_iter().rev() {
         likeliest = found.partition_point(|l| l.members.len() < level.members.len());
@@ -81,7 +97,7 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
     Ok((found, likeliest))
 }
 
-/// The likeliest of the [`levels`], without looking for the others where it is the piece or a part of it.
+/// The likeliest of the [`levels`], without looking for the others where it is a piece that is one thing, or a part of one.
 ///
 /// # Errors
 /// As [`levels`].
@@ -89,11 +105,29 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
 /// # Panics
 /// As [`levels`].
 pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> {
-    if let Some(level) = in_space(of, clicked)?.into_iter().next() {
-        return Ok(level);
+    let mut spatial = in_space(of, clicked)?;
+    let known = match &spatial[..] {
+        [] => false,
+        [piece] => is_one(of, clicked, piece)?,
+        _ => true,
+    };
+    if known {
+        return Ok(spatial.swap_remove(0));
     }
-    let mut found = of_affinity(of, clicked)?;
-    Ok(found.swap_remove(most_likely(&found)))
+    let (mut found, likeliest) = levels(of, clicked)?;
+    Ok(found.swap_remove(likeliest))
+}
+
+/// Whether the masks take the `piece` for one thing: whether nearly all of it is like the clicked Gaussian at a large scale.
+fn is_one(of: &Candidates<'_>, clicked: u32, piece: &Level) -> Result<bool, PickError> {
+    let position = of.position(clicked)?;
+    let (cosines, weights) = (of.cosines(position, WHOLE), of.shown());
+    let (mut like, mut all) = (0.0, 0.0);
+    for n in piece.members.iter().filter_map(|i| of.within.binary_search(i).ok()) {
+        all += weights[n];
+        like += if cosines[n] >= LOWEST || n == position { weights[n] } else { 0.0 };
+    }
+    Ok(like >= ONE * all)
 }
 
 /// Finds out what a click on any of the candidates needs, so that it is answered at once: their features, and the parts of
@@ -213,122 +247,32 @@ fn plateaus(sizes: &[f64]) -> Vec<(usize, f64)> {
 
 /// Intersection over union of two ascending lists.
 fn overlap(a: &[u32], b: &[u32]) -> f64 {
-    let both = a.iter().filter(|i| b.binary_search(i).is_ok()).count();
+    let both = common(a, b);
     let either = a.len() + b.len() - both;
     if either == 0 { 1.0 } else { both as f64 / either as f64 }
 }
 
+/// The part of the list `a` that is in `b`, both ascending.
+fn within(a: &[u32], b: &[u32]) -> f64 {
+    common(a, b) as f64 / a.len().max(1) as f64
+}
+
+fn common(a: &[u32], b: &[u32]) -> usize {
+    a.iter().filter(|i| b.binary_search(i).is_ok()).count()
+}
+
 /// The most stable level, larger ones a little before smaller ones, but not all that is looked at if it can be helped.
 fn most_likely(levels: &[Level]) -> usize {
+    most_likely_of(levels, |_| true).unwrap_or(0)
+}
+
+/// The same of those that may be meant; `None` without any.
+fn most_likely_of(levels: &[Level], may: impl Fn(&Level) -> bool) -> Option<usize> {
     let score = |l: &Level| l.stability * l.share.powf(LARGE) * (1.0 - l.share).max(1e-6).powf(NOT_ALL);
-    let mut best = 0;
-    for (n, level) in levels.iter().enumerate() {
-        if score(level) > score(&levels[best]) {
-            best = n;
-        }
-    }
-    best
+    let scored = levels.iter().enumerate().filter(|(_, l)| may(l)).map(|(n, l)| (n, score(l)));
+    scored.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(n, _)| n)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::device::DeviceName;
-    use crate::segment::balls::{APART, COUNT, surfaces};
-    use crate::segment::fine::AffinityField;
-    use crate::segment::fine::network::Frame;
-    use crate::segment::fine::train::{FineOptions, train};
-    use crate::segment::pick::{Meaning, PickOptions, pick};
-
-    #[test]
-    fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
-        let device = DeviceName::all()[0].open().unwrap();
-        let at = APART.gaussians();
-        // the first few hundred steps go by before the features of the balls part
-        let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
-        let field = train(&APART.prepared(&at), &options, &device, |_, _| true).unwrap();
-        let frame = Frame::around(&at.means);
-        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within);
-        let all: Vec<u32> = (0..at.len() as u32).collect();
-        let balls = [&all[..COUNT], &all[COUNT..]];
-        for clicked in [3, 31, COUNT as u32 + 7] {
-            let mine = balls[usize::from(clicked as usize >= COUNT)];
-            let (found, likeliest) = levels(&of(&all), clicked).unwrap();
-            assert!(overlap(&found[likeliest].members, mine) > 0.9, "{:?}", found[likeliest]);
-            assert!(found.iter().all(|l| l.members.binary_search(&clicked).is_ok()));
-            assert!(found.is_sorted_by_key(|l| l.members.len()));
-            let Level { scale, threshold, .. } = found[likeliest];
-            let take =
-                |meaning, list| pick(&of(&all), clicked, &PickOptions { meaning, keep_strays: true, list }).unwrap();
-            let by_hand = Meaning::By { scale, threshold };
-            assert_eq!(take(by_hand, false).members, found[likeliest].members);
-            assert_eq!(take(by_hand, true).levels, found);
-            assert_eq!(take(Meaning::Likeliest, false).members, found[likeliest].members);
-            let picked = take(Meaning::Likeliest, true);
-            assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
-            assert_eq!(picked.levels, found);
-            assert_eq!(take(Meaning::Level(likeliest), false).members, found[likeliest].members);
-            assert_eq!(take(Meaning::Level(99), false).level, Some(found.len() - 1), "there are no more");
-            assert_eq!(levels(&of(&all), clicked).unwrap(), (found, likeliest), "the same twice");
-        }
-        assert!(levels(&of(&all[1..]), 0).is_err());
-        assert_eq!(levels(&of(&[5]), 5).unwrap().0[0].members, [5], "alone");
-        // in a segment that holds the first ball and half of the second, the piece is the first ball
-        let most = &all[..COUNT + COUNT / 2];
-        let (found, likeliest) = levels(&of(most), 31).unwrap();
-        assert!(
-            found[likeliest].piece && overlap(&found[likeliest].members, balls[0]) > 0.95,
-            "{:?}",
-            found[likeliest]
-        );
-        let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true, list: true };
-        let picked = pick(&of(most), 31, &options).unwrap();
-        assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
-        let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
-        assert_eq!(alone.members, picked.members, "the piece is found without the others");
-    }
-
-    #[test]
-    fn a_click_on_one_of_two_beads_that_touch_means_it_and_the_next_level_is_both() {
-        let device = DeviceName::all()[0].open().unwrap();
-        // a third one far away, so that the beads are not the whole scene
-        let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
-        let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
-        let within: Vec<u32> = (0..at.len() as u32).filter(|&i| bead_of[i as usize] < 2).collect();
-        let of = Candidates::new(&field, &frame, &at.means, &at, &within);
-        for bead in 0..2 {
-            let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
-            let clicked = own[own.len() / 2];
-            let (found, n) = levels(&of, clicked).unwrap();
-            assert!(found[n].piece && overlap(&found[n].members, &own) > 0.9, "{bead}");
-            assert!(found[n + 1..].iter().any(|l| l.piece && l.members == within), "both together are a level too");
-            assert_eq!(likeliest(&of, clicked).unwrap(), found[n]);
-        }
-    }
-
-    #[test]
-    fn a_plateau_is_found_between_two_slopes() {
-        // much is like it up to 0.55, the thing itself from 0.7 to 0.9, and crumbs
-        let cosines: Vec<f32> = (0..100).map(|n| 0.45 + 0.001 * n as f32).chain((0..50).map(|_| 0.92)).collect();
-        let sizes = sizes(&cosines, &[1.0; 150], 1.0);
-        assert_eq!((sizes[0], sizes[10], sizes[COSINES - 1]), (150.0, 50.0, 1.0));
-        let found = plateaus(&sizes);
-        assert!(found.iter().any(|(k, s)| *s == 1.0 && sizes[*k] == 50.0), "{found:?}");
-        let steep: Vec<f64> = (0..COSINES).map(|k| 0.1f64.powi(k as i32)).collect();
-        assert_eq!(plateaus(&steep).len(), 1, "the best of a bad lot");
-    }
-
-    #[test]
-    fn poison_weighs_nothing_and_is_like_nothing() {
-        let mut at = APART.gaussians();
-        (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
-        assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5)[0], 1.0);
-        let device = DeviceName::all()[0].open().unwrap();
-        let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
-        at.means[30] = f32::NAN;
-        let all: Vec<u32> = (0..at.len() as u32).collect();
-        let of = Candidates::new(&field, &frame, &at.means, &at, &all);
-        let (found, likeliest) = levels(&of, 10).unwrap();
-        assert!(found[likeliest].members.contains(&10));
-    }
-}
+#[path = "levels_tests.rs"]
+mod tests;

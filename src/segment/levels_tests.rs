@@ -1,0 +1,123 @@
+//! Levels at clicks on balls, on beads that touch, and on what has melted together.
+
+use super::*;
+use crate::device::DeviceName;
+use crate::segment::balls::{APART, Balls, COUNT, add, surfaces};
+use crate::segment::fine::AffinityField;
+use crate::segment::fine::network::Frame;
+use crate::segment::fine::train::{FineOptions, train};
+use crate::segment::pick::{Meaning, PickOptions, pick};
+
+#[test]
+fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
+    let device = DeviceName::all()[0].open().unwrap();
+    let at = APART.gaussians();
+    // the first few hundred steps go by before the features of the balls part
+    let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
+    let field = train(&APART.prepared(&at), &options, &device, |_, _| true).unwrap();
+    let frame = Frame::around(&at.means);
+    let of = |within| Candidates::new(&field, &frame, &at.means, &at, within);
+    let all: Vec<u32> = (0..at.len() as u32).collect();
+    let balls = [&all[..COUNT], &all[COUNT..]];
+    for clicked in [3, 31, COUNT as u32 + 7] {
+        let mine = balls[usize::from(clicked as usize >= COUNT)];
+        let (found, likeliest) = levels(&of(&all), clicked).unwrap();
+        assert!(overlap(&found[likeliest].members, mine) > 0.9, "{:?}", found[likeliest]);
+        assert!(found.iter().all(|l| l.members.binary_search(&clicked).is_ok()));
+        assert!(found.is_sorted_by_key(|l| l.members.len()));
+        let Level { scale, threshold, .. } = found[likeliest];
+        let take = |meaning, list| pick(&of(&all), clicked, &PickOptions { meaning, keep_strays: true, list }).unwrap();
+        let by_hand = Meaning::By { scale, threshold };
+        assert_eq!(take(by_hand, false).members, found[likeliest].members);
+        assert_eq!(take(by_hand, true).levels, found);
+        assert_eq!(take(Meaning::Likeliest, false).members, found[likeliest].members);
+        let picked = take(Meaning::Likeliest, true);
+        assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
+        assert_eq!(picked.levels, found);
+        assert_eq!(take(Meaning::Level(likeliest), false).members, found[likeliest].members);
+        assert_eq!(take(Meaning::Level(99), false).level, Some(found.len() - 1), "there are no more");
+        assert_eq!(levels(&of(&all), clicked).unwrap(), (found, likeliest), "the same twice");
+    }
+    assert!(levels(&of(&all[1..]), 0).is_err());
+    assert_eq!(levels(&of(&[5]), 5).unwrap().0[0].members, [5], "alone");
+    // in a segment that holds the first ball and half of the second, the piece is the first ball
+    let most = &all[..COUNT + COUNT / 2];
+    let (found, likeliest) = levels(&of(most), 31).unwrap();
+    assert!(found[likeliest].piece && overlap(&found[likeliest].members, balls[0]) > 0.95, "{:?}", found[likeliest]);
+    let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true, list: true };
+    let picked = pick(&of(most), 31, &options).unwrap();
+    assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
+    let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
+    assert_eq!(alone.members, picked.members, "the piece is found without the others");
+}
+
+#[test]
+fn where_masks_part_what_has_melted_together_a_click_means_one_of_the_two() {
+    let device = DeviceName::all()[0].open().unwrap();
+    let melted = Balls { apart: 0.22, count: COUNT };
+    let mut at = melted.gaussians();
+    let first: Vec<u32> = (0..COUNT as u32).collect();
+    let both: Vec<u32> = (0..2 * COUNT as u32).collect();
+    let far = (0..COUNT).min_by(|&a, &b| at.means[3 * a].total_cmp(&at.means[3 * b])).unwrap() as u32;
+    let train_on = |masks| {
+        let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
+        train(&melted.prepared_with(&melted.gaussians(), masks), &options, &device, |_, _| true).unwrap()
+    };
+    let frame = Frame::around(&at.means);
+    // something else, so that they are not the whole scene
+    add(&mut at, [9.0, 0.0, 0.0], [-2.7; 3]);
+    for (masks, one) in [(3, true), (2, false)] {
+        let field = train_on(masks);
+        let of = Candidates::new(&field, &frame, &at.means, &at, &both);
+        let (found, n) = levels(&of, far).unwrap();
+        assert_eq!(likeliest(&of, far).unwrap(), found[n]);
+        assert_eq!(found[n].piece, one, "{masks} masks a view");
+        assert!(one || overlap(&found[n].members, &first) > 0.6, "{:?}", found[n]);
+        assert!(found.iter().any(|l| l.piece && l.members == both), "all of it is a level in any case");
+        assert!(found.is_sorted_by_key(|l| l.members.len()));
+    }
+}
+
+#[test]
+fn a_click_on_one_of_two_beads_that_touch_means_it_and_the_next_level_is_both() {
+    let device = DeviceName::all()[0].open().unwrap();
+    // a third one far away, so that the beads are not the whole scene
+    let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
+    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let within: Vec<u32> = (0..at.len() as u32).filter(|&i| bead_of[i as usize] < 2).collect();
+    let of = Candidates::new(&field, &frame, &at.means, &at, &within);
+    for bead in 0..2 {
+        let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
+        let clicked = own[own.len() / 2];
+        let (found, n) = levels(&of, clicked).unwrap();
+        assert!(found[n].piece && overlap(&found[n].members, &own) > 0.9, "{bead}");
+        assert!(found[n + 1..].iter().any(|l| l.piece && l.members == within), "both together are a level too");
+        assert_eq!(likeliest(&of, clicked).unwrap(), found[n]);
+    }
+}
+
+#[test]
+fn a_plateau_is_found_between_two_slopes() {
+    // much is like it up to 0.55, the thing itself from 0.7 to 0.9, and crumbs
+    let cosines: Vec<f32> = (0..100).map(|n| 0.45 + 0.001 * n as f32).chain((0..50).map(|_| 0.92)).collect();
+    let sizes = sizes(&cosines, &[1.0; 150], 1.0);
+    assert_eq!((sizes[0], sizes[10], sizes[COSINES - 1]), (150.0, 50.0, 1.0));
+    let found = plateaus(&sizes);
+    assert!(found.iter().any(|(k, s)| *s == 1.0 && sizes[*k] == 50.0), "{found:?}");
+    let steep: Vec<f64> = (0..COSINES).map(|k| 0.1f64.powi(k as i32)).collect();
+    assert_eq!(plateaus(&steep).len(), 1, "the best of a bad lot");
+}
+
+#[test]
+fn poison_weighs_nothing_and_is_like_nothing() {
+    let mut at = APART.gaussians();
+    (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
+    assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5)[0], 1.0);
+    let device = DeviceName::all()[0].open().unwrap();
+    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    at.means[30] = f32::NAN;
+    let all: Vec<u32> = (0..at.len() as u32).collect();
+    let of = Candidates::new(&field, &frame, &at.means, &at, &all);
+    let (found, likeliest) = levels(&of, 10).unwrap();
+    assert!(found[likeliest].members.contains(&10));
+}
