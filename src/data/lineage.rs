@@ -1,18 +1,19 @@
 //! Segments that merge and split: which ids hold, at another time, the matter of what was clicked.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// What becomes of a segment at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Change {
-    /// It ends, as it merges into the other.
-    Merged,
-    /// It begins, as it splits off the other.
-    Split,
+    /// It ends: it merges into another, or vanishes.
+    Ended,
+    /// It begins: it splits off another, or appears.
+    Began,
 }
 
-/// A merge or a split of segments, from one step of the series to the next.
+/// The end or the beginning of a segment, from one step of the series to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Turn {
     /// Time in [0, 1] of the first step at which it has happened.
@@ -21,61 +22,74 @@ pub struct Turn {
     pub segment: u16,
     /// Which of the two.
     pub change: Change,
-    /// The one that goes on.
-    pub other: u16,
+    /// The one that goes on, into which it merges or off which it splits; none where it vanishes or appears alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub other: Option<u16>,
 }
 
-/// The ids that hold at time `to` the matter of what the segments `ids` are at time `from`, by the merges and splits between
-/// the two: back in time, what has merged into them is among them; forward, what splits off them. `None` where they are
-/// part of something larger at that time, of which no id tells their part.
+/// The ids that hold at time `to` the matter of what the segments `ids` are at time `from`, by what merges and splits between
+/// the two: back in time, what has merged into them is among them; forward, what splits off them. What vanishes on the way from
+/// the earlier time, or appears on the way, is loss and growth, as at any border. `None` where they are part of something
+/// larger at that time, of which no id tells their part.
 #[must_use]
 pub fn ids_at(turns: &[Turn], ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
     let (low, high) = (from.min(to), from.max(to));
     let mut between: Vec<&Turn> = turns.iter().filter(|t| low < t.time && t.time <= high).collect();
-    // of one step merges first: what splits off may have merged before
+    // of one step ends come first: what splits off may have merged before
     between.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.change.cmp(&b.change)));
-    let back = to < from;
-    if back {
+    // looking back, an end is where a segment comes from, and a beginning is where it goes
+    let comes = if to < from { Change::Ended } else { Change::Began };
+    if to < from {
         between.reverse();
     }
-    let mut found = ids.to_vec();
+    let mut found: BTreeSet<u16> = ids.iter().copied().collect();
+    // what came alone on the way
+    let mut passing: BTreeSet<u16> = BTreeSet::new();
     for turn in between {
-        let (ours, others) = (found.contains(&turn.segment), found.contains(&turn.other));
-        match (turn.change == Change::Merged) == back {
-            // seen in this direction, the segment comes out of the other
-            true if others && !ours => found.push(turn.segment),
-            // and here it goes into the other
-            false if others != ours => return None,
+        let segment = turn.segment;
+        match (turn.change == comes, turn.other) {
+            (true, None) => {
+                passing.insert(segment);
+            }
+            (true, Some(other)) if found.contains(&other) => {
+                found.insert(segment);
+            }
+            (true, Some(other)) if passing.contains(&other) => {
+                passing.insert(segment);
+            }
+            (false, Some(other)) if found.contains(&segment) && !found.contains(&other) => return None,
+            (false, Some(other)) if !found.contains(&segment) && !passing.contains(&segment) => {
+                if found.contains(&other) {
+                    return None;
+                }
+                // what came alone is not so, if it takes in what was there
+                passing.remove(&other);
+            }
             _ => {}
         }
     }
-    found.sort_unstable();
-    Some(found)
+    Some(found.into_iter().collect())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Change::{Merged, Split};
+    use Change::{Began, Ended};
 
-    fn turn(time: f64, segment: u16, change: Change, other: u16) -> Turn {
-        Turn { time, segment, change, other }
+    fn turn(time: f64, segment: u16, change: Change, other: impl Into<Option<u16>>) -> Turn {
+        Turn { time, segment, change, other: other.into() }
     }
 
     #[test]
     fn what_merged_is_among_its_whole_before_and_cannot_be_told_after() {
         // 3 and 4 merge into 2, and that into 1
-        let turns = [turn(0.2, 3, Merged, 2), turn(0.2, 4, Merged, 2), turn(0.6, 2, Merged, 1)];
+        let turns = [turn(0.2, 3, Ended, 2), turn(0.2, 4, Ended, 2), turn(0.6, 2, Ended, 1)];
         let at = |ids: &[u16], from, to| ids_at(&turns, ids, from, to);
         assert_eq!(at(&[1], 0.9, 0.0), Some(vec![1, 2, 3, 4]));
         assert_eq!(at(&[1], 0.9, 0.3), Some(vec![1, 2]));
         assert_eq!(at(&[1], 0.9, 0.7), Some(vec![1]));
         assert_eq!(at(&[2], 0.5, 0.1), Some(vec![2, 3, 4]));
-        assert_eq!(
-            (at(&[3], 0.0, 0.1), at(&[3], 0.0, 0.2)),
-            (Some(vec![3]), None),
-            "at the time of the turn it has happened"
-        );
+        assert_eq!((at(&[3], 0.0, 0.1), at(&[3], 0.0, 0.2)), (Some(vec![3]), None), "then it has happened");
         assert_eq!(at(&[2], 0.0, 0.5), None, "more than it was");
         assert_eq!(at(&[2, 3, 4], 0.0, 0.5), Some(vec![2, 3, 4]), "all that merges: ids that ended hold nothing");
         assert_eq!(at(&[7], 0.0, 1.0), Some(vec![7]));
@@ -84,7 +98,7 @@ mod tests {
 
     #[test]
     fn what_splits_off_is_among_its_whole_after_and_cannot_be_told_before() {
-        let turns = [turn(0.4, 5, Split, 1), turn(0.7, 6, Split, 5)];
+        let turns = [turn(0.4, 5, Began, 1), turn(0.7, 6, Began, 5)];
         let at = |ids: &[u16], from, to| ids_at(&turns, ids, from, to);
         assert_eq!(at(&[1], 0.1, 1.0), Some(vec![1, 5, 6]));
         assert_eq!(at(&[1], 0.1, 0.5), Some(vec![1, 5]));
@@ -94,11 +108,35 @@ mod tests {
     }
 
     #[test]
-    fn of_one_step_merges_come_first() {
+    fn of_one_step_ends_come_first() {
         // 2 merges into 1, of which 3 splits off
-        let turns = [turn(0.5, 3, Split, 1), turn(0.5, 2, Merged, 1)];
+        let turns = [turn(0.5, 3, Began, 1), turn(0.5, 2, Ended, 1)];
         assert_eq!(ids_at(&turns, &[1, 2], 0.0, 1.0), Some(vec![1, 2, 3]));
         assert_eq!(ids_at(&turns, &[1, 3], 1.0, 0.0), Some(vec![1, 2, 3]));
         assert_eq!(ids_at(&turns, &[1], 1.0, 0.0), None);
+    }
+
+    #[test]
+    fn what_vanishes_is_loss_and_what_appears_is_growth() {
+        // 5 splits off 1, a crumb of it falls off, and both vanish
+        let turns =
+            [turn(0.2, 5, Began, 1), turn(0.3, 6, Began, 5), turn(0.4, 5, Ended, None), turn(0.5, 6, Ended, None)];
+        assert_eq!(ids_at(&turns, &[1], 0.6, 0.0), Some(vec![1]));
+        assert_eq!(ids_at(&turns, &[1], 0.45, 0.0), None, "one of them is still there");
+        assert_eq!(ids_at(&turns, &[6], 0.45, 0.0), None);
+        assert_eq!(ids_at(&turns, &[1], 0.0, 0.6), Some(vec![1, 5, 6]));
+        // 7 appears, 8 splits off it, and both merge into 2, which later merges into what appeared as 9
+        let turns = [
+            turn(0.2, 7, Began, None),
+            turn(0.3, 8, Began, 7),
+            turn(0.4, 8, Ended, 2),
+            turn(0.5, 7, Ended, 2),
+            turn(0.6, 9, Began, None),
+            turn(0.7, 2, Ended, 9),
+        ];
+        assert_eq!(ids_at(&turns, &[2], 0.0, 0.6), Some(vec![2]));
+        assert_eq!(ids_at(&turns, &[2], 0.25, 0.6), None, "one was there before");
+        assert_eq!(ids_at(&turns, &[2], 0.0, 0.8), None, "part of something larger");
+        assert_eq!(ids_at(&turns, &[2], 0.6, 0.0), Some(vec![2, 7, 8]));
     }
 }

@@ -40,7 +40,8 @@ pub struct SegmentFile {
     /// Volumes of ids and opacity, by ascending time; none in datasets of old versions.
     #[serde(default)]
     pub volumes: Vec<VolumeEntry>,
-    /// Merges and splits of segments; none where ids are the same things at all times, and in datasets of old versions.
+    /// Ends and beginnings of segments that merge and split; none where ids are the same things at all times, and in datasets
+    /// of old versions.
     #[serde(default)]
     pub lineage: Vec<Turn>,
 }

@@ -144,11 +144,11 @@ impl Source {
         }
     }
 
-    /// Merges and splits of connected parts, by time; none of segments that are given.
+    /// The ends and beginnings of connected parts, by time; none of segments that are given.
     #[must_use]
     pub fn lineage(&self) -> Vec<Turn> {
         let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
-        let change = |ends| if ends { Change::Merged } else { Change::Split };
+        let change = |ends| if ends { Change::Ended } else { Change::Began };
         let turn =
             |c: &PartChange| Turn { time: self.time(c.step), segment: c.id, change: change(c.ends), other: c.other };
         parts.changes().iter().map(turn).collect()

@@ -63,7 +63,7 @@ pub enum PartsError {
     TooLarge(usize),
 }
 
-/// A part that ends as it merges into another, or begins as it splits off one.
+/// The end or the beginning of a part after the first step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PartChange {
     /// The first step at which it has happened.
@@ -72,8 +72,9 @@ pub struct PartChange {
     pub id: u16,
     /// Whether it ends.
     pub ends: bool,
-    /// The part that goes on: of those that it overlaps with, the one it shares most voxels with.
-    pub other: u16,
+    /// The part that goes on, into which it merges or off which it splits: of those that it overlaps with, the one it shares most
+    /// voxels with; none where it vanishes or appears alone.
+    pub other: Option<u16>,
 }
 
 /// The parts of a series and their ids over time.
@@ -194,9 +195,15 @@ impl Parts {
                 // most is shared first
                 for (id, ends, other) in [ended, begun].into_iter().flatten() {
                     if !std::mem::replace(&mut told[usize::from(id)], true) {
-                        out.changes.push(PartChange { step, id, ends, other });
+                        out.changes.push(PartChange { step, id, ends, other: Some(other) });
                     }
                 }
+            }
+            if let Some(last) = out.ids.last() {
+                let ended = last.iter().filter(|id| !taken[usize::from(**id)]).map(|id| (*id, true));
+                let begun = ids.iter().filter(|id| **id > known).map(|id| (*id, false));
+                let alone = ended.chain(begun).filter(|(id, _)| !told[usize::from(*id)]);
+                out.changes.extend(alone.map(|(id, ends)| PartChange { step, id, ends, other: None }));
             }
             before.clear();
             before.extend(numbers.iter().map(|n| if *n == 0 { 0 } else { ids[*n as usize - 1] }));
@@ -214,7 +221,7 @@ impl Parts {
         self.count
     }
 
-    /// Merges and splits, by step.
+    /// What ends and begins after the first step, by step.
     #[must_use]
     pub fn changes(&self) -> &[PartChange] {
         &self.changes

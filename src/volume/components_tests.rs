@@ -51,22 +51,22 @@ fn faces_join_and_edges_do_not() {
     assert_eq!(parts_of(&[0.0, 1.0, 1.0, 0.0], [2, 2, 1], ANY).1, [1, 1]);
 }
 
-/// Step, id, `>` where it ends and `<` where it begins, and the other's id.
+/// Step, id, `>` where it ends and `<` where it begins, and the other's id, 0 for none.
 fn changes(steps: &[&[&str]]) -> Vec<String> {
     let volumes: Vec<Volume> = steps.iter().map(|rows| slice(rows)).collect();
     let parts = Parts::follow(&volumes[0].grid, volumes.len(), ANY, |step| Ok(volumes[step].clone())).unwrap();
     let sign = |c: &PartChange| if c.ends { '>' } else { '<' };
-    parts.changes().iter().map(|c| format!("{}: {}{}{}", c.step, c.id, sign(c), c.other)).collect()
+    parts.changes().iter().map(|c| format!("{}: {}{}{}", c.step, c.id, sign(c), c.other.unwrap_or(0))).collect()
 }
 
 #[test]
-fn merges_and_splits_are_told_and_what_vanishes_or_comes_alone_is_not() {
+fn what_ends_and_begins_is_told_with_what_it_merges_into_or_splits_off() {
     assert_eq!(changes(&[&["###.##.#"], &["######.#"], &["######.#"], &["###.##.#"]]), ["1: 2>1", "3: 4<1"]);
     // three into one at once; one of two, and of that a third
     assert_eq!(changes(&[&["####.##.#"], &["#########"]]), ["1: 2>1", "1: 3>1"]);
     assert_eq!(changes(&[&["#######"], &["##.####"], &["##.#.##"]]), ["1: 2<1", "2: 3<1"]);
     // the second vanishes, the third comes where nothing was
-    assert_eq!(changes(&[&["##....#"], &[".##...."], &["..##..#"]]), Vec::<String>::new());
+    assert_eq!(changes(&[&["##....#"], &[".##...."], &["..##..#"]]), ["1: 2>0", "2: 3<0"]);
     // of two that a part could have merged into, the one it shares most with
     assert_eq!(changes(&[&["#####.##"], &["###..###"], &["########"]]), ["2: 2>1"]);
 }

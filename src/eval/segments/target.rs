@@ -173,7 +173,7 @@ mod tests {
         let mut truth = truth();
         let Truth { file, .. } = &mut truth;
         file.segments.truncate(2);
-        file.lineage.push(Turn { time: 0.4, segment: 1, change: Change::Merged, other: 2 });
+        file.lineage.push(Turn { time: 0.4, segment: 1, change: Change::Ended, other: Some(2) });
         let times = |clicked| -> Vec<Vec<(f64, usize)>> {
             let found = targets(&truth, &[], &[], clicked).unwrap();
             found.iter().map(|t| t.frames.iter().map(|f| (f.time, f.segments())).collect()).collect()

@@ -1,0 +1,119 @@
+//! Coarse segments of two balls, of a thread, and of poison.
+
+use super::*;
+use crate::model::sh::C0;
+
+/// A red and a blue ball, a red stray in the blue one, and a transparent haze.
+fn two_balls() -> (HostGaussians, Vec<u32>) {
+    let mut rng = Rng::new(3, 0, Purpose::Custom(0));
+    let (mut g, mut truth) = (HostGaussians { sh_stride: 4, ..HostGaussians::default() }, Vec::new());
+    let mut add = |centre: f32, colour: [f32; 3], logit: f32, label: u32| {
+        for _ in 0..3 {
+            g.means.push(centre + 0.1 * rng.normal());
+            g.log_scales.push(-3.0);
+        }
+        g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
+        g.opacity_logits.push(logit);
+        g.sh.extend(colour.map(|c| (c + 0.03 * rng.normal() - 0.5) / C0));
+        g.sh.extend((0..9).map(|_| 0.05 * rng.normal()));
+        truth.push(label);
+    };
+    for k in 0..900 {
+        match k % 3 {
+            0 => add(-1.0, [0.9, 0.1, 0.1], 2.0, 2),
+            1 => add(1.0, [0.1, 0.2, 0.9], 3.0, 1),
+            _ => add(0.0, [0.5, 0.9, 0.5], -6.0, 0),
+        }
+    }
+    add(1.0, [0.9, 0.1, 0.1], 2.0, 0);
+    (g, truth)
+}
+
+#[test]
+fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
+    let (g, truth) = two_balls();
+    for space in [ColourSpace::Rgb, ColourSpace::Lab, ColourSpace::Material] {
+        let out = coarse(&g, None, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
+        let names: Vec<&str> = out.palette.iter().map(|p| p.name.as_str()).collect();
+        assert_eq!(names, ["blue", "red"], "{space:?}");
+        let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
+        assert!(wrong <= 9, "{wrong} wrong in {space:?}: at most the rim of the balls may go with the stray");
+        // a mean colour leaves it alone, a material takes what its neighbours are
+        let stray = if space == ColourSpace::Material { 1 } else { 0 };
+        assert_eq!(out.labels.last(), Some(&stray), "the stray");
+    }
+    // a part of the haze that is opaque at another time joins the colour next to it
+    let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.02 } else { 0.0 }).collect();
+    for space in [ColourSpace::Rgb, ColourSpace::Material] {
+        let options = CoarseOptions { space, ..CoarseOptions::default() };
+        let with = coarse(&g, Some(&later), &options).unwrap();
+        let without = coarse(&g, None, &options).unwrap();
+        for i in 0..900 {
+            assert_eq!(with.labels[i] > 0, without.labels[i] > 0 || i % 6 == 2, "{i}");
+        }
+    }
+    let kept = CoarseOptions { outliers: None, clusters: Some(2), space: ColourSpace::Rgb, ..CoarseOptions::default() };
+    let out = coarse(&g, None, &kept).unwrap();
+    assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
+    assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same twice");
+}
+
+#[test]
+fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
+    let (mut g, _) = two_balls();
+    g.means[0] = f32::NAN;
+    let options = CoarseOptions { space: ColourSpace::Rgb, ..CoarseOptions::default() };
+    let numbers = [None, Some(2), Some(40)];
+    for (clusters, space) in numbers.into_iter().flat_map(|k| [(k, ColourSpace::Rgb), (k, ColourSpace::Material)]) {
+        let out = coarse(&g, None, &CoarseOptions { clusters, space, ..options }).unwrap();
+        let mut counts = vec![0; out.palette.len()];
+        out.labels.iter().filter(|l| **l > 0).for_each(|l| counts[*l as usize - 1] += 1);
+        assert!(counts.iter().all(|n| *n > 0), "{counts:?}");
+        let inside: usize = counts.iter().sum();
+        assert_eq!(inside + out.outliers + out.transparent + out.not_finite, g.len());
+        assert_eq!(out.not_finite, 1);
+        assert!(space == ColourSpace::Material || out.outliers > 0, "{space:?}: the stray");
+        assert!(out.transparent >= 300, "{}", out.transparent);
+    }
+    // so lonely is each that none is left
+    g.log_scales.fill(-20.0);
+    let outliers = Some(OutlierConfig { radius: Some(1e-6), ..OutlierConfig::default() });
+    let out = coarse(&g, None, &CoarseOptions { outliers, ..options }).unwrap();
+    assert!(out.palette.is_empty() && out.labels.iter().all(|l| *l == 0));
+    let mut labels = [0, 3, 1, 3];
+    assert_eq!(without_empty(&[1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0], &mut labels)[3..], [3.0; 3]);
+    assert_eq!(labels, [0, 2, 1, 2]);
+}
+
+#[test]
+fn a_thin_thread_stays_where_its_gaussians_touch_and_goes_where_they_do_not() {
+    let (mut g, truth) = two_balls();
+    let ball = g.len();
+    for k in 0..60 {
+        g.means.extend([1.0 + 0.1 * k as f32, 3.0, 0.0]);
+        g.log_scales.extend([0.03f32.ln(), -5.0, -5.0]);
+        g.rotations.extend([1.0, 0.0, 0.0, 0.0]);
+        g.opacity_logits.push(2.0);
+        g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / C0).iter().chain(&[0.0; 9]));
+    }
+    for space in [ColourSpace::Rgb, ColourSpace::Material] {
+        let options = CoarseOptions { space, ..CoarseOptions::default() };
+        let red = coarse(&g, None, &options).unwrap().labels[truth.iter().position(|t| *t == 2).unwrap()];
+        assert_eq!(coarse(&g, None, &options).unwrap().labels[ball..], [red; 60], "{space:?}");
+        let mut apart = g.clone();
+        apart.log_scales[3 * ball..].fill(-5.0);
+        assert_eq!(coarse(&apart, None, &options).unwrap().labels[ball..], [0; 60], "{space:?}");
+    }
+}
+
+#[test]
+fn poison_and_nothing_are_taken() {
+    let (mut g, _) = two_balls();
+    (g.means[0], g.sh[20], g.opacity_logits[6]) = (f32::NAN, f32::INFINITY, f32::NAN);
+    let out = coarse(&g, None, &CoarseOptions::default()).unwrap();
+    assert_eq!((out.labels[0], out.labels[6]), (0, 0));
+    let none = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+    let out = coarse(&none, None, &CoarseOptions { clusters: Some(3), ..CoarseOptions::default() });
+    assert!(out.is_err() || out.unwrap().palette.is_empty());
+    assert!(coarse(&g, None, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
+}
