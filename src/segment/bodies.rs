@@ -160,8 +160,8 @@ mod tests {
     #[test]
     fn a_skin_goes_with_what_it_covers_and_the_rest_of_its_material_stays() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        // two fifths of the first sphere are of the material of the second, which is far away
-        let mut labels = sphere(&mut at, -3.0, 1.0, |i| if i % 5 < 3 { 1 } else { 2 });
+        // four ninths of the first sphere are of the material of the second, which is far away
+        let mut labels = sphere(&mut at, -3.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
         labels.extend(sphere(&mut at, 3.0, 1.0, |_| 2));
         let found = joined(&at, &labels);
         assert!(found[..1800].iter().all(|l| *l == 1) && found[1800..].iter().all(|l| *l == 2));
@@ -186,10 +186,10 @@ mod tests {
     #[test]
     fn what_has_no_material_or_is_not_seen_stays_as_it_is() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        let mut labels = sphere(&mut at, 0.0, 1.0, |i| if i % 5 < 3 { 1 } else { 2 });
+        let mut labels = sphere(&mut at, 0.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
         (labels[3], at.opacity_logits[8]) = (0, -9.0);
         let found = joined(&at, &labels);
-        assert_eq!((found[3], found[8], found[13]), (0, 2, 1));
+        assert_eq!((found[3], found[8], found[14]), (0, 2, 1));
         assert_eq!(joined(&at.subset(&[]), &[]), [0u32; 0]);
         assert_eq!(joined(&at.subset(&[4]), &[7]), [7]);
     }
