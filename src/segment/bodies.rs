@@ -184,12 +184,12 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_material_or_is_not_seen_stays_as_it_is() {
+    fn what_has_no_material_stays_and_what_is_not_seen_goes_along() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         let mut labels = sphere(&mut at, 0.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
         (labels[3], at.opacity_logits[8]) = (0, -9.0);
         let found = joined(&at, &labels);
-        assert_eq!((found[3], found[8], found[14]), (0, 2, 1));
+        assert_eq!((found[3], found[8], found[14]), (0, 1, 1));
         assert_eq!(joined(&at.subset(&[]), &[]), [0u32; 0]);
         assert_eq!(joined(&at.subset(&[4]), &[7]), [7]);
     }

@@ -36,8 +36,9 @@ const NOT_ALL: f64 = 0.3;
 /// Mask scale at which all of one thing is alike ...
 const WHOLE: f32 = 0.9;
 /// ... and the share of a piece, by weight, that is like the clicked Gaussian there, with [`LOWEST`], if it is one. Pieces that are
-/// one thing have 0.97 to 1, shells that touch 0.56 to 0.71: see the results of 2026-11-25 in `benches/results`.
-const ONE: f64 = 0.95;
+/// one thing have 0.97 to 1, two shells of which masks see little more than the outer one 0.92, shells that touch everywhere
+/// 0.56 to 0.71: see the results of 2026-11-25 in `benches/results`.
+const ONE: f64 = 0.85;
 
 /// Pieces whose parts are found before a click, see [`prepare`] ...
 const PIECES: usize = 8;
