@@ -78,18 +78,12 @@ impl Balls {
 
     /// The views as training takes them, of all of `at`.
     pub(crate) fn prepared(self, at: &HostGaussians) -> Vec<FineView> {
-        self.prepared_with(at, 3)
-    }
-
-    /// The same with the first `count` masks of each view.
-    pub(crate) fn prepared_with(self, at: &HostGaussians, count: usize) -> Vec<FineView> {
         let device = DeviceName::all()[0].open().unwrap();
         let members: Vec<u32> = (0..at.len() as u32).collect();
         let frame = Frame::around(&at.means);
         let mut out: Vec<FineView> = (0..)
             .zip(self.views())
-            .filter_map(|(number, (camera, mut masks))| {
-                masks.truncate(count);
+            .filter_map(|(number, (camera, masks))| {
                 let settings = rendering().seen_by(camera);
                 let view = MaskedView { members: members.clone(), settings, masks };
                 FineView::new(at, &frame, &view, number, 0, &device).unwrap()

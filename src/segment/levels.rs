@@ -2,8 +2,8 @@
 //!
 //! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one
 //! colour and is in one piece mostly is one thing, unless it has a neck: then it is things that touch, and the one is
-//! meant that was clicked (see [`super::necks`]); the whole piece is the next level. Where the masks say that a piece is several
-//! things all the same, as shells are that touch everywhere, and in a whole scene, it is a plateau of the affinity.
+//! meant that was clicked (see [`super::necks`]); the whole piece is the next level. In a whole scene, whose things touch each other, it is a plateau of
+//! the affinity.
 //!
 //! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a
 //! thing it stops growing for a while, as what belongs to one mask has like features and what belongs to another does
@@ -32,13 +32,6 @@ const ALIKE: f64 = 0.85;
 const LARGE: f64 = 0.1;
 /// ... and how much one that leaves something out is to one that takes all: power of the rest.
 const NOT_ALL: f64 = 0.3;
-
-/// Mask scale at which all of one thing is alike ...
-const WHOLE: f32 = 0.9;
-/// ... and the share of a piece, by weight, that is like the clicked Gaussian there, with [`LOWEST`], if it is one. Pieces that are
-/// one thing have 0.97 to 1, two shells of which masks see little more than the outer one 0.92, shells that touch everywhere
-/// 0.56 to 0.71: see the results of 2026-11-25 in `benches/results`.
-const ONE: f64 = 0.85;
 
 /// Pieces whose parts are found before a click, see [`prepare`] ...
 const PIECES: usize = 8;
@@ -80,16 +73,6 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
         return Ok((found, likeliest));
     }
     found.retain(|l| spatial.iter().all(|s| overlap(&l.members, &s.members) < ALIKE));
-    if let [piece] = &spatial[..]
-        && !is_one(of, clicked, piece)?
-    {
-        let inside = |l: &Level| within(&l.members, &piece.members) >= ALIKE;
-        let likeliest = most_likely_of(&found, inside);
-        let place = found.partition_point(|l| l.members.len() < piece.members.len());
-        found.extend(spatial);
-        found[place..].rotate_right(1);
-        return Ok((found, likeliest.unwrap_or(place)));
-    }
     let mut likeliest = 0;
     for level in spatial.into_iter().rev() {
         likeliest = found.partition_point(|l| l.members.len() < level.members.len());
@@ -98,7 +81,7 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
     Ok((found, likeliest))
 }
 
-/// The likeliest of the [`levels`], without looking for the others where it is a piece that is one thing, or a part of one.
+/// The likeliest of the [`levels`], without looking for the others where it is the piece or a part of it.
 ///
 /// # Errors
 /// As [`levels`].
@@ -106,29 +89,11 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
 /// # Panics
 /// As [`levels`].
 pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> {
-    let mut spatial = in_space(of, clicked)?;
-    let known = match &spatial[..] {
-        [] => false,
-        [piece] => is_one(of, clicked, piece)?,
-        _ => true,
-    };
-    if known {
-        return Ok(spatial.swap_remove(0));
+    if let Some(level) = in_space(of, clicked)?.into_iter().next() {
+        return Ok(level);
     }
-    let (mut found, likeliest) = levels(of, clicked)?;
-    Ok(found.swap_remove(likeliest))
-}
-
-/// Whether the masks take the `piece` for one thing: whether nearly all of it is like the clicked Gaussian at a large scale.
-fn is_one(of: &Candidates<'_>, clicked: u32, piece: &Level) -> Result<bool, PickError> {
-    let position = of.position(clicked)?;
-    let (cosines, weights) = (of.cosines(position, WHOLE), of.shown());
-    let (mut like, mut all) = (0.0, 0.0);
-    for n in piece.members.iter().filter_map(|i| of.within.binary_search(i).ok()) {
-        all += weights[n];
-        like += if cosines[n] >= LOWEST || n == position { weights[n] } else { 0.0 };
-    }
-    Ok(like >= ONE * all)
+    let mut found = of_affinity(of, clicked)?;
+    Ok(found.swap_remove(most_likely(&found)))
 }
 
 /// Finds out what a click on any of the candidates needs, so that it is answered at once: their features, and the parts of
@@ -248,30 +213,21 @@ fn plateaus(sizes: &[f64]) -> Vec<(usize, f64)> {
 
 /// Intersection over union of two ascending lists.
 fn overlap(a: &[u32], b: &[u32]) -> f64 {
-    let both = common(a, b);
+    let both = a.iter().filter(|i| b.binary_search(i).is_ok()).count();
     let either = a.len() + b.len() - both;
     if either == 0 { 1.0 } else { both as f64 / either as f64 }
 }
 
-/// The part of the list `a` that is in `b`, both ascending.
-fn within(a: &[u32], b: &[u32]) -> f64 {
-    common(a, b) as f64 / a.len().max(1) as f64
-}
-
-fn common(a: &[u32], b: &[u32]) -> usize {
-    a.iter().filter(|i| b.binary_search(i).is_ok()).count()
-}
-
 /// The most stable level, larger ones a little before smaller ones, but not all that is looked at if it can be helped.
 fn most_likely(levels: &[Level]) -> usize {
-    most_likely_of(levels, |_| true).unwrap_or(0)
-}
-
-/// The same of those that may be meant; `None` without any.
-fn most_likely_of(levels: &[Level], may: impl Fn(&Level) -> bool) -> Option<usize> {
     let score = |l: &Level| l.stability * l.share.powf(LARGE) * (1.0 - l.share).max(1e-6).powf(NOT_ALL);
-    let scored = levels.iter().enumerate().filter(|(_, l)| may(l)).map(|(n, l)| (n, score(l)));
-    scored.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(n, _)| n)
+    let mut best = 0;
+    for (n, level) in levels.iter().enumerate() {
+        if score(level) > score(&levels[best]) {
+            best = n;
+        }
+    }
+    best
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! Levels at clicks on balls, on beads that touch, and on what has melted together.
+//! Levels at clicks on balls and on beads that touch.
 
 use super::*;
 use crate::device::DeviceName;
-use crate::segment::balls::{APART, Balls, COUNT, add, surfaces};
+use crate::segment::balls::{APART, COUNT, surfaces};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{FineOptions, train};
@@ -49,33 +49,6 @@ fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
     assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
     let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
     assert_eq!(alone.members, picked.members, "the piece is found without the others");
-}
-
-#[test]
-fn where_masks_part_what_has_melted_together_a_click_means_one_of_the_two() {
-    let device = DeviceName::all()[0].open().unwrap();
-    let melted = Balls { apart: 0.22, count: COUNT };
-    let mut at = melted.gaussians();
-    let first: Vec<u32> = (0..COUNT as u32).collect();
-    let both: Vec<u32> = (0..2 * COUNT as u32).collect();
-    let far = (0..COUNT).min_by(|&a, &b| at.means[3 * a].total_cmp(&at.means[3 * b])).unwrap() as u32;
-    let train_on = |masks| {
-        let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
-        train(&melted.prepared_with(&melted.gaussians(), masks), &options, &device, |_, _| true).unwrap()
-    };
-    let frame = Frame::around(&at.means);
-    // something else, so that they are not the whole scene
-    add(&mut at, [9.0, 0.0, 0.0], [-2.7; 3]);
-    for (masks, one) in [(3, true), (2, false)] {
-        let field = train_on(masks);
-        let of = Candidates::new(&field, &frame, &at.means, &at, &both);
-        let (found, n) = levels(&of, far).unwrap();
-        assert_eq!(likeliest(&of, far).unwrap(), found[n]);
-        assert_eq!(found[n].piece, one, "{masks} masks a view");
-        assert!(one || overlap(&found[n].members, &first) > 0.6, "{:?}", found[n]);
-        assert!(found.iter().any(|l| l.piece && l.members == both), "all of it is a level in any case");
-        assert!(found.is_sorted_by_key(|l| l.members.len()));
-    }
 }
 
 #[test]
