@@ -64,15 +64,27 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
         if left.is_empty() || moved.iter().map(|&n| opacity[n]).sum::<f64>() < ALL * whole {
             continue;
         }
-        let place = |n: usize| point(&at.means, shown[n] as usize);
-        let grid = Grid::adaptive(&moved.iter().flat_map(|&n| place(n)).collect::<Vec<f32>>())?;
+        let known: Vec<(u32, u32)> = moved.iter().map(|&n| (shown[n], labels[n])).collect();
+        let nearest = label_of_nearest(at, &known)?;
         for n in left {
-            if let Some((near, _)) = grid.nearest(place(n), 1, None).first() {
-                labels[n] = labels[moved[*near as usize]];
-            }
+            labels[n] = nearest(shown[n]).unwrap_or(material);
         }
     }
     Ok(())
+}
+
+/// Gives the label that the nearest of those `known` has to a Gaussian of `at`: indices, with a label each; `None` where the
+/// Gaussian, or all that is known, is nowhere.
+///
+/// # Errors
+/// If the means are not rows of three.
+pub(super) fn label_of_nearest(
+    at: &HostGaussians,
+    known: &[(u32, u32)],
+) -> Result<impl Fn(u32) -> Option<u32>, PointsError> {
+    let place = |i: u32| point(&at.means, i as usize);
+    let grid = Grid::adaptive(&known.iter().flat_map(|(i, _)| place(*i)).collect::<Vec<f32>>())?;
+    Ok(move |i| grid.nearest(place(i), 1, None).first().map(|(n, _)| known[*n as usize].1))
 }
 
 /// What hangs together of one material.

@@ -1,7 +1,7 @@
 //! Coarse segmentation: Gaussians by the colour of their material, or by their mean colour as in the paper's section on
 //! colours, without outliers.
 
-use super::bodies::join_skins;
+use super::bodies::{join_skins, label_of_nearest};
 use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
@@ -9,9 +9,7 @@ use super::palette::{PaletteEntry, name_colours, name_materials};
 use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
-use crate::points::chunks::point;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
-use crate::points::neighbours::Grid;
 use crate::points::outliers::{OutlierConfig, keep_mask};
 use crate::points::suggest::suggest_clusters;
 use crate::rng::{Purpose, Rng};
@@ -265,12 +263,11 @@ fn follow_nearest(
     moved.sort_unstable();
     moved.dedup();
     for material in moved {
-        let rows: Vec<usize> = (0..shown.len()).filter(|&n| before[n] == material).collect();
-        let means: Vec<f32> = rows.iter().flat_map(|&n| point(&gaussians.means, shown[n] as usize)).collect();
-        let grid = Grid::adaptive(&means)?;
+        let of_it = (0..shown.len()).filter(|&n| before[n] == material);
+        let known: Vec<(u32, u32)> = of_it.map(|n| (shown[n], after[n])).collect();
+        let nearest = label_of_nearest(gaussians, &known)?;
         for (label, &i) in labels.iter_mut().zip(later).filter(|(label, _)| **label == material) {
-            let nearest = grid.nearest(point(&gaussians.means, i as usize), 1, None);
-            *label = nearest.first().map_or(material, |(n, _)| after[rows[*n as usize]]);
+            *label = nearest(i).unwrap_or(material);
         }
     }
     Ok(())

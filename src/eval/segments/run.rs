@@ -152,7 +152,8 @@ struct Clicked<'a> {
 impl Clicked<'_> {
     /// Whether some ids tell at every time of the truth where the matter is that was clicked at the time `from`.
     fn is_known_at_all_times(&self, truth: &Truth, from: f64) -> bool {
-        let pictures = truth.file.segments.iter().flat_map(|s| &s.frames).map(|f| f.time);
+        let own = truth.file.segments.iter().filter(|s| self.target.ids.contains(&s.id));
+        let pictures = own.flat_map(|s| &s.frames).map(|f| f.time);
         truth.volume_times().into_iter().chain(pictures).all(|t| truth.ids_at(&self.target.ids, from, t).is_some())
     }
 }
