@@ -27,6 +27,9 @@ fn from_a_run_to_parts_followed_through_time() {
     assert_eq!(found.len(), 2);
     assert_eq!(names(&segments), ["coarse.png", "segments.safetensors"]);
     refused(volseggs().current_dir(root).args(["segment", "coarse", "run"]), &["--replace"]);
+    // refused before anything is opened: there is no run of this name
+    let skins = ["segment", "coarse", "nowhere", "--space", "rgb", "--keep-skins"];
+    refused(volseggs().current_dir(root).args(skins), &["--keep-skins", "--space material"]);
     let name = found[0]["name"].as_str().unwrap().to_owned();
 
     let masks = run_json(root, &["segment", "masks", "run", "--views", "5", "--size", "64"]);

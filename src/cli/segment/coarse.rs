@@ -82,6 +82,9 @@ enum Space {
 
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
+        if self.keep_skins && self.space != Space::Material {
+            return Err(CliError::input("--keep-skins: only --space material joins skins; leave one of them out"));
+        }
         let (_, device) = self.common.device()?;
         let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
         let n = run.scene.gaussians.count();
@@ -100,9 +103,6 @@ impl CoarseArgs {
                 "{}: {there} segments are there already; pass --replace to begin again",
                 run.paths().segments().display()
             )));
-        }
-        if self.keep_skins && self.space != Space::Material {
-            return Err(CliError::input("--keep-skins: only --space material joins skins; leave one of them out"));
         }
         let mut outliers = OutlierConfig { radius: self.radius, ..OutlierConfig::default() };
         outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);

@@ -72,6 +72,11 @@ fn check_shared(config: &Config) -> Result<(), String> {
             format!("model.embedding = {}", config.model.embedding),
             "it has no decoder that would see it",
         ),
+        (
+            config.loss.fade != 0.0,
+            format!("loss.fade = {}", config.loss.fade),
+            "their opacity changes with time by themselves, there is no field that changes it",
+        ),
         (average > 0, format!("optim.average = {average}"), "not with this method"),
         (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),
         (visits > 1, format!("speed.cull_visits = {visits}"), "not with this method"),
