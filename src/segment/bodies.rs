@@ -25,8 +25,12 @@ const MINOR: f64 = 0.5;
 /// Share of a material, by opacity, that is skins if all of it is: crumbs of it go with the skin nearest to them.
 const ALL: f64 = 0.9;
 
+/// Opacity of a body's second material to that of its first, from which on which of the two comes first is chance.
+const MIXED: f64 = 0.5;
+
 /// Joins skins to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`, indices into `at`, which
-/// are all finite), become those of the bodies, each the material of its piece of most opacity.
+/// are all finite), become those of the bodies, each the material of its piece of most opacity. Bodies of the same two materials in
+/// about equal parts get one material, the one that has more of all of them.
 ///
 /// # Errors
 /// If the arrays of `at` disagree.
@@ -49,14 +53,20 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
             covers[skin] = Some(body);
         }
     }
+    let body_of = |mut piece: usize| {
+        // each is lighter than what it covers, so that this ends
+        while let Some(next) = covers[piece] {
+            piece = next;
+        }
+        piece
+    };
+    let bodies: Vec<usize> = (0..covers.len()).map(body_of).collect();
+    let materials = pieces.materials_of(&bodies);
     let before = labels.to_vec();
     for (label, piece) in labels.iter_mut().zip(&pieces.labels) {
-        let Some(mut body) = *piece else { continue };
-        // each is lighter than what it covers, so that this ends
-        while let Some(next) = covers[body] {
-            body = next;
+        if let Some(piece) = *piece {
+            *label = materials[&bodies[piece]];
         }
-        *label = pieces.materials[body];
     }
     for (&material, &whole) in &pieces.of_material {
         let of_it = || (0..labels.len()).filter(|&n| before[n] == material);
@@ -122,6 +132,33 @@ impl Pieces {
         Ok(out)
     }
 
+    /// The material of each body, by its piece of most opacity; `bodies` `[P]` is that piece of each.
+    fn materials_of(&self, bodies: &[usize]) -> BTreeMap<usize, u32> {
+        let mut parts: BTreeMap<usize, BTreeMap<u32, f64>> = BTreeMap::new();
+        for (piece, &body) in bodies.iter().enumerate() {
+            *parts.entry(body).or_default().entry(self.materials[piece]).or_default() += self.weights[piece];
+        }
+        // of bodies of two materials in about equal parts, what they have of both together
+        let mixed = |parts: &BTreeMap<u32, f64>| -> Option<[u32; 2]> {
+            let mut by_weight: Vec<(u32, f64)> = parts.iter().map(|(m, w)| (*m, *w)).collect();
+            by_weight.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+            let [first, second] = [by_weight.first()?, by_weight.get(1)?];
+            (second.1 >= MIXED * first.1).then(|| [first.0.min(second.0), first.0.max(second.0)])
+        };
+        let mut together: BTreeMap<[u32; 2], [f64; 2]> = BTreeMap::new();
+        for parts in parts.values() {
+            if let Some(pair) = mixed(parts) {
+                let sum = together.entry(pair).or_default();
+                *sum = [sum[0] + parts[&pair[0]], sum[1] + parts[&pair[1]]];
+            }
+        }
+        let material = |(&body, parts): (&usize, &BTreeMap<u32, f64>)| {
+            let of_pair = |pair: [u32; 2]| if together[&pair][0] >= together[&pair][1] { pair[0] } else { pair[1] };
+            (body, mixed(parts).map_or(self.materials[body], of_pair))
+        };
+        parts.iter().map(material).collect()
+    }
+
     /// By two pieces, the opacity of what of the first is in contact with the second.
     fn contacts(
         &self,
@@ -183,6 +220,21 @@ mod tests {
         add(&mut alone, [-3.0, 0.0, 1.5], [-3.0; 3]);
         labels[1800] = 2;
         assert!(joined(&alone, &labels[..1801]).iter().all(|l| *l == 1));
+    }
+
+    #[test]
+    fn bodies_of_the_same_two_materials_are_of_one() {
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        // two have five ninths of the first material, the third has as much of the second, after which it alone would be named
+        let mut labels = Vec::new();
+        for (x, more, less) in [(-3.0, 1, 2), (3.0, 1, 2), (9.0, 2, 1)] {
+            labels.extend(sphere(&mut at, x, 1.0, |i| if i % 9 < 5 { more } else { less }));
+        }
+        assert!(joined(&at, &labels).iter().all(|l| *l == 1));
+        // one that is of a material as good as alone is not named after the others
+        labels.extend(sphere(&mut at, 15.0, 1.0, |_| 2));
+        let found = joined(&at, &labels);
+        assert!(found[..5400].iter().all(|l| *l == 1) && found[5400..].iter().all(|l| *l == 2));
     }
 
     #[test]
