@@ -55,7 +55,7 @@ fn reference_gradient_matches_finite_differences() {
     let (h, w) = (7, 13);
     let (mut a, b) = (wide(&noise(1, h * w * 3)), wide(&noise(2, h * w * 3)));
     let (_, grad) = reference::ssim_grad(&a, &b, h, w);
-    for i in (0..a.len()).step_by(5) {
+    for i in 0..a.len() {
         let at = a[i];
         a[i] = at + 1e-5;
         let up = reference::ssim_grad(&a, &b, h, w).0;
