@@ -24,8 +24,7 @@ const CONTACT: f64 = 0.7;
 const MINOR: f64 = 0.5;
 /// Share of a material, by opacity, that is skins if all of it is: crumbs of it go with the skin nearest to them.
 const ALL: f64 = 0.9;
-
-/// Opacity of a body's second material to that of its first, from which on which of the two comes first is chance.
+/// Ratio of the opacity of a body's second material to that of its first, from which on it is chance which of the two is first.
 const MIXED: f64 = 0.5;
 
 /// Joins skins to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`, indices into `at`, which
@@ -61,11 +60,11 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
         piece
     };
     let bodies: Vec<usize> = (0..covers.len()).map(body_of).collect();
-    let materials = pieces.materials_of(&bodies);
+    let materials = pieces.materials_by_body(&bodies);
     let before = labels.to_vec();
     for (label, piece) in labels.iter_mut().zip(&pieces.labels) {
         if let Some(piece) = *piece {
-            *label = materials[&bodies[piece]];
+            *label = materials[piece];
         }
     }
     for (&material, &whole) in &pieces.of_material {
@@ -132,31 +131,22 @@ impl Pieces {
         Ok(out)
     }
 
-    /// The material of each body, by its piece of most opacity; `bodies` `[P]` is that piece of each.
-    fn materials_of(&self, bodies: &[usize]) -> BTreeMap<usize, u32> {
+    /// `[P]`: the material of the body that each piece is a part of; `bodies` `[P]` is that body's piece of most opacity.
+    fn materials_by_body(&self, bodies: &[usize]) -> Vec<u32> {
         let mut parts: BTreeMap<usize, BTreeMap<u32, f64>> = BTreeMap::new();
         for (piece, &body) in bodies.iter().enumerate() {
             *parts.entry(body).or_default().entry(self.materials[piece]).or_default() += self.weights[piece];
         }
-        // of bodies of two materials in about equal parts, what they have of both together
-        let mixed = |parts: &BTreeMap<u32, f64>| -> Option<[u32; 2]> {
-            let mut by_weight: Vec<(u32, f64)> = parts.iter().map(|(m, w)| (*m, *w)).collect();
-            by_weight.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-            let [first, second] = [by_weight.first()?, by_weight.get(1)?];
-            (second.1 >= MIXED * first.1).then(|| [first.0.min(second.0), first.0.max(second.0)])
-        };
+        let pairs: BTreeMap<usize, [u32; 2]> =
+            parts.iter().filter_map(|(&body, parts)| Some((body, mixed(parts)?))).collect();
+        // what all bodies of a pair have of its two materials
         let mut together: BTreeMap<[u32; 2], [f64; 2]> = BTreeMap::new();
-        for parts in parts.values() {
-            if let Some(pair) = mixed(parts) {
-                let sum = together.entry(pair).or_default();
-                *sum = [sum[0] + parts[&pair[0]], sum[1] + parts[&pair[1]]];
-            }
+        for (body, pair) in &pairs {
+            let sums = together.entry(*pair).or_default();
+            (0..2).for_each(|k| sums[k] += parts[body][&pair[k]]);
         }
-        let material = |(&body, parts): (&usize, &BTreeMap<u32, f64>)| {
-            let of_pair = |pair: [u32; 2]| if together[&pair][0] >= together[&pair][1] { pair[0] } else { pair[1] };
-            (body, mixed(parts).map_or(self.materials[body], of_pair))
-        };
-        parts.iter().map(material).collect()
+        let of_pair = |pair: &[u32; 2]| pair[usize::from(together[pair][0] < together[pair][1])];
+        bodies.iter().map(|body| pairs.get(body).map_or(self.materials[*body], of_pair)).collect()
     }
 
     /// By two pieces, the opacity of what of the first is in contact with the second.
@@ -185,6 +175,14 @@ impl Pieces {
         }
         Ok(out)
     }
+}
+
+/// The two materials of most opacity, by number, if a body has them in about equal parts; `parts`: the opacity of each.
+fn mixed(parts: &BTreeMap<u32, f64>) -> Option<[u32; 2]> {
+    let mut by_weight: Vec<(u32, f64)> = parts.iter().map(|(&material, &weight)| (material, weight)).collect();
+    by_weight.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    let &[(first, most), (second, less), ..] = by_weight.as_slice() else { return None };
+    (less >= MIXED * most).then(|| [first.min(second), first.max(second)])
 }
 
 #[cfg(test)]

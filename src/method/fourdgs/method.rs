@@ -75,7 +75,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
         (
             config.loss.fade != 0.0,
             format!("loss.fade = {}", config.loss.fade),
-            "their opacity changes with time by themselves, there is no field that changes it",
+            "its Gaussians fade by their own times; no field changes their opacity",
         ),
         (average > 0, format!("optim.average = {average}"), "not with this method"),
         (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),
