@@ -100,6 +100,11 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         let record: RunRecord = read(&RunPaths(folder).record(), "give folders that `volseggs train --out` made")?;
         let first = format!("run `volseggs eval {}` first", shell::path(folder));
         let summary: Summary = read(&RunPaths(folder).eval().join("test/mean.json"), &first)?;
+        if let Some(steps) = summary.steps.filter(|steps| *steps != record.steps) {
+            let problem = format!("was evaluated at step {steps} and is at step {} now", record.steps);
+            let hint = format!("run `volseggs eval {}` again", shell::path(folder));
+            return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
+        }
         let path = RunPaths(folder).config();
         let bad = |problem: String| RunError::Folder { path: path.clone(), problem };
         let text = read_text(&path).map_err(|e| bad(e.to_string()))?;

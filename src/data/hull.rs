@@ -167,7 +167,7 @@ fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3
         .collect()
 }
 
-/// Where the cameras look: the cube around the point nearest to all optical axes, as wide as the narrowest view
+/// Where the cameras look: the cube around the point nearest to all optical axes, as wide as the widest view
 /// is there. Where the axes do not meet, the cube before the mean camera at twice the cameras' spread.
 #[must_use]
 pub fn view_box(split: &Split) -> Aabb {

@@ -178,6 +178,8 @@ pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
     }
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
+    // memory was asked about above; the crate's own limit is below the largest image that `prepare` writes
+    reader.no_limits();
     reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
 }
 

@@ -102,10 +102,11 @@ impl Scanner<'_> {
             let hint = "add the horizontal field of view in radians (or `fl_x` in pixels) at the top level";
             self.problem(None, "camera_angle_x", "missing, and there is no `fl_x` either", hint);
         }
-        let needs_width = intrinsics.fl_x.is_some() || intrinsics.cx.is_some() || intrinsics.cy.is_some();
-        if needs_width && (intrinsics.w.is_none() || intrinsics.h.is_none()) {
-            let hint = "give the size in pixels that `fl_x`, `cx` and `cy` refer to";
-            self.problem(None, "w", "`w` and `h` are needed beside `fl_x`, `cx` or `cy`", hint);
+        let Intrinsics { fl_x, fl_y, cx, cy, .. } = &intrinsics;
+        let in_pixels = [fl_x, fl_y, cx, cy].into_iter().any(Option::is_some);
+        if in_pixels && (intrinsics.w.is_none() || intrinsics.h.is_none()) {
+            let hint = "give the size in pixels that `fl_x`, `fl_y`, `cx` and `cy` refer to";
+            self.problem(None, "w", "`w` and `h` are needed beside `fl_x`, `fl_y`, `cx` or `cy`", hint);
         }
         for field in ["k1", "k2", "k3", "k4", "p1", "p2"] {
             if top.get(field).and_then(Value::as_f64).is_some_and(|x| x != 0.0) {

@@ -203,7 +203,9 @@ impl Truth {
             let [w, h] = self.file.size;
             return Err(fail("size", format!("the label image is {width}x{height}, {FILE} says {w}x{h}")));
         }
-        let image = reader().decode().map_err(broken)?;
+        let mut decoder = reader();
+        decoder.no_limits();
+        let image = decoder.decode().map_err(broken)?;
         let ids: Vec<u16> = match image {
             DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
             DynamicImage::ImageLuma16(grey) => grey.into_raw(),

@@ -16,7 +16,7 @@ pub enum Operation {
         rgb: [f32; 3],
         /// True: the constant terms of a segment all move by one amount, which makes the opacity-weighted mean of its
         /// colours `rgb`; the differences among its Gaussians and all that depends on the view stay. False: every
-        /// Gaussian gets the colour `rgb` from every side.
+        /// Gaussian gets the colour `rgb` from every side; where the scene has a headlight, as the colour that it shades.
         keep_shading: bool,
     },
     /// Multiplies the linear opacity. The result is at most 0.99, as in drawing. 0 is the same as `Hide`.

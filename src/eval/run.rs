@@ -81,6 +81,9 @@ pub struct Summary {
     pub speed: Speed,
     /// Seconds of training.
     pub training_seconds: f64,
+    /// Steps of training; absent in results of early versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steps: Option<usize>,
     /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (of ours 59 numbers
     /// for each Gaussian at SH degree 3, and the field) and some 2 kB of header and digest; nothing that only training, edits
     /// or segments need.
@@ -132,6 +135,8 @@ pub struct ViewPicture {
 pub struct Costs {
     /// Seconds of training.
     pub training_seconds: f64,
+    /// Steps of training, where they are known.
+    pub steps: Option<usize>,
     /// Bytes of the scene file.
     pub model_bytes: u64,
     /// The data.
@@ -291,6 +296,7 @@ pub fn evaluate(
         by_region: Some(regions.finish()),
         speed,
         training_seconds: costs.training_seconds,
+        steps: costs.steps,
         model_bytes: costs.model_bytes,
         gaussians: counts.primitives,
         parameters: Some(counts.parameters),

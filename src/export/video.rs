@@ -2,6 +2,7 @@
 //! known again as one of this program's own when a person has it replaced.
 
 use crate::files::{AtomicFile, MARK, ReplaceError};
+use std::ffi::OsString;
 use std::fs::OpenOptions;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -66,7 +67,10 @@ impl Mp4 {
         command.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-", "-an"]);
         // players want 4:2:0, which wants even sides
         command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p"]);
-        command.args(["-movflags", "+faststart", "-f", "mp4"]).arg(file.temporary());
+        // as a file whatever its name: `12:30/film.mp4` would be taken for the protocol `12`
+        let mut out = OsString::from("file:");
+        out.push(file.temporary());
+        command.args(["-movflags", "+faststart", "-f", "mp4"]).arg(out);
         let missing = |source| VideoError::Missing { path: path.into(), source };
         Ok(Self { path: path.into(), encoder: Encoder::start(&mut command).map_err(missing)?, file })
     }

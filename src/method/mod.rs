@@ -185,12 +185,19 @@ pub fn of(config: &Config) -> Result<Found, TrainError> {
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
-    check_sections(config).map_err(TrainError::Config)?;
+    check_sections(config, &method).map_err(TrainError::Config)?;
     method.check(config).map_err(TrainError::Config)
 }
 
-/// Refuses sections of other methods than the one that is named: they would be passed over without a word.
-fn check_sections(config: &Config) -> Result<(), String> {
+/// Refuses sections and settings of other methods than the one that is named: they would be passed over without a word.
+fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
+    if let (Found::BuiltIn(_), Some(key)) = (method, config.method_settings.keys().next()) {
+        return Err(format!(
+            "method_settings.{key}: is read by methods of programs of one's own; {} has keys of its own (`volseggs config \
+             show`)",
+            config.method
+        ));
+    }
     let sections = [
         (d3dgs::NAME, config.d3dgs.is_some()),
         (fourdgs::NAME, config.fourdgs.is_some()),

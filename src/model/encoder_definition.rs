@@ -75,7 +75,7 @@ impl Parameters {
 ///
 /// What it learns is optimised with the rate `optim.encoder`, saved in checkpoints and read back, each tensor as
 /// `field.encoder.Extra.values.K` in the order of [`EncoderDefinition::parameters`]. Total variation
-/// (`loss.tv`, `loss.tv_time`, `loss.one_prior`) is of the factorised encoder alone; a loss term can take its place.
+/// (`loss.tv`, `loss.tv_time`, `loss.one_prior`) is of the factorised and the HexPlane encoder alone; a loss term can take its place.
 pub trait EncoderDefinition: Send + Sync {
     /// Number of features; at least 1.
     fn features(&self, config: &ModelConfig) -> usize;

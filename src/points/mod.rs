@@ -11,6 +11,7 @@ pub mod modes;
 pub mod neighbours;
 pub mod outliers;
 pub mod principal;
+pub mod regions;
 pub mod sampling;
 pub mod suggest;
 pub(crate) mod union_find;

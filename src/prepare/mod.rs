@@ -149,6 +149,14 @@ pub fn image_count(source: &Source, options: &PrepareOptions) -> usize {
     times.saturating_mul(options.views.views_per_time).saturating_add(options.views.test_views)
 }
 
+/// The time of each step, if they are not evenly spaced.
+fn uneven_times(source: &Source) -> Option<Vec<f64>> {
+    let times: Vec<f64> = (0..source.len()).map(|step| source.time(step)).collect();
+    let last = times.len().saturating_sub(1).max(1) as f64;
+    let even = times.iter().enumerate().all(|(step, time)| (time - step as f64 / last).abs() < 1e-9);
+    (!even).then_some(times)
+}
+
 /// Renders a dataset into `out`. `progress` is told after each image how many are done; `stop` ends it early.
 ///
 /// # Errors
@@ -238,6 +246,7 @@ pub fn prepare(
         spacing: Some(grid.spacing),
         origin: Some(grid.origin),
         steps: source.len(),
+        times: uneven_times(source),
         step: options.step,
         train_views,
         test_views,

@@ -33,6 +33,9 @@ pub struct PrepareRecord {
     pub origin: Option<[f64; 3]>,
     /// Number of steps of the series.
     pub steps: usize,
+    /// Time of each step in [0, 1] where they are not evenly spaced; not in records of old versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times: Option<Vec<f64>>,
     /// Distance of samples, in voxels.
     pub step: f64,
     /// Images of each split.

@@ -50,7 +50,9 @@ pub(super) struct SegmentWriter<'a> {
     volumes: Vec<VolumeEntry>,
     camera_angle_x: f64,
     size: [u32; 2],
+    /// All ids that were met, and those of the step that was met last.
     ids: BTreeSet<u16>,
+    here: BTreeSet<u16>,
     entries: Vec<SegmentEntry>,
 }
 
@@ -87,6 +89,7 @@ impl<'a> SegmentWriter<'a> {
             volumes: Vec::new(),
             camera_angle_x: first.map_or(0.0, crate::data::Camera::fov_x),
             size: first.map_or([0; 2], |c| [c.width, c.height]),
+            here: ids.clone(),
             ids,
             entries: Vec::new(),
         }
@@ -111,7 +114,8 @@ impl<'a> SegmentWriter<'a> {
     pub fn meet(&mut self, labels: &Labels) {
         let mut seen = vec![false; usize::from(u16::MAX) + 1];
         labels.ids.iter().for_each(|id| seen[usize::from(*id)] = true);
-        self.ids.extend((1..=u16::MAX).filter(|id| seen[usize::from(*id)]));
+        self.here = (1..=u16::MAX).filter(|id| seen[usize::from(*id)]).collect();
+        self.ids.extend(&self.here);
     }
 
     fn name(&self, id: u16) -> String {
@@ -121,7 +125,7 @@ impl<'a> SegmentWriter<'a> {
         self.transfer.segments[usize::from(id) - 1].name.clone()
     }
 
-    /// Renders every known segment in the views of a step.
+    /// Renders every segment that a step has in its views; what it has not shows nothing there, see [`Self::complete`].
     pub fn render(&mut self, step: usize, caster: &RayCaster, stop: &AtomicBool) -> Result<(), PrepareError> {
         if self.volume_steps.contains(&step) {
             self.write_volume(step, caster)?;
@@ -130,8 +134,7 @@ impl<'a> SegmentWriter<'a> {
         if shots.is_empty() {
             return Ok(());
         }
-        let ids: Vec<u16> = self.ids.iter().copied().collect();
-        for id in ids {
+        for id in self.here.clone() {
             let name = self.name(id);
             self.make_folder(&name)?;
             let alone = caster.isolate(id);
@@ -173,7 +176,7 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// The frames of every segment, in the order of steps and views: where a segment was not known yet, as it appears later,
-    /// it shows nothing, and what is selected there in its place is wrong.
+    /// or is not there any more, it shows nothing, and what is selected there in its place is wrong.
     fn complete(&mut self, stop: &AtomicBool) -> Result<(), PrepareError> {
         let mut shots: Vec<&Shot> = self.shots.iter().collect();
         shots.sort_by_key(|shot| shot.view.step);

@@ -106,6 +106,7 @@ pub fn measure(
     }
     let costs = Costs {
         training_seconds: run.training_seconds(),
+        steps: run.step(),
         model_bytes: model.len(),
         data: on.data.clone(),
         trained_times: on.trained_times.clone(),

@@ -4,10 +4,10 @@
 use super::fine::AffinityField;
 use super::fine::extract::cosines;
 use super::fine::network::Frame;
-use super::necks::parts;
+use super::necks;
 use super::pick::PickError;
 use super::pieces::{Touch, pieces};
-use super::voxels::VoxelError;
+use super::things::{self, things};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::Components;
@@ -16,9 +16,10 @@ use std::cell::{OnceCell, RefCell};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use volseggs_kernels::activation::sigmoid_f64;
+use volseggs_kernels::contrast::FEATURES;
 
-/// Scales whose features are kept: those at which levels are looked for, and that of a slider.
-const KEPT: usize = 6;
+/// Scales whose features are kept: those at which levels are looked for, that of wholes, and that of a slider.
+const KEPT: usize = 7;
 
 /// What was found out about candidates, see [`Candidates::knowing`].
 #[derive(Debug, Default)]
@@ -128,15 +129,27 @@ impl<'a> Candidates<'a> {
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
-    /// The parts between necks, see [`parts`], of the Gaussians `members` of the piece `piece`, as many labels from 1.
+    /// What the Gaussians `members` of the piece `piece` are parts of, as many labels from 1: of the [`things`] that the
+    /// affinity tells apart, or, of one thing, of its parts between [`necks`].
     ///
     /// # Errors
-    /// If the arrays of `at` disagree.
-    pub fn parts(&self, piece: u32, members: &[u32]) -> Result<Arc<Vec<u32>>, VoxelError> {
+    /// If one of them is not among the candidates, or the arrays of `at` disagree.
+    pub fn parts(&self, piece: u32, members: &[u32]) -> Result<Arc<Vec<u32>>, PickError> {
         if let Some(known) = self.found.parts.borrow().get(&piece) {
             return Ok(known.clone());
         }
-        let found = Arc::new(parts(&self.at.subset(members))?);
+        let body = self.at.subset(members);
+        let all = self.features(things::SCALE);
+        let mut features = Vec::with_capacity(FEATURES * members.len());
+        for &member in members {
+            let position = self.position(member)?;
+            features.extend_from_slice(&all[FEATURES * position..FEATURES * (position + 1)]);
+        }
+        let mut found = things(&body, &features)?;
+        if found.iter().all(|thing| *thing == 1) {
+            found = necks::parts(&body)?;
+        }
+        let found = Arc::new(found);
         self.found.parts.borrow_mut().insert(piece, found.clone());
         Ok(found)
     }

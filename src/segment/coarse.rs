@@ -262,12 +262,14 @@ fn follow_nearest(
     let mut moved: Vec<u32> = before.iter().zip(after).filter(|(b, a)| b != a).map(|(b, _)| *b).collect();
     moved.sort_unstable();
     moved.dedup();
+    // each goes once, by the material that it was of
+    let was = labels.to_vec();
     for material in moved {
         let of_it = (0..shown.len()).filter(|&n| before[n] == material);
         let known: Vec<(u32, u32)> = of_it.map(|n| (shown[n], after[n])).collect();
         let nearest = label_of_nearest(gaussians, &known)?;
-        for (label, &i) in labels.iter_mut().zip(later).filter(|(label, _)| **label == material) {
-            *label = nearest(i).unwrap_or(material);
+        for n in (0..labels.len()).filter(|&n| was[n] == material) {
+            labels[n] = nearest(later[n]).unwrap_or(material);
         }
     }
     Ok(())

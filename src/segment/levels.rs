@@ -1,8 +1,9 @@
 //! The levels of parts and wholes at a click, and the one that is likeliest meant; no label is seen.
 //!
 //! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one
-//! colour and is in one piece mostly is one thing, unless it has a neck: then it is things that touch, and the one is
-//! meant that was clicked (see [`super::necks`]); the whole piece is the next level. In a whole scene, whose things touch each other, it is a plateau of
+//! colour and is in one piece mostly is one thing, unless the affinity tells things apart that touch (see
+//! [`super::things`]) or it has a neck (see [`super::necks`]): then the one is meant that was clicked, and the whole piece is the next
+//! level. In a whole scene, whose things touch each other, it is a plateau of
 //! the affinity.
 //!
 //! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a
@@ -45,7 +46,7 @@ pub struct Level {
     pub scale: f32,
     /// Cosine from which a Gaussian is like the clicked one; -1 where none is asked for.
     pub threshold: f32,
-    /// Whether it is what hangs together with the click, or the part of that between necks, whatever the affinity.
+    /// Whether it is what hangs together with the click, or the part of that which is one thing, whatever the cosine.
     pub piece: bool,
     /// What stays of it if the cosine rises by 0.05, part of its weight in (0, 1].
     pub stability: f64,
@@ -150,8 +151,8 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
     Ok(found)
 }
 
-/// What a click means by space alone: the part between necks if there are several, and the piece; nothing in a whole
-/// scene, or if the clicked one is nowhere.
+/// What a click means by space: the part of the piece that is one thing if there are several, and the piece; nothing in a
+/// whole scene, or if the clicked one is nowhere.
 fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
     if is_whole(of) {

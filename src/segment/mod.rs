@@ -3,8 +3,8 @@
 //! Coarse by the colour of the [`material`], things with their skins ([`bodies`]), or the mean colour ([`coarse`]), fine by a field trained on 2D masks
 //! ([`masks`], [`mod@fine`]); a [`segmentation`] is what the commands after it read, [`history`] takes changes of it
 //! back; [`voxels`] carries labels back to a volume, [`dice`] compares label volumes; [`pick`] is what a click selects of
-//! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together, [`necks`] what parts
-//! it, and [`carry`] takes a selection to other times; [`paint`] shows them in colour. Published methods to compare with are in
+//! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together, [`things`] and [`necks`] what
+//! parts it, and [`carry`] takes a selection to other times; [`paint`] shows them in colour. Published methods to compare with are in
 //! [`baselines`]. What segments do over time lives in `track`.
 
 pub mod baselines;
@@ -29,6 +29,7 @@ pub mod pick;
 pub mod pictures;
 pub mod pieces;
 pub mod segmentation;
+pub mod things;
 pub mod voxels;
 
 #[cfg(test)]

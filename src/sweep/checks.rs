@@ -83,6 +83,22 @@ pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String,
     }
 }
 
+/// Refuses rows of the paper's table that no variant has: the order would be judged without them.
+pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), (String, String)> {
+    // `VARIANT` or `VARIANT/SEGMENT`
+    let is_of = |row: &str, variant: &Variant| {
+        row.strip_prefix(variant.name.as_str()).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    };
+    let mut rows = file.paper.iter().flat_map(|paper| paper.rows.keys());
+    match rows.find(|row| !variants.iter().any(|variant| is_of(row, variant))) {
+        None => Ok(()),
+        Some(row) => {
+            let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
+            Err((format!("paper.rows.\"{row}\""), format!("there is no such variant; there is {}", names.join(", "))))
+        }
+    }
+}
+
 /// Refuses early stopping at steps by which runs have nothing to be judged by.
 pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), String> {
     if !(halving.keep > 0.0 && halving.keep < 1.0) {

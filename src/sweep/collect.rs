@@ -54,6 +54,8 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             continue;
         };
         match read_segments(&segments_path(plan, entry.run, &run.segments[index])) {
+            // none of the segments can be clicked at that time: not measured, rather than not there
+            Some(scores) if scores.metrics.is_empty() => outcomes.push(open(Metrics::new())),
             None => outcomes.push(open(Metrics::new())),
             Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| Outcome {
                 segment,

@@ -5,7 +5,7 @@
 
 use super::SweepError;
 use super::axes::{Variant, all_seeds, check_count, variants};
-use super::checks::{baseline, check_halving, check_lists, check_plan, check_seed_keys};
+use super::checks::{baseline, check_halving, check_lists, check_paper, check_plan, check_seed_keys};
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, recipe, short_hash};
@@ -142,6 +142,7 @@ impl Plan {
         check_count(&file, seeds.len(), places, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
         let variants = variants(&file, path)?;
         let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
+        check_paper(&file, &variants).map_err(|(key, problem)| bad(&key, problem))?;
         let datasets = datasets(&file, path, &options.data, &options.out)?;
         if let Some(unknown) = file
             .metrics

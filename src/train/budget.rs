@@ -97,7 +97,7 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
 }
 
 /// The most Gaussians that there can be: no more than twice as many after each time that some are added.
-fn most_gaussians(config: &Config) -> u128 {
+pub(super) fn most_gaussians(config: &Config) -> u128 {
     let (start, d) = (config.init.points as u128, &config.densify);
     if d.mode == DensifyMode::Off {
         return start;

@@ -1,5 +1,6 @@
 //! What a configuration must hold before training may start, beyond its types.
 
+use super::budget::most_gaussians;
 use super::rate_schedule::find_schedule;
 use super::{TrainError, average, losses, schedule};
 use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
@@ -63,7 +64,7 @@ pub(crate) fn check_device(
     device: &Device,
 ) -> Result<(), TrainError> {
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
-    let n = config.densify.budget.max(config.densify.warmup_budget).max(start);
+    let n = usize::try_from(most_gaussians(config)).unwrap_or(usize::MAX).max(start);
     let m = &config.model;
     let colours = (m.sh_degree as u128).saturating_add(1).saturating_pow(2).saturating_mul(3);
     // colours of one Gaussian, what the decoder sees of it, width of the decoder, widest layer of an implicit network
@@ -122,6 +123,18 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
         return bad("speed.coarse_factor = 0: at least 1".into());
     }
     let is_grid = matches!(config.model.encoder, EncoderKind::Factorised | EncoderKind::HexPlane);
+    if config.speed.coarse_steps > 0 && config.speed.coarse_factor == 1 {
+        return bad(format!(
+            "speed.coarse_steps = {}: images are not smaller with speed.coarse_factor = 1; 2 or more, or no such steps",
+            config.speed.coarse_steps
+        ));
+    }
+    if config.speed.cull_visits > 1 && config.loss.fade > 0.0 {
+        return bad(format!(
+            "speed.cull_visits = {} passes over Gaussians that have faded, which loss.fade = {} is about: one of them alone",
+            config.speed.cull_visits, config.loss.fade
+        ));
+    }
     if config.speed.cull_visits > 1 && !is_grid {
         return bad(format!(
             "speed.cull_visits = {}: only with model.encoder = \"factorised\" or \"hexplane\"",
@@ -130,6 +143,13 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     }
     if config.loss.fade > 0.0 && !config.model.deform_opacity {
         return bad(format!("loss.fade = {}: nothing fades with model.deform_opacity = false", config.loss.fade));
+    }
+    let loss = &config.loss;
+    if loss.dssim > 0.0 && loss.dssim_last == 0 && !loss.dssim_warmup {
+        return bad(format!(
+            "loss.dssim = {}: never counts with loss.dssim_last = 0; give the number of last steps in which it does",
+            loss.dssim
+        ));
     }
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
@@ -147,6 +167,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
 fn check_ranges(config: &Config) -> Result<(), TrainError> {
     let (init, optim) = (&config.init, &config.optim);
     let [first, second] = optim.betas;
+    let falls_to_nothing = optim.schedule == schedule::SCHEDULES[0];
     // (key, value, least, most)
     let ranges = [
         ("init.scale", init.scale, 1e-6, 1e6),
@@ -157,6 +178,9 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
         ("optim.betas[0]", first, 0.0, 0.999_999),
         ("optim.betas[1]", second, 0.0, 0.999_999),
         ("densify.prune_opacity", config.densify.prune_opacity, 0.0, 0.999),
+        // a rate that falls log-linearly to nothing is nothing from the second step on
+        ("optim.attributes_final_fraction", optim.attributes_final_fraction, 1e-9, 1e9),
+        ("optim.final_fraction", if falls_to_nothing { optim.final_fraction } else { 1.0 }, 1e-9, 1e9),
     ];
     match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
         None => Ok(()),
@@ -191,8 +215,9 @@ fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
         return bad("densify.prune_every = 0: at least 1; densify.prune_opacity = 0 removes none".into());
     }
     let waits = [
-        ("prune_size", densify.prune_size > 0.0, densify.prune_size),
-        ("opacity_reset_until", densify.opacity_reset_until > 0, densify.opacity_reset_until as f64),
+        ("prune_size", densify.prune_size > 0.0, densify.prune_size.to_string()),
+        ("opacity_reset_until", densify.opacity_reset_until > 0, densify.opacity_reset_until.to_string()),
+        ("opacity_reset_joint", densify.opacity_reset_joint, "true".into()),
     ];
     match waits.into_iter().find(|(_, is_on, _)| *is_on && densify.opacity_reset == 0) {
         Some((key, _, value)) => bad(format!(
@@ -257,7 +282,7 @@ mod tests {
     fn values_that_make_no_sense_are_named_with_what_may_stand_there() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 21] = [
+        let cases: [(Edit, [&str; 2]); 27] = [
             (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
             (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
             (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
@@ -267,6 +292,15 @@ mod tests {
             (|c| c.densify.prune_every = 0, ["densify.prune_every = 0", "at least 1"]),
             (|c| c.densify.prune_size = 0.1, ["densify.prune_size = 0.1", "densify.opacity_reset"]),
             (|c| c.densify.opacity_reset_until = 9, ["densify.opacity_reset_until = 9", "densify.opacity_reset "]),
+            (
+                |c| c.densify.opacity_reset_joint = true,
+                ["densify.opacity_reset_joint = true", "densify.opacity_reset "],
+            ),
+            (|c| c.optim.final_fraction = 0.0, ["optim.final_fraction = 0", "above 0"]),
+            (|c| c.optim.attributes_final_fraction = 0.0, ["optim.attributes_final_fraction = 0", "above 0"]),
+            (|c| (c.loss.dssim, c.loss.dssim_last) = (0.2, 0), ["loss.dssim = 0.2", "loss.dssim_last = 0"]),
+            (|c| (c.speed.coarse_steps, c.speed.coarse_factor) = (9, 1), ["coarse_steps = 9", "coarse_factor = 1"]),
+            (|c| (c.speed.cull_visits, c.loss.fade) = (2, 0.1), ["cull_visits = 2", "loss.fade = 0.1"]),
             (|c| c.init.scale = 0.0, ["init.scale = 0", "above 0"]),
             (|c| c.init.scale = 1e-300, ["init.scale", "above 0"]),
             (|c| c.init.scale = 1e300, ["init.scale = 1e300", "too large, at most 3.4e38"]),
@@ -283,6 +317,10 @@ mod tests {
                 ["model.implicit_octaves = 64", "at most 24"],
             ),
         ];
+        // a cosine may end at nothing
+        let mut cosine = Config::default();
+        (cosine.optim.schedule, cosine.optim.final_fraction) = ("cosine".into(), 0.0);
+        check(&cosine).unwrap();
         for (edit, words) in cases {
             let text = refusal(edit);
             assert!(words.iter().all(|w| text.contains(w)), "{text}");

@@ -52,7 +52,10 @@ pub fn open_measured(
         false => config.data.only_times.clone(),
     };
     let split = near(split, &times);
-    Ok(max_views.map_or(split.clone(), |count| evenly(split, count)))
+    Ok(match max_views {
+        Some(count) => evenly(split, count),
+        None => split,
+    })
 }
 
 /// The views that a scene was trained on with `config`, at most `most` of them with their images, and how many there are.

@@ -68,8 +68,9 @@ impl Stage {
         let stages = &config.stages;
         let (s, steps) = match self {
             Self::Joint(s) => (s, stages.joint_steps),
+            Self::Warmup(_) if config.loss.dssim_warmup => return config.loss.dssim,
             Self::Warmup(s) if stages.joint_steps == 0 => (s, stages.warmup_steps),
-            Self::Warmup(_) => return if config.loss.dssim_warmup { config.loss.dssim } else { 0.0 },
+            Self::Warmup(_) => return 0.0,
         };
         let start = steps.saturating_sub(config.loss.dssim_last);
         if s < start || config.loss.dssim_last == 0 {

@@ -2,6 +2,7 @@
 //! at most one file is kept open. The formats themselves are read in [`crate::volume::formats`].
 
 mod inputs;
+mod names;
 #[cfg(test)]
 mod tests;
 

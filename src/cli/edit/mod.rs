@@ -49,7 +49,8 @@ enum EditCommand {
         /// The colour, #rrggbb.
         #[arg(long, value_name = "COLOUR", value_parser = colour)]
         colour: [f32; 3],
-        /// This colour all over; otherwise the differences within a segment and its shading stay.
+        /// This colour all over (a headlight still shades it); otherwise the differences within a segment and its shading
+        /// stay.
         #[arg(long)]
         flat: bool,
         #[command(flatten)]

@@ -115,6 +115,8 @@ impl TruthFrame {
                 size.0, size.1, self.camera.width, self.camera.height
             )));
         }
-        reader().decode().map_err(|e| fail(e.to_string()))
+        let mut decoder = reader();
+        decoder.no_limits();
+        decoder.decode().map_err(|e| fail(e.to_string()))
     }
 }

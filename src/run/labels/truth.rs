@@ -13,8 +13,15 @@ use std::path::Path;
 
 /// Where the true labels come from.
 pub enum Truth {
-    /// Label volumes, and the names of their labels as far as the dataset knows them.
-    Files(Box<Series>, Vec<(u32, String)>),
+    /// Label volumes.
+    Files {
+        /// The volumes.
+        series: Box<Series>,
+        /// The names of their labels as far as the dataset knows them.
+        names: Vec<(u32, String)>,
+        /// The time of each in [0, 1].
+        times: Vec<f64>,
+    },
     /// A synthetic scene on so many voxels.
     Synthetic(Synthetic, [usize; 3]),
 }
@@ -79,8 +86,9 @@ impl Truth {
                 grid.file.dims
             )));
         }
-        let prepared = prepared_steps(data);
-        if series.len() == 1 && times.len() > 1 && prepared != Some(1) {
+        let record = prepared(data);
+        let steps = record.as_ref().map(|record| record.steps);
+        if series.len() == 1 && times.len() > 1 && steps != Some(1) {
             return Err(RunError::input(format!(
                 "--truth {}: one step, which cannot be the truth at {} times; give a label volume for each step, or a \
                  single --time",
@@ -88,7 +96,7 @@ impl Truth {
                 times.len()
             )));
         }
-        if let Some(steps) = prepared.filter(|steps| series.len() > 1 && series.len() != *steps) {
+        if let Some(steps) = steps.filter(|steps| series.len() > 1 && series.len() != *steps) {
             return Err(RunError::input(format!(
                 "--truth {}: {} steps, and {} was prepared from {steps}, so nothing says at which times they are; give a \
                  label volume for each step, or one alone with --time",
@@ -102,13 +110,15 @@ impl Truth {
         let names = known
             .filter(|k| k.source == "labels")
             .map_or(Vec::new(), |k| k.segments.into_iter().map(|s| (u32::from(s.id), s.name)).collect());
-        Ok(Self::Files(Box::new(series), names))
+        let times = record.and_then(|record| record.times).filter(|times| times.len() == series.len());
+        let times = times.unwrap_or_else(|| (0..series.len()).map(|step| series.time(step)).collect());
+        Ok(Self::Files { series: Box::new(series), names, times })
     }
 
     /// The files that are read.
     pub fn files(&self) -> Vec<&Path> {
         match self {
-            Self::Files(series, _) => series.files().iter().map(std::path::PathBuf::as_path).collect(),
+            Self::Files { series, .. } => series.files().iter().map(std::path::PathBuf::as_path).collect(),
             Self::Synthetic(..) => Vec::new(),
         }
     }
@@ -117,7 +127,7 @@ impl Truth {
     #[must_use]
     pub fn notes(&self) -> &[String] {
         match self {
-            Self::Files(series, _) => series.notes(),
+            Self::Files { series, .. } => series.notes(),
             Self::Synthetic(..) => &[],
         }
     }
@@ -128,8 +138,8 @@ impl Truth {
     /// A file that cannot be read.
     pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
         match self {
-            Self::Files(series, _) => {
-                let off = |step: &usize| (series.time(*step) - time).abs();
+            Self::Files { series, times, .. } => {
+                let off = |step: &usize| (times[*step] - time).abs();
                 let nearest = (0..series.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
                 Ok(series.load_labels(nearest).map_err(RunError::input)?.ids)
             }
@@ -161,17 +171,17 @@ impl Truth {
 
     fn name(&self, label: u32) -> String {
         let known = match self {
-            Self::Files(_, names) => names.iter().find(|(id, _)| *id == label).map(|(_, name)| name.as_str()),
+            Self::Files { names, .. } => names.iter().find(|(id, _)| *id == label).map(|(_, name)| name.as_str()),
             Self::Synthetic(scene, _) => scene.segment_names().get((label as usize).wrapping_sub(1)).copied(),
         };
         known.map_or_else(|| format!("label {label}"), ToOwned::to_owned)
     }
 }
 
-/// Steps of the series that the dataset at `data` was prepared from, where that is known.
-fn prepared_steps(data: &Path) -> Option<usize> {
+/// What the dataset at `data` says of the series that it was prepared from, where that is known.
+fn prepared(data: &Path) -> Option<PrepareRecord> {
     // a record that is damaged was told of when the voxels were looked for
-    PrepareRecord::read(data).ok().flatten().map(|record| record.steps)
+    PrepareRecord::read(data).ok().flatten()
 }
 
 #[cfg(test)]
@@ -220,6 +230,16 @@ mod tests {
         assert!(error.contains("2 times") && error.contains("--time"), "{error}");
         prepare(3);
         assert!(open(&inputs).is_ok() && open_at(&inputs, &[0.0, 1.0]).is_ok());
+        let second = |json: &str| {
+            let mut record: serde_json::Value = serde_json::from_str(json).unwrap();
+            record["times"] = serde_json::json!([0.0, 0.1, 1.0]);
+            std::fs::write(root.join("prepare.json"), record.to_string()).unwrap();
+            let two = [0, 7, 0, 0, 0, 0, 0, 0];
+            std::fs::write(&inputs[1], [&npy()[..npy().len() - 8], &two].concat()).unwrap();
+            open(&inputs).unwrap().at(0.1).unwrap()
+        };
+        let json = std::fs::read_to_string(root.join("prepare.json")).unwrap();
+        assert_eq!(second(&json)[1], 7, "the second step is at a tenth of the time");
         prepare(1);
         assert!(open_at(&inputs[..1], &[0.0, 1.0]).is_ok(), "a static volume");
     }

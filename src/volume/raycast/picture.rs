@@ -70,11 +70,23 @@ const KEPT: usize = 6;
 pub struct Shares {
     ids: [u16; KEPT],
     weights: [f32; KEPT],
+    /// The segment that the ray is in, and what it has gathered there: a faint one is compared with the others as a whole,
+    /// not step by step.
+    now: (u16, f32),
 }
 
 impl Shares {
     /// Adds to a segment's share; 0 (no segment) counts as one too.
+    #[inline]
     pub fn add(&mut self, segment: u16, weight: f32) {
+        if self.now.0 != segment {
+            let (left, gathered) = std::mem::replace(&mut self.now, (segment, 0.0));
+            self.keep(left, gathered);
+        }
+        self.now.1 += weight;
+    }
+
+    fn keep(&mut self, segment: u16, weight: f32) {
         let mut least = 0;
         for i in 0..KEPT {
             if self.weights[i] > 0.0 && self.ids[i] == segment {
@@ -94,13 +106,15 @@ impl Shares {
     /// The segment with the largest share; 0 without any.
     #[must_use]
     pub fn largest(&self) -> u16 {
+        let mut all = *self;
+        all.keep(self.now.0, self.now.1);
         let mut best = 0;
         for i in 1..KEPT {
-            if self.weights[i] > self.weights[best] {
+            if all.weights[i] > all.weights[best] {
                 best = i;
             }
         }
-        self.ids[best]
+        all.ids[best]
     }
 }
 
@@ -136,5 +150,17 @@ mod tests {
         shares.add(3, 0.2);
         shares.add(7, 0.3);
         assert_eq!(shares.largest(), 7);
+    }
+
+    #[test]
+    fn a_faint_segment_counts_by_all_of_its_steps_however_many_came_before() {
+        let mut shares = Shares::default();
+        for id in 1..=KEPT as u16 {
+            shares.add(id, 0.05);
+        }
+        for _ in 0..100 {
+            shares.add(40, 0.004);
+        }
+        assert_eq!(shares.largest(), 40);
     }
 }

@@ -1,9 +1,9 @@
 //! What the user named, to files in order: expansion of folders and patterns, natural order, and the checks on the
 //! numbers in names. No file is opened here.
 
+use super::names::{self, Names};
 use crate::volume::error::VolumeError;
 use crate::volume::formats::{self, Format, format_of};
-use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -61,7 +61,7 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
         let hint = format!("these are read: {}", formats::READ);
         return Err(VolumeError::invalid(path, "folder", "holds no volume file", hint));
     }
-    files.sort_by(|a, b| natural(a, b));
+    sort(&mut files);
     Ok(files)
 }
 
@@ -77,108 +77,48 @@ fn matches(path: &Path, pattern: &str) -> Result<Vec<PathBuf>, VolumeError> {
     if found.is_empty() {
         return Err(VolumeError::invalid(path, "pattern", "matches no file", "check the folder and the name"));
     }
-    found.sort_by(|a, b| natural(a, b));
+    sort(&mut found);
     Ok(found)
 }
 
-/// One piece of a name.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum Piece<'a> {
-    Text(&'a str),
-    Digits(&'a str),
+/// Puts files in the order of their names without their extensions, numbers by value.
+fn sort(files: &mut Vec<PathBuf>) {
+    let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
+    let order = names::order(&stems);
+    *files = order.into_iter().map(|i| files[i].clone()).collect();
 }
 
-fn pieces(text: &str) -> Vec<Piece<'_>> {
-    let mut found = Vec::new();
-    let mut rest = text;
-    while let Some(first) = rest.bytes().next() {
-        let digits = first.is_ascii_digit();
-        let end = rest.bytes().position(|b| b.is_ascii_digit() != digits).unwrap_or(rest.len());
-        let (head, tail) = rest.split_at(end);
-        found.push(if digits { Piece::Digits(head) } else { Piece::Text(head) });
-        rest = tail;
-    }
-    found
+/// The path without the extension of its format.
+fn stem(file: &Path) -> String {
+    let mut text = file.to_string_lossy().into_owned();
+    let cut = format_of(file).map_or(0, |(_, n)| n);
+    text.truncate(text.len() - cut);
+    text
 }
 
-/// Order in which `t2` comes before `t10`; names that differ in leading zeros alone keep a fixed order.
-pub fn natural(a: &Path, b: &Path) -> Ordering {
-    let (a, b) = (a.to_string_lossy(), b.to_string_lossy());
-    let (left, right) = (pieces(&a), pieces(&b));
-    for (l, r) in left.iter().zip(&right) {
-        let order = match (l, r) {
-            (Piece::Text(l), Piece::Text(r)) => l.cmp(r),
-            (Piece::Digits(_), Piece::Text(_)) => Ordering::Less,
-            (Piece::Text(_), Piece::Digits(_)) => Ordering::Greater,
-            (Piece::Digits(l), Piece::Digits(r)) => {
-                let (l, r) = (l.trim_start_matches('0'), r.trim_start_matches('0'));
-                l.len().cmp(&r.len()).then_with(|| l.cmp(r))
-            }
-        };
-        if order != Ordering::Equal {
-            return order;
-        }
-    }
-    left.len().cmp(&right.len()).then_with(|| a.cmp(&b))
-}
-
-/// The number of the step in a name.
-struct Numbered {
-    value: u64,
-    /// Bytes of the path before the number, and digits of it.
-    at: usize,
-    width: usize,
-}
-
-/// The step number of each path: of names alike but for numbers, the last number that varies; else the number that ends
-/// each name. `None` where names carry no numbers, or such that do not fit in 64 bits.
-fn numbers(stems: &[String]) -> Option<Vec<Numbered>> {
-    let split: Vec<Vec<Piece<'_>>> = stems.iter().map(|s| pieces(s)).collect();
-    let first = split.first()?;
-    let alike = split.iter().all(|p| {
-        let same = |(a, b): (&Piece<'_>, &Piece<'_>)| a == b || matches!((a, b), (Piece::Digits(_), Piece::Digits(_)));
-        p.len() == first.len() && p.iter().zip(first).all(same)
-    });
-    let varying = (0..first.len()).rev().find(|&i| alike && split.iter().any(|p| p[i] != first[i]));
-    let number = |p: &Vec<Piece<'_>>| {
-        let index = varying.or_else(|| p.len().checked_sub(1))?;
-        let Piece::Digits(digits) = p[index] else { return None };
-        let length = |p: &Piece<'_>| match p {
-            Piece::Text(t) | Piece::Digits(t) => t.len(),
-        };
-        Some(Numbered { value: digits.parse().ok()?, at: p[..index].iter().map(length).sum(), width: digits.len() })
-    };
-    split.iter().map(number).collect()
-}
-
-/// Checks that the numbers in the names increase and, unless `allow_gaps`, that no step is missing. Says whether there
-/// are gaps.
+/// Checks that the numbers in the names increase and, unless `allow_gaps`, that no step is missing; decimal numbers
+/// and dates tell no missing step. Says whether there are gaps.
 ///
 /// # Errors
 /// Files out of order, files of several series, or a missing step.
 pub fn check_order(files: &[PathBuf], allow_gaps: bool) -> Result<bool, VolumeError> {
-    let stem = |f: &PathBuf| {
-        let mut text = f.to_string_lossy().into_owned();
-        let cut = format_of(f).map_or(0, |(_, n)| n);
-        text.truncate(text.len() - cut);
-        text
-    };
-    let stems: Vec<String> = files.iter().map(stem).collect();
-    let Some(numbers) = numbers(&stems).filter(|n| n.len() > 1) else { return Ok(false) };
-    if let Some(i) = (1..numbers.len()).find(|&i| numbers[i].value <= numbers[i - 1].value) {
-        let problem = format!("unsorted: its number {} follows {}", numbers[i].value, numbers[i - 1].value);
+    let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
+    let names = Names::of(&stems);
+    if let Some(i) = names.first_unsorted() {
+        let problem = format!("unsorted: its {} follows {}", names.said(i), names.said(i - 1));
         let problem = format!("{problem} of {}", files[i - 1].display());
         let hint = "name the files of one series in order of time, or give the folder or a pattern in quotes (\"t*.nrrd\"), \
                     which sorts t2 before t10";
         return Err(VolumeError::invalid(&files[i], "inputs", problem, hint));
     }
-    let step = |i: usize| numbers[i].value - numbers[i - 1].value;
-    let stride = (1..numbers.len()).map(step).min().unwrap_or(1);
-    let Some(i) = (1..numbers.len()).find(|&i| step(i) != stride) else { return Ok(false) };
+    let Some(steps) = names.steps().filter(|n| n.len() > 1) else { return Ok(false) };
+    let step = |i: usize| steps[i].value - steps[i - 1].value;
+    let stride = (1..steps.len()).map(step).min().unwrap_or(1);
+    let Some(i) = (1..steps.len()).find(|&i| step(i) != stride) else { return Ok(false) };
     if allow_gaps {
         return Ok(true);
     }
-    let before = &numbers[i - 1];
+    let before = &steps[i - 1];
     let path = files[i - 1].to_string_lossy();
     let (head, tail) = (&path[..before.at], &path[before.at + before.width..]);
     let missing = PathBuf::from(format!("{head}{:0width$}{tail}", before.value + stride, width = before.width));

@@ -4,10 +4,9 @@ use super::{Found, MaskSource, Seen, SourceError};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
 use crate::segment::masks::Mask;
-use std::collections::BTreeMap;
 
 /// Fewer pixels of an id make no mask.
-const FEWEST_PIXELS: usize = 16;
+const FEWEST_PIXELS: u64 = 16;
 
 /// Label images, one a view.
 #[derive(Clone, Debug)]
@@ -39,21 +38,14 @@ impl MaskSource for Labels {
             return Err(SourceError::View { view: seen.view, group: seen.group });
         };
         let mut ids = self.truth.labels(view)?;
-        let mut counts = BTreeMap::<u16, usize>::new();
         for (id, front) in ids.iter_mut().zip(front) {
             if !front {
                 *id = 0;
             }
-            *counts.entry(*id).or_default() += 1;
         }
-        let shown = counts.into_iter().filter(|(id, count)| *id > 0 && *count >= FEWEST_PIXELS);
-        shown
-            .map(|(id, _)| {
-                let rows: Vec<bool> = ids.iter().map(|i| *i == id).collect();
-                let mask = Mask::from_rows(width as u32, height as u32, &rows)?;
-                Ok(Found { mask, predicted_iou: 1.0, stability_score: 1.0 })
-            })
-            .collect()
+        let masks = Mask::of_labels(width as u32, height as u32, &ids)?.into_iter().map(|(_, mask)| mask);
+        let shown = masks.filter(|mask| mask.area() >= FEWEST_PIXELS);
+        Ok(shown.map(|mask| Found { mask, predicted_iou: 1.0, stability_score: 1.0 }).collect())
     }
 
     fn needs_front(&self) -> bool {

@@ -1,0 +1,196 @@
+//! Things of one colour that touch: one piece in space, which the affinity tells apart.
+//!
+//! Masks take what touches for several things where an edge is seen between them, so that wholes have unlike features
+//! at the largest mask scale. But the features of one large thing drift, too, as its sides are never seen together. What
+//! parts two things is that little touches there, and that the feature changes at once: patches of like features are
+//! joined ([`regions`]) until what is left is parted by both.
+//!
+//! Chosen on `jets`, `vortices` with two kinds of lighting, and five plumes drawn by VTK, whose shells touch: see the results
+//! of 2026-11-25 in `benches/results`.
+
+use super::pieces::Touch;
+use crate::model::HostGaussians;
+use crate::points::PointsError;
+use crate::points::chunks::{finite, point};
+use crate::points::components::largest_scales;
+use crate::points::neighbours::Grid;
+use crate::points::regions::{self, Edge};
+use crate::points::union_find::UnionFind;
+use kodama::{Method, linkage};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use volseggs_kernels::contrast::FEATURES;
+
+/// The mask scale at which wholes are told apart.
+pub const SCALE: f32 = 1.0;
+/// Gaussians whose features are grouped; the others go to the group that is most like them.
+const SAMPLE: usize = 512;
+/// Groups whose features have this mean cosine at least are one patch.
+const ALIKE: f32 = 0.8;
+/// Neighbours of a Gaussian that are looked at.
+const NEIGHBOURS: usize = 16;
+/// Patches stay apart if the weight of what touches between them is below this part of all at the smaller one. On the scenes
+/// that this was chosen on, patches of one thing had 0.022 at least, and different things 0.014 at most.
+const NARROW: f64 = 0.02;
+/// Part of the Gaussians that a patch has at least.
+const TINY: f64 = 0.005;
+
+/// The thing of each Gaussian of `body`, all of one piece, `[M]` from 1, the largest first; all 1 where the affinity takes it for one.
+/// `features` are those of the affinity field at [`SCALE`], `[M, 16]`, of unit length.
+///
+/// # Errors
+/// If the arrays of `body` disagree.
+///
+/// # Panics
+/// If there are not as many features as Gaussians.
+pub fn things(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
+    assert_eq!(features.len(), FEATURES * body.len(), "features: [M, 16]");
+    let groups = groups(features);
+    if groups.len() < 2 {
+        return Ok(vec![1; body.len()]);
+    }
+    let group: Vec<u32> = features.par_chunks_exact(FEATURES).map(|row| most_like(row, &groups)).collect();
+    let touching = touching(body)?;
+    let of = UnionFind::new(body.len());
+    touching.iter().filter(|(a, b)| group[*a as usize] == group[*b as usize]).for_each(|&(a, b)| of.union(a, b));
+    let patches: Vec<u32> = (0..body.len() as u32).map(|i| of.find(i)).collect();
+    let tiny = (TINY * body.len() as f64).ceil() as usize;
+    Ok(regions::join(&patches, &weighted(features, &touching), tiny, NARROW))
+}
+
+fn row(features: &[f32], i: usize) -> &[f32] {
+    &features[FEATURES * i..FEATURES * (i + 1)]
+}
+
+fn cosine(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Mean directions `[G][16]` of the groups of like features, by average linkage of a sample.
+fn groups(features: &[f32]) -> Vec<[f32; FEATURES]> {
+    let count = features.len() / FEATURES;
+    let n = count.min(SAMPLE);
+    let sample: Vec<&[f32]> = (0..n).map(|k| row(features, k * count / n)).collect();
+    let mut sums: BTreeMap<u32, [f32; FEATURES]> = BTreeMap::new();
+    for (feature, group) in sample.iter().zip(grouped(&sample)) {
+        sums.entry(group).or_insert([0.0; FEATURES]).iter_mut().zip(*feature).for_each(|(sum, v)| *sum += v);
+    }
+    let direction = |sum: [f32; FEATURES]| {
+        let length = cosine(&sum, &sum).sqrt().max(f32::MIN_POSITIVE);
+        sum.map(|v| v / length)
+    };
+    sums.into_values().map(direction).collect()
+}
+
+/// A number for each feature, the same for those of one group.
+fn grouped(sample: &[&[f32]]) -> Vec<u32> {
+    let n = sample.len();
+    let of = UnionFind::new(n);
+    if n > 1 {
+        // one that is not finite is like none
+        let distance =
+            |a: &[f32], b: &[f32]| Some((1.0 - cosine(a, b)).max(0.0)).filter(|d| d.is_finite()).unwrap_or(2.0);
+        let later = |(k, a): (usize, &&[f32])| sample[k + 1..].iter().map(|b| distance(a, b)).collect::<Vec<f32>>();
+        let mut distances: Vec<f32> = sample.iter().enumerate().flat_map(later).collect();
+        // one observation of each cluster: those of one observation, then those that the steps make
+        let mut any: Vec<u32> = (0..n as u32).collect();
+        for step in linkage(&mut distances, n, Method::Average).steps() {
+            let (a, b) = (any[step.cluster1], any[step.cluster2]);
+            any.push(a);
+            if step.dissimilarity <= 1.0 - ALIKE {
+                of.union(a, b);
+            }
+        }
+    }
+    (0..n as u32).map(|k| of.find(k)).collect()
+}
+
+fn most_like(feature: &[f32], groups: &[[f32; FEATURES]]) -> u32 {
+    let mut best = (0, f32::NEG_INFINITY);
+    for (n, group) in (0..).zip(groups) {
+        let cosine = cosine(feature, group);
+        if cosine > best.1 {
+            best = (n, cosine);
+        }
+    }
+    best.0
+}
+
+/// The pairs of Gaussians that touch, of each with its nearest neighbours.
+fn touching(body: &HostGaussians) -> Result<Vec<(u32, u32)>, PointsError> {
+    let radii = largest_scales(&body.log_scales)?;
+    let near = Grid::adaptive(&body.means)?;
+    let of = |i: usize| {
+        let place = point(&body.means, i);
+        let found = if finite(place) { near.nearest(place, NEIGHBOURS, Some(i as u32)) } else { Vec::new() };
+        let reach = |j: u32| Touch::SEEN.reach * (radii[i] + radii[j as usize]);
+        let touch = found.into_iter().filter(|(j, square)| *square <= reach(*j).powi(2));
+        touch.map(|(j, _)| (i as u32, j)).collect::<Vec<_>>()
+    };
+    Ok((0..body.len()).into_par_iter().map(of).collect::<Vec<_>>().concat())
+}
+
+/// The same with weights: the less the more the feature changes there, beside the change that half of the pairs have.
+fn weighted(features: &[f32], touching: &[(u32, u32)]) -> Vec<Edge> {
+    let change =
+        |&(a, b): &(u32, u32)| f64::from(1.0 - cosine(row(features, a as usize), row(features, b as usize))).max(0.0);
+    let changes: Vec<f64> = touching.par_iter().map(change).collect();
+    let mut sorted = changes.clone();
+    let middle = sorted.len() / 2;
+    let usual = if sorted.is_empty() { 1.0 } else { *sorted.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    let weight = |change: f64| Some((-change / (2.0 * usual.max(1e-9))).exp()).filter(|w| w.is_finite()).unwrap_or(0.0);
+    touching.iter().zip(changes).map(|(&(a, b), change)| (a, b, weight(change))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::balls::{on_threads, surfaces};
+
+    /// A unit feature at `angle`, radians, in the plane of the first two axes.
+    fn at(angle: f32) -> [f32; FEATURES] {
+        let mut feature = [0.0; FEATURES];
+        (feature[0], feature[1]) = (angle.cos(), angle.sin());
+        feature
+    }
+
+    fn counts(labels: &[u32]) -> Vec<usize> {
+        let most = labels.iter().max().copied().unwrap_or(0);
+        (1..=most).map(|label| labels.iter().filter(|l| **l == label).count()).collect()
+    }
+
+    #[test]
+    fn balls_that_touch_are_two_where_their_features_differ_and_one_where_not() {
+        let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
+        let unlike: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
+        let found = things(&body, &unlike).unwrap();
+        assert_eq!(counts(&found).len(), 2);
+        let wrong = found.iter().zip(&of).filter(|(thing, ball)| (found[0] == **thing) != (of[0] == **ball)).count();
+        assert!(wrong * 50 < of.len(), "{wrong} of {}", of.len());
+        assert_eq!(found, on_threads(1, || things(&body, &unlike)).unwrap());
+        let like: Vec<f32> = of.iter().flat_map(|ball| at(0.3 * *ball as f32)).collect();
+        assert_eq!(things(&body, &like).unwrap(), vec![1; body.len()]);
+    }
+
+    #[test]
+    fn one_ball_stays_one_though_its_features_drift_from_side_to_side() {
+        let (body, _) = surfaces(&[(0.0, 1.0)]);
+        // by more than two radians in all: opposite sides are unlike
+        let drift: Vec<f32> = body.means.chunks_exact(3).flat_map(|p| at(1.2 * p[0])).collect();
+        assert!(groups(&drift).len() > 2, "patches of like features are there");
+        assert_eq!(things(&body, &drift).unwrap(), vec![1; body.len()]);
+    }
+
+    #[test]
+    fn nothing_one_and_poison() {
+        let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
+        assert_eq!(things(&body.subset(&[]), &[]).unwrap(), [0u32; 0]);
+        assert_eq!(things(&body.subset(&[4]), &at(0.1)).unwrap(), [1]);
+        let mut features: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
+        features[..FEATURES].fill(f32::NAN);
+        let mut poisoned = body.clone();
+        (poisoned.means[30], poisoned.log_scales[60]) = (f32::NAN, f32::INFINITY);
+        let found = things(&poisoned, &features).unwrap();
+        assert!(found.len() == body.len() && found.iter().all(|label| *label > 0));
+    }
+}

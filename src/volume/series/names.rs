@@ -1,0 +1,301 @@
+//! The numbers in the names of a series: whole as `t10`, decimal as `t0.25`, dates as `2020-01-31`. No file is opened here.
+
+use std::cmp::Ordering;
+use std::ops::Range;
+
+/// A number in a name: digits, and those after a decimal point.
+#[derive(Clone, Copy, Debug)]
+struct Number<'a> {
+    whole: &'a str,
+    fraction: &'a str,
+}
+
+impl Number<'_> {
+    fn cmp(&self, other: &Self) -> Ordering {
+        let [a, b] = [self, other].map(|n| (n.whole.trim_start_matches('0'), n.fraction.trim_end_matches('0')));
+        a.0.len().cmp(&b.0.len()).then_with(|| a.0.cmp(b.0)).then_with(|| a.1.cmp(b.1))
+    }
+}
+
+/// One piece of a name.
+#[derive(Clone, Copy, Debug)]
+enum Piece<'a> {
+    Text(&'a str),
+    Number(Number<'a>),
+}
+
+impl<'a> Piece<'a> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Text(text) => text.len(),
+            Self::Number(Number { whole, fraction: "" }) => whole.len(),
+            Self::Number(Number { whole, fraction }) => whole.len() + 1 + fraction.len(),
+        }
+    }
+
+    /// The digits of a whole number.
+    fn digits(&self) -> Option<&'a str> {
+        match self {
+            Self::Number(Number { whole, fraction: "" }) => Some(whole),
+            _ => None,
+        }
+    }
+
+    fn cmp(&self, other: &Self) -> Ordering {
+        match (self, other) {
+            (Self::Text(a), Self::Text(b)) => a.cmp(b),
+            (Self::Number(_), Self::Text(_)) => Ordering::Less,
+            (Self::Text(_), Self::Number(_)) => Ordering::Greater,
+            (Self::Number(a), Self::Number(b)) => a.cmp(b),
+        }
+    }
+}
+
+/// Texts and whole numbers by turns.
+fn pieces(text: &str) -> Vec<Piece<'_>> {
+    let mut found = Vec::new();
+    let mut rest = text;
+    while let Some(first) = rest.bytes().next() {
+        let digits = first.is_ascii_digit();
+        let end = rest.bytes().position(|b| b.is_ascii_digit() != digits).unwrap_or(rest.len());
+        let (head, tail) = rest.split_at(end);
+        found.push(if digits { Piece::Number(Number { whole: head, fraction: "" }) } else { Piece::Text(head) });
+        rest = tail;
+    }
+    found
+}
+
+/// Where the last two numbers stand that a point joins, if no third is joined to them as in `1.2.10`.
+fn joined(name: &[Piece<'_>]) -> Option<usize> {
+    let is_point = |i: usize| matches!(name.get(i), Some(Piece::Text(".")));
+    let ends_in_point = |i: usize| matches!(name.get(i), Some(Piece::Text(t)) if t.ends_with('.'));
+    let pair = |&i: &usize| name[i].digits().is_some() && is_point(i + 1) && name.get(i + 2).is_some();
+    let alone = |&i: &usize| !is_point(i + 3) && !i.checked_sub(1).is_some_and(ends_in_point);
+    (0..name.len()).rev().find(pair).filter(alone)
+}
+
+/// Whether numbers joined by a point are decimal. `t0.5` and `t0.25` can be read as steps 5 and 25, too: they are decimal
+/// if what follows the point has unlike lengths and never ends in a zero, which steps do that are not padded, or if the
+/// numbers on either side of the point vary.
+fn are_decimal(names: &[Vec<Piece<'_>>]) -> bool {
+    let at: Vec<Option<(&str, &str)>> =
+        names.iter().map(|name| joined(name).and_then(|i| name[i].digits().zip(name[i + 2].digits()))).collect();
+    let Some((first, fraction)) = at.iter().flatten().next() else { return false };
+    let unlike = |differs: &dyn Fn(&(&str, &str)) -> bool| at.iter().any(|p| p.as_ref().is_none_or(differs));
+    let lengths = unlike(&|p| p.1.len() != fraction.len());
+    let rounded = at.iter().flatten().any(|p| p.1.len() > 1 && p.1.ends_with('0'));
+    let both = unlike(&|p| p.0 != *first) && unlike(&|p| p.1 != *fraction);
+    if lengths { !rounded } else { both }
+}
+
+/// The names in pieces, decimal numbers as one.
+fn split(stems: &[String]) -> Vec<Vec<Piece<'_>>> {
+    let mut names: Vec<_> = stems.iter().map(|s| pieces(s)).collect();
+    if are_decimal(&names) {
+        for name in &mut names {
+            let Some(i) = joined(name) else { continue };
+            if let (Some(whole), Some(fraction)) = (name[i].digits(), name[i + 2].digits()) {
+                name.splice(i..i + 3, [Piece::Number(Number { whole, fraction })]);
+            }
+        }
+    }
+    names
+}
+
+/// The order in which `t2` comes before `t10`, and `t0.25` before `t0.5`; names that differ in zeros alone keep a fixed one.
+pub fn order(stems: &[String]) -> Vec<usize> {
+    let names = split(stems);
+    let natural = |a: usize, b: usize| {
+        let (left, right) = (&names[a], &names[b]);
+        let differ = left.iter().zip(right).map(|(l, r)| l.cmp(r)).find(|o| o.is_ne());
+        differ.unwrap_or_else(|| left.len().cmp(&right.len())).then_with(|| stems[a].cmp(&stems[b]))
+    };
+    let mut order: Vec<usize> = (0..stems.len()).collect();
+    order.sort_by(|&a, &b| natural(a, b));
+    order
+}
+
+/// The whole number of a step in a name.
+#[derive(Debug)]
+pub struct Step {
+    /// The number.
+    pub value: u64,
+    /// Bytes of the name before it.
+    pub at: usize,
+    /// Digits of it.
+    pub width: usize,
+}
+
+/// Names in order, and where the number of the step stands in them.
+pub struct Names<'a> {
+    names: Vec<Vec<Piece<'a>>>,
+    /// The pieces of each name that tell the step; none where names carry no numbers.
+    at: Vec<Range<usize>>,
+}
+
+impl<'a> Names<'a> {
+    /// Of names alike but for numbers the last number that varies tells the step, or the date that it is part of; else the number
+    /// that ends each name.
+    pub fn of(stems: &'a [String]) -> Self {
+        let names = split(stems);
+        let at = steps_at(&names).unwrap_or_default();
+        Self { names, at }
+    }
+
+    /// The first name whose number is not above that of the name before.
+    pub fn first_unsorted(&self) -> Option<usize> {
+        let number = |i: usize| &self.names[i][self.at[i].clone()];
+        let order = |i: usize| number(i - 1).iter().zip(number(i)).map(|(a, b)| a.cmp(b)).find(|o| o.is_ne());
+        (1..self.at.len()).find(|&i| order(i) != Some(Ordering::Less))
+    }
+
+    /// What tells the step in name `i`, in words.
+    pub fn said(&self, i: usize) -> String {
+        let text = |p: &Piece<'_>| match p {
+            Piece::Text(text) => (*text).to_owned(),
+            Piece::Number(Number { whole, fraction: "" }) => (*whole).to_owned(),
+            Piece::Number(Number { whole, fraction }) => format!("{whole}.{fraction}"),
+        };
+        let number: String = self.names[i][self.at[i].clone()].iter().map(text).collect();
+        format!("{} {number}", if self.at[i].len() > 1 { "date" } else { "number" })
+    }
+
+    /// The numbers of the steps; `None` if there are none, or they are decimal, dates, or beyond 64 bits.
+    pub fn steps(&self) -> Option<Vec<Step>> {
+        let step = |(name, at): (&Vec<Piece<'a>>, &Range<usize>)| {
+            let digits = name[at.start].digits().filter(|_| at.len() == 1)?;
+            let before = name[..at.start].iter().map(Piece::len).sum();
+            Some(Step { value: digits.parse().ok()?, at: before, width: digits.len() })
+        };
+        let steps: Option<Vec<Step>> = self.names.iter().zip(&self.at).map(step).collect();
+        steps.filter(|s| !s.is_empty())
+    }
+}
+
+/// The pieces of each name that tell its step; `None` where one has no number.
+fn steps_at(names: &[Vec<Piece<'_>>]) -> Option<Vec<Range<usize>>> {
+    let first = names.first()?;
+    let alike = names.iter().all(|name| {
+        let same = |(a, b): (&Piece<'_>, &Piece<'_>)| match (a, b) {
+            (Piece::Number(_), Piece::Number(_)) => true,
+            _ => a.cmp(b).is_eq(),
+        };
+        name.len() == first.len() && name.iter().zip(first).all(same)
+    });
+    let varying = (0..first.len()).rev().find(|&i| alike && names.iter().any(|name| name[i].cmp(&first[i]).is_ne()));
+    let at = |name: &Vec<Piece<'_>>| {
+        let i = varying.or_else(|| name.len().checked_sub(1))?;
+        let number = matches!(name[i], Piece::Number(_)).then_some(i..i + 1);
+        if varying.is_some() && names.iter().all(|n| date(n, i) == date(name, i)) {
+            return date(name, i).or(number);
+        }
+        number
+    };
+    names.iter().map(at).collect()
+}
+
+/// The date, with what is joined to it, that the number at `i` is part of: four digits, then twice two, as in `2020-01-31` or
+/// `2020_01_31T06_00`.
+fn date(name: &[Piece<'_>], i: usize) -> Option<Range<usize>> {
+    let digits = |k: usize, count: usize| name.get(k).and_then(Piece::digits).is_some_and(|d| d.len() == count);
+    let joint = |k: usize| matches!(name.get(k), Some(Piece::Text("-" | "_" | "." | ":" | "T")));
+    let of = |start: usize| {
+        let whole = digits(start, 4) && joint(start + 1) && digits(start + 2, 2);
+        let mut end = start + 3;
+        while whole && joint(end) && digits(end + 1, 2) {
+            end += 2;
+        }
+        (whole && end > start + 3).then_some(start..end)
+    };
+    (0..=i).filter_map(of).find(|range| range.contains(&i))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sorted(names: &[&str]) -> Vec<String> {
+        let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+        order(&stems).into_iter().map(|i| stems[i].clone()).collect()
+    }
+
+    fn unsorted(names: &[&str]) -> Option<String> {
+        let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+        let names = Names::of(&stems);
+        names.first_unsorted().map(|i| names.said(i))
+    }
+
+    #[test]
+    fn names_come_in_order_of_their_numbers_however_these_are_written() {
+        for right in [
+            ["t2", "t9", "t10", "t11"],
+            ["t0.25", "t0.5", "t0.75", "t1"],
+            ["t0.5", "t1", "t1.5", "t2"],
+            ["t0.9", "t1.0", "t1.1", "t2.0"],
+            ["t9.5", "t10.25", "t10.5", "t11.75"],
+            // steps of a run, not decimal numbers
+            ["run0.8", "run0.9", "run0.10", "run0.11"],
+            ["v1.2.8", "v1.2.9", "v1.2.10", "v1.2.11"],
+            ["run1.08", "run1.09", "run1.10", "run1.11"],
+            ["2020-01-30", "2020-01-31", "2020-02-01", "2021-01-01"],
+            ["w2020_12_31T18", "w2020_12_31T23", "w2021_01_01T00", "w2021_01_01T06"],
+        ] {
+            let mut names = right;
+            for turn in 0..4 {
+                names.rotate_left(1);
+                names.swap(0, turn % 3 + 1);
+                assert_eq!(sorted(&names), right, "{names:?}");
+            }
+            assert_eq!(unsorted(&right), None, "{right:?}");
+            let [a, b, c, d] = right;
+            assert!(unsorted(&[a, c, b, d]).is_some_and(|said| said.len() > 7), "{right:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_out_of_order_is_said_as_it_is_written() {
+        assert_eq!(unsorted(&["t0.5", "t0.25"]).unwrap(), "number 0.25");
+        assert_eq!(unsorted(&["2020-02-01", "2020-01-31"]).unwrap(), "date 2020-01-31");
+        assert_eq!(unsorted(&["t10", "t9"]).unwrap(), "number 9");
+        // two series in two folders: the last number that varies begins again
+        assert_eq!(unsorted(&["run1/t0", "run1/t1", "run2/t0"]).unwrap(), "number 0");
+        assert_eq!(unsorted(&["a-1-1", "a-1-2", "a-2-1"]).unwrap(), "number 1");
+    }
+
+    #[test]
+    fn steps_are_whole_numbers_alone() {
+        let steps = |names: &[&str]| {
+            let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+            Names::of(&stems).steps().map(|s| s.iter().map(|s| (s.value, s.at, s.width)).collect::<Vec<_>>())
+        };
+        assert_eq!(steps(&["t08", "t10"]), Some(vec![(8, 1, 2), (10, 1, 2)]));
+        assert_eq!(steps(&["t0.5", "t0.25"]), None);
+        assert_eq!(steps(&["2020-01-31", "2020-02-01"]), None);
+        assert_eq!(steps(&["a", "b"]), None);
+        assert_eq!(steps(&["t1", "t99999999999999999999"]), None);
+        assert_eq!(steps(&[]), None);
+    }
+
+    #[test]
+    fn any_names_are_put_in_an_order_and_found_in_it() {
+        let letters = ["", "0", "1", "10", ".", "-", "a", "2020", "01", "é", "T", "/"];
+        let mut state = 1u64;
+        let mut next = |n: usize| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 33) as usize % n
+        };
+        for _ in 0..2000 {
+            let names: Vec<String> =
+                (0..1 + next(5)).map(|_| (0..next(7)).map(|_| letters[next(letters.len())]).collect()).collect();
+            let order = order(&names);
+            let mut all = order.clone();
+            all.sort_unstable();
+            assert_eq!(all, (0..names.len()).collect::<Vec<_>>());
+            let found = Names::of(&names);
+            if let Some(i) = found.first_unsorted() {
+                assert!(!found.said(i).is_empty());
+            }
+            found.steps();
+        }
+    }
+}
