@@ -26,7 +26,7 @@ const INK: [u8; 3] = [230, 230, 230];
 /// One dataset's sheet.
 #[derive(Clone, Debug)]
 pub struct VariantSheet {
-    /// Name of the dataset.
+    /// Name of the dataset, and of the device where there are several.
     pub dataset: String,
     /// Name of the view.
     pub view: String,
@@ -48,16 +48,19 @@ struct Shown {
     errors: Vec<f32>,
 }
 
-/// A sheet for each dataset of which two pictures or more are there, in the order of the outcomes.
+/// A sheet for each dataset and device of which two pictures or more are there, in the order of the outcomes.
 #[must_use]
 pub fn sheets(set: &ResultSet) -> Vec<VariantSheet> {
-    let mut datasets: Vec<&str> = Vec::new();
+    let mut places: Vec<[&str; 2]> = Vec::new();
     for outcome in &set.outcomes {
-        if !datasets.contains(&outcome.dataset.as_str()) {
-            datasets.push(&outcome.dataset);
+        let place = [outcome.dataset.as_str(), outcome.device.as_str()];
+        if !places.contains(&place) {
+            places.push(place);
         }
     }
-    datasets.into_iter().filter_map(|dataset| sheet(set, dataset)).collect()
+    let several = places.iter().any(|[_, device]| *device != places[0][1]);
+    let name = |[dataset, device]: [&str; 2]| if several { format!("{dataset}, {device}") } else { dataset.to_owned() };
+    places.iter().filter_map(|place| sheet(set, *place, name(*place))).collect()
 }
 
 fn folder(outcome: &Outcome) -> PathBuf {
@@ -65,9 +68,10 @@ fn folder(outcome: &Outcome) -> PathBuf {
 }
 
 /// Of each variant the finished outcome with the least seed.
-fn first_seeds<'a>(set: &'a ResultSet, dataset: &str) -> Vec<&'a Outcome> {
+fn first_seeds<'a>(set: &'a ResultSet, [dataset, device]: [&str; 2]) -> Vec<&'a Outcome> {
     let mut firsts: Vec<&Outcome> = Vec::new();
-    for outcome in set.outcomes.iter().filter(|o| o.dataset == dataset && o.state == OutcomeState::Done) {
+    let is_there = |o: &&Outcome| o.dataset == dataset && o.device == device;
+    for outcome in set.outcomes.iter().filter(is_there).filter(|o| o.state == OutcomeState::Done) {
         match firsts.iter_mut().find(|first| first.variant == outcome.variant) {
             Some(first) if outcome.seed < first.seed => *first = outcome,
             Some(_) => {}
@@ -85,8 +89,8 @@ fn views(folder: &Path) -> BTreeSet<String> {
     names.filter(|name| files.contains(&format!("{name}-render.png"))).map(str::to_owned).collect()
 }
 
-fn sheet(set: &ResultSet, dataset: &str) -> Option<VariantSheet> {
-    let firsts = first_seeds(set, dataset);
+fn sheet(set: &ResultSet, place: [&str; 2], dataset: String) -> Option<VariantSheet> {
+    let firsts = first_seeds(set, place);
     let with_views: Vec<(&Outcome, BTreeSet<String>)> =
         firsts.iter().map(|o| (*o, views(&folder(o)))).filter(|(_, views)| !views.is_empty()).collect();
     let shared =
@@ -120,7 +124,7 @@ fn sheet(set: &ResultSet, dataset: &str) -> Option<VariantSheet> {
     let names: Vec<String> = shown.into_iter().map(|s| s.variant).collect();
     let left_out = firsts.iter().filter(|o| !names.contains(&o.variant)).map(|o| o.variant.clone()).collect();
     let image = pair_sheet(&pairs, columns, CELL);
-    Some(VariantSheet { dataset: dataset.to_owned(), view, image, top_error: top, shown: names, left_out })
+    Some(VariantSheet { dataset, view, image, top_error: top, shown: names, left_out })
 }
 
 fn load(outcome: &Outcome, view: &str) -> Option<Shown> {
@@ -227,6 +231,19 @@ mod tests {
         let top = sheet.image.height() - 6 - 200;
         assert_eq!(sheet.image.get_pixel(6 + 206, top).0, error_color(10.0 / 255.0 / 0.05));
         assert_eq!(sheet.image.get_pixel(6 + 2 * 206, top).0, error_color(0.0));
+    }
+
+    #[test]
+    fn devices_have_sheets_of_their_own() {
+        let dir = tempfile::tempdir().unwrap();
+        let on = |device: &str, variant| {
+            let outcome = outcome(&dir.path().join(device), variant, 0, OutcomeState::Done);
+            pictures(&outcome, &["r1"], 20, 100);
+            Outcome { device: device.to_owned(), ..outcome }
+        };
+        let sheets = sheets(&set(vec![on("flex", "a"), on("wgpu", "a"), on("flex", "b"), on("wgpu", "b")]));
+        let shown: Vec<(&str, usize)> = sheets.iter().map(|s| (s.dataset.as_str(), s.shown.len())).collect();
+        assert_eq!(shown, [("d, flex", 2), ("d, wgpu", 2)]);
     }
 
     #[test]

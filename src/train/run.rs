@@ -86,7 +86,7 @@ pub struct RunRecord {
     pub training_seconds: f64,
     /// Gaussians at the end; 0 of a method without primitives.
     pub gaussians: usize,
-    /// Peak memory of the process, bytes; 0 where unknown.
+    /// Peak memory of the process, bytes, the largest of all that trained the run; 0 where unknown.
     pub peak_memory_bytes: u64,
 }
 
@@ -213,7 +213,9 @@ pub fn run(
 
     let record_path = RunPaths(out).record();
     let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
-    let earlier_builds = if newest.is_some() { builds_before(&record_path, &build) } else { Vec::new() };
+    let earlier = newest.is_some().then(|| earlier_record(&record_path)).flatten();
+    let peak_before = earlier.as_ref().map_or(0, |record| record.peak_memory_bytes);
+    let earlier_builds = earlier.map_or_else(Vec::new, |record| builds_before(record, &build));
     let first = training.steps_done();
     let started = Instant::now();
     let paused = Cell::new(Duration::ZERO);
@@ -232,7 +234,7 @@ pub fn run(
         steps: first,
         training_seconds: seconds_before,
         gaussians: training.model().counts().primitives,
-        peak_memory_bytes: 0,
+        peak_memory_bytes: peak_before,
     };
     let write_record = |record: &RunRecord| {
         let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
@@ -339,15 +341,19 @@ pub fn run(
     record.steps = training.steps_done();
     record.training_seconds = seconds();
     record.gaussians = training.model().counts().primitives;
-    record.peak_memory_bytes = peak_memory();
+    record.peak_memory_bytes = peak_memory().max(peak_before);
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })
 }
 
+/// What the run's record says before it is written anew; none where it cannot be read.
+fn earlier_record(path: &Path) -> Option<RunRecord> {
+    serde_json::from_str(&read_text(path).ok()?).ok()
+}
+
 /// The builds that the record of a run names, other than `build`; one of early versions counts as an empty name.
-fn builds_before(record: &Path, build: &str) -> Vec<String> {
-    let record = read_text(record).ok().and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
-    let Some(RunRecord { build: last, earlier_builds: mut builds, .. }) = record else { return Vec::new() };
+fn builds_before(record: RunRecord, build: &str) -> Vec<String> {
+    let RunRecord { build: last, earlier_builds: mut builds, .. } = record;
     if !builds.contains(&last) {
         builds.push(last);
     }
