@@ -134,8 +134,11 @@ impl PrepareArgs {
             self.size[0],
             self.size[1]
         );
-        if let Source::Files { series, .. } = &source {
+        if let Source::Files { series, labels } = &source {
             series.notes().iter().for_each(|n| errln!("note: {n}"));
+            if let FileLabels::Files { series, .. } = labels {
+                series.notes().iter().for_each(|n| errln!("note: labels: {n}"));
+            }
         }
         let stop = stop_flag("stopping; nothing is written")?;
         let total = image_count(&source, &options);

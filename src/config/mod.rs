@@ -24,6 +24,16 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("4dgs-small", include_str!("../../configs/methods/4dgs-small.toml")),
 ];
 
+/// A key's name without its section, unless another of the keys `among` which it stands has the same.
+#[must_use]
+pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
+    fn last(key: &str) -> &str {
+        key.rsplit_once('.').map_or(key, |(_, name)| name)
+    }
+    let is_shared = among.iter().any(|other| other.as_ref() != key && last(other.as_ref()) == last(key));
+    if is_shared { key } else { last(key) }
+}
+
 /// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.
 pub const RESERVED_VARIABLES: &[&str] = &[
     "VOLSEGGS_TEST_*",

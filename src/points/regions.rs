@@ -147,7 +147,7 @@ mod tests {
     fn what_a_narrow_place_parts_stays_apart_and_patches_of_one_become_one() {
         // patches of five columns; the narrow place is between two of them
         let of: Vec<u32> = (0..160).map(|node| 7 + node / 20).collect();
-        let parted = join(&of, &strip(40, 19, 1, 0.5), 0, 0.05);
+        let parted = join(&of, &strip(40, 19, 1, 0.5), 0, 0.01);
         assert_eq!(pieces(&parted), [80, 80]);
         assert!(parted[..80].iter().all(|l| *l == parted[0]));
         let whole = join(&of, &strip(40, 19, 4, 1.0), 0, 0.01);

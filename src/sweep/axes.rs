@@ -2,6 +2,7 @@
 
 use super::SweepError;
 use super::file::{RandomSpec, RangeSpec, SampleMethod, SweepFile};
+use crate::config::short_key;
 use crate::memory::{Budget, product};
 use crate::rng::{Purpose, Rng};
 use std::collections::{BTreeMap, HashSet};
@@ -65,19 +66,22 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
         }
         found = named;
     }
-    for (key, value) in flatten(&file.grid) {
+    let grid = flatten(&file.grid);
+    let axes: Vec<String> =
+        grid.keys().cloned().chain(file.random.iter().flat_map(|r| r.keys.keys().cloned())).collect();
+    for (key, value) in grid {
         let Value::Array(values) = value else {
             return Err(bad(&format!("grid.{key}"), "not a list of values".into()));
         };
         if values.is_empty() {
             return Err(bad(&format!("grid.{key}"), "an empty list leaves no run".into()));
         }
-        let with = |variant: &Variant, value: &Value| variant.with(&[(key.clone(), value.clone())]);
+        let with = |variant: &Variant, value: &Value| variant.with(&[(key.clone(), value.clone())], &axes);
         found = found.iter().flat_map(|v| values.iter().map(|value| with(v, value)).collect::<Vec<_>>()).collect();
     }
     if let Some(random) = &file.random {
         let points = samples(random).map_err(|(key, problem)| bad(&key, problem))?;
-        found = found.iter().flat_map(|v| points.iter().map(|p| v.with(p)).collect::<Vec<_>>()).collect();
+        found = found.iter().flat_map(|v| points.iter().map(|p| v.with(p, &axes)).collect::<Vec<_>>()).collect();
     }
     for variant in &mut found {
         if variant.name.is_empty() {
@@ -135,11 +139,11 @@ impl Variant {
         self.seeds.as_deref().unwrap_or(seeds)
     }
 
-    /// The same with more keys; its name says what they are.
-    fn with(&self, more: &[(String, Value)]) -> Self {
+    /// The same with more keys, of all that are `axes`; its name says what they are.
+    fn with(&self, more: &[(String, Value)], axes: &[String]) -> Self {
         let mut new = self.clone();
         for (key, value) in more {
-            let short = key.rsplit('.').next().unwrap_or(key);
+            let short = short_key(key, axes);
             let text = match value {
                 Value::String(text) => text.clone(),
                 value => value.to_string(),

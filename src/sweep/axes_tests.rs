@@ -25,6 +25,9 @@ fn named_variants_and_grids_combine() {
     assert_eq!(found[1].settings["loss.kind"], Value::String("l1".into()));
     assert_eq!(found[1].settings["model.levels"], Value::Integer(2));
     assert_eq!(names(""), ["base"]);
+    let alike =
+        variants(&file("[grid]\n'init.opacity' = [0.1]\n'optim.opacity' = [0.05]"), Path::new("s.toml")).unwrap();
+    assert_eq!(alike[0].name, "init.opacity=0.1, optim.opacity=0.05");
 }
 
 #[test]

@@ -138,7 +138,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
         [] => None,
         inputs => Some(Truth::open(inputs, &labels.grid, &labels.data, &times)?),
     };
-    labels.assumed.iter().for_each(|note| errln!("note: {note}"));
+    labels.notes.iter().for_each(|note| errln!("note: {note}"));
     truth.iter().flat_map(|truth| truth.notes()).for_each(|note| errln!("note: {note}"));
     if !options.edited {
         tell_of_edits(run);

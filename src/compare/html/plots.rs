@@ -5,6 +5,7 @@ use crate::compare::curves::{Curves, mean, smooth};
 use crate::compare::metric::{Better, Column};
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
 use crate::compare::stats;
+use crate::config::short_key;
 use crate::draw::parallel::{ParallelAxis, ParallelLine, Ticks, parallel_plot};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::scatter::{Point, scatter_plot};
@@ -168,11 +169,6 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
         columns.retain(|c| !left_out.contains(c.0));
     }
     let names: Vec<&str> = columns.iter().map(|c| c.0.as_str()).collect();
-    let last = |key: &str| key.rsplit('.').next().unwrap_or(key).to_owned();
-    let short = |key: &str| {
-        let unique = names.iter().filter(|k| last(k) == last(key)).count() == 1;
-        if unique { last(key) } else { key.to_owned() }
-    };
     let mut lines: Vec<ParallelLine> = outcomes
         .iter()
         .map(|(o, _)| ParallelLine { name: format!("{}, seed {}", row_name(o), o.seed), values: Vec::new() })
@@ -180,7 +176,7 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
     let mut axes = Vec::new();
     for (key, values, _) in &columns {
         let (ticks, numbers) = axis(values);
-        axes.push(ParallelAxis { name: short(key), ticks });
+        axes.push(ParallelAxis { name: short_key(key, &names).to_owned(), ticks });
         lines.iter_mut().zip(numbers).for_each(|(line, number)| line.values.push(number));
     }
     axes.push(ParallelAxis { name: head.clone(), ticks: Ticks::Linear });

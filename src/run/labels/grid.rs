@@ -6,6 +6,7 @@ use crate::prepare::PrepareRecord;
 use crate::volume::formats;
 use crate::volume::grid::Grid;
 use crate::volume::placement::{Placement, published_side};
+use crate::volume::source::Header;
 use std::path::Path;
 
 /// Largest relative difference between the proportions of a volume and of the one the dataset was prepared from.
@@ -36,8 +37,8 @@ pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<Prepar
 }
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
-/// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Beside them what had to be assumed, if
-/// anything had.
+/// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Beside them what had to be assumed,
+/// and what the reader of the file notes, such as an orientation that is ignored.
 ///
 /// # Errors
 /// A file that cannot be read or is of other proportions than the prepared volume; nothing that says how many voxels.
@@ -47,17 +48,18 @@ pub(super) fn choose(
     record: Option<&PrepareRecord>,
     dims: Option<[usize; 3]>,
     like: Option<&Path>,
-) -> Result<(LabelGrid, Option<String>), RunError> {
+) -> Result<(LabelGrid, Vec<String>), RunError> {
     let missing = || format!("{} has no prepare.json", data.display());
     if let Some(path) = like {
-        let file = formats::open(path).map_err(RunError::input)?.header().grid;
+        let Header { grid: file, mut notes, .. } = formats::open(path).map_err(RunError::input)?.header().clone();
         let centred =
             || format!("{}: the volume is taken to be centred, its longest side half as wide as the frame", missing());
         let grid = alike(file, record).map_err(|e| RunError::input(format!("--like {}: {e}", path.display())))?;
-        return Ok((grid, record.is_none().then(centred)));
+        notes.extend(record.is_none().then(centred));
+        return Ok((grid, notes));
     }
     if let Some(record) = record {
-        return Ok((prepared(record, dims), None));
+        return Ok((prepared(record, dims), Vec::new()));
     }
     let Some(dims) = dims else {
         return Err(RunError::input(format!(
@@ -67,7 +69,7 @@ pub(super) fn choose(
         )));
     };
     let assumed = format!("{}: labels fall on the box of the scene; give the volume with --like", missing());
-    Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), Some(assumed)))
+    Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), vec![assumed]))
 }
 
 fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String> {

@@ -54,8 +54,8 @@ pub struct Labels<'r> {
     pub grid: LabelGrid,
     /// The dataset that they were taken from.
     pub data: PathBuf,
-    /// What had to be assumed about the voxels, if anything had.
-    pub assumed: Option<String>,
+    /// What had to be assumed about the voxels, and what the reader of their file notes, one sentence each.
+    pub notes: Vec<String>,
 }
 
 impl<'r> Labels<'r> {
@@ -74,10 +74,10 @@ impl<'r> Labels<'r> {
         let selection = Selection::open(run, &plan.segments, plan.edited)?;
         let record = grid::record(run, plan.data.as_deref())?;
         let data = plan.data.clone().unwrap_or_else(|| run.record.dataset.clone());
-        let (grid, assumed) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
+        let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
         check_memory(&grid, plan.like.as_deref())?;
         let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
-        Ok(Self { run, selection, vote, labels, names, listed, grid, data, assumed })
+        Ok(Self { run, selection, vote, labels, names, listed, grid, data, notes })
     }
 
     /// Labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.

@@ -13,6 +13,7 @@ use crate::volume::source::{Header, VolumeFile};
 use flate2::read::MultiGzDecoder;
 use nifti::{Endianness, NiftiError, NiftiHeader, NiftiType};
 use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The most gzip can expand.
@@ -80,20 +81,32 @@ impl VolumeFile for Nifti {
     }
 
     fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
+        let Some(end) = step.checked_add(1) else { return Err(self.no_step(step)) };
+        self.read_range(step..end, out)
+    }
+
+    fn read_range(&self, steps: Range<usize>, out: &mut Vec<f32>) -> Result<(), VolumeError> {
         out.clear();
-        if step >= self.header.steps {
-            let hint = format!("the file has {} steps, counted from 0", self.header.steps);
-            return Err(VolumeError::invalid(&self.path, "step", format!("no step {step}"), hint));
+        let Some(first) = steps.clone().next() else { return Ok(()) };
+        if steps.end > self.header.steps {
+            return Err(self.no_step(steps.end - 1));
         }
-        common::reserve(&self.path, out, self.header.grid.len())?;
-        self.read_step(step, out).map_err(|e| read_error(&self.path, &format!("step {step}"), e))
+        // no more than the file claims, which was compared with what it can hold
+        let count = self.header.grid.len() * steps.len();
+        common::reserve(&self.path, out, count)?;
+        self.read_from(first, count, out).map_err(|e| read_error(&self.path, &format!("step {first}"), e))
     }
 }
 
 impl Nifti {
-    fn read_step(&self, step: usize, out: &mut Vec<f32>) -> io::Result<()> {
-        let count = self.header.grid.len();
-        let skip = self.start + step as u64 * (count * self.kind.bytes()) as u64;
+    fn no_step(&self, step: usize) -> VolumeError {
+        let hint = format!("the file has {} steps, counted from 0", self.header.steps);
+        VolumeError::invalid(&self.path, "step", format!("no step {step}"), hint)
+    }
+
+    /// `count` values from the beginning of `step` on.
+    fn read_from(&self, step: usize, count: usize, out: &mut Vec<f32>) -> io::Result<()> {
+        let skip = self.start + step as u64 * (self.header.grid.len() * self.kind.bytes()) as u64;
         let mut file = open_regular(&self.path)?;
         if !self.gz {
             file.seek(SeekFrom::Start(skip))?;

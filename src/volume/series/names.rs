@@ -149,15 +149,19 @@ impl<'a> Names<'a> {
         (1..self.at.len()).find(|&i| order(i) != Some(Ordering::Less))
     }
 
-    /// What tells the step in name `i`, in words.
+    /// What tells the step in name `i` is called so.
+    pub fn kind(&self, i: usize) -> &'static str {
+        if self.at[i].len() > 1 { "date" } else { "number" }
+    }
+
+    /// What tells the step in name `i`, as it stands there.
     pub fn said(&self, i: usize) -> String {
         let text = |p: &Piece<'_>| match p {
             Piece::Text(text) => (*text).to_owned(),
             Piece::Number(Number { whole, fraction: "" }) => (*whole).to_owned(),
             Piece::Number(Number { whole, fraction }) => format!("{whole}.{fraction}"),
         };
-        let number: String = self.names[i][self.at[i].clone()].iter().map(text).collect();
-        format!("{} {number}", if self.at[i].len() > 1 { "date" } else { "number" })
+        self.names[i][self.at[i].clone()].iter().map(text).collect()
     }
 
     /// The numbers of the steps; `None` if there are none, or they are decimal, dates, or beyond 64 bits.
@@ -222,7 +226,7 @@ mod tests {
     fn unsorted(names: &[&str]) -> Option<String> {
         let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
         let names = Names::of(&stems);
-        names.first_unsorted().map(|i| names.said(i))
+        names.first_unsorted().map(|i| format!("{} {}", names.kind(i), names.said(i)))
     }
 
     #[test]

@@ -82,6 +82,21 @@ fn reads_steps_plain_and_packed() {
 }
 
 #[test]
+fn steps_are_read_together_as_they_are_one_by_one() {
+    for bytes in [four_d(), gzip(&four_d())] {
+        with("a.nii.gz", &bytes, |path| {
+            let (file, mut out) = (open(path).unwrap(), vec![9.0]);
+            file.read_range(0..2, &mut out).unwrap();
+            assert_eq!(out, [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0]);
+            file.read_range(1..1, &mut out).unwrap();
+            assert!(out.is_empty());
+            assert!(file.read_range(1..3, &mut out).unwrap_err().to_string().contains("no step 2"));
+            assert!(file.read(usize::MAX, &mut out).is_err());
+        });
+    }
+}
+
+#[test]
 fn packed_in_several_members() {
     let bytes = four_d();
     let mut packed = gzip(&bytes[..355]);
