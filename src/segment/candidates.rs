@@ -129,7 +129,7 @@ impl<'a> Candidates<'a> {
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
-    /// What the Gaussians `members` of the piece `piece` are parts of, as many labels from 1: of the [`things`] that the
+    /// What the Gaussians `members` of the piece `piece` are parts of, as many labels from 1: of the [`things()`] that the
     /// affinity tells apart, or, of one thing, of its parts between [`necks`].
     ///
     /// # Errors
