@@ -9,6 +9,7 @@ mod runs;
 mod tests;
 
 use super::metric::Column;
+use super::places::{Place, distinct};
 use super::results::{Outcome, OutcomeState, ResultSet};
 use super::sheet::{VariantSheet, sheets};
 use super::stats;
@@ -26,7 +27,8 @@ pub struct PlainTable {
     pub rows: Vec<Vec<String>>,
 }
 
-/// The page of `set` with `tables` in it, and below them how its `order` agrees with the paper's. Curves, configurations and pictures are read from the run folders; what is not there is left out.
+/// The page of `set` with `tables` in it, and below them how its `order` agrees with the paper's. Curves, configurations and
+/// pictures are read from the run folders; what is not there is left out.
 #[must_use]
 pub fn report(set: &ResultSet, tables: &[PlainTable], order: Option<&PlainTable>) -> Report {
     let section = |id: &str, title: &str, intro: String, blocks: Vec<Block>| Section {
@@ -94,44 +96,6 @@ fn view_sheet(sheet: &VariantSheet) -> Block {
         Ok(png) => Block::Figure { png, alt: format!("Renders and error maps of {dataset}"), caption },
         Err(e) => Block::Missing { what: format!("the pictures of {dataset}"), how: e.to_string() },
     }
-}
-
-/// A dataset on a device, in which variants are laid side by side.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Place {
-    dataset: String,
-    device: String,
-    /// What tells it from the others, or the dataset where it is the only one.
-    name: String,
-}
-
-impl Place {
-    fn holds(&self, outcome: &Outcome) -> bool {
-        outcome.dataset == self.dataset && outcome.device == self.device
-    }
-}
-
-/// All places, in the order of the outcomes.
-fn places(set: &ResultSet) -> Vec<Place> {
-    let pairs = distinct(set.outcomes.iter().map(|o| (o.dataset.clone(), o.device.clone())));
-    let several_devices = pairs.iter().any(|(_, device)| *device != pairs[0].1);
-    let name = |dataset: &str, device: &str| match (several_devices, dataset.is_empty()) {
-        (false, _) => dataset.to_owned(),
-        (true, true) => device.to_owned(),
-        (true, false) => format!("{dataset}, {device}"),
-    };
-    pairs.into_iter().map(|(dataset, device)| Place { name: name(&dataset, &device), dataset, device }).collect()
-}
-
-/// The values, each once, in the order of their first.
-fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
-    let mut out = Vec::new();
-    for value in values {
-        if !out.contains(&value) {
-            out.push(value);
-        }
-    }
-    out
 }
 
 /// All variants, in the order of the table.

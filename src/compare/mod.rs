@@ -6,6 +6,7 @@
 pub mod curves;
 pub mod html;
 pub mod metric;
+mod places;
 pub mod results;
 pub mod runs;
 pub mod sheet;

@@ -218,4 +218,27 @@ mod tests {
         let damaged = told();
         assert!(damaged.contains("run.json") && damaged.matches(&name).count() == 1, "{damaged}");
     }
+
+    #[test]
+    fn an_evaluation_of_another_step_is_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = RunPaths(dir.path());
+        let record = RunRecord { steps: 7, ..RunRecord::default() };
+        std::fs::write(run.record(), serde_json::to_vec(&record).unwrap()).unwrap();
+        std::fs::write(run.config(), "").unwrap();
+        std::fs::create_dir_all(run.eval().join("test")).unwrap();
+        let evaluated_at = |steps: usize| {
+            let summary = serde_json::json!({
+                "split": "test", "views": 2, "psnr": 30.0, "ssim": 0.9, "ssim_gray": 0.9, "lpips_alex": null,
+                "lpips_vgg": null, "fps": 9.0, "fps_frames": 4, "fps_with_copy": 8.0, "training_seconds": 1.0,
+                "steps": steps, "model_bytes": 1, "gaussians": 1, "width": 4, "height": 4,
+                "background": [1.0, 1.0, 1.0], "notes": []
+            });
+            std::fs::write(run.eval().join("test/mean.json"), summary.to_string()).unwrap();
+            from_folders(&[dir.path().to_owned()], &[])
+        };
+        assert_eq!(evaluated_at(7).unwrap().outcomes.len(), 1);
+        let told = evaluated_at(5).unwrap_err().to_string();
+        assert!(told.contains("evaluated at step 5 and is at step 7 now") && told.contains("volseggs eval"), "{told}");
+    }
 }

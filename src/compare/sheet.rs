@@ -3,6 +3,7 @@
 //! The pictures are those that an evaluation leaves in a run's `eval/test/pictures/`: pairs `NAME-truth.png` and
 //! `NAME-render.png`. What cannot be read is left out of the sheet.
 
+use super::places::{Place, places};
 use super::results::{Outcome, OutcomeState, ResultSet};
 use crate::data::png::check_claim;
 use crate::draw::font::{GLYPH_HEIGHT, draw_text, text_width};
@@ -51,16 +52,7 @@ struct Shown {
 /// A sheet for each dataset and device of which two pictures or more are there, in the order of the outcomes.
 #[must_use]
 pub fn sheets(set: &ResultSet) -> Vec<VariantSheet> {
-    let mut places: Vec<[&str; 2]> = Vec::new();
-    for outcome in &set.outcomes {
-        let place = [outcome.dataset.as_str(), outcome.device.as_str()];
-        if !places.contains(&place) {
-            places.push(place);
-        }
-    }
-    let several = places.iter().any(|[_, device]| *device != places[0][1]);
-    let name = |[dataset, device]: [&str; 2]| if several { format!("{dataset}, {device}") } else { dataset.to_owned() };
-    places.iter().filter_map(|place| sheet(set, *place, name(*place))).collect()
+    places(set).into_iter().filter_map(|place| sheet(set, place)).collect()
 }
 
 fn folder(outcome: &Outcome) -> PathBuf {
@@ -68,10 +60,9 @@ fn folder(outcome: &Outcome) -> PathBuf {
 }
 
 /// Of each variant the finished outcome with the least seed.
-fn first_seeds<'a>(set: &'a ResultSet, [dataset, device]: [&str; 2]) -> Vec<&'a Outcome> {
+fn first_seeds<'a>(set: &'a ResultSet, place: &Place) -> Vec<&'a Outcome> {
     let mut firsts: Vec<&Outcome> = Vec::new();
-    let is_there = |o: &&Outcome| o.dataset == dataset && o.device == device;
-    for outcome in set.outcomes.iter().filter(is_there).filter(|o| o.state == OutcomeState::Done) {
+    for outcome in set.outcomes.iter().filter(|o| place.holds(o) && o.state == OutcomeState::Done) {
         match firsts.iter_mut().find(|first| first.variant == outcome.variant) {
             Some(first) if outcome.seed < first.seed => *first = outcome,
             Some(_) => {}
@@ -89,8 +80,8 @@ fn views(folder: &Path) -> BTreeSet<String> {
     names.filter(|name| files.contains(&format!("{name}-render.png"))).map(str::to_owned).collect()
 }
 
-fn sheet(set: &ResultSet, place: [&str; 2], dataset: String) -> Option<VariantSheet> {
-    let firsts = first_seeds(set, place);
+fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
+    let firsts = first_seeds(set, &place);
     let with_views: Vec<(&Outcome, BTreeSet<String>)> =
         firsts.iter().map(|o| (*o, views(&folder(o)))).filter(|(_, views)| !views.is_empty()).collect();
     let shared =
@@ -124,7 +115,7 @@ fn sheet(set: &ResultSet, place: [&str; 2], dataset: String) -> Option<VariantSh
     let names: Vec<String> = shown.into_iter().map(|s| s.variant).collect();
     let left_out = firsts.iter().filter(|o| !names.contains(&o.variant)).map(|o| o.variant.clone()).collect();
     let image = pair_sheet(&pairs, columns, CELL);
-    Some(VariantSheet { dataset, view, image, top_error: top, shown: names, left_out })
+    Some(VariantSheet { dataset: place.name, view, image, top_error: top, shown: names, left_out })
 }
 
 fn load(outcome: &Outcome, view: &str) -> Option<Shown> {

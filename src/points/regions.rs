@@ -31,6 +31,8 @@ struct Regions {
     sizes: Vec<usize>,
     /// Weight of the edges to each neighbour, both ways; to itself, twice that within.
     near: Vec<BTreeMap<usize, f64>>,
+    /// Weight of all edges at each, those within counted twice.
+    volumes: Vec<f64>,
 }
 
 impl Regions {
@@ -51,7 +53,8 @@ impl Regions {
             *near[a].entry(b).or_default() += weight;
             *near[b].entry(a).or_default() += weight;
         }
-        Self { of, into: (0..count).collect(), sizes, near }
+        let volumes = near.iter().map(|near| near.values().sum()).collect();
+        Self { of, into: (0..count).collect(), sizes, near, volumes }
     }
 
     fn is_one(&self, region: usize) -> bool {
@@ -68,6 +71,7 @@ impl Regions {
             *self.near[other].entry(a).or_default() += weight;
             *self.near[a].entry(other).or_default() += weight;
         }
+        self.volumes[a] += std::mem::take(&mut self.volumes[b]);
         self.sizes[a] += std::mem::take(&mut self.sizes[b]);
         self.into[b] = a;
     }
@@ -90,11 +94,10 @@ impl Regions {
 
     /// The pair with the largest normalised cut, if that is at least `cut`; of equals the first.
     fn widest(&self, cut: f64) -> Option<(usize, usize)> {
-        let volumes: Vec<f64> = self.near.iter().map(|near| near.values().sum()).collect();
         let mut best: Option<(f64, (usize, usize))> = None;
         for (a, near) in self.near.iter().enumerate() {
             for (&b, weight) in near.range(a + 1..) {
-                let share = weight / volumes[a].min(volumes[b]).max(f64::MIN_POSITIVE);
+                let share = weight / self.volumes[a].min(self.volumes[b]).max(f64::MIN_POSITIVE);
                 if share >= cut && best.is_none_or(|(most, _)| share > most) {
                     best = Some((share, (a, b)));
                 }

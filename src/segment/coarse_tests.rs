@@ -117,3 +117,16 @@ fn poison_and_nothing_are_taken() {
     assert!(out.is_err() || out.unwrap().palette.is_empty());
     assert!(coarse(&g, None, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
 }
+
+#[test]
+fn what_is_seen_later_goes_once_to_where_its_nearest_went() {
+    // on a line: two of material 1, one of which went to 2, one of 2 that went to 3, and between them what is seen later
+    let x = [0.0, 1.0, 2.0, 0.1, 0.9, 2.1, 5.0];
+    let at = HostGaussians { means: x.iter().flat_map(|x| [*x, 0.0, 0.0]).collect(), ..HostGaussians::default() };
+    let mut later = [1, 1, 2, 3];
+    follow_nearest(&at, [&[0, 1, 2], &[3, 4, 5, 6]], [&[1, 1, 2], &[1, 2, 3]], &mut later).unwrap();
+    assert_eq!(later, [1, 2, 3, 3], "the second does not go on to 3, and material 3 did not move");
+    let mut alone = [4];
+    follow_nearest(&at, [&[0], &[3]], [&[1], &[2]], &mut alone).unwrap();
+    assert_eq!(alone, [4]);
+}

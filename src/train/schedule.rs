@@ -246,5 +246,8 @@ mod tests {
         assert_eq!([999, 1000, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.0, 0.2, 0.2]);
         config.loss.dssim_last = 6000;
         assert_eq!(Stage::Warmup(0).dssim_weight(&config), 0.2);
+        // without a joint stage as with one
+        (config.loss.dssim_warmup, config.loss.dssim_last) = (true, 0);
+        assert_eq!([0, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.2; 2]);
     }
 }

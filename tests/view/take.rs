@@ -190,8 +190,12 @@ fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
     std::fs::create_dir(&bin).unwrap();
     let film = |script: Option<&str>| {
         if let Some(script) = script {
-            // in the place of the program one that keeps the frames as they come; its last argument is the file
-            std::fs::write(bin.join("ffmpeg"), format!("#!/bin/sh\nfor out; do :; done\n{script}\n")).unwrap();
+            // in the place of the program one that keeps the frames as they come; its last argument is the file, as a URL
+            std::fs::write(
+                bin.join("ffmpeg"),
+                format!("#!/bin/sh\nfor url; do :; done; out=\"${{url#file:}}\"\n{script}\n"),
+            )
+            .unwrap();
             std::fs::set_permissions(bin.join("ffmpeg"), std::fs::Permissions::from_mode(0o755)).unwrap();
         }
         let mut command = volseggs();

@@ -1,8 +1,9 @@
 //! The plots of a comparison: learning curves, quality against cost, settings against outcome.
 
-use super::{Place, distinct, first_metric, places, row_name, value, variant_mean, variants};
+use super::{first_metric, row_name, value, variant_mean, variants};
 use crate::compare::curves::{Curves, mean, smooth};
 use crate::compare::metric::{Better, Column};
+use crate::compare::places::{Place, distinct, places};
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
 use crate::compare::stats;
 use crate::config::short_key;

@@ -1,8 +1,9 @@
 //! The runs of a comparison: headline figures, a list, and why some failed.
 
 use super::plots::quantity;
-use super::{Place, distinct, first_metric, places, row_name, value, variant_mean, variants};
+use super::{first_metric, row_name, value, variant_mean, variants};
 use crate::compare::metric::{Better, Column};
+use crate::compare::places::{Place, distinct, places};
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
 use crate::report::{Block, Number};
 use std::collections::BTreeSet;

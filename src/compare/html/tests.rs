@@ -1,6 +1,7 @@
 //! What the page shows of a set of runs, and that nothing breaks it.
 
 use super::*;
+use crate::compare::places::places;
 use crate::compare::results::PaperTable;
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,0 +1,44 @@
+//! Where variants are compared: each dataset on each device is a place of its own.
+
+use super::results::{Outcome, ResultSet};
+
+/// A dataset on a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Place {
+    /// Name of the dataset; may be empty.
+    pub dataset: String,
+    /// Name of the device.
+    pub device: String,
+    /// What distinguishes it from the others: the dataset, with the device where there are several.
+    pub name: String,
+}
+
+impl Place {
+    /// Whether `outcome` was measured here.
+    pub fn holds(&self, outcome: &Outcome) -> bool {
+        outcome.dataset == self.dataset && outcome.device == self.device
+    }
+}
+
+/// All places, in the order of the outcomes.
+pub(super) fn places(set: &ResultSet) -> Vec<Place> {
+    let pairs = distinct(set.outcomes.iter().map(|o| (o.dataset.clone(), o.device.clone())));
+    let several_devices = pairs.iter().any(|(_, device)| *device != pairs[0].1);
+    let name = |dataset: &str, device: &str| match (several_devices, dataset.is_empty()) {
+        (false, _) => dataset.to_owned(),
+        (true, true) => device.to_owned(),
+        (true, false) => format!("{dataset}, {device}"),
+    };
+    pairs.into_iter().map(|(dataset, device)| Place { name: name(&dataset, &device), dataset, device }).collect()
+}
+
+/// The values, each once, in the order of their first.
+pub(super) fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut out = Vec::new();
+    for value in values {
+        if !out.contains(&value) {
+            out.push(value);
+        }
+    }
+    out
+}
