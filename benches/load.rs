@@ -1,9 +1,9 @@
-//! What opening a scene costs, and how much of it is the check of its digest.
+//! Measures the time to open a scene, and the share of it that the digest check takes.
 //!
-//! `cargo bench --bench load -- [GAUSSIANS]... [--repeats N]`, by default 30000 and 150000 Gaussians with the model of the
-//! `best` preset. The file lies in the system's cache; from a disk, reading takes longer and the share is smaller.
-//! Prints a Markdown table of medians; a file with a digest and the same file without one take turns, so that both see
-//! the same machine.
+//! `cargo bench --bench load -- [GAUSSIANS]... [--repeats N]`, by default 30000 and 150000 Gaussians with the model of
+//! the `best` preset. The file is in the system's page cache; read from disk, loading takes longer and the share is
+//! smaller. Prints a Markdown table of medians. Loads with and without a digest alternate, so that both see the same
+//! machine conditions.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use burn::tensor::Device;
@@ -51,7 +51,7 @@ fn main() {
     }
 }
 
-/// The same file as another program would write it.
+/// Returns the same file without its digest, as another program would write it.
 fn without_digest(bytes: &[u8]) -> Vec<u8> {
     let (_, header) = SafeTensors::read_metadata(bytes).unwrap();
     let mut tensors = SafeTensors::deserialize(bytes).unwrap().tensors();
@@ -70,7 +70,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// A scene of `n` Gaussians, as the `best` preset has them.
+/// Returns a scene of `n` Gaussians with the model of the `best` preset.
 fn scene(n: usize, device: &Device) -> Scene {
     let config = Config::default();
     let k = (config.model.sh_degree + 1).pow(2);

@@ -1,6 +1,7 @@
-//! Time of one view of the ray caster, beside VTK's on the same volume where Python has the package `vtk`.
+//! Measures the time per view of the ray caster and, if the Python package `vtk` is installed, of VTK's on the same
+//! volume.
 //!
-//! `cargo bench --bench raycast -- [voxels a side] [pixels a side] [--repeats N]`; default 256 and 800.
+//! `cargo bench --bench raycast -- [voxels per side] [pixels per side] [--repeats N]`; default 256 and 800.
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use glam::DVec3;
@@ -52,7 +53,7 @@ fn main() {
         let theirs = vtk(&volume, &tf, &placement, &camera, repeats);
         let cell = |v: &[f64]| format!("{:.3} / {:.3}", v[0], v[v.len() / 2]);
         let ours = format!("{layout:.3} | {least:.3} / {median:.3}");
-        // a series shows each volume in few views, so what comes before the first counts
+        // each volume of a series is shown in few views, so the layout before the first view counts
         let first = layout + least;
         let theirs = theirs.map_or_else(
             || format!("- | - | - | {first:.3} | - | -"),
@@ -66,14 +67,14 @@ fn main() {
     }
 }
 
-/// Sorted seconds of VTK's CPU ray caster, wall and of all threads, and of its first view.
+/// Sorted times of VTK's CPU ray caster, wall and summed over all threads, and the time of its first view, in seconds.
 struct Vtk {
     wall: Vec<f64>,
     cpu: Vec<f64>,
     first: f64,
 }
 
-/// Times VTK's CPU ray caster; none where it is not there.
+/// Times VTK's CPU ray caster; returns `None` if it cannot be run.
 fn vtk(volume: &Volume, tf: &TransferFunction, placement: &Placement, camera: &Camera, repeats: usize) -> Option<Vtk> {
     let folder = tempfile::tempdir().unwrap();
     let raw: Vec<u8> = volume.values.iter().flat_map(|v| v.to_le_bytes()).collect();

@@ -1,12 +1,12 @@
-//! One training step, stage by stage, each measured alone; and the whole step.
+//! Measures one training step: each stage alone, and the whole step.
 //!
 //! `cargo bench --bench train_step -- [GAUSSIANS]... [--repeats N]`, by default 10000, 50000 and 150000
 //! Gaussians in a unit ball, images of 800x800, the model of the `best` preset, the `flex` device. Prints
 //! Markdown tables. The whole step reads a dataset of two views from a temporary folder, removed at the end.
 //!
-//! `cargo bench --bench train_step -- --scene SCENE.safetensors --data DATASET` takes a trained scene and the
-//! images that it was trained on instead. A scene of degree 3 it must be. With `--gpu` the whole step and frames are
-//! measured on the adapter that wgpu prefers, and the single stages left out.
+//! `cargo bench --bench train_step -- --scene SCENE.safetensors --data DATASET` uses a trained scene and its training
+//! images instead. The scene must have SH degree 3. With `--gpu`, the whole step and the frames are measured on the
+//! adapter that wgpu prefers, and the single stages are skipped.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 #[path = "../kernels/benches/common/mod.rs"]
@@ -34,7 +34,7 @@ use volseggs_kernels::tv::{TvGrads, TvKind, TvReduction, TvWeights, tv};
 #[global_allocator]
 static ALLOCATOR: counting::Counting = counting::Counting;
 
-/// Pixels a side.
+/// Image width and height in pixels.
 const SIZE: usize = 800;
 /// A time between two knots.
 const TIME: f32 = 0.37;
@@ -88,8 +88,8 @@ fn table(title: &str, sizes: &[usize], columns: &[Vec<Stage>]) {
     }
 }
 
-/// Every stage of a joint step with the Gaussians of `scene`, alone. The field is read at `points` [-1, 1] `[N, 3]`,
-/// if not at the means.
+/// Measures every stage of a joint step on the Gaussians of `scene`, each alone. The field is read at `points` in
+/// [-1, 1] `[N, 3]`, or at the means if `None`.
 fn stages(scene: Scene, points: Option<&[f32]>, repeats: usize) -> Vec<Stage> {
     let config = Config::default();
     let n = scene.opacity_logits.len();
@@ -108,7 +108,7 @@ fn stages(scene: Scene, points: Option<&[f32]>, repeats: usize) -> Vec<Stage> {
     out
 }
 
-/// The op without the tape. Gives back the image, and which Gaussians have a gradient.
+/// Measures the op without the autodiff tape. Returns the image, and which Gaussians have a gradient.
 fn splat_stages(scene: &Scene, repeats: usize, out: &mut Vec<Stage>) -> (Vec<f32>, Vec<bool>) {
     let device = Device::flex();
     let splatter = Splatter::new(scene, common::camera(SIZE), &device);
@@ -122,8 +122,8 @@ fn splat_stages(scene: &Scene, repeats: usize, out: &mut Vec<Stage>) -> (Vec<f32
     (image, slopes.into_iter().map(|g| g != 0.0).collect())
 }
 
-/// The slice functions under the two ops; like the ops, they skip the rows that are not `seen` on the way back.
-/// Gives the lengths of the parameter buffers back.
+/// Measures the slice functions beneath the two ops; as in the ops, their backward pass skips rows that are not `seen`.
+/// Returns the lengths of the parameter buffers.
 fn field_and_decoder(
     places: &[f32],
     seen: &[bool],
@@ -177,7 +177,8 @@ fn field_and_decoder(
     [planes, lines, times, w0, b0, w1, b1, w2, b2]
 }
 
-/// The losses as the trainer composes them, forward and backward on the tape; TV by its slice function.
+/// Measures the losses as the trainer composes them, forward and backward on the autodiff tape; TV through its slice
+/// function.
 fn loss_stages(image: &[f32], config: &Config, repeats: usize, out: &mut Vec<Stage>) {
     let device = Device::flex().autodiff();
     let mut r = Numbers(10);
@@ -203,7 +204,7 @@ fn loss_stages(image: &[f32], config: &Config, repeats: usize, out: &mut Vec<Sta
     out.push(("total variation, both passes", measure(repeats, penalty).0));
 }
 
-/// One Adam step over buffers of the given lengths; those marked have rows of spherical harmonics.
+/// Measures one Adam step over buffers of the given lengths; the flag marks rows of spherical harmonics.
 fn adam_stage(buffers: &[(usize, bool)], repeats: usize) -> Samples {
     let mut r = Numbers(11);
     let mut state: Vec<_> = buffers
@@ -231,7 +232,7 @@ fn adam_stage(buffers: &[(usize, bool)], repeats: usize) -> Samples {
     measure(repeats, all).0
 }
 
-/// Plan, attributes and both moments.
+/// Measures densification: the plan, the attributes and both moments.
 fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
     let n = scene.opacity_logits.len();
     let mut r = Numbers(12);

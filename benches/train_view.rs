@@ -1,8 +1,9 @@
-//! What a window costs the training that it looks at: the same training alone, with a window that rests and with one that
-//! turns all the time, in turn.
+//! Measures how much an open viewer window slows training: the same training runs alone, with an idle window and with a
+//! constantly turning one, in alternation.
 //!
-//! `cargo bench --bench train_view -- DATASET [--rounds 3] [--size 800] [--program FILE] [more arguments of volseggs train]`:
-//! prints the seconds of each training, and the medians beside that of the trainings alone. `--program` is another build.
+//! `cargo bench --bench train_view -- DATASET [--rounds 3] [--size 800] [--program FILE] [arguments of volseggs train]`
+//! prints the seconds of each training run, and the medians relative to that of the runs alone. `--program` selects
+//! another build.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 #[path = "view/window.rs"]
@@ -14,7 +15,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use window::Window;
 
-/// Who looks on.
+/// How the training is watched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Looking {
     Nobody,
@@ -22,7 +23,7 @@ enum Looking {
     Turning,
 }
 
-/// A training's seconds, and the frames that a window got.
+/// Trains once; returns the training time in seconds and the number of frames that the window received.
 fn train(program: &str, folder: &Path, arguments: &[String], size: u32, looking: Looking) -> (f64, usize) {
     let run = folder.join("run");
     drop(std::fs::remove_dir_all(&run));
@@ -44,7 +45,7 @@ fn train(program: &str, folder: &Path, arguments: &[String], size: u32, looking:
     (record["training_seconds"].as_f64().unwrap(), frames)
 }
 
-/// Looks until the training ends; gives the frames that came.
+/// Watches until the training ends; returns the number of frames received.
 fn look(url: &str, size: u32, looking: Looking) -> usize {
     let mut window = Window::open(url, size, None);
     for turn in 0_u32.. {
@@ -80,7 +81,7 @@ fn main() {
     let all = [Looking::Nobody, Looking::Resting, Looking::Turning];
     let (mut seconds, began) = ([(); 3].map(|()| Vec::new()), Instant::now());
     for round in 0..rounds {
-        // each begins a round in its turn
+        // each kind begins a round in turn
         for k in 0..all.len() {
             let which = (round as usize + k) % all.len();
             let (took, frames) = train(&program, folder.path(), &words, size, all[which]);

@@ -1,8 +1,8 @@
-//! The viewer as a window sees it: frames a second, and how long an answer takes.
+//! Measures the viewer as a window sees it: frame rates and response times.
 //!
-//! `cargo bench --bench view -- RUN [--size 800]`: serves the run, opens a window on it over the loopback that
-//! acknowledges each frame at once, and prints a table. Clicks are measured where the run has an affinity field. At the end
-//! the same over a line of 2 Mbit/s with 100 ms of delay either way.
+//! `cargo bench --bench view -- RUN [--size 800]`: serves the run, opens a window on it over the loopback interface
+//! that acknowledges each frame at once, and prints a table. Clicks are measured if the run has an affinity field.
+//! Last, playback is measured over a line of 2 Mbit/s with a delay of 100 ms each way.
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
 #[path = "view/slow.rs"]
@@ -23,9 +23,9 @@ use volseggs::run::selection::Selection;
 use volseggs::view::protocol::View;
 use window::{Window, parts};
 
-/// How long each figure is measured.
+/// Base duration of a measurement.
 const SPAN: Duration = Duration::from_secs(6);
-/// Bytes of prepared times that the viewer may keep.
+/// Size limit of the viewer's cache of prepared times, in bytes.
 const CACHE: u64 = 1 << 30;
 
 /// Median and 95th percentile.
@@ -47,7 +47,7 @@ fn main() {
     let size = words.iter().position(|w| w == "--size").map_or(800, |i| words[i + 1].parse().unwrap());
     let device = DeviceName::all()[0].open().unwrap();
 
-    // the same pictures without a server
+    // the same drawing without a server
     let open = OpenRun::open(&run, &device).unwrap();
     let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
     let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
@@ -102,7 +102,7 @@ fn main() {
     server.memory(&format!("at the end, of which up to {} MB cached times", CACHE >> 20), scene_bytes);
 }
 
-/// `volseggs view RUN`, a process of its own.
+/// `volseggs view RUN` in its own process.
 struct Server {
     child: Child,
     url: String,
@@ -118,7 +118,7 @@ impl Server {
         Self { child, url: url.trim().to_owned() }
     }
 
-    /// A line on the memory that it holds now, beyond the scene's own; nothing where the system does not tell.
+    /// Prints the memory that the server holds beyond the scene's size; nothing where the system does not report it.
     fn memory(&self, when: &str, scene: u64) {
         let Ok(status) = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())) else { return };
         let held = status.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap();
@@ -134,8 +134,8 @@ impl Drop for Server {
     }
 }
 
-/// A view of full size that changes 60 times a second, as a mouse moves it: frames a second, and how much longer one takes
-/// than bare drawing.
+/// Measures a full-size view that changes 60 times a second, as if moved by a mouse: frames per second, and how much
+/// longer a frame takes than bare drawing.
 fn full_size(window: &mut Window, bare: f64) {
     let (started, mut frames) = (Instant::now(), 0);
     for step in 0.. {
@@ -156,7 +156,8 @@ fn full_size(window: &mut Window, bare: f64) {
     window.rest();
 }
 
-/// A view that turns, a new one as soon as a frame is there: frames a second, and from a view to its frame.
+/// Measures a turning view, each sent as soon as the previous frame has arrived: frames per second, and the time from a
+/// view to its frame.
 fn moving(window: &mut Window) {
     let (started, mut waits, mut widths, mut shares) = (Instant::now(), Vec::new(), Vec::new(), Vec::new());
     let mut turn = 0.0;
@@ -178,7 +179,7 @@ fn moving(window: &mut Window) {
     window.rest();
 }
 
-/// Two loops through 100 times.
+/// Measures two playback loops over 100 points in time.
 fn playback(window: &mut Window) {
     for name in ["first", "second"] {
         let started = Instant::now();
@@ -192,8 +193,8 @@ fn playback(window: &mut Window) {
     window.rest();
 }
 
-/// A playback that asks for a time every 33 ms, whatever comes back, over a slow line: frames a second, and how much later
-/// they are than what they show, at the beginning and at the end.
+/// Measures playback over a slow line, requesting a time every 33 ms regardless of the responses: frames per second,
+/// and how far frames lag behind their requests, at the beginning and at the end.
 fn far_away(url: &str, size: u32) {
     let via = proxy(parts(url).0, 2e6 / 8.0, Duration::from_millis(100));
     let mut window = Window::open(url, size, Some(via));
@@ -220,7 +221,7 @@ fn far_away(url: &str, size: u32) {
     line("the same, lag in the first and the last third, ms", format!("{first:.0}, {last:.0}"));
 }
 
-/// From the last input to the picture without loss.
+/// Measures the time from the last input to the lossless picture.
 fn resting(window: &mut Window) {
     let mut waits = Vec::new();
     for turn in 0..10 {
@@ -236,7 +237,7 @@ fn resting(window: &mut Window) {
     line("rest to lossless, ms", format!("{:.0}", quantiles(waits)[0]));
 }
 
-/// From a click to the picture that shows what it selects, and from a slider.
+/// Measures the time from a click, and from a slider change, to the picture that shows the selection.
 fn clicks(window: &mut Window) {
     let middle = window.size / 2;
     for (name, message) in [

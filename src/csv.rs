@@ -1,8 +1,8 @@
-//! A field of a CSV line (RFC 4180).
+//! CSV fields (RFC 4180).
 
 use std::borrow::Cow;
 
-/// `text` as a field, quoted where it holds a comma, a quote, a line break or outer blanks.
+/// Returns `text` as a field, quoted if it holds a comma, a quote, a line break or outer whitespace.
 #[must_use]
 pub fn field(text: &str) -> Cow<'_, str> {
     if text.contains([',', '"', '\n', '\r']) || text.trim() != text {

@@ -1,10 +1,10 @@
-//! Devices by name. The only file that names a backend.
+//! Devices by name. This is the only file that names a backend.
 
 use burn::tensor::Device;
 use std::fmt;
 use std::str::FromStr;
 
-/// A device that can be asked for on the command line.
+/// A device that can be selected on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceName {
     /// burn's own CPU backend.
@@ -19,20 +19,20 @@ pub enum DeviceName {
     Tch,
 }
 
-/// A device that is not there.
+/// Why a device cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
     /// No such name, or not compiled in.
     #[error("no device \"{0}\" in this build; there is {list}", list = DeviceName::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
     Unknown(String),
-    /// Compiled in, but this machine has none.
+    /// Compiled in, but missing on this machine.
     #[error(
         "device \"{name}\" does not start: {reason}. `volseggs doctor` shows what there is; --device flex always works"
     )]
     Absent {
         /// The device.
         name: DeviceName,
-        /// What the runtime says.
+        /// What the runtime reports.
         reason: String,
     },
 }
@@ -54,17 +54,17 @@ impl DeviceName {
         ]
     }
 
-    /// The first of them that computes on the CPU.
+    /// The first compiled-in device that computes on the CPU.
     pub fn cpu() -> Option<Self> {
         Self::all().into_iter().find(|name| matches!(name, Self::Flex | Self::NdArray | Self::Tch))
     }
 
-    /// All that can be compiled in.
+    /// All devices that can be compiled in.
     pub fn every() -> [Self; 5] {
         [Self::Flex, Self::NdArray, Self::Wgpu, Self::Cuda, Self::Tch]
     }
 
-    /// What it is, in a line.
+    /// A one-line description.
     pub fn describe(self) -> &'static str {
         match self {
             Self::Flex => "CPU, burn-flex; splatting and field by our own SIMD kernels on all cores",
@@ -79,7 +79,7 @@ impl DeviceName {
     ///
     /// # Errors
     /// If the backend is not compiled in, or the machine has no such device.
-    #[allow(deprecated)] // burn deprecates ndarray and LibTorch in favour of its newer backends; we keep them
+    #[allow(deprecated)] // burn deprecates ndarray and LibTorch in favour of its newer backends; this crate keeps them
     pub fn open(self) -> Result<Device, DeviceError> {
         match self {
             #[cfg(feature = "flex")]
@@ -98,7 +98,7 @@ impl DeviceName {
     }
 }
 
-/// The adapter that wgpu prefers, or the one that `CUBECL_WGPU_DEFAULT_DEVICE` names; started once.
+/// The adapter that wgpu prefers, or the one named by `CUBECL_WGPU_DEFAULT_DEVICE`; started once.
 #[cfg(feature = "wgpu")]
 fn wgpu() -> Result<Device, DeviceError> {
     static STARTED: std::sync::OnceLock<Result<Device, String>> = std::sync::OnceLock::new();
@@ -106,7 +106,7 @@ fn wgpu() -> Result<Device, DeviceError> {
     started.clone().map_err(|reason| DeviceError::Absent { name: DeviceName::Wgpu, reason })
 }
 
-/// The first CUDA device. The runtime says by a panic that there is none.
+/// The first CUDA device. The runtime panics if there is none.
 #[cfg(feature = "cuda")]
 fn cuda() -> Result<Device, DeviceError> {
     let start = || {
@@ -118,15 +118,15 @@ fn cuda() -> Result<Device, DeviceError> {
         .map_err(|_| DeviceError::Absent { name: DeviceName::Cuda, reason: "no CUDA device or driver".into() })
 }
 
-/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` where it does not start, which has been
-/// said.
+/// Opens a compiled-in device for `volseggs_testing::on_every_device`; returns `None`, after reporting it, if it does
+/// not start.
 #[cfg(test)]
 pub(crate) fn open_to_test(name: &str) -> Option<Device> {
     let device = name.parse().and_then(DeviceName::open);
     device.map_err(|error| volseggs_testing::skip_device(name, &error.to_string())).ok()
 }
 
-/// Whether the device runs ahead of the host, so that asking it for a number makes everything wait.
+/// Whether the device runs asynchronously, so that reading a value back waits for all queued work.
 pub fn runs_ahead(device: &Device) -> bool {
     #[cfg(any(feature = "wgpu", feature = "cuda"))]
     return volseggs_kernels::is_gpu(device);
@@ -137,7 +137,7 @@ pub fn runs_ahead(device: &Device) -> bool {
     }
 }
 
-/// The largest buffer that a GPU binds, bytes; `None` for devices in host memory.
+/// The largest buffer that a GPU can bind, in bytes; `None` for devices in host memory.
 pub fn largest_buffer(device: &Device) -> Option<u64> {
     #[cfg(any(feature = "wgpu", feature = "cuda"))]
     return volseggs_kernels::gpu_paths(device).map(|paths| paths.max_binding);

@@ -1,12 +1,12 @@
-//! Durations in words, in seconds: as a line of the terminal, an estimate or a page says them.
+//! Durations given in seconds, as text for terminal lines, estimates and pages.
 
-/// For a line of the terminal: `42 s`, `3.1 min`, `2.5 h`.
+/// Formats a duration for a terminal line: `42 s`, `3.1 min`, `2.5 h`.
 #[must_use]
 pub fn duration(seconds: f64) -> String {
     scaled(seconds, 1)
 }
 
-/// An estimate, without tenths of minutes: `42 s`, `3 min`, `2.5 h`.
+/// Formats an estimate, without tenths of minutes: `42 s`, `3 min`, `2.5 h`.
 #[must_use]
 pub fn rough_duration(seconds: f64) -> String {
     scaled(seconds, 0)
@@ -20,7 +20,8 @@ fn scaled(seconds: f64, decimals_of_minutes: usize) -> String {
     }
 }
 
-/// For a table that is read at leisure: `0.042 s`, `3.1 s`, `4 min 05 s`, `2 h 03 min`; a dash for what is no duration.
+/// Formats a duration for a table: `0.042 s`, `3.1 s`, `4 min 05 s`, `2 h 03 min`; a dash if it is negative or not
+/// finite.
 #[must_use]
 pub fn exact_duration(seconds: f64) -> String {
     let whole = seconds.round();

@@ -1,13 +1,13 @@
-//! Extension points: loss terms, space-time encoders, learning-rate schedules, metrics and whole methods of your own,
-//! without a change of this crate.
+//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, metrics and whole methods,
+//! without changes to this crate.
 //!
-//! A small program registers them by name, then hands over to [`crate::main`]; configurations, sweeps and commands
-//! know them by these names from then on. `docs/research.md` shows one of each, `examples/extended` is such a program.
+//! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
+//! accept these names. `docs/research.md` shows one of each; `examples/extended` is such a program.
 //!
-//! A name is made of letters, digits, `-` and `_`; any other character becomes `_`. Registering a name again
-//! replaces what had it. The registry is one for the whole process: register before training or loading a scene.
+//! A name consists of letters, digits, `-` and `_`; any other character becomes `_`. Registering a name again replaces
+//! its previous entry. The registry is global to the process: register before training or loading a scene.
 //!
-//! Here are the calls that register; each trait stands beside what uses it.
+//! The functions that register are here; each trait is defined beside the code that uses it.
 
 pub use crate::eval::metric::{Metric, MetricInput, registered as metrics};
 pub use crate::method::network::{Network, OneNetwork, Seen};
@@ -35,23 +35,23 @@ pub fn encoder(name: &str, definition: impl EncoderDefinition + 'static) {
     ENCODERS.insert(name, Arc::new(definition));
 }
 
-/// Registers a schedule; `optim.schedule = "NAME"` uses it. A built-in one of that name is replaced.
+/// Registers a schedule; `optim.schedule = "NAME"` uses it. It replaces a built-in schedule of that name.
 pub fn schedule(name: &str, schedule: impl Schedule + 'static) {
     SCHEDULES.insert(name, Arc::new(schedule));
 }
 
-/// Registers a metric; every evaluation takes it from then on. Its name should not be that of a built-in metric.
+/// Registers a metric; every later evaluation computes it. Its name should not be that of a built-in metric.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Arc::new(metric));
 }
 
-/// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. A built-in one of that name is
-/// replaced.
+/// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in
+/// method of that name.
 pub fn method(name: &str, method: impl Method + 'static) {
     METHODS.insert(name, Arc::new(method));
 }
 
-/// Registers a method that is one network, see [`Network`].
+/// Registers a method that consists of a single network, see [`Network`].
 pub fn network(name: &str, network: impl Network) {
     method(name, OneNetwork(network));
 }

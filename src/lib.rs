@@ -1,10 +1,10 @@
 //! Deformable 3D Gaussians from rendered images of time-varying volumes.
 //!
-//! The pipeline is the layout: `volume` (files, transfer functions, ray caster) -> `prepare` (a dataset) ->
-//! `data` (images and cameras) -> `model` and `train` -> `eval` and
-//! `export`. Data flows one way; no folder reaches back. The binary's commands live in `cli`.
+//! The modules follow the pipeline: `volume` (files, transfer functions, ray caster) -> `prepare` (a dataset) -> `data`
+//! (images and cameras) -> `model` and `train` -> `eval` and `export`. Data flows one way; no module depends on a later
+//! one. The binary's commands live in `cli`.
 
-#![deny(clippy::print_stdout, clippy::print_stderr)] // they panic where nobody reads; see `terminal`
+#![deny(clippy::print_stdout, clippy::print_stderr)] // they panic on a closed pipe; see `terminal`
 
 #[macro_use]
 pub mod terminal;
@@ -49,11 +49,11 @@ pub mod view;
 pub mod volume;
 pub mod words;
 
-/// The library of tensors that every signature here speaks of, in its version.
+/// The tensor library used in this crate's signatures, re-exported in its exact version.
 pub use burn;
 
-/// The program: parses the command line, runs the command, prints an error. All that the binary does; a program of
-/// your own calls it after it has registered its extensions, see [`extend`].
+/// Runs the program: parses the command line, runs the command and prints any error. The binary does nothing else; a
+/// custom program calls this after registering its extensions, see [`extend`].
 #[must_use]
 pub fn main() -> std::process::ExitCode {
     let outcome = <cli::Cli as clap::Parser>::parse().run();

@@ -1,17 +1,17 @@
-//! Memory: how much the process has used, and how much it may ask for.
+//! Memory: how much the process has used, and how much it may still allocate.
 //!
-//! Sizes that come from a person (pixels, frames, Gaussians, voxels) are held against a [`Budget`] before anything is
-//! allocated, as Rust aborts where an allocation fails.
+//! Sizes given by the user (pixels, frames, Gaussians, voxels) are checked against a [`Budget`] before anything is
+//! allocated, because Rust aborts when an allocation fails.
 
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 use std::sync::OnceLock;
 
-/// Bytes of a mebibyte. A megabyte (MB) is 10^6 bytes.
+/// Bytes per mebibyte. A megabyte (MB) is 10^6 bytes.
 pub const MIB: f64 = 1_048_576.0;
 
-/// Peak resident memory of this process, bytes; 0 where the system does not tell.
+/// Peak resident memory of this process in bytes; 0 if the system does not report it.
 pub fn peak_memory() -> u64 {
     status("VmHWM:").unwrap_or(0)
 }
@@ -21,25 +21,25 @@ fn status(field: &str) -> Option<u64> {
     kibibytes("/proc/self/status", field)
 }
 
-/// A field of `/proc/meminfo` in bytes, such as `MemTotal:`; none where the system does not tell.
+/// A field of `/proc/meminfo` in bytes, such as `MemTotal:`; `None` if the system does not report it.
 #[must_use]
 pub fn system(field: &str) -> Option<u64> {
     kibibytes("/proc/meminfo", field)
 }
 
-/// The number behind `field` in a file that counts in kibibytes, in bytes.
+/// The value of `field` in a file that counts in kibibytes, in bytes.
 fn kibibytes(file: &str, field: &str) -> Option<u64> {
     let text = std::fs::read_to_string(file).ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix(field))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
 }
 
-/// What the command line allows.
+/// The limit set on the command line.
 static ALLOWED: OnceLock<Bytes> = OnceLock::new();
-/// Where the system does not tell, so much is taken to be there.
+/// Free memory assumed if the system does not report it, bytes.
 const ASSUMED: u64 = 8_000_000_000;
 
-/// Bytes of memory that may still be asked for.
+/// Bytes of memory that may still be allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget(u64);
 
@@ -56,8 +56,8 @@ pub struct TooLarge {
 }
 
 impl Budget {
-    /// What is free now: what `--memory` allows, or else the least of what the system, the container and the limit of
-    /// the process (`ulimit -v`) leave.
+    /// The memory free now: what `--memory` allows, or else the minimum left by the system, the container and the
+    /// process limit (`ulimit -v`).
     #[must_use]
     pub fn now() -> Self {
         if let Some(allowed) = ALLOWED.get() {
@@ -67,18 +67,19 @@ impl Budget {
         Self(limits.into_iter().flatten().min().unwrap_or(ASSUMED))
     }
 
-    /// A budget of so many bytes.
+    /// A budget of `bytes` bytes.
     #[must_use]
     pub fn of(bytes: u64) -> Self {
         Self(bytes)
     }
 
-    /// Sets what the whole process may use, in place of what the system says; the first call counts.
+    /// Sets the limit of the whole process, overriding what the system reports; only the first call has an effect.
     pub fn allow(bytes: Bytes) {
         let _ = ALLOWED.set(bytes);
     }
 
-    /// Refuses what needs more bytes than there are. `what` is the flag or key with its value, such as `--size 100000`.
+    /// Rejects a request for more bytes than are free. `what` is the flag or key with its value, such as
+    /// `--size 100000`.
     ///
     /// # Errors
     /// [`TooLarge`], naming `what`.
@@ -90,13 +91,13 @@ impl Budget {
     }
 }
 
-/// A product of sizes that cannot overflow.
+/// A saturating product of sizes.
 #[must_use]
 pub fn product(sizes: &[usize]) -> u128 {
     sizes.iter().fold(1, |all: u128, n| all.saturating_mul(*n as u128))
 }
 
-/// What the control groups of a container or a batch job leave, of both versions; caches of files give way.
+/// Memory left by the control groups (both versions) of a container or batch job; file caches count as free.
 fn container() -> Option<u64> {
     let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
     let path = |start: &str| groups.lines().find_map(|l| l.split_once(start).map(|(_, path)| path.to_owned()));
@@ -112,8 +113,8 @@ fn container() -> Option<u64> {
         .min()
 }
 
-/// The least that a group below `top` and the groups around it leave; `names` are those of the limit, of the use, and
-/// what stands before the names of caches.
+/// The minimum left by the group below `top` and its ancestors. `names` are the file names of the limit and of the use,
+/// and the prefix of the cache fields.
 fn least(top: &Path, group: &str, [limit, used, before]: [&str; 3]) -> Option<u64> {
     let left = |folder: &Path| {
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
@@ -128,7 +129,7 @@ fn least(top: &Path, group: &str, [limit, used, before]: [&str; 3]) -> Option<u6
     folder.ancestors().take_while(|f| f.starts_with(top)).filter_map(left).min()
 }
 
-/// What `ulimit -v` leaves.
+/// Address space left by `ulimit -v`.
 #[cfg(any(target_os = "linux", target_os = "macos"))]
 fn address_space() -> Option<u64> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::As).current?;
@@ -140,7 +141,7 @@ fn address_space() -> Option<u64> {
     None
 }
 
-/// A size in bytes, as it is written by people: `800M`, `12G`, `1.5GiB`.
+/// A size in bytes, as users write it: `800M`, `12G`, `1.5GiB`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bytes(pub u64);
 

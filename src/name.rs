@@ -1,4 +1,4 @@
-//! Names that people give and that become parts of paths: segments, groups, tracks, datasets and runs of a sweep.
+//! User-given names that become parts of paths: segments, groups, tracks, datasets and runs of a sweep.
 
 use serde::{Deserialize, Serialize};
 use std::borrow::Borrow;
@@ -7,12 +7,12 @@ use std::ops::Deref;
 use std::path::Path;
 use std::str::FromStr;
 
-/// Longest name in bytes, so that a file named after it fits every file system, temporary names included.
+/// Maximum length in bytes, so that a file named after it, temporary names included, fits every file system.
 const LONGEST: usize = 100;
 
-/// A name that is safe as one part of a path: letters, digits, `-`, `_` and `.`, not beginning with `.` or `-`.
+/// A name that is safe as one path component: letters, digits, `-`, `_` and `.`, not beginning with `.` or `-`.
 ///
-/// It is checked where it is made, so whoever holds one may join it to a folder.
+/// It is validated on construction, so any `Name` can be joined to a folder.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Name(String);
@@ -26,7 +26,7 @@ pub struct NameError(String);
 
 impl Name {
     /// # Errors
-    /// If `text` is empty, longer than 100 bytes, begins with a mark or holds anything else.
+    /// If `text` is empty, longer than 100 bytes, begins with `.` or `-`, or holds any other character.
     pub fn new(text: impl Into<String>) -> Result<Self, NameError> {
         let text = text.into();
         let fits = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);

@@ -1,16 +1,17 @@
-//! How deep tables and lists of a TOML text lie inside each other, told before it is parsed: the parser has limits for
-//! dotted keys and for values, but not for both at once, and what it makes is walked by recursion.
+//! Measures how deeply tables and lists of a TOML text are nested before it is parsed: the parser limits dotted keys
+//! and values separately but not together, and its result is traversed recursively.
 
-/// Deepest that is read; the configuration needs 4.
+/// Maximum depth that is accepted; the configuration needs 4.
 const DEEPEST: usize = 64;
 
-/// Refuses a text whose tables and lists lie too deep inside each other. Whether it is TOML is not checked.
+/// Rejects a text whose tables and lists are nested too deeply. Whether it is valid TOML is not checked.
 ///
 /// # Errors
 /// The line, and what is wrong.
 pub(crate) fn check_toml(text: &str) -> Result<(), String> {
     let bytes = text.as_bytes();
-    // levels that each open bracket adds, their sum, those of the last header, of the key being read, of the key before `=`
+    // levels added by each open bracket, their sum, levels of the last header, of the current key, of the key before
+    // `=`
     let (mut open, mut within, mut header, mut dots, mut key) = (Vec::new(), 0, 0, 0, 0);
     let (mut in_header, mut line, mut at) = (false, 1, 0);
     while at < bytes.len() {
@@ -59,7 +60,7 @@ pub(crate) fn check_toml(text: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The byte after the string that begins at `start`; a line's end also ends one of a single line.
+/// The position after the string that begins at `start`; a line break also ends a single-line string.
 fn end_of_string(bytes: &[u8], start: usize) -> usize {
     let quote = bytes[start];
     let long = bytes[start..].starts_with(&[quote; 3]);
@@ -69,7 +70,7 @@ fn end_of_string(bytes: &[u8], start: usize) -> usize {
             b'\\' if quote == b'"' => at += 1,
             b'\n' if !long => return at,
             b if b == quote && !long => return at + 1,
-            // up to two quotes before the three that end it are part of the text
+            // up to two quotes before the closing three are part of the text
             b if b == quote && bytes[at..].starts_with(&[quote; 3]) => {
                 let more = bytes[at + 3..].iter().take(2).take_while(|b| **b == quote).count();
                 return at + 3 + more;
@@ -116,7 +117,7 @@ mod tests {
         for (_, text) in crate::config::PRESETS {
             check_toml(text).unwrap();
         }
-        // what is no TOML is the parser's to refuse
+        // rejecting invalid TOML is left to the parser
         for text in ["]]}}\n]", "\"", "'''", "\"\\", "a = \"x\n[", "\u{e9} = '"] {
             check_toml(text).unwrap();
         }

@@ -1,8 +1,8 @@
-//! Which build of the program this is: a digest of its executable file.
+//! Identifies the build of this program by a digest of its executable file.
 //!
-//! Two builds of one version can train differently, and nothing but the file tells them apart. The digest is that of all
-//! bytes of the file, so a program of one's own with extensions has its own; libraries that it loads when it starts
-//! (LibTorch, drivers) are not in it.
+//! Two builds of one version can train differently, and only the file distinguishes them. The digest covers all bytes
+//! of the file, so a custom program with extensions has its own; libraries loaded at start-up (LibTorch, drivers) are
+//! not included.
 
 use serde::Serialize;
 use std::fs::File;
@@ -12,9 +12,9 @@ use std::sync::OnceLock;
 use std::time::Instant;
 use twox_hash::XxHash3_128;
 
-/// Digits of a digest by which builds are called in names of folders and in messages: 48 bits.
+/// Number of digits of a digest that identify a build in folder names and messages: 48 bits.
 const SHORT: usize = 12;
-/// Bytes that are read at once.
+/// Bytes read at once.
 const PIECE: usize = 1 << 20;
 
 /// A build of the program.
@@ -26,7 +26,7 @@ pub struct Build {
     pub file: PathBuf,
     /// Its size, bytes.
     pub bytes: u64,
-    /// How long reading and hashing it took, milliseconds.
+    /// Time for reading and hashing it, milliseconds.
     pub milliseconds: f64,
 }
 
@@ -36,11 +36,11 @@ pub struct Build {
 pub struct BuildError {
     /// The executable.
     pub file: PathBuf,
-    /// What the system said.
+    /// What the system reported.
     pub reason: String,
 }
 
-/// This program's build; its file is read once in the life of a process.
+/// The build of this program; its file is read once per process.
 ///
 /// # Errors
 /// If the executable cannot be found or read.
@@ -56,27 +56,27 @@ pub fn build() -> Result<&'static Build, BuildError> {
     BUILD.get_or_init(read).as_ref().map_err(Clone::clone)
 }
 
-/// The first digits of a build's digest, by which it is called; all of it where it has fewer.
+/// The first digits of a build's digest, which serve as its name; the whole digest if it is shorter.
 #[must_use]
 pub fn short(digest: &str) -> &str {
     digest.get(..SHORT).unwrap_or(digest)
 }
 
-/// A build within a sentence; early versions did not record theirs.
+/// Names a build within a sentence; early versions did not record theirs.
 #[must_use]
 pub fn called(build: &str) -> String {
     if build.is_empty() { "a build that was not recorded".to_owned() } else { format!("build {}", short(build)) }
 }
 
-/// What to start in order to run this very program once more. On Linux it is the file that runs now, also where another
-/// was put in its place since.
+/// The file to execute in order to start this same program again. On Linux it is the file now running, even if another
+/// has since replaced it.
 #[must_use]
 pub fn executable() -> PathBuf {
     let own = PathBuf::from("/proc/self/exe");
     if cfg!(target_os = "linux") && own.exists() { own } else { std::env::current_exe().unwrap_or_default() }
 }
 
-/// The digest of all bytes of `source`, and their number.
+/// The digest and the number of all bytes of `source`.
 fn digest(mut source: impl Read) -> io::Result<(String, u64)> {
     let (mut hash, mut piece, mut bytes) = (XxHash3_128::new(), vec![0; PIECE], 0);
     loop {
@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn the_digest_is_xxh3_of_every_byte() {
-        // as `xxh128sum` gives it
+        // as given by `xxh128sum`
         assert_eq!(digest(&b""[..]).unwrap(), ("99aa06d3014798d86001c324468d497f".to_owned(), 0));
         let long: Vec<u8> = (0..3 * PIECE + 7).map(|i| (i % 251) as u8).collect();
         let whole = digest(&long[..]).unwrap();

@@ -1,17 +1,17 @@
-//! Things by name, for the whole process: what [`crate::extend`] fills and their users look up.
+//! Process-wide registries by name, filled by [`crate::extend`].
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// A name that nothing was registered under.
+/// A name under which nothing is registered.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no {kind} \"{name}\" is registered; {}", registered(.known))]
 pub struct NotRegistered {
-    /// What was looked for, such as `loss term`.
+    /// What was looked up, such as `loss term`.
     pub kind: &'static str,
     /// The name.
     pub name: String,
-    /// The names that are registered, sorted.
+    /// The registered names, sorted.
     pub known: Vec<String>,
 }
 
@@ -23,7 +23,7 @@ fn registered(known: &[String]) -> String {
     }
 }
 
-/// Things of one kind by name. Readers on other threads see a thing as soon as it is in.
+/// Entries of one kind, by name. Other threads see an entry as soon as it is inserted.
 pub(crate) struct Registry<T: ?Sized> {
     kind: &'static str,
     entries: RwLock<BTreeMap<String, Arc<T>>>,
@@ -34,9 +34,9 @@ impl<T: ?Sized> Registry<T> {
         Self { kind, entries: RwLock::new(BTreeMap::new()) }
     }
 
-    /// Puts a thing in, in place of one that had its name.
+    /// Inserts an entry, replacing any of the same name.
     pub(crate) fn insert(&self, name: &str, thing: Arc<T>) {
-        // nothing runs under the lock that could leave the map half-changed
+        // nothing that runs under the lock could leave the map half-changed
         self.entries.write().unwrap_or_else(PoisonError::into_inner).insert(plain(name), thing);
     }
 
@@ -55,7 +55,7 @@ impl<T: ?Sized> Registry<T> {
     }
 }
 
-/// The name as dotted keys, CSV headings and file names can hold it.
+/// The name with all characters replaced that dotted keys, CSV headings or file names cannot hold.
 fn plain(name: &str) -> String {
     let fits = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     name.chars().map(|c| if fits(c) { c } else { '_' }).collect()

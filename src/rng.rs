@@ -1,5 +1,5 @@
-//! Counter-based random numbers (Philox4x32-10), so that a draw depends on its key alone: never on thread
-//! count, on call order elsewhere, or on whether a run was resumed.
+//! Counter-based random numbers (Philox4x32-10): a draw depends only on its key, never on the thread count, on the
+//! order of calls elsewhere, or on whether a run was resumed.
 
 mod permutation;
 
@@ -25,7 +25,7 @@ impl Rng {
     /// Starts the stream of `(seed, step, purpose)` at its beginning.
     #[must_use]
     pub fn new(seed: u64, step: u64, purpose: Purpose) -> Self {
-        // Two rounds, asymmetric in the arguments, so that (a, b) and (b, a) get different keys.
+        // two rounds, asymmetric in the arguments, so that (a, b) and (b, a) get different keys
         let mixed = mix(mix(seed).wrapping_add(purpose.number()).wrapping_add(0x9E37_79B9_7F4A_7C15));
         Self { key: [low(mixed), high(mixed)], step, block: 0, words: [0; 4], used: 4, spare: None }
     }
@@ -58,7 +58,7 @@ impl Rng {
         if let Some(spare) = self.spare.take() {
             return spare;
         }
-        // (0, 1], so that the logarithm is finite.
+        // (0, 1], so that the logarithm is finite
         let radius = (-2.0 * ((f64::from(self.next_u32()) + 1.0) / 4_294_967_296.0).ln()).sqrt();
         let angle = TAU * f64::from(self.next_u32()) / 4_294_967_296.0;
         self.spare = Some((radius * angle.sin()) as f32);
@@ -116,16 +116,16 @@ fn philox(mut c: [u32; 4], mut k: [u32; 2]) -> [u32; 4] {
     c
 }
 
-/// What a stream of random numbers is for; streams of different purposes never overlap.
+/// The use of a stream of random numbers; streams of different purposes never overlap.
 ///
-/// Its number is part of the key, so a number that changes, changes every run.
+/// Its number is part of the key, so changing a number changes every run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// Planes, lines, weights of encoders.
+    /// Initial planes, lines and weights of encoders.
     EncoderInit,
-    /// Weights of the decoder.
+    /// Initial weights of the decoder.
     DecoderInit,
-    /// Positions of the first Gaussians.
+    /// Positions of the initial Gaussians.
     Points,
     /// The order of training views.
     Views,
@@ -133,39 +133,39 @@ pub enum Purpose {
     Background,
     /// Positions of split Gaussians.
     Split,
-    /// First centres of clusters.
+    /// Initial cluster centres.
     Clusters,
-    /// Weights of the affinity field.
+    /// Initial weights of the affinity field.
     AffinityInit,
-    /// Which pixels of each view the affinity field is trained on.
+    /// The pixels of each view on which the affinity field is trained.
     AffinityPixels,
     /// Points of random sweeps.
     Sweep,
     /// Features, views, scales and pixels of the per-Gaussian features (SAGA).
     GaussianFeatures,
-    /// Pixels by which what a click selects is judged.
+    /// The pixels by which the selection of a click is evaluated.
     PromptPixels,
     /// Views, scales and pixels of each step of the affinity field's training.
     AffinitySteps,
     /// Points inside the visual hull.
     HullPoints,
-    /// Which training view shows which time.
+    /// The assignment of training views to times.
     ViewTimes,
-    /// Which of many training views an evaluation measures.
+    /// The subset of training views used in an evaluation.
     MeasuredViews,
-    /// First normals of shaded Gaussians.
+    /// Initial normals of shaded Gaussians.
     Normals,
     /// Noise on the time of a step.
     TimeNoise,
-    /// First weights and grids of the methods that are not ours.
+    /// Initial weights and grids of the other methods.
     MethodInit,
-    /// Which pixels of the training views a step of these sees.
+    /// The pixels of the training views that a step of these methods uses.
     MethodPixels,
-    /// Where along their rays the samples of such a step lie.
+    /// The offsets of samples along rays in such a step.
     MethodJitter,
-    /// Times of the peaks of the first 4D Gaussians.
+    /// Peak times of the initial 4D Gaussians.
     PeakTimes,
-    /// Of tests and of programs of your own. The number is taken as it is: one of those above gives their stream.
+    /// For tests and custom programs. The number is used unchanged: one of those above gives the same stream.
     Custom(u64),
 }
 

@@ -1,9 +1,9 @@
-//! Words of a command line as a shell reads them. Every command that a text offers to the reader names its paths by
-//! [`path`], so that it can be copied wherever they lie.
+//! Quoting of command-line words for a shell. Every command suggested to the user formats its paths with [`path`], so
+//! that it can be copied whatever they contain.
 
 use std::path::Path;
 
-/// `text` as one word of a POSIX shell: as it is where nothing in it means anything there, else in single quotes.
+/// Returns `text` as one word of a POSIX shell: unchanged if no character is special, or else in single quotes.
 #[must_use]
 pub fn quote(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_./:,=@%+-".contains(c);

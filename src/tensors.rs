@@ -1,9 +1,9 @@
-//! Safetensors files that know whether they are whole: each holds a digest of itself, checked when it is read.
+//! Safetensors files with an integrity check: each holds a digest of itself, verified when it is read.
 //!
-//! The digest is a tensor of its own, [`DIGEST`], so that any reader of safetensors still opens the file. It covers all
-//! bytes of the file, header included, with its own 16 bytes taken as zero: the file is cut into pieces of 1 MiB, and
-//! the digest is the 128-bit XXH3 hash of the pieces' hashes in their order. It stands against accidents of disks and
-//! copies, not against malice. Threads hash pieces side by side.
+//! The digest is a separate tensor, [`DIGEST`], so that any safetensors reader can still open the file. It covers all
+//! bytes of the file, header included, with its own 16 bytes taken as zero: the file is divided into pieces of 1 MiB,
+//! and the digest is the 128-bit XXH3 hash of the pieces' hashes in order. It protects against accidental corruption,
+//! not against tampering. Pieces are hashed in parallel.
 
 use crate::files::{read_regular, write_atomic};
 use rayon::prelude::*;
@@ -15,9 +15,9 @@ use twox_hash::XxHash3_128;
 /// Name of the tensor that holds the digest, `[16]` bytes.
 pub const DIGEST: &str = "volseggs.digest";
 const LENGTH: usize = 16;
-/// Bytes that are hashed at once.
+/// Bytes hashed at once.
 const PIECE: usize = 1 << 20;
-/// Bytes before the header that tell its length.
+/// Length in bytes of the field before the header that holds the header's length.
 const PREFIX: usize = 8;
 
 /// Why a tensor file cannot be used.
@@ -36,12 +36,12 @@ pub enum TensorFileError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// How it shows.
+        /// How it is damaged.
         reason: String,
     },
 }
 
-/// Writes named tensors and one entry of the header, atomically, with a digest. The same content gives the same bytes.
+/// Writes named tensors and one header entry, atomically, with a digest. The same content gives the same bytes.
 ///
 /// # Errors
 /// If the file cannot be written, or a view does not fit its bytes.
@@ -54,17 +54,17 @@ pub fn write(
     let zero = [0; LENGTH];
     let mut all = tensors;
     all.push((DIGEST, TensorView::new(Dtype::U8, vec![LENGTH], &zero).map_err(wrong)?));
-    // one entry alone: the library writes several in an order that changes from run to run
+    // only one entry, as the library writes several in an order that changes from run to run
     let header = entry.map(|(key, value)| [(key.to_owned(), value)].into_iter().collect());
     let mut bytes = safetensors::serialize(all, header).map_err(wrong)?;
     sign(&mut bytes).map_err(wrong)?;
     write_atomic(path, &bytes).map_err(|source| TensorFileError::Io { path: path.into(), source })
 }
 
-/// Makes the digest of a tensor file that of its content; a file without one stays as it is.
+/// Sets the digest of a tensor file to that of its content; a file without one is unchanged.
 ///
 /// # Errors
-/// If the bytes are no safetensors file.
+/// If the bytes are not a safetensors file.
 pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
     let file = SafeTensors::deserialize(bytes)?;
     if let Some(at) = digest_place(bytes, &file) {
@@ -74,20 +74,20 @@ pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
     Ok(())
 }
 
-/// The bytes of a tensor file, found whole. A file without a digest, from another program or an early version, is
-/// checked for its form only.
+/// Returns the bytes of a tensor file after verifying its digest. A file without one, from another program or an early
+/// version, is only checked for its format.
 ///
 /// # Errors
-/// If the file cannot be read, is no safetensors file, or its bytes differ from those that were written.
+/// If the file cannot be read, is not a safetensors file, or its bytes differ from those that were written.
 pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
     let bytes = read_bytes(path)?;
     check(path, &bytes, || ())?;
     Ok(bytes)
 }
 
-/// What `make` makes of the bytes of a tensor file, while other threads check them as [`read`] does: where making takes
-/// longer than hashing, the check takes no time of its own. `make` may meet damaged bytes; what it makes of them is
-/// dropped.
+/// Returns the result of `make` for the bytes of a tensor file, while other threads check them as [`read`] does: if
+/// `make` takes longer than hashing, the check costs no extra time. `make` may receive damaged bytes; its result is
+/// then dropped.
 ///
 /// # Errors
 /// As [`read`].
@@ -100,13 +100,13 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, TensorFileError> {
     read_regular(path).map_err(|source| TensorFileError::Io { path: path.into(), source })
 }
 
-/// Checks the form and the digest of a file's bytes, with `beside` at the same time.
+/// Checks the format and the digest of a file's bytes while running `beside`.
 fn check<T>(path: &Path, bytes: &[u8], beside: impl FnOnce() -> T) -> Result<T, TensorFileError> {
     let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
     let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
     let Some(at) = digest_place(bytes, &file) else { return Ok(beside()) };
     let mut found = [0; LENGTH];
-    // `beside` stays on this thread: what it allocates is then freed and used again here
+    // `beside` stays on this thread, so that the memory it allocates is freed and reused here
     let made = rayon::in_place_scope(|pool| {
         pool.spawn(|_| found = digest(bytes, at));
         beside()
@@ -118,11 +118,11 @@ fn check<T>(path: &Path, bytes: &[u8], beside: impl FnOnce() -> T) -> Result<T, 
     }
 }
 
-/// Where the digest's bytes begin in the file.
+/// The position of the digest's bytes in the file.
 fn digest_place(bytes: &[u8], file: &SafeTensors<'_>) -> Option<usize> {
     let view = file.tensor(DIGEST).ok()?;
     let data = view.data();
-    // a view is a part of `bytes`
+    // a view is a slice of `bytes`
     let at = data.as_ptr() as usize - bytes.as_ptr() as usize;
     (data.len() == LENGTH && at >= PREFIX).then_some(at)
 }
@@ -183,7 +183,7 @@ mod tests {
         for extra in [0, 4, 8, 12, 16, 20] {
             let data = vec![7; 2 * PIECE - 400 + extra];
             let view = TensorView::new(Dtype::U8, vec![data.len()], &data).unwrap();
-            // sorts after the digest's name, so that the digest does not stand at the end
+            // sorts after the digest's name, so that the digest is not at the end
             let first = vec![3; PIECE - 200 + extra];
             let before = TensorView::new(Dtype::U8, vec![first.len()], &first).unwrap();
             write(&path, vec![("a", before), ("z", view)], None).unwrap();

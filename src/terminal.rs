@@ -1,14 +1,14 @@
-//! Printing that never fails the program: data on standard output, logs on standard error.
+//! Printing that never aborts the program: data on standard output, logs on standard error.
 //!
-//! Rust's own `println!` panics where the other end is gone (`volseggs ... | head`), the disk is full or the terminal
-//! was closed, and a training must not die of that. Here an error ends the printing on that stream, not the work;
-//! [`finish`] says afterwards whether standard output took everything.
+//! Rust's own `println!` panics if the reader is gone (`volseggs ... | head`), the disk is full or the terminal was
+//! closed, and none of these may end a training. Here an error stops the printing on that stream, not the work;
+//! [`finish`] reports afterwards whether standard output accepted everything.
 
 use std::fmt;
 use std::io::{self, Write};
 use std::sync::{Mutex, PoisonError};
 
-/// What went wrong on standard output first; nothing is written to it after that.
+/// The first error on standard output; nothing is written to it after that.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
 
 /// Writes to standard output.
@@ -19,15 +19,15 @@ pub fn out(text: fmt::Arguments<'_>) {
     }
 }
 
-/// Writes to standard error; whether anybody can read it is of no matter.
+/// Writes to standard error; errors are ignored.
 pub fn err(text: fmt::Arguments<'_>) {
     let _ = io::stderr().lock().write_fmt(text);
 }
 
-/// Hands what is buffered to the system. A reader that went away has had what it wanted: no error.
+/// Flushes standard output. A reader that has gone away is not an error.
 ///
 /// # Errors
-/// What kept standard output from taking all that was printed, such as a full disk.
+/// The first error in writing to standard output, such as a full disk.
 pub fn finish() -> io::Result<()> {
     let mut failure = FAILURE.lock().unwrap_or_else(PoisonError::into_inner);
     let outcome = failure.take().map_or_else(|| io::stdout().flush(), Err);

@@ -1,13 +1,13 @@
-//! Messages of parsers (serde, TOML, JSON) in plain words: no names of types of the program's language.
+//! Rewrites parser messages (serde, TOML, JSON) in plain words, without names of Rust types.
 
-/// `message` with what serde writes about types, fields and variants said plainly; other lines stay as they are.
+/// Returns `message` with serde's wording about types, fields and variants replaced; other lines are unchanged.
 #[must_use]
 pub fn plain(message: &str) -> String {
     message.trim_end().lines().map(plain_line).collect::<Vec<_>>().join("\n")
 }
 
 fn plain_line(line: &str) -> String {
-    // serde_json ends with the place
+    // serde_json appends the position
     let (text, place) = match line.rfind(" at line ") {
         Some(at) => line.split_at(at),
         None => (line, ""),
@@ -16,7 +16,7 @@ fn plain_line(line: &str) -> String {
     format!("{new}{place}")
 }
 
-/// `invalid type: string "many", expected u32` and its like.
+/// Rewrites `invalid type: string "many", expected u32` and similar messages.
 fn wrong_value(text: &str) -> Option<String> {
     let text = ["invalid type: ", "invalid value: ", "invalid length "].iter().find_map(|p| text.strip_prefix(p))?;
     let (found, wanted) = text.rsplit_once(", expected ")?;
@@ -42,7 +42,7 @@ fn expected(wanted: &str) -> String {
     }
 }
 
-/// Types with a name or a length.
+/// Describes types that have a name or a length.
 fn structured(wanted: &str) -> Option<String> {
     if wanted.starts_with("struct ") || wanted.starts_with("internally tagged enum ") {
         return Some("a section (a table of keys)".to_owned());
@@ -70,13 +70,13 @@ fn given(found: &str) -> String {
         "sequence" => "a list".to_owned(),
         "map" => "a section".to_owned(),
         "unit value" | "null" | "Option value" => "nothing".to_owned(),
-        // of `invalid length`
+        // from `invalid length`
         count if count.parse::<usize>().is_ok() => format!("{count} values"),
         other => other.to_owned(),
     }
 }
 
-/// `unknown field`, `unknown variant`, `missing field`, `duplicate field`.
+/// Rewrites `unknown field`, `unknown variant`, `missing field` and `duplicate field`.
 fn wrong_name(text: &str) -> Option<String> {
     let quoted = |prefix: &str| {
         let (name, rest) = text.strip_prefix(prefix)?.strip_prefix('`')?.split_once('`')?;

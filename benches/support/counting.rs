@@ -1,9 +1,9 @@
-//! The program's allocator, counting what is asked of it.
+//! The program's allocator, counting the allocations made.
 
 use std::alloc::{GlobalAlloc, Layout};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Allocations of at least this many bytes are counted apart.
+/// Allocations of at least this many bytes are also counted separately.
 const LARGE: usize = 1 << 20;
 
 static CALLS: AtomicU64 = AtomicU64::new(0);
@@ -13,7 +13,7 @@ static BYTES: AtomicU64 = AtomicU64::new(0);
 /// mimalloc, as in the program.
 pub struct Counting;
 
-/// What was asked of the allocator.
+/// Number and total size of allocations.
 #[derive(Clone, Copy)]
 pub struct Count {
     calls: u64,
@@ -21,7 +21,7 @@ pub struct Count {
     bytes: u64,
 }
 
-/// Since the program began.
+/// Returns the allocations since the program started.
 pub fn count() -> Count {
     let read = |v: &AtomicU64| v.load(Ordering::Relaxed);
     Count { calls: read(&CALLS), large: read(&LARGE_CALLS), bytes: read(&BYTES) }

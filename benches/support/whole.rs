@@ -12,7 +12,7 @@ use volseggs::data::{Camera, Dataset, OpenOptions};
 use volseggs::model::params::to_vec;
 use volseggs::train::Trainer;
 
-/// Two views of a ball of Gaussians, as a dataset folder.
+/// Writes two views of a ball of Gaussians as a dataset folder.
 fn write_dataset(folder: &Path) {
     let scene = common::scene(20_000, 13);
     let mut frames = Vec::new();
@@ -31,7 +31,7 @@ fn write_dataset(folder: &Path) {
     std::fs::write(folder.join("transforms_train.json"), json.to_string()).unwrap();
 }
 
-/// Joint steps with DSSIM, without densification; the first Gaussians are the trainer's own.
+/// Measures joint steps with DSSIM and without densification, starting from the trainer's own Gaussians.
 pub fn whole_step(n: usize, repeats: usize, device: &Device) -> Vec<Stage> {
     let folder = tempfile::tempdir().unwrap();
     write_dataset(folder.path());
@@ -47,7 +47,7 @@ pub fn whole_step(n: usize, repeats: usize, device: &Device) -> Vec<Stage> {
     measure_steps(trainer, &dataset, repeats)
 }
 
-/// The Gaussians of a trained scene at the middle of time, and where its field is read.
+/// Returns the Gaussians of a trained scene at time 0.5, and the normalised points at which its field is read.
 pub fn trained_scene(path: &Path) -> (Scene, Vec<f32>) {
     let scene = volseggs::model::Scene::load(path, &Device::flex()).unwrap();
     let canonical = scene.gaussians.to_host();
@@ -65,7 +65,7 @@ pub fn trained_scene(path: &Path) -> (Scene, Vec<f32>) {
     (host, points)
 }
 
-/// Joint steps with DSSIM from a trained scene, each on its own view.
+/// Measures joint steps with DSSIM and without densification from a trained scene, each step on its own view.
 pub fn trained_step(scene: &Path, data: &Path, repeats: usize, device: &Device) -> Vec<Stage> {
     let dataset = Dataset::open(data, &OpenOptions::default()).unwrap();
     let scene = volseggs::model::Scene::load(scene, &device.clone().autodiff()).unwrap();
@@ -77,8 +77,8 @@ pub fn trained_step(scene: &Path, data: &Path, repeats: usize, device: &Device) 
     measure_steps(trainer, &dataset, repeats)
 }
 
-/// Frames of a trained scene without gradients, the image on the host: with the deformation computed anew, and with
-/// the time held.
+/// Measures frames of a trained scene without gradients, up to the image on the host: with the deformation recomputed
+/// for each frame, and with the time held fixed.
 pub fn frames(path: &Path, repeats: usize, device: &Device) -> Vec<Stage> {
     let scene = volseggs::model::Scene::load(path, device).unwrap();
     let (camera, background) = (common::camera(SIZE), scene.spec.background);
@@ -112,7 +112,7 @@ fn measure_steps(mut trainer: Trainer, dataset: &Dataset, repeats: usize) -> Vec
         }
     }
     device.sync().unwrap();
-    // a device that runs ahead shows its time here alone; the parts above are then the host's
+    // a device that works asynchronously shows its time only here; the parts above are then host time
     let mean = from.elapsed().as_secs_f64() * 1e3 / repeats as f64;
     let mut out: Vec<Stage> = names.into_iter().zip(samples.map(Samples::new)).collect();
     out.push(("mean of all steps, device finished", Samples::new(vec![mean])));

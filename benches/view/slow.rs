@@ -1,4 +1,4 @@
-//! A connection as slow as that of somebody far away: a proxy that holds what it passes back.
+//! A simulated slow, distant connection: a proxy that delays the bytes it forwards.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -7,11 +7,11 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Bytes that are passed on at a time: a packet's.
+/// Maximum number of bytes forwarded at a time, as in one network packet.
 const PACKET: usize = 1400;
 
-/// Listens for one connection and passes it on to `port` and back, at `rate` bytes a second either way, each byte `delay`
-/// later than it came; gives the port that it listens on.
+/// Forwards one connection to `port` in both directions, at `rate` bytes per second each way, with every byte delayed
+/// by `delay`; returns the port it listens on.
 pub fn proxy(port: u16, rate: f64, delay: Duration) -> u16 {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let own = listener.local_addr().unwrap().port();
@@ -27,15 +27,15 @@ pub fn proxy(port: u16, rate: f64, delay: Duration) -> u16 {
     own
 }
 
-/// Passes on what comes from one to the other. So little waits in between that whoever sends too much must wait itself, as on
-/// a real line with a short queue.
+/// Forwards bytes from one stream to the other. Little is buffered in between, so a sender that is too fast has to
+/// wait, as on a real line with a short queue.
 fn pass(mut from: TcpStream, mut to: TcpStream, rate: f64, delay: Duration) {
     let (tell, told) = channel();
     thread::spawn(move || {
         let mut free = Instant::now();
         let mut part = [0; PACKET];
         while let Ok(n @ 1..) = from.read(&mut part) {
-            // the line takes one packet after the other
+            // the line carries one packet at a time
             free = free.max(Instant::now()) + Duration::from_secs_f64(n as f64 / rate);
             thread::sleep(free.saturating_duration_since(Instant::now()));
             if tell.send((free + delay, part[..n].to_vec())).is_err() {
@@ -58,17 +58,17 @@ fn deliver(told: &Receiver<(Instant, Vec<u8>)>, to: &mut TcpStream) {
     }
 }
 
-/// How much later each frame was than the view that it shows, by the turn of the view.
+/// Pending views, identified by their time, from which the delay of each frame is computed.
 #[derive(Default)]
 pub struct Lags(VecDeque<(f32, Instant)>);
 
 impl Lags {
-    /// A view was asked for, known by its time.
+    /// Records the request for a view, identified by its time.
     pub fn asked(&mut self, time: f32) {
         self.0.push_back((time, Instant::now()));
     }
 
-    /// A frame of that time came: milliseconds since it was asked for.
+    /// Records the arrival of a frame of that time; returns the milliseconds since its request.
     pub fn came(&mut self, time: f32) -> Option<f64> {
         let at = self.0.iter().position(|(t, _)| (t - time).abs() < 1e-6)?;
         let (_, asked) = self.0.drain(..=at).next_back()?;

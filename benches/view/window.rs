@@ -1,5 +1,5 @@
-//! A window on a viewer, which acknowledges each frame at once.
-#![allow(dead_code)] // each benchmark uses a part of it
+//! A client window of the viewer that acknowledges each frame at once.
+#![allow(dead_code)] // each benchmark uses only part of it
 
 use serde_json::{Value, json};
 use std::net::TcpStream;
@@ -8,7 +8,7 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
 
-/// What is told of a frame.
+/// Header fields of a frame.
 pub struct Frame {
     pub number: u32,
     pub png: bool,
@@ -18,7 +18,7 @@ pub struct Frame {
     pub encode_ms: f32,
 }
 
-/// A window.
+/// A connected window.
 pub struct Window {
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     pub welcome: Value,
@@ -26,7 +26,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// One on the server at `url`, whose port is reached as `via` if that is given.
+    /// Connects to the server at `url`, through the port `via` if given.
     pub fn open(url: &str, size: u32, via: Option<u16>) -> Self {
         let (port, token) = parts(url);
         let via = via.unwrap_or(port);
@@ -44,12 +44,12 @@ impl Window {
         assert!(self.try_say(message), "the viewer has ended");
     }
 
-    /// Says something; false if the viewer has ended.
+    /// Sends a message; returns false if the viewer has ended.
     pub fn try_say(&mut self, message: &Value) -> bool {
         self.socket.send(Message::text(message.to_string())).is_ok()
     }
 
-    /// A view from `turn` (1 is once around), at a time.
+    /// Returns a view message from `turn` (1 is a full revolution), at a time.
     pub fn view(&self, turn: f64, time: f64, moving: bool) -> Value {
         let (centre, radius) = (self.welcome["centre"].clone(), self.welcome["radius"].as_f64().unwrap());
         let at = |k: usize| centre[k].as_f64().unwrap();
@@ -61,7 +61,7 @@ impl Window {
         })
     }
 
-    /// The next frame, which is acknowledged; texts are passed over.
+    /// Waits for the next frame and acknowledges it; text messages are skipped.
     pub fn frame(&mut self) -> Frame {
         loop {
             if let Some(frame) = self.frame_within(Duration::from_secs(600)) {
@@ -70,7 +70,7 @@ impl Window {
         }
     }
 
-    /// The next frame if one comes in time; none if the viewer ends.
+    /// Waits up to `wait` for the next frame; returns `None` on timeout or if the viewer ends.
     pub fn frame_within(&mut self, wait: Duration) -> Option<Frame> {
         let until = Instant::now() + wait;
         loop {
@@ -103,7 +103,7 @@ impl Window {
         }
     }
 
-    /// The next text of a kind; frames before it are acknowledged.
+    /// Waits for the next text message of a kind; frames before it are acknowledged.
     pub fn answer(&mut self, kind: &str) -> Value {
         loop {
             match self.socket.read().unwrap() {
@@ -123,13 +123,13 @@ impl Window {
         }
     }
 
-    /// Until the picture is there without loss.
+    /// Waits for the lossless picture.
     pub fn rest(&mut self) {
         while !self.frame().png {}
     }
 }
 
-/// Port and token of a server's address.
+/// Splits a server's address into port and token.
 pub fn parts(url: &str) -> (u16, &str) {
     let (host, token) = url.split_once("/?token=").unwrap();
     (host.rsplit(':').next().unwrap().parse().unwrap(), token)

@@ -1,8 +1,8 @@
-//! Splatting, forward and forward with backward, on three translucent scenes, with one and two threads.
+//! Measures splatting, forward and forward plus backward, on three translucent scenes, with one and two threads.
 //!
 //! `cargo bench -p volseggs-kernels --bench ops -- [S] [M] [L] [--repeats N] [--gpu]`. Prints a Markdown table and
-//! writes nothing. The gradient of the image (L2 against noise) is made beforehand and not timed. With `--gpu` on the
-//! adapter that wgpu prefers, instead of on the CPU; each run then ends when the device has finished.
+//! writes nothing. The gradient of the image (L2 against noise) is computed beforehand and not timed. With `--gpu`,
+//! runs on the adapter that wgpu prefers instead of the CPU; each run then ends when the device has finished.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -10,11 +10,11 @@ mod common;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::Splatter;
 
-/// Name, Gaussians, pixels a side, seed.
+/// Name, number of Gaussians, pixels per side, seed.
 const SCENES: [(&str, usize, usize, u64); 3] =
     [("S", 10_000, 200, 11), ("M", 50_000, 400, 12), ("L", 150_000, 800, 13)];
 
-/// Waits until the device has done all that was asked of it.
+/// Waits until the device has finished all queued work, then returns `value`.
 fn finished<T>(device: &Device, value: T) -> T {
     device.sync().unwrap();
     value

@@ -1,5 +1,6 @@
-//! The sigmoid and its inverse, by which opacities are stored: once for everything on the host. GPU kernels and the f64
-//! oracles write it out, the first as their language asks for it, the second to stay independent.
+//! The sigmoid and its inverse, the form in which opacities are stored, defined once for all host code. GPU kernels and
+//! the f64 oracles write them out themselves: the former because their language requires it, the latter to stay
+//! independent.
 
 /// `1 / (1 + exp(-x))`, in (0, 1): the opacity of a logit.
 #[inline(always)]
@@ -22,7 +23,7 @@ pub fn logit(p: f32) -> f32 {
     (p / (1.0 - p)).ln()
 }
 
-/// The inverse of [`sigmoid_f64`] for `p` in (0, 1), as exact for tiny `p` as for others.
+/// The inverse of [`sigmoid_f64`] for `p` in (0, 1), accurate for tiny `p` too.
 #[inline]
 #[must_use]
 pub fn logit_f64(p: f64) -> f64 {

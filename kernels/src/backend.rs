@@ -1,4 +1,4 @@
-//! How the CPU backends lend their memory to the kernels and take results back.
+//! Exchange of memory between the CPU backends and the kernels.
 //!
 //! The kernels work on `&[f32]`; this file is the only one that knows how NdArray, Flex and LibTorch
 //! store a tensor. Results are handed over without a copy.
@@ -13,15 +13,15 @@ pub(crate) trait CpuBackend: Backend {
     /// The tensor's values in row-major order; borrowed when it is contiguous.
     fn values(tensor: &FloatTensor<Self>) -> Cow<'_, [f32]>;
 
-    /// The tensor's values, to be overwritten: the same memory when nobody else holds it.
+    /// Takes the tensor's values for overwriting: the same memory where the backend allows it, otherwise a copy.
     fn into_values(tensor: FloatTensor<Self>) -> Vec<f32>;
 
-    /// Wraps `values` as a tensor of `shape`, taking the vector's memory.
+    /// Wraps `values` as a tensor of `shape`, reusing the vector's memory.
     fn tensor(values: Vec<f32>, shape: impl Into<Shape>, device: &Self::Device) -> FloatTensor<Self> {
         Self::float_from_data(TensorData::new(values, shape), device)
     }
 
-    /// Wraps integers as a tensor of `shape`, taking the vector's memory.
+    /// Wraps integers as a tensor of `shape`, reusing the vector's memory.
     fn int_tensor(values: Vec<i32>, shape: impl Into<Shape>, device: &Self::Device) -> IntTensor<Self> {
         Self::int_from_data(TensorData::new(values, shape), device)
     }
@@ -86,8 +86,8 @@ mod tch {
             assert_eq!(tensor.tensor.kind(), ::tch::Kind::Float, "the kernels take f32 tensors");
             if tensor.tensor.is_contiguous() && tensor.tensor.numel() > 0 {
                 let start = tensor.tensor.data_ptr().cast::<f32>();
-                // SAFETY: a contiguous CPU tensor of f32 holds so many values from there on, and lives as long as the
-                // borrow; LibTorch writes in place only where nobody else holds the storage.
+                // SAFETY: a contiguous f32 CPU tensor holds `numel` values from that address on and outlives the
+                // borrow; LibTorch writes in place only if the storage is not shared.
                 return Cow::Borrowed(unsafe { std::slice::from_raw_parts(start, tensor.tensor.numel()) });
             }
             let flat = tensor.tensor.contiguous().reshape(-1);

@@ -1,4 +1,4 @@
-//! The pinhole camera that the splatting kernels see: plain numbers, no files, no conventions but one.
+//! The pinhole camera of the splatting kernels: plain numbers, no file access and a single convention.
 
 /// A pinhole camera in OpenCV axes (+x right, +y down, +z forward).
 ///
@@ -30,8 +30,8 @@ impl Camera {
         std::array::from_fn(|j| -(r[0][j] * t[0] + r[1][j] * t[1] + r[2][j] * t[2]))
     }
 
-    /// Largest `|x/z|` and `|y/z|` that the Jacobian of the projection is evaluated at:
-    /// 1.3 times the tangent of half the field of view, as in 3DGS.
+    /// Largest `|x/z|` and `|y/z|` at which the Jacobian of the projection is evaluated: 1.3 times the tangent of half
+    /// the field of view, as in 3DGS.
     pub(crate) fn jacobian_limits(&self) -> [f32; 2] {
         [1.3 * self.width as f32 / (2.0 * self.fx), 1.3 * self.height as f32 / (2.0 * self.fy)]
     }

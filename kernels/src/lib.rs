@@ -1,12 +1,12 @@
 //! Differentiable operations for deformable Gaussian scenes, as burn backend extensions.
 //!
-//! One folder an op, each with the same files: `mod.rs` (the public function on tensors and the
-//! backend trait), `reference.rs` (plain f64 loops, the oracle of the tests), `ops.rs` or `autodiff.rs`
-//! (gradient registration), `cpu` (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels,
-//! with the feature `wgpu` or `cuda`). `contributors` lies in `splat`, whose rule of compositing it shares.
-//! `shading` and `sine` are ops on the CPU and tensor operations on GPUs.
+//! One folder per op, each with the same files: `mod.rs` (the public function on tensors and the backend trait),
+//! `reference.rs` (plain f64 loops, the oracle of the tests), `ops.rs` or `autodiff.rs` (gradient registration), `cpu`
+//! (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels, with the feature `wgpu` or
+//! `cuda`). `contributors` is in `splat`, whose compositing rule it shares. `shading` and `sine` are ops on the CPU and
+//! tensor operations on GPUs.
 //!
-//! This crate knows nothing of files, configurations or the command line.
+//! This crate does not deal with files, configurations or the command line.
 #![allow(deprecated)] // burn deprecates the NdArray backend in favour of Flex; both are supported here.
 
 mod backend;
@@ -33,15 +33,15 @@ pub use camera::Camera;
 #[cfg(feature = "cube")]
 pub use cube::{GpuPaths, gpu_paths, is_gpu};
 
-/// The vector instructions that the kernels use: the widest of the machine, or none if `VOLSEGGS_SIMD` is `scalar`,
-/// by which tests reach the portable path and benches compare with it.
+/// Returns the vector instructions that the kernels use: the widest of the machine, or none if `VOLSEGGS_SIMD` is
+/// `scalar`, with which tests reach the portable path and benchmarks compare against it.
 fn arch() -> pulp::Arch {
     static SCALAR: std::sync::LazyLock<bool> =
         std::sync::LazyLock::new(|| std::env::var("VOLSEGGS_SIMD").is_ok_and(|v| v == "scalar"));
     if *SCALAR { pulp::Arch::Scalar } else { pulp::Arch::new() }
 }
 
-/// The vector instructions that the CPU kernels use on this machine.
+/// Returns the name of the vector instructions that the CPU kernels use on this machine.
 pub fn simd_level() -> String {
     let arch = format!("{:?}", arch());
     let name = arch.split('(').next().unwrap_or_default();

@@ -1,8 +1,8 @@
 //! Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS.
 //!
-//! The constants are those of the reference rasteriser, digit for digit; GPU kernels take them from here. Independent
-//! of these are the oracle `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main
-//! crate, which needs f64.
+//! The constants are those of the reference rasteriser, digit for digit; GPU kernels use them too. The oracle
+//! `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main crate, which needs f64,
+//! are independent of them.
 
 /// The constant basis function, `1 / (2 sqrt(pi))`.
 pub const C0: f32 = 0.282_094_79;
@@ -15,7 +15,7 @@ pub const C3: [f32; 4] = [0.590_043_6, 2.890_611_4, 0.457_045_8, 0.373_176_33];
 /// Band 3, for `z (x^2 - y^2)`.
 pub const C3E: f32 = 1.445_305_7;
 
-/// Values of the 16 basis functions at the unit direction `d`; those beyond `degree` are zero.
+/// Returns the values of the 16 basis functions at the unit direction `d`; those beyond `degree` are zero.
 #[inline(always)]
 #[must_use]
 pub fn basis(d: [f32; 3], degree: usize) -> [f32; 16] {
@@ -47,7 +47,7 @@ pub fn basis(d: [f32; 3], degree: usize) -> [f32; 16] {
     b
 }
 
-/// Derivatives of the basis functions with respect to x, y and z of the direction (not renormalised).
+/// Returns the derivatives of the basis functions with respect to x, y and z of the direction (not renormalised).
 #[inline(always)]
 pub(crate) fn basis_derivative(d: [f32; 3], degree: usize) -> [[f32; 16]; 3] {
     let [x, y, z] = d;

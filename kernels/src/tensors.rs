@@ -1,7 +1,7 @@
-//! The tensors of an op as one struct: what goes in, and one gradient for each of them.
+//! The tensors of an op as one struct: its inputs, or one gradient for each of them.
 //!
-//! [`op_tensors`] names the fields once; arrays, autodiff's parts and the registration of gradients follow from them, so
-//! that another input of an op is one line more.
+//! [`op_tensors`] names the fields once; arrays, autodiff's parts and the registration of gradients follow from them,
+//! so that another input of an op takes one more line.
 
 use burn::backend::Backend;
 use burn::backend::autodiff::NodeId;
@@ -18,7 +18,7 @@ macro_rules! op_tensors {
         }
 
         impl<B: Backend> $name<B> {
-            /// The tensors in the order of the fields.
+            /// Returns the tensors in the order of the fields.
             pub(crate) fn into_array(self) -> [FloatTensor<B>; $count] {
                 [$(self.$field),*]
             }
@@ -29,7 +29,7 @@ macro_rules! op_tensors {
             }
         }
 
-        /// From the tensors in the order of the fields.
+        /// Builds the struct from the tensors in the order of the fields.
         impl<B: Backend> From<[FloatTensor<B>; $count]> for $name<B> {
             fn from([$($field),*]: [FloatTensor<B>; $count]) -> Self {
                 Self { $($field),* }
@@ -39,7 +39,7 @@ macro_rules! op_tensors {
         impl<B: Backend, C: burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy>
             $name<burn::backend::Autodiff<B, C>>
         {
-            /// The inner tensors, and the graph's nodes in the order of the fields.
+            /// Returns the inner tensors, and the graph's nodes in the order of the fields.
             pub(crate) fn into_parts(self) -> ($name<B>, [burn::backend::autodiff::ops::NodeGuard; $count]) {
                 $(let $field = self.$field.into_parts();)*
                 ($name { $($field: $field.0),* }, [$($field.1),*])
@@ -49,7 +49,7 @@ macro_rules! op_tensors {
 }
 pub(crate) use op_tensors;
 
-/// Hands each parent that takes part in the graph its gradient.
+/// Registers the gradient of each parent that takes part in the graph.
 pub(crate) fn register<B: Backend, const N: usize>(
     grads: &mut Gradients,
     parents: [Option<NodeId>; N],

@@ -1,5 +1,5 @@
-//! Every op on the GPU against the same op on the CPU, which other tests hold to the f64 references: golden, random
-//! and poison scenes, forward and gradients. A device that does not start skips its tests; see `common::open`.
+//! Ops on the GPU against the same ops on the CPU, which other tests compare with the f64 references: random and poison
+//! scenes, forward and gradients. A device that does not start skips its tests; see `common::open`.
 #![cfg(any(feature = "wgpu", feature = "cuda"))]
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -52,7 +52,7 @@ fn splats_alike(on: &Tested, scene: &Scene, width: usize, height: usize, degree:
     let (ours, our_gradients) = common::gradients(scene, s, &weights, &on.device);
     let worst = ours.iter().zip(&image).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     let many = ours.iter().zip(&image).filter(|(a, b)| (*a - *b).abs() > 1e-4).count();
-    // a pixel may fall on the other side of the 1/255 or the 1e-4 cut
+    // a pixel may fall on the other side of the 1/255 or the 1e-4 cutoff
     assert!(worst < 0.02 && many * 200 <= ours.len(), "{width}x{height}: worst {worst:.1e}, {many} of {}", ours.len());
     for (((name, _), a), b) in common::fields(scene).iter().zip(&our_gradients).zip(&gradients) {
         let error = off(a, b);
@@ -100,7 +100,7 @@ fn poison_is_culled_and_never_spreads(on: Tested) {
     let kinds = [clean.clone(), by_covariances(clean.clone())];
     let cases = kinds.iter().flat_map(|clean| common::fields(clean).iter().map(move |(f, field)| (clean, f, field)));
     for (clean, f, field) in cases.filter(|(_, name, _)| **name != "screen_offsets") {
-        // one Gaussian of each kind of poison
+        // one Gaussian for each kind of poison
         let mut scene = clean.clone();
         let width = field(&mut scene).len() / 40;
         let bad = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, 1e30, -1e30, 1e-30, 88.0, -110.0, 1e8];
@@ -285,7 +285,7 @@ fn contributors(on: Tested) {
     for p in 0..pixels.len() {
         let ((a, wa), (b, wb)) = (ours.row(p), expected.row(p));
         if a != b {
-            other += 1; // a Gaussian on the other side of a cut
+            other += 1; // a Gaussian on the other side of a cutoff
             continue;
         }
         assert!(wa.iter().zip(wb).all(|(a, b)| (a - b).abs() < 1e-4), "pixel {p}: {wa:?} for {wb:?}");

@@ -1,5 +1,5 @@
-//! Field, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that autodiff hands out are those of the
-//! f64 references, and every device of the CPU gives the same bits.
+//! Field, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that autodiff returns
+//! match those of the f64 references, and all CPU devices give the same bits.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -220,7 +220,7 @@ const STEP: AdamStep = AdamStep {
     lr_pattern: None,
 };
 
-/// One step from zero moments.
+/// Runs one step from zero moments.
 fn stepped(device: &Device, param: &[f32], gradient: &[f32]) -> (Vec<f32>, Option<NonFinite>) {
     let n = param.len();
     let tensors = AdamTensors {
@@ -239,7 +239,7 @@ fn the_first_step_of_adam_moves_every_element_by_the_rate(on: Tested) {
     assert!(out.iter().zip([0.9f32, 2.1]).all(|(v, expected)| (v - expected).abs() < 1e-5), "{out:?}");
 }
 
-/// GPUs do not look for it, as telling the host would stall every step.
+/// GPUs do not check this, as reporting it to the host would stall every step.
 fn adam_reports_what_is_not_finite(on: Tested) {
     let found = stepped(&on.device, &[1.0, 2.0], &[3.0, f32::NAN]);
     assert_eq!(found, (vec![1.0, 2.0], Some(NonFinite::Gradient(1))));

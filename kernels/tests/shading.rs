@@ -1,4 +1,4 @@
-//! Shaded colours and their gradients, on every device, against the plain version in f64.
+//! Shaded colours and their gradients, on every device, against the plain f64 version.
 
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -15,7 +15,7 @@ const K: usize = 4;
 const EYE: [f32; 3] = [0.3, -3.5, 1.2];
 const LIGHTS: [Light; 2] = [Light::Head, Light::Far([1.0, -0.5, 2.0])];
 
-/// Numbers in [-1, 1].
+/// Returns numbers in [-1, 1].
 fn noise(seed: u64, len: usize) -> Vec<f32> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut next = || {
@@ -33,7 +33,7 @@ fn inputs() -> [Vec<f32>; 5] {
     [noise(1, 3 * N), noise(2, 4 * N), noise(3, 3 * K * N), noise(4, 3 * N), material]
 }
 
-/// The result and, on a device with gradients, those of its sum weighted by `weights`.
+/// Returns the result, and the gradients of its sum weighted by `weights`; the device must be one with gradients.
 fn run(inputs: &[Vec<f32>; 5], light: Light, weights: &[f32], device: &Device) -> (Vec<f32>, [Vec<f32>; 5]) {
     let rows = |v: &[f32], width: usize| {
         Tensor::<2>::from_data(TensorData::new(v.to_vec(), [v.len() / width, width]), device).require_grad()
@@ -59,7 +59,7 @@ fn run(inputs: &[Vec<f32>; 5], light: Light, weights: &[f32], device: &Device) -
     (host(out.inner()), gradients)
 }
 
-/// The reference's result `[N, K, 3]`.
+/// Returns the reference's result `[N, K, 3]`.
 fn reference(inputs: &[Vec<f64>; 5], light: Light) -> Vec<f64> {
     let [means, rotations, sh, normals, material] = inputs;
     let triple = |v: &[f64], i: usize| [v[i], v[i + 1], v[i + 2]];

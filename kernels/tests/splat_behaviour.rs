@@ -1,4 +1,5 @@
-//! The splat op across devices and threads, on odd sizes, on poison and on nothing; for its gradients see splat_gradients.rs.
+//! The splat op across devices and threads, on odd sizes, and on poisoned and empty scenes; for its gradients see
+//! splat_gradients.rs.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -48,7 +49,7 @@ fn rendering_agrees_with_the_reference_on_odd_sizes(on: Tested) {
             let expected = render(&scene, &s, Cutoffs::OP);
             let ours = common::image(&scene, s, &on.device);
             let worst = ours.iter().zip(&expected).map(|(&a, b)| (f64::from(a) - b).abs()).fold(0.0, f64::max);
-            // a pixel may fall on the other side of the 1/255 or the 1e-4 cut
+            // a pixel may fall on the other side of the 1/255 or the 1e-4 cutoff
             let off = ours.iter().zip(&expected).filter(|(a, b)| (f64::from(**a) - **b).abs() > 1e-4).count();
             assert!(worst < 0.02 && off * 200 <= ours.len(), "{w}x{h}: worst {worst:.1e}, {off} of {}", ours.len());
         }
@@ -75,7 +76,7 @@ fn poison_is_culled_and_never_spreads(on: Tested) {
             }
         }
     }
-    // a zero quaternion is no rotation
+    // a zero quaternion means no rotation
     let mut scene = clean.clone();
     let mut identity = clean;
     scene.rotations[..4].fill(0.0);
@@ -102,7 +103,7 @@ fn empty_scenes_and_scenes_behind_the_camera_show_the_background(on: Tested) {
 volseggs_testing::on_every_device!(
     crate::common::open => rendering_agrees_with_the_reference_on_odd_sizes,
 );
-// what GPUs do with poison and with nothing is in gpu_parity.rs, in fewer renderings
+// gpu_parity.rs tests GPUs on poisoned and empty scenes, with fewer renderings
 volseggs_testing::on_every_cpu_device!(
     crate::common::open =>
     the_bits_are_those_of_the_first_device,

@@ -1,5 +1,5 @@
-//! Splatting by covariances against splatting by rotations and scales, and what is no covariance; values, gradients and
-//! poison entry by entry are tested with those of the other kind in splat_golden.rs, splat_gradients.rs,
+//! Splatting by covariances against splatting by rotations and scales, and inputs that are not covariances. Values,
+//! gradients and poison entry by entry are tested with those of the other kind in splat_golden.rs, splat_gradients.rs,
 //! splat_behaviour.rs and gpu_parity.rs.
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -14,7 +14,7 @@ fn weights(len: usize, seed: u64) -> Vec<f32> {
     (0..len).map(|_| r.normal() as f32).collect()
 }
 
-/// Entries `[N, 6]` of `R S S^T R^T`.
+/// Returns the entries `[N, 6]` of `R S S^T R^T`.
 fn covariances(rotations: Tensor<2>, log_scales: Tensor<2>) -> Tensor<2> {
     let length = rotations.clone().powi_scalar(2).sum_dim(1).sqrt();
     let [w, x, y, z] = columns(rotations / length);
@@ -34,13 +34,14 @@ fn covariances(rotations: Tensor<2>, log_scales: Tensor<2>) -> Tensor<2> {
     Tensor::cat(entries.to_vec(), 1)
 }
 
-/// The columns `[N, 1]` of `[N, K]`.
+/// Returns the columns `[N, 1]` of `[N, K]`.
 fn columns<const K: usize>(of: Tensor<2>) -> [Tensor<2>; K] {
     let n = of.dims()[0];
     std::array::from_fn(|k| of.clone().slice([0..n, k..k + 1]))
 }
 
-/// A covariance made of a rotation and scales gives the image that these give, and through what made it their gradients.
+/// A covariance computed from a rotation and scales gives the same image as these, and the same gradients with respect
+/// to them.
 fn covariances_say_what_rotations_and_scales_say(on: Tested) {
     let scene = random_scene(300, 2, 29);
     let s = settings(camera(60, 50), 2);

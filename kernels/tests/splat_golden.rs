@@ -92,14 +92,16 @@ fn psnr(a: impl Iterator<Item = f64>, b: &[f64]) -> f64 {
 }
 
 impl Golden {
-    /// The gradient by the image, `[H, W, 4]`, of the loss: the mean of (C - target)^2 over H * W * 3. None by alpha.
+    /// Returns the gradient with respect to the image, `[H, W, 4]`, of the loss: the mean of (C - target)^2 over
+    /// `H * W * 3`. It is zero for alpha.
+    /// * 3. It is zero for alpha.
     fn by_image(&self) -> Vec<f64> {
         let scale = 2.0 / self.image.len() as f64;
         let pixels = self.image.chunks_exact(3).zip(self.target.chunks_exact(3));
         pixels.flat_map(|(c, t)| [0, 1, 2].map(|k| scale * (c[k] - t[k])).into_iter().chain([0.0])).collect()
     }
 
-    /// The golden gradients; those by scales and opacities become those by their logarithms and logits.
+    /// Returns the golden gradients, with those of scales and opacities converted to those of log-scales and logits.
     fn expected(&self) -> [Vec<f64>; 6] {
         let mut out = self.gradients.clone();
         out[2].iter_mut().zip(&self.scales).for_each(|(v, s)| *v *= s);
@@ -108,7 +110,8 @@ impl Golden {
     }
 }
 
-// what is left between the two in f64 is 0.3, the dilation of covariances, which the op rounds to f32
+// the remaining difference between the two in f64 comes from 0.3, the dilation of covariances, which the op rounds to
+// f32
 #[test]
 fn the_reference_reproduces_the_golden_images() {
     for name in ["sh0", "sh3", "edge"] {

@@ -1,7 +1,7 @@
-//! Every entry of every gradient of splatting. The image without cutoffs is smooth, and there the gradient of the f64
-//! reference is held against difference quotients; the kernels are held against that gradient with the op's cutoffs, and,
-//! in scenes that meet none of them, against the difference quotients themselves. Errors are in units of the root mean
-//! square of a gradient's entries.
+//! Every entry of every gradient of splatting. The image without cutoffs is smooth, so there the gradient of the f64
+//! reference is compared with difference quotients; the kernels are compared with that gradient with the op's cutoffs,
+//! and, in scenes that meet none of them, with the difference quotients themselves. Errors are in units of the root
+//! mean square of a gradient's entries.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -11,7 +11,7 @@ use volseggs_kernels::splat::contributors::reference::contributors;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
 use volseggs_kernels::splat::{DILATION, SplatSettings};
 
-/// Gradients by the image of a loss, in numbers of f32.
+/// Returns the gradient of a loss with respect to the image, rounded to f32.
 fn weights(settings: &SplatSettings, seed: u64) -> Vec<f64> {
     let mut r = Numbers(seed);
     (0..settings.camera.width * settings.camera.height * 4).map(|_| f64::from(r.normal() as f32)).collect()
@@ -21,11 +21,11 @@ fn loss(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f6
     render(scene, settings, cutoffs).iter().zip(weights).map(|(v, w)| v * w).sum()
 }
 
-/// The gradient by difference quotients of fourth order, entry by entry.
+/// Returns the gradient by difference quotients of fourth order, entry by entry.
 fn quotients(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> Scene {
     let mut out = scene.clone();
     for (name, field) in fields(scene) {
-        // covariances are squares of lengths, and small
+        // covariances are squared lengths, and small
         let step = if *name == "covariances" { 1e-6 } else { 1e-4 };
         let mut moved = scene.clone();
         for i in 0..field(&mut out).len() {
@@ -42,7 +42,7 @@ fn quotients(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights:
     out
 }
 
-/// The largest error of an entry of `ours`, in units of the root mean square of `exact`.
+/// Returns the largest error of an entry of `ours`, in units of the root mean square of `exact`.
 fn worst(ours: &[f64], exact: &[f64]) -> f64 {
     assert_eq!(ours.len(), exact.len());
     let square = exact.iter().map(|v| v * v).sum::<f64>() / exact.len() as f64;
@@ -52,7 +52,7 @@ fn worst(ours: &[f64], exact: &[f64]) -> f64 {
     if ours.iter().all(|v| v.is_finite()) { most / square.sqrt() } else { f64::INFINITY }
 }
 
-/// Position in camera space.
+/// Returns the position of Gaussian `i` in camera space.
 fn in_camera(scene: &Scene, settings: &SplatSettings, i: usize) -> [f64; 3] {
     let camera = &settings.camera;
     std::array::from_fn(|r| {
@@ -61,20 +61,20 @@ fn in_camera(scene: &Scene, settings: &SplatSettings, i: usize) -> [f64; 3] {
     })
 }
 
-/// The scene by rotations and scales, and by covariances; in numbers of f32.
+/// Returns the scene by rotations and scales, and by covariances; both rounded to f32.
 fn both_kinds(scene: &Scene) -> [(&'static str, Scene); 2] {
     [("factored", rounded(scene.clone())), ("entries", rounded(by_covariances(scene.clone())))]
 }
 
-/// Nothing that a step could carry over an edge: the least distance between two depths.
+/// Returns the smallest distance between two depths, to rule out that a step changes their order.
 fn depth_gap(scene: &Scene, settings: &SplatSettings) -> f64 {
     let mut depths: Vec<f64> = (0..scene.opacity_logits.len()).map(|i| in_camera(scene, settings, i)[2]).collect();
     depths.sort_by(f64::total_cmp);
     depths.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min)
 }
 
-/// A scene that has, beside random Gaussians, two so far aside that their slopes are clamped, one of which a channel's
-/// colour is clamped, one of opacity above 0.99, and offsets on screen.
+/// Returns a scene that has, besides random Gaussians, two so far off the axis that their slopes are clamped, one with
+/// a clamped colour channel, one with an opacity above 0.99, and offsets on screen.
 fn with_everything(n: usize, degree: usize, seed: u64) -> Scene {
     let mut scene = random_scene(n, degree, seed);
     let mut r = Numbers(seed + 100);
@@ -113,7 +113,7 @@ fn the_reference_has_the_gradient_of_the_image_without_cutoffs() {
     }
 }
 
-/// Holds the kernels' gradients against `exact`.
+/// Compares the kernels' gradients with `exact`.
 fn check(
     on: &Tested,
     scene: &Scene,
@@ -134,7 +134,8 @@ fn check(
     }
 }
 
-/// Large, half transparent Gaussians, all of them in every pixel: what a difference quotient of the op's own image sees.
+/// Large, half-transparent Gaussians, all of them in every pixel: compared with difference quotients of the image with
+/// the op's cutoffs.
 fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
     for degree in 0..4 {
         for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
@@ -156,7 +157,7 @@ fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
     }
 }
 
-/// Small Gaussians that end within the picture, pixels that saturate, alpha above its clamp.
+/// Small Gaussians that end within the image, pixels that saturate, alpha above its clamp.
 fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
     for degree in 0..4 {
         for (seed, opaque, dilation) in [(1, 0.0, DILATION), (2, 0.0, 0.1), (3, 4.0, DILATION), (4, 4.0, 0.1)] {
@@ -165,7 +166,7 @@ fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
             scene.log_scales.iter_mut().for_each(|s| *s += 0.1 * opaque);
             let settings = SplatSettings { dilation, ..settings(camera(43, 37), degree) };
             for (kind, scene) in both_kinds(&scene) {
-                // a decision that f32 could take otherwise would say nothing about gradients
+                // a decision that f32 could reverse would say nothing about gradients
                 let pixels: Vec<u32> = (0..43 * 37).collect();
                 let lists = contributors(&scene, &settings, &pixels);
                 let margin = lists.iter().map(|p| p.margin).fold(f64::INFINITY, f64::min);

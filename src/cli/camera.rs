@@ -1,4 +1,4 @@
-//! Who looks, as it is typed: the same for every command that takes a view.
+//! Camera arguments, shared by every command that takes a view.
 
 use super::CliError;
 use super::values::{pixels, point};
@@ -9,27 +9,27 @@ use clap::Args;
 use glam::DVec3;
 use std::path::Path;
 
-/// A camera and the size of its picture.
+/// A camera and the size of its image.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ViewArgs {
-    /// Camera at x,y,z that looks at the centre.
+    /// Camera position x,y,z; it looks at the centre.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     camera: Option<DVec3>,
-    /// In place of --camera the camera of this test view of the dataset, from 0, or of a picture that was saved in `volseggs
-    /// view`, or of a view in JSON: a file or the text itself. A file whose name is a number is ./12.
+    /// Camera to use instead of --camera: the number of a test view of the dataset (from 0), a picture saved in
+    /// `volseggs view`, or a view in JSON (a file or the text itself). Write ./12 for a file whose name is a number.
     #[arg(long, value_name = "N|FILE", conflicts_with = "camera")]
     view: Option<String>,
-    /// Width of the picture in pixels; the height follows from the shape of the training images (of a saved view's picture),
-    /// which set both if it is not given.
+    /// Width of the picture in pixels; the height follows from the aspect ratio of the training images (or of the saved
+    /// view). If not given, these set both.
     #[arg(long, value_name = "PIXELS", value_parser = pixels)]
     pub size: Option<u32>,
 }
 
 impl ViewArgs {
-    /// Which camera, if one was given. A saved view has the size that is asked for.
+    /// The chosen camera, if one was given. A saved view is resized to `--size` if that is given.
     ///
     /// # Errors
-    /// A number that is none, or a file that holds no view.
+    /// If the number is invalid, or the file holds no view.
     pub(super) fn choice(&self) -> Result<Option<ViewChoice>, CliError> {
         let Some(view) = &self.view else { return Ok(self.camera.map(ViewChoice::At)) };
         if view.bytes().all(|b| b.is_ascii_digit()) {
@@ -55,7 +55,7 @@ impl ViewArgs {
     }
 }
 
-/// The surroundings of a run, at `width` pixels if that is given; what there is to say about them is said.
+/// The surroundings of a run, `width` pixels wide if that is given; any note about them is printed.
 pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Surroundings {
     let around = run.surroundings();
     if let Some(note) = &around.note {

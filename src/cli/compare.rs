@@ -6,19 +6,20 @@ use crate::compare::write::{FOLDER, write_report};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Lay runs side by side: a table over seeds, learning curves, pictures with error maps.
+/// Compare runs: a table over seeds, learning curves, pictures with error maps.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs compare checkpoints/l1 checkpoints/l2\n  volseggs compare checkpoints/*-seed? --metrics psnr,ssim,fps --out comparison\n\nRuns must have been evaluated (`volseggs eval RUN`). Runs that differ in the seed alone are one row, with mean and\ndeviation; differences are to the first run."
 )]
 pub struct CompareArgs {
-    /// Folders of runs; the first is the base.
+    /// Folders of runs; the first is the baseline.
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// Metrics to report.
     #[arg(long, value_delimiter = ',', default_value = "psnr,ssim,lpips_alex,fps,training_minutes,model_mib")]
     metrics: Vec<String>,
-    /// Folder for report.html, report.md, table.tex, results.csv and results.json; only the table is printed if not given.
+    /// Folder for report.html, report.md, table.tex, results.csv and results.json; if not given, only the table is
+    /// printed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print one JSON object on standard output.
@@ -34,7 +35,7 @@ impl CompareArgs {
         }
         let text = match &self.out {
             Some(out) => {
-                // nothing of other makers is written over
+                // files of other origin are not overwritten
                 FOLDER.check(out, &[])?;
                 write_report(out, &set).map_err(CliError::failure)?
             }

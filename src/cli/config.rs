@@ -1,4 +1,4 @@
-//! `volseggs config`, and the options by which commands take a configuration.
+//! `volseggs config`, and the options by which commands accept a configuration.
 
 use super::CliError;
 use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
@@ -13,21 +13,21 @@ use std::path::Path;
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Args)]
 pub struct ConfigSource {
-    /// Method: volseggs (ours, if not given), d3dgs, 4dgs, coordnet, insitunet, visnerf, or one that a program of your own
-    /// registered. The preset of that name comes first, then --config.
+    /// Method: volseggs (this project's own, the default), d3dgs, 4dgs, coordnet, insitunet, visnerf, or one registered
+    /// by a custom program. The preset of that name is applied first, then --config.
     #[arg(long, value_name = "NAME")]
     method: Option<String>,
-    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static; of the other methods their
-    /// names, and NAME-small for two cores.
+    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static; for the other methods, the
+    /// method's name or NAME-small (for two cores).
     #[arg(long, value_name = "FILE")]
     config: Option<String>,
-    /// Override a key, such as loss.dssim=0.2; may be given many times.
+    /// Override a key, such as loss.dssim=0.2; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 
 impl ConfigSource {
-    /// Defaults, the method's preset, the file and what it extends, `VOLSEGGS_*` variables, `--set`.
+    /// Resolves the defaults, the method's preset, the file and what it extends, `VOLSEGGS_*` variables and `--set`.
     pub(super) fn resolve(&self) -> Result<Resolved<Config>, CliError> {
         let mut layers = Layers::new(PRESETS);
         if let Some(name) = &self.method {
@@ -53,7 +53,8 @@ impl ConfigSource {
 }
 
 impl ConfigSource {
-    /// The same for a run that is resumed: `--config`, if given, or else the run's own file, then variables and `--set`.
+    /// Resolves the configuration of a resumed run: `--config` if given, or else the run's own file, then variables and
+    /// `--set`.
     pub(super) fn resolve_over(&self, run_config: &Path) -> Result<Resolved<Config>, CliError> {
         if self.config.is_some() {
             return self.resolve();
@@ -84,7 +85,7 @@ pub struct ConfigArgs {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Every key with its value and where the value came from.
+    /// Show every key with its value and where the value came from.
     Show {
         #[command(flatten)]
         source: ConfigSource,
@@ -92,9 +93,9 @@ enum Action {
         #[arg(long)]
         json: bool,
     },
-    /// The JSON Schema of configuration files.
+    /// Print the JSON Schema of configuration files.
     Schema,
-    /// The built-in presets.
+    /// List the built-in presets.
     Presets,
 }
 

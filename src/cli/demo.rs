@@ -9,22 +9,22 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// The whole story on a built-in scene, in minutes: prepare, train, evaluate, and a report to look at.
+/// Run the whole pipeline on a built-in scene, in minutes: prepare, train, evaluate and write a report.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs demo\n  volseggs demo --scene vortices --out checkpoints/vortices\n  volseggs demo --set stages.joint_steps=6000 --out checkpoints/longer\n\nStopped with Ctrl-C, the same command goes on where it was."
 )]
 pub struct DemoArgs {
-    /// Folder of the dataset, the run and report.html.
+    /// Folder for the dataset, the run and report.html.
     #[arg(long, default_value = "checkpoints/demo", value_name = "DIR")]
     out: PathBuf,
     /// The scene: jets, vortices, shells, layers, beads or filaments.
     #[arg(long, default_value = "jets", value_name = "NAME")]
     scene: Synthetic,
-    /// Width and height of the images in pixels; longer training suits larger ones.
+    /// Width and height of the images in pixels; larger images benefit from longer training.
     #[arg(long, default_value_t = 200, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(16..=4096))]
     size: u32,
-    /// Override a key of the `demo` preset; may be given many times.
+    /// Override a key of the `demo` preset; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
     #[command(flatten)]

@@ -7,7 +7,7 @@ use crate::program::{self, Build};
 use clap::Args;
 use serde::Serialize;
 
-/// Show devices, features and limits: what would run where.
+/// Show the devices, features and limits of this build and machine.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
     /// Print JSON.
@@ -18,7 +18,7 @@ pub struct DoctorArgs {
 #[derive(Serialize)]
 struct Report {
     version: &'static str,
-    /// Null where the executable cannot be read.
+    /// Null if the executable cannot be read.
     build: Option<&'static Build>,
     devices: Vec<DeviceReport>,
     simd: String,
@@ -32,14 +32,14 @@ struct DeviceReport {
     name: String,
     description: &'static str,
     works: bool,
-    /// Why it does not.
+    /// Why it does not work.
     #[serde(skip_serializing_if = "Option::is_none")]
     problem: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     gpu: Option<Gpu>,
 }
 
-/// What a GPU can do, and which way the kernels take on it.
+/// The capabilities of a GPU, and the code paths that the kernels use on it.
 #[derive(Serialize)]
 struct Gpu {
     adapter: String,

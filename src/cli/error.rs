@@ -1,4 +1,4 @@
-//! Errors as the terminal shows them.
+//! Errors as shown on the terminal.
 
 use crate::data::DataError;
 use crate::files::{LockError, ReplaceError};
@@ -26,7 +26,7 @@ impl CliError {
         Self { message: error.to_string(), code: 1 }
     }
 
-    /// With an exit code of its own.
+    /// An error with the given exit code.
     pub(super) fn with_code(error: impl fmt::Display, code: u8) -> Self {
         Self { message: error.to_string(), code }
     }

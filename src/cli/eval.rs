@@ -16,7 +16,7 @@ use crate::run::{AnyRun, OpenRun, RunError, Trained};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Measure a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
+/// Evaluate a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n  volseggs eval checkpoints/first --segments --score tubes=tube-a+tube-b    # two known segments as one\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, volumes.csv, segments.json, segments.png, iou-3d-METHOD.svg, iou-METHOD.svg.\nResults on another dataset than the run's own (--data) go to folders of their own, RUN/eval/SPLIT-NAME/."
@@ -27,14 +27,14 @@ pub struct EvalArgs {
     /// Split: train, val or test.
     #[arg(long, default_value = "test", conflicts_with = "segments")]
     split: SplitName,
-    /// Dataset folder, if it is not where it was in training, or another one.
+    /// Dataset folder, if it has moved since training or is another one.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
-    /// At most this many views, evenly spaced; all if not given.
+    /// Maximum number of views, evenly spaced; all if not given.
     #[arg(long, value_name = "N", value_parser = count, conflicts_with = "segments")]
     views: Option<usize>,
-    /// LPIPS weights (safetensors); AlexNet or VGG-16 is recognised. May be given twice. To make them from the published
-    /// files, see `volseggs lpips --help`.
+    /// LPIPS weights (safetensors); AlexNet or VGG-16 is recognised. May be given twice. `volseggs lpips --help` shows
+    /// how to make them from the published files.
     #[arg(long, value_name = "FILE")]
     lpips_weights: Vec<PathBuf>,
     #[command(flatten)]
@@ -115,7 +115,7 @@ impl EvalArgs {
     }
 }
 
-/// What bounds the quality, as aligned columns.
+/// Prints what bounds the quality, as aligned columns.
 fn print_diagnosis(summary: &Summary) {
     let rows: Vec<[String; 6]> =
         std::iter::once(diagnosis::HEAD.map(String::from)).chain(diagnosis::rows(summary)).collect();
@@ -127,7 +127,7 @@ fn print_diagnosis(summary: &Summary) {
     }
 }
 
-/// The folder of results called `what`; says what there is to say about the data that are measured on.
+/// The folder of results called `what`; prints any notes about the evaluation data.
 pub(super) fn results<S: Trained>(
     run: &OpenRun<S>,
     on: &MeasuredOn,

@@ -25,22 +25,22 @@ use std::f64::consts::FRAC_PI_4;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 
-/// How `--segments` is measured.
+/// Options of `--segments`.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Segments")]
 pub(super) struct SegmentFlags {
-    /// Measure segmentation and tracking against the dataset's known segments instead: one click on each, by each method,
-    /// with settings that were fixed beforehand; beside it, what an oracle would choose of twelve settings.
+    /// Measure segmentation and tracking against the dataset's known segments instead: one click on each, by each
+    /// method, with settings fixed in advance and, for comparison, those an oracle would choose out of twelve.
     #[arg(long)]
     pub segments: bool,
     /// Methods: sagd, saga, coarse, fine, coarse+fine.
     #[arg(long, value_delimiter = ',', default_value = "sagd,saga,coarse,fine,coarse+fine", requires = "segments")]
     methods: Vec<Method>,
-    /// Clicks on each segment at most; those after the first on what is still missing in the clicked view. The truth
-    /// places them.
+    /// Maximum number of clicks on each segment; those after the first go on what is still missing in the clicked view.
+    /// The ground truth places them.
     #[arg(long, default_value_t = SegmentOptions::default().clicks, value_parser = count, requires = "segments")]
     clicks: usize,
-    /// Leave the oracle out: half the time.
+    /// Skip the oracle, which halves the time.
     #[arg(long, requires = "segments")]
     no_oracle: bool,
     /// Source of the masks.
@@ -49,67 +49,68 @@ pub(super) struct SegmentFlags {
     /// For dir: the folder of masks, GROUP/VIEW_NUMBER.png, or the COCO file.
     #[arg(long, value_name = "PATH", requires = "segments")]
     mask_dir: Option<PathBuf>,
-    /// Write the pictures for another program to segment into this folder, and measure nothing: give its masks with
+    /// Write the pictures for another program to segment into this folder and measure nothing; then pass its masks with
     /// --masks dir and the same options.
     #[arg(long, value_name = "FOLDER", requires = "segments")]
     mask_pictures: Option<PathBuf>,
-    /// For sam: the weights; looked for in the cache folder if not given.
+    /// For sam: the weights; looked up in the cache folder if not given.
     #[arg(long, value_name = "FILE", requires = "segments")]
     sam_weights: Option<PathBuf>,
-    /// For sam: points along a side of the grid that is asked [default: 32].
+    /// For sam: points along each side of the prompt grid [default: 32].
     #[arg(long, value_name = "N", value_parser = count, requires = "segments")]
     sam_points: Option<usize>,
     /// Known segments to measure; all if not given.
     #[arg(long = "only", value_name = "NAME,...", value_delimiter = ',', requires = "segments")]
     only: Vec<String>,
-    /// Several known segments to click and measure as one, beside the others; may be given more than once.
+    /// Several known segments to click and measure as one, in addition to the others; may be repeated.
     #[arg(long = "score", value_name = "NAME=SEGMENT+SEGMENT", requires = "segments")]
     unions: Vec<Union>,
-    /// Time of the clicks in [0, 1]; the nearest training time is taken, the other times are tracked.
+    /// Time of the clicks in [0, 1]; the nearest training time is used, and segments are tracked to the other times.
     #[arg(long, default_value_t = SegmentOptions::default().time, value_parser = fraction, requires = "segments")]
     time: f64,
-    /// Views with masks.
+    /// Number of views with masks.
     #[arg(long, default_value_t = SegmentOptions::default().views, value_parser = count, requires = "segments")]
     mask_views: usize,
-    /// Take these views near an axis (x, y or z), within 45 degrees, in place of the whole sphere.
+    /// Restrict these views to within 45 degrees of an axis (x, y or z), instead of the whole sphere.
     #[arg(long, value_name = "AXIS", requires = "segments")]
     mask_bias: Option<Axis>,
-    /// Number of colours; suggested from the data if not given.
+    /// Number of colours; estimated from the data if not given.
     #[arg(long, value_name = "K", value_parser = count, requires = "segments")]
     clusters: Option<usize>,
-    /// Steps of the affinity field.
+    /// Training steps of the affinity field.
     #[arg(long, default_value_t = FineOptions::default().steps, value_parser = count, requires = "segments")]
     fine_steps: usize,
-    /// Pixels of a step of the affinity field; the paper's 8192.
+    /// Pixels per step of the affinity field; the paper uses 8192.
     #[arg(long, default_value_t = FineOptions::default().pixels, value_parser = count, requires = "segments")]
     fine_pixels: usize,
-    /// Steps of SAGA.
+    /// Training steps of SAGA.
     #[arg(long, default_value_t = SagaOptions::default().steps, value_parser = count, requires = "segments")]
     saga_steps: usize,
-    /// Margin of the contrastive loss; -1 is the paper's loss, without one.
+    /// Margin of the contrastive loss; -1 is the paper's loss, which has none.
     #[arg(long, default_value_t = MARGIN, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
     margin: f32,
-    /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper [drawn, own].
+    /// Scale at which a training step queries the field: one drawn for all Gaussians, or that of each Gaussian's own
+    /// mask, as in the paper [drawn, own].
     #[arg(long, value_name = "WHICH", default_value = "drawn", requires = "segments")]
     mask_scale: MaskScale,
-    /// Least alpha of a pixel of a silhouette; that of the dataset's masks if not given.
+    /// Minimum alpha of a silhouette's pixels; that of the dataset's masks if not given.
     #[arg(long, value_name = "ALPHA", value_parser = fraction_f32, requires = "segments")]
     mask_alpha: Option<f32>,
-    /// Seed of clusters and fields.
+    /// Seed of the clusters and fields.
     #[arg(long, default_value_t = 0, requires = "segments")]
     seed: u64,
 }
 
-/// Bytes of a point of the grid that a network is asked at.
+/// Bytes per point of the grid of prompts.
 const POINT: usize = 64;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Masks {
     /// Regions of rendered views.
     Regions,
-    /// Label images of the dataset: an upper bound.
+    /// Label images of the dataset, as an upper bound.
     Labels,
-    /// Masks that another program made.
+    /// Masks made by another program.
     Dir,
     /// MobileSAM.
     Sam,
@@ -155,7 +156,7 @@ impl SegmentFlags {
             other => format!("segments-{}", other.name()),
         };
         let folder = results(run, &on, &what, &KIND)?;
-        // never published: it goes when this ends
+        // never committed, so it is removed at the end
         let eval = run.paths().eval();
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
@@ -197,7 +198,7 @@ impl SegmentFlags {
         }
     }
 
-    /// The source of masks, with its files.
+    /// The source of the masks, with its files.
     fn kind(&self) -> Result<MaskKind, CliError> {
         for (given, option, of, name) in [
             (self.mask_dir.is_some(), "--mask-dir", Masks::Dir, "dir"),

@@ -1,4 +1,4 @@
-//! Examples in help texts and in the documentation name keys that exist.
+//! Checks that examples in help texts and documentation use existing keys.
 
 use super::Cli;
 use crate::config::layers::{ConfigError, Layers};
@@ -7,7 +7,7 @@ use crate::config::{PRESETS, RESERVED_VARIABLES};
 use clap::{Command, CommandFactory};
 use std::path::Path;
 
-/// Every text that people read, with its name.
+/// Every user-facing text, with its name.
 fn texts() -> Vec<(String, String)> {
     fn help(command: &mut Command, name: &str, out: &mut Vec<(String, String)>) {
         out.push((name.to_owned(), command.render_long_help().to_string()));
@@ -28,7 +28,7 @@ fn texts() -> Vec<(String, String)> {
     out
 }
 
-/// What follows each `start` in `text`, up to what cannot belong to it.
+/// The text after each `start` in `text`, up to the first character that cannot belong to it.
 fn after<'a>(text: &'a str, start: &'a str) -> impl Iterator<Item = &'a str> {
     text.match_indices(start).map(move |(at, _)| {
         let rest = &text[at + start.len()..];
@@ -51,7 +51,7 @@ fn every_key_in_an_example_is_a_key() {
     for (name, text) in texts() {
         for example in after(&text, "--set ").filter(|e| e.contains('=') && !e.contains("KEY=")) {
             keys += 1;
-            // keys of sweeps that say how segments are measured
+            // sweep keys that set how segments are evaluated
             if !example.starts_with("segments.") {
                 assert_eq!(unknown(Ok(Layers::new(PRESETS).sets([example]))), None, "{name}: --set {example}");
             }

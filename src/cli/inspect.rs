@@ -16,7 +16,7 @@ use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Show what a volume, a dataset, a run, a PLY or a checkpoint holds, and check it.
+/// Show and check the contents of a volume, a dataset, a run, a PLY or a checkpoint.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs inspect volume.nrrd --transfer-function fire --picture histogram.png\n  volseggs inspect 'run/*.nrrd'\n  volseggs inspect DATASET --picture cameras.png\n  volseggs inspect checkpoints/first\n  volseggs inspect scene.ply --json\n\nExit code 2 if a check fails."

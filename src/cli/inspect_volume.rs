@@ -1,4 +1,4 @@
-//! `volseggs inspect` on volumes and transfer functions: what they hold, and a picture of both.
+//! `volseggs inspect` on volumes and transfer functions: their contents, and a picture of both.
 
 use super::{CliError, print_json};
 use crate::export::images::encode_png;
@@ -10,7 +10,7 @@ use crate::volume::transfer::TransferFunction;
 use serde_json::json;
 use std::path::Path;
 
-/// Bars of the histogram at most.
+/// Maximum number of bars of the histogram.
 const BINS: usize = 256;
 
 /// Whether a path is a volume, a folder of volumes or a glob.
@@ -22,7 +22,7 @@ pub(super) fn is_volume(path: &Path) -> bool {
     format_of(path).is_some() || path.to_string_lossy().contains(['*', '?']) || in_folder().is_some()
 }
 
-/// Shows a volume or series, and draws its histogram under a transfer function.
+/// Prints a volume or series, and draws its histogram under a transfer function.
 pub(super) fn inspect_volume(
     path: &Path,
     transfer: Option<&str>,
@@ -30,7 +30,7 @@ pub(super) fn inspect_volume(
     as_json: bool,
 ) -> Result<(), CliError> {
     let inputs = [path.to_string_lossy().into_owned()];
-    // gaps are told of, not refused: this is where one finds out
+    // gaps are reported, not rejected, so that this command can be used to find them
     let (series, gap) = match Series::open(&inputs, &SeriesOptions::default()) {
         Ok(series) => (series, None),
         Err(e) => {

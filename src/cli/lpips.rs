@@ -7,13 +7,13 @@ use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Make the weights file of `eval --lpips-weights` from the published files.
+/// Make the weights file for `eval --lpips-weights` from the published files.
 #[derive(Debug, Args)]
 #[command(
     after_help = "LPIPS compares images by the features of a network: a backbone, trained on photographs, and heads\nthat weigh its features. Both are published, and neither is a part of this program.\n\nBackbones, of torchvision:\n  AlexNet  https://download.pytorch.org/models/alexnet-owt-7be5be79.pth  (244 MB)\n  VGG-16   https://download.pytorch.org/models/vgg16-397923af.pth        (553 MB)\nHeads, version 0.1: lpips/weights/v0.1/alex.pth and vgg.pth\n  of https://github.com/richzhang/PerceptualSimilarity, or of the PyPI package:\n  pip download --no-deps lpips && unzip -j lpips-*.whl 'lpips/weights/v0.1/*'\n\nExamples:\n  volseggs lpips --backbone alexnet-owt-7be5be79.pth --heads alex.pth --out lpips_alex.safetensors\n  volseggs lpips --backbone vgg16-397923af.pth --heads vgg.pth --out lpips_vgg.safetensors\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors\n\nSafetensors of the same names are read too. Nothing in the files is run."
 )]
 pub struct LpipsArgs {
-    /// Backbone: the state dict of torchvision's AlexNet or VGG-16, which is recognised.
+    /// Backbone: the state dict of torchvision's AlexNet or VGG-16 (recognised automatically).
     #[arg(long, value_name = "FILE")]
     backbone: PathBuf,
     /// Heads of LPIPS v0.1 for the same network: alex.pth or vgg.pth.

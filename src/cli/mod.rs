@@ -1,4 +1,4 @@
-//! The command line: one file a command, each turning arguments into a library call.
+//! The command line: one file per command, each turning arguments into a library call.
 
 mod camera;
 mod compare;
@@ -55,7 +55,7 @@ use std::time::{Duration, Instant};
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Memory that may be used, such as 12G; what the system has free if not given.
+    /// Maximum memory to use, such as 12G; the free memory of the system if not given.
     #[arg(long, global = true, value_name = "SIZE")]
     memory: Option<Bytes>,
 }
@@ -84,7 +84,7 @@ enum Command {
     Completions(completions::CompletionsArgs),
 }
 
-/// Options that every command has.
+/// Options shared by all commands.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
     /// Device to run on: flex, ndarray or wgpu (and cuda, tch if compiled in; see `volseggs doctor`).
@@ -102,7 +102,7 @@ impl Common {
     }
 }
 
-/// The command as it was called, for people who find a run locked.
+/// The command line as called, shown to users who find a run locked.
 fn command_line() -> String {
     let words = std::env::args_os().skip(1).map(|w| w.to_string_lossy().into_owned());
     let mut line = std::iter::once("volseggs".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
@@ -113,17 +113,17 @@ fn command_line() -> String {
     line
 }
 
-/// Asking again within this time is the same asking: `timeout` and batch systems signal a process and its group.
+/// Signals within this time count as one request: `timeout` and batch systems signal both a process and its group.
 const ONE_ASKING: Duration = Duration::from_secs(1);
 
-/// A flag that Ctrl-C, SIGTERM or a closed terminal (SIGHUP) raises, saying `message`; asked again later, the program
-/// ends at once.
+/// Returns a flag that is raised by Ctrl-C, SIGTERM or a closed terminal (SIGHUP), which prints `message`; another
+/// request after that ends the program at once.
 fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
     flag(message, true)
 }
 
-/// The same for a program that others ask: batch systems send SIGTERM to it and to its parent, which passes it on, so
-/// that being asked again says nothing.
+/// As [`stop_flag`], but repeated requests are ignored: batch systems send SIGTERM to a process and to its parent,
+/// which passes it on.
 fn patient_stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
     flag(message, false)
 }

@@ -7,7 +7,7 @@ use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Write a small copy of a run, its scene in 8 and 16 bits, to be kept or passed on.
+/// Write a small copy of a run, with its scene in 8 and 16 bits, for keeping or sharing.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs pack checkpoints/first --out first-small\n  volseggs eval first-small            # what the rounding costs\n  volseggs view first-small\n\nThe copy has the newest scene, the segments, the affinity field and the edits. Every command works on it as on the run, but that it cannot be trained on: what only training needs is left out. Attributes of Gaussians are in fixed point with ranges of their own, positions in 16 bits and all others in 8; the field is in half precision."

@@ -21,10 +21,10 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between two lines of progress in a log.
+/// Time between progress lines in a log.
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
-/// Render a time-varying volume into a dataset: images, cameras, and segments where labels are known.
+/// Render a time-varying volume into a dataset: images, cameras, and segments if labels are known.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --volume 'run/*.nrrd' --components 0.6 --out data/parts\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
@@ -41,7 +41,7 @@ pub struct PrepareArgs {
     transfer_function: Option<String>,
     #[command(flatten)]
     shading: ShadingArgs,
-    /// Label volumes (whole numbers, 0 is none), as many as volumes.
+    /// Label volumes (whole numbers, 0 is unlabelled), one per volume.
     #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "synthetic")]
     labels: Vec<String>,
     /// Names of labels, such as 1=core,2=shell.
@@ -49,68 +49,69 @@ pub struct PrepareArgs {
     label_names: Vec<(u16, Name)>,
     #[command(flatten)]
     components: ComponentArgs,
-    /// Folder of the dataset; must not be there yet, or be one that --replace may replace.
+    /// Folder of the dataset; it must not exist yet, unless --replace is given.
     #[arg(long, value_name = "DATASET")]
     out: PathBuf,
-    /// Replace a dataset that is there; nothing else is ever replaced.
+    /// Replace an existing dataset; nothing else is ever replaced.
     #[arg(long)]
     replace: bool,
     /// Image size in pixels: 800, or 640x480.
     #[arg(long, default_value = "800", value_parser = image_size)]
     size: [u32; 2],
-    /// Whole horizontal field of view, degrees.
+    /// Horizontal field of view, full angle in degrees.
     #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = fov, allow_negative_numbers = true)]
     fov: f64,
     /// Distance of the cameras from the centre.
     #[arg(long, default_value_t = RADIUS, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
     radius: f64,
-    /// Length of the volume's longest side; half of the frame's width if not given.
+    /// Length of the volume's longest side; half the width of the frame if not given.
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     side: Option<f64>,
-    /// Times that training sees, evenly spread over the series.
+    /// Number of training times, evenly spaced over the series.
     #[arg(long, default_value_t = 30, value_name = "N", value_parser = count)]
     times: usize,
-    /// Steps that training sees, from 0, in place of --times.
+    /// Steps to use for training, from 0, instead of --times.
     #[arg(long, value_name = "STEP,...", value_delimiter = ',')]
     steps: Vec<usize>,
-    /// Training views of each of these times.
+    /// Training views per time.
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = count)]
     views: usize,
-    /// Test views on the spiral, over all times.
+    /// Number of test views on the spiral, over all times.
     #[arg(long, default_value_t = 181, value_name = "N", value_parser = count)]
     test_views: usize,
-    /// Training views near the x, y or z axis only, as in the paper's last table.
+    /// Place training views only near the x, y or z axis, as in the paper's last table.
     #[arg(long, value_name = "AXIS")]
     bias: Option<Axis>,
-    /// How near to it, degrees.
+    /// Maximum angle to this axis, degrees.
     #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = bias_angle, allow_negative_numbers = true, requires = "bias")]
     bias_angle: f64,
-    /// Seed of the deal of views to times.
+    /// Seed for assigning views to times.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Distance of samples along a ray, in voxels; from 1/64 to 16.
+    /// Distance between samples along a ray, in voxels; from 1/64 to 16.
     #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS", value_parser = sample_step, allow_negative_numbers = true)]
     sample_step: f64,
     /// Time of each step, in any unit, ascending; evenly spaced if not given.
     #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true, conflicts_with = "synthetic")]
     time_values: Vec<f64>,
-    /// Accept a series with numbers missing.
+    /// Accept a series with missing numbers.
     #[arg(long, conflicts_with = "synthetic")]
     allow_gaps: bool,
-    /// Value in place of NaN and infinite voxels.
+    /// Value that replaces NaN and infinite voxels.
     #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true, conflicts_with = "synthetic")]
     nan: Option<f32>,
-    /// Voxels of a synthetic scene along each axis.
+    /// Voxels along each axis of a synthetic scene.
     #[arg(long, default_value_t = 128, value_name = "N", value_parser = dims, conflicts_with = "volume")]
     dims: usize,
-    /// Steps of a synthetic scene.
+    /// Number of steps of a synthetic scene.
     #[arg(long, default_value_t = 100, value_name = "N", value_parser = series_steps, conflicts_with = "volume")]
     series_steps: usize,
-    /// Test views, evenly spaced, in which each known segment is rendered alone; 0 for none, and no volumes of ids.
+    /// Number of test views, evenly spaced, in which each known segment is rendered alone; 0 for none, and no id
+    /// volumes.
     #[arg(long, default_value_t = 10, value_name = "N")]
     segment_views: usize,
     /// Steps at which segments are rendered in each of these views, or `own`: in each view the step of its test image.
-    /// If not given, five spread evenly over the series, moved to steps that training sees where one is near.
+    /// If not given, five steps evenly spaced over the series, moved to nearby training steps where possible.
     #[arg(long, value_name = "STEP,...|own", value_parser = segment_steps)]
     segment_steps: Option<SegmentSteps>,
     /// Write no label images.
@@ -317,7 +318,7 @@ fn label_name(text: &str) -> Result<(u16, Name), String> {
     Ok((id, Name::new(name.trim()).map_err(|e| e.to_string())?))
 }
 
-/// Progress as lines, for logs, where a bar cannot be drawn.
+/// Progress as lines, for logs, where no bar can be drawn.
 struct Lines {
     total: usize,
     every: Duration,
@@ -331,7 +332,7 @@ impl Lines {
         Self { total, every, started: now, last: Mutex::new(now) }
     }
 
-    /// A line, if it is time for one: once in a while, and at the end.
+    /// Returns a line if one is due: at intervals, and at the end.
     fn line(&self, done: usize) -> Option<String> {
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         if done < self.total && last.elapsed() < self.every {

@@ -1,4 +1,4 @@
-//! Arguments of `prepare` that come in groups: how surfaces are lit, and segments of volumes without labels.
+//! Groups of `prepare` arguments: surface lighting, and segments of volumes without labels.
 
 use super::CliError;
 use super::values::{count, finite_f32, not_negative_f32, positive_f32};
@@ -9,35 +9,36 @@ use crate::volume::series::Series;
 use crate::volume::transfer::Lighting;
 use clap::Args;
 
-/// Lighting in place of the transfer function's; any of them turns shading on.
+/// Lighting that overrides the transfer function's; any of these options turns shading on.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct ShadingArgs {
-    /// Share of the colour that is there without light, in place of the transfer function's; near 0 for dark rims.
+    /// Fraction of the colour present without light, overriding the transfer function; near 0 for dark rims.
     #[arg(long, value_name = "SHARE", value_parser = not_negative_f32, allow_negative_numbers = true)]
     ambient: Option<f32>,
-    /// Share of the colour that depends on the angle to the light, in place of the transfer function's.
+    /// Fraction of the colour that depends on the angle to the light, overriding the transfer function.
     #[arg(long, value_name = "SHARE", value_parser = not_negative_f32, allow_negative_numbers = true)]
     diffuse: Option<f32>,
-    /// Strength of the white highlight, in place of the transfer function's.
+    /// Strength of the white highlight, overriding the transfer function.
     #[arg(long, value_name = "STRENGTH", value_parser = not_negative_f32, allow_negative_numbers = true)]
     specular: Option<f32>,
-    /// Exponent of the highlight, its `power`: the larger, the smaller the highlight.
+    /// Exponent of the highlight, its `power`; larger values give smaller highlights.
     #[arg(long, value_name = "POWER", value_parser = positive_f32, allow_negative_numbers = true)]
     shininess: Option<f32>,
 }
 
 impl ShadingArgs {
-    /// What was given.
+    /// The options that were given.
     pub(super) fn lighting(self) -> Lighting {
         let Self { ambient, diffuse, specular, shininess } = self;
         Lighting { ambient, diffuse, specular, power: shininess }
     }
 }
 
-/// Segments of volumes that come without labels.
+/// Segments of volumes without labels.
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct ComponentArgs {
-    /// Segments are the connected parts of voxels of this value or more, followed from step to step: part-1, part-2, ...
+    /// Use as segments the connected components of voxels of at least this value, tracked from step to step: part-1,
+    /// part-2, ...
     #[arg(
         long,
         value_name = "VALUE",
@@ -46,13 +47,13 @@ pub(super) struct ComponentArgs {
         conflicts_with_all = ["labels", "synthetic", "label_names"]
     )]
     components: Option<f32>,
-    /// Voxels of the smallest such part; smaller ones are no segment.
+    /// Minimum number of voxels of a component; smaller ones are not segments.
     #[arg(long, default_value_t = SMALLEST, value_name = "VOXELS", value_parser = count, requires = "components")]
     smallest_component: usize,
 }
 
 impl ComponentArgs {
-    /// The parts of a series, if they are asked for. Reads all of it.
+    /// The components of a series, if they are asked for. Reads the whole series.
     pub(super) fn labels(self, series: &Series) -> Result<Option<FileLabels>, CliError> {
         let Some(value) = self.components else { return Ok(None) };
         let [x, y, z] = series.grid().dims;
@@ -68,7 +69,7 @@ impl ComponentArgs {
     }
 }
 
-/// Steps as they are typed: numbers with commas between them, or `own`.
+/// Parses steps: numbers separated by commas, or `own`.
 pub(super) fn segment_steps(text: &str) -> Result<SegmentSteps, String> {
     if text.trim() == "own" {
         return Ok(SegmentSteps::OfViews);

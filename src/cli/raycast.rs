@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-/// Measure what drawing costs: the volumes that a run's images were made of, ray by ray, beside the run.
+/// Measure the cost of drawing: ray casting the volumes that a run's images were made from, compared with the run.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs raycast checkpoints/first --volume 'run/*.nrrd'\n  volseggs raycast checkpoints/first --volume run --steps 10 --views 50 --json\n\nPrints a table: size of the data, memory, time before anything is drawn, time of loading a step, time of a view. Views are\nthose of the dataset's test split, drawn as `prepare` drew them. Each side has a process of its own. Steps are read from\nthe disk, not from what the system remembers of it, where it allows that (Linux); volumes are drawn on the CPU whatever\nthe device, and memory of a GPU is not counted."
@@ -22,25 +22,26 @@ use std::time::Instant;
 pub struct RaycastArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// The volumes that its dataset was made of: files in order of time, a folder, a glob in quotes, or one 4D file.
+    /// The volumes that its dataset was made from: files in order of time, a folder, a glob in quotes, or one 4D file.
     #[arg(long, value_name = "PATH", num_args = 1.., required = true)]
     volume: Vec<String>,
-    /// Dataset folder, if it is not where it was in training.
+    /// Dataset folder, if it has moved since training.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
-    /// Steps to load, evenly spread.
+    /// Number of steps to load, evenly spaced.
     #[arg(long, default_value_t = 5, value_name = "N", value_parser = count)]
     steps: usize,
-    /// Test views to draw, evenly spread, dealt to these steps.
+    /// Number of test views to draw, evenly spaced and distributed over these steps.
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = count)]
     views: usize,
-    /// Accept a series with numbers missing.
+    /// Accept a series with missing numbers.
     #[arg(long)]
     allow_gaps: bool,
-    /// Value in place of NaN and infinite voxels.
+    /// Value that replaces NaN and infinite voxels.
     #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true)]
     nan: Option<f32>,
-    /// Measure the volumes alone, at images reduced by this factor, and print JSON: what this command starts for them.
+    /// Measure only the volumes, at images reduced by this factor, and print JSON; this command starts itself with this
+    /// option.
     #[arg(long, hide = true, value_name = "FACTOR")]
     volumes_alone: Option<u32>,
     #[command(flatten)]
@@ -55,7 +56,7 @@ impl RaycastArgs {
         };
         let options = SeriesOptions { nan_as: self.nan, allow_gaps: self.allow_gaps, times: None };
         let (prepared, series) = (Prepared::open(&data)?, Series::open(&self.volume, &options)?);
-        // what cannot be is told before anything is measured
+        // invalid input is reported before anything is measured
         prepared.check(&series)?;
         let views = |downscale| read_views(&data, SplitName::Test, downscale, Some(self.views));
         if let Some(downscale) = self.volumes_alone {
@@ -77,7 +78,7 @@ impl RaycastArgs {
     }
 }
 
-/// What the volumes cost in a process of their own, started as this one was: the peak of memory is a process's.
+/// The cost of the volumes, measured in a process started like this one, since peak memory is counted per process.
 fn volumes_alone(downscale: u32) -> Result<VolumeCosts, CliError> {
     let mut command = Command::new(program::executable());
     command.args(std::env::args_os().skip(1)).args(["--volumes-alone", &downscale.to_string()]);

@@ -1,4 +1,4 @@
-//! What `volseggs view` and `volseggs train --view` share: where the viewer listens, and what is said of it.
+//! What `volseggs view` and `volseggs train --view` share: where the viewer listens, and the messages about it.
 
 use super::CliError;
 use crate::memory::Bytes;
@@ -15,34 +15,35 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[group(id = "serving")]
 pub struct ServingArgs {
-    /// Port to listen on; any that is free if not given.
+    /// Port to listen on; any free one if not given.
     #[arg(long, value_name = "PORT", default_value_t = 0)]
     port: u16,
-    /// Address to listen on. Any other than the default lets other machines reach it, without encryption.
+    /// Address to listen on. Any other than the default makes the viewer reachable from other machines, without
+    /// encryption.
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
-    /// Listen at this socket file, which only you may use, and at no port; for `ssh -L 8137:FILE`. --port is then the one on
-    /// your own machine. On Unix.
+    /// Listen on this socket file, accessible only to you, instead of a port; for `ssh -L 8137:FILE`. --port is then
+    /// the port on your own machine. Unix only.
     #[arg(long, value_name = "FILE", conflicts_with = "bind")]
     socket: Option<PathBuf>,
-    /// A name under which browsers reach it, beside localhost; may be given many times.
+    /// A name under which browsers reach the viewer, besides localhost; may be repeated.
     #[arg(long = "allow-host", value_name = "NAME")]
     hosts: Vec<String>,
-    /// Change nothing: no segments and edits, no pause of a training.
+    /// Allow no changes: no segments or edits, and no pausing of a training.
     #[arg(long)]
     pub(super) read_only: bool,
-    /// Memory for times that were shown, of all runs together: 100 times of 150,000 Gaussians without edits take 660M.
+    /// Memory for cached times, over all runs: 100 times of 150,000 Gaussians without edits take 660M.
     #[arg(long, value_name = "SIZE", default_value = "1G")]
     cache: Bytes,
 }
 
 impl ServingArgs {
-    /// Where it is to be reached.
+    /// Where the viewer is to be reached.
     pub(super) fn reach(&self) -> Reach {
         Reach { bind: self.bind, port: self.port, socket: self.socket.clone(), hosts: self.hosts.clone() }
     }
 
-    /// Bytes of deformed Gaussians that are kept.
+    /// Maximum size in bytes of the cached deformed Gaussians.
     pub(super) fn cache(&self) -> usize {
         usize::try_from(self.cache.0).unwrap_or(usize::MAX)
     }
@@ -58,7 +59,7 @@ impl From<ViewError> for CliError {
     }
 }
 
-/// Says what a person has to know beside the address.
+/// Prints what a user has to know besides the address.
 pub(super) fn explain(serving: &Serving, end: &str) {
     if !serving.address.ip().is_loopback() {
         errln!("note: other machines can reach this address, and what they send is not encrypted");
@@ -69,7 +70,8 @@ pub(super) fn explain(serving: &Serving, end: &str) {
     errln!("open it in a browser; {end}");
 }
 
-/// The command that reaches the viewer from the machine that somebody came from by ssh; for a socket file always one.
+/// The command that reaches the viewer from the machine from which the user connected by ssh; always given for a socket
+/// file.
 #[cfg(unix)]
 fn forwarding(Serving { address, socket, .. }: &Serving) -> Option<String> {
     let port = address.port();

@@ -1,17 +1,17 @@
-//! What of a scene is shown, as it is typed.
+//! Command-line options for which parts of a scene are shown.
 
 use super::CliError;
 use crate::run::OpenRun;
 use crate::run::selection::Selection;
 use clap::Args;
 
-/// What of a scene to show.
+/// Which parts of a scene to show.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ShownArgs {
-    /// Show this segment alone; may be given many times.
+    /// Show only this segment; may be repeated.
     #[arg(long = "segment", value_name = "NAME")]
     pub segments: Vec<String>,
-    /// Leave out the edits of the run.
+    /// Ignore the edits of the run.
     #[arg(long)]
     pub no_edits: bool,
 }
@@ -26,7 +26,7 @@ impl ShownArgs {
     /// Reads the run's segments and edits.
     ///
     /// # Errors
-    /// A name that no segment has, or a file that is damaged.
+    /// If no segment has a given name, or a file is damaged.
     pub(super) fn select(&self, run: &OpenRun) -> Result<Selection, CliError> {
         Ok(Selection::open(run, &self.segments, !self.no_edits)?)
     }

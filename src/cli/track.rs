@@ -16,7 +16,7 @@ use crate::track::report::{PictureOptions, SHEET_CELL};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Follow segments through time: statistics, events, pictures.
+/// Track segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; all else is measured on the scene as trained."
@@ -24,33 +24,33 @@ use std::path::PathBuf;
 pub struct TrackArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Segment to follow; may be given many times.
+    /// Segment to track; may be repeated.
     #[arg(long = "segment", value_name = "NAME", required = true)]
     segments: Vec<String>,
-    /// Follow them as one, under this name.
+    /// Track them as one segment, under this name.
     #[arg(long, value_name = "NAME")]
     group: Option<Name>,
     /// First time in [0, 1].
     #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = fraction, allow_negative_numbers = true)]
     from: f64,
-    /// Last time in [0, 1]; before the first to go backward.
+    /// Last time in [0, 1]; if it is before the first, tracking goes backward.
     #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = fraction, allow_negative_numbers = true)]
     to: f64,
-    /// Times, evenly spaced; at least 2.
+    /// Number of times, evenly spaced; at least 2.
     #[arg(long, value_name = "N", default_value_t = 51, value_parser = frames)]
     frames: usize,
-    /// A time in [0, 1] in place of evenly spaced ones; may be given many times, in any order.
+    /// A time in [0, 1] instead of evenly spaced ones; may be repeated, in any order.
     #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true, conflicts_with_all = ["from", "to", "frames"])]
     at: Vec<f64>,
     /// Write a picture and a mask of each segment alone at each time.
     #[arg(long)]
     renders: bool,
-    /// Least alpha of a pixel of a mask.
+    /// Minimum alpha of a mask's pixels.
     #[arg(long, default_value_t = 0.5, value_name = "ALPHA", value_parser = mask_alpha, allow_negative_numbers = true)]
     mask_alpha: f32,
     #[command(flatten)]
     view: ViewArgs,
-    /// Leave out the edits of the run.
+    /// Ignore the edits of the run.
     #[arg(long)]
     no_edits: bool,
     #[command(flatten)]
@@ -135,13 +135,13 @@ impl TrackArgs {
     }
 }
 
-/// A number of times that can be followed.
+/// Parses a number of times that can be tracked.
 fn frames(text: &str) -> Result<usize, String> {
     let found = text.trim().parse::<usize>().ok().filter(|n| *n >= 2);
     found.ok_or_else(|| "a whole number, at least 2; or give a time with --at".to_owned())
 }
 
-/// An alpha that a pixel can have at least.
+/// Parses the minimum alpha of a mask's pixels.
 fn mask_alpha(text: &str) -> Result<f32, String> {
     positive_f32(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "a number above 0, at most 1".to_owned())
 }

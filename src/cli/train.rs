@@ -14,7 +14,7 @@ use crate::train::{checkpoint, open_dataset};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// The example of what only builds with the viewer have.
+/// The example that only builds with the viewer show.
 #[cfg(feature = "view")]
 macro_rules! watching {
     () => {
@@ -28,7 +28,7 @@ macro_rules! watching {
     };
 }
 
-/// Train a scene from posed, timed images, with our method or another one.
+/// Train a scene from posed, timed images, with this project's method or another one.
 #[derive(Debug, Args)]
 #[command(
     after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* and optim.average may change, and stages.joint_steps may grow: rates then follow the new length from there on.")
@@ -39,13 +39,13 @@ pub struct TrainArgs {
     data: Option<PathBuf>,
     #[command(flatten)]
     config: ConfigSource,
-    /// Folder of the run; made if it is not there.
+    /// Folder of the run; created if missing.
     #[arg(long, value_name = "RUN", required_unless_present = "resume")]
     out: Option<PathBuf>,
-    /// Go on with RUN (from its newest checkpoint, or from the one given); dataset and configuration are the run's.
+    /// Resume RUN from its newest checkpoint, or from the checkpoint given; dataset and configuration are the run's.
     #[arg(long, value_name = "RUN", num_args = 0..=1)]
     resume: Option<Option<PathBuf>>,
-    /// Stop after this many steps in all, with a checkpoint, as if interrupted.
+    /// Stop after this many steps in total, with a checkpoint, as if interrupted.
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
     #[cfg(feature = "view")]
@@ -103,7 +103,7 @@ impl TrainArgs {
         self.tell(&out, &outcome)
     }
 
-    /// The folder of the run, and where to begin.
+    /// The folder of the run, and where to start.
     fn place(&self) -> Result<(PathBuf, Start), CliError> {
         match (&self.resume, &self.out) {
             (None, Some(out)) => Ok((out.clone(), Start::New)),

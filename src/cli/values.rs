@@ -1,10 +1,10 @@
-//! Numbers as they are typed: the types of arguments refuse what no command can use, NaN and infinities first.
+//! Parsers of numeric arguments; they reject values that no command can use, above all NaN and infinities.
 
 use crate::run::cameras::SIDE;
 use glam::DVec3;
 use std::num::NonZero;
 
-/// A finite number for which `fits` holds; `wanted` is what the message says.
+/// Parses a finite number for which `fits` holds; `wanted` is the error message.
 pub(super) fn number(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
     let found = text.trim().parse::<f64>().ok().filter(|v| v.is_finite() && fits(*v));
     found.ok_or_else(|| wanted.to_owned())
@@ -15,68 +15,68 @@ fn small(value: f64, wanted: &str) -> Result<f32, String> {
     if value.is_finite() { Ok(value) } else { Err(wanted.to_owned()) }
 }
 
-/// A finite number.
+/// Parses a finite number.
 pub(super) fn finite(text: &str) -> Result<f64, String> {
     number(text, |_| true, "a finite number")
 }
 
-/// A finite number above 0.
+/// Parses a finite number above 0.
 pub(super) fn positive(text: &str) -> Result<f64, String> {
     number(text, |v| v > 0.0, "a finite number above 0")
 }
 
-/// A finite number, 0 or above.
+/// Parses a finite number, 0 or above.
 pub(super) fn not_negative(text: &str) -> Result<f64, String> {
     number(text, |v| v >= 0.0, "a finite number, 0 or above")
 }
 
-/// A number in [0, 1], such as a time.
+/// Parses a number in [0, 1], such as a time.
 pub(super) fn fraction(text: &str) -> Result<f64, String> {
     number(text, |v| (0.0..=1.0).contains(&v), "a number between 0 and 1")
 }
 
-/// A cosine, in [-1, 1].
+/// Parses a cosine, in [-1, 1].
 pub(super) fn cosine(text: &str) -> Result<f64, String> {
     number(text, |v| (-1.0..=1.0).contains(&v), "a number between -1 and 1")
 }
 
-/// [`finite`] in single precision.
+/// [`finite`] as `f32`.
 pub(super) fn finite_f32(text: &str) -> Result<f32, String> {
     small(finite(text)?, "a finite number")
 }
 
-/// [`positive`] in single precision.
+/// [`positive`] as `f32`.
 pub(super) fn positive_f32(text: &str) -> Result<f32, String> {
     small(positive(text)?, "a finite number above 0")
 }
 
-/// [`not_negative`] in single precision.
+/// [`not_negative`] as `f32`.
 pub(super) fn not_negative_f32(text: &str) -> Result<f32, String> {
     small(not_negative(text)?, "a finite number, 0 or above")
 }
 
-/// [`fraction`] in single precision.
+/// [`fraction`] as `f32`.
 pub(super) fn fraction_f32(text: &str) -> Result<f32, String> {
     fraction(text).map(|v| v as f32)
 }
 
-/// [`cosine`] in single precision.
+/// [`cosine`] as `f32`.
 pub(super) fn cosine_f32(text: &str) -> Result<f32, String> {
     cosine(text).map(|v| v as f32)
 }
 
-/// A whole number, at least 1.
+/// Parses a whole number, at least 1.
 pub(super) fn count(text: &str) -> Result<usize, String> {
     text.trim().parse::<NonZero<usize>>().map(NonZero::get).map_err(|_| "a whole number, at least 1".to_owned())
 }
 
-/// A side of a picture in pixels.
+/// Parses the width or height of an image in pixels.
 pub(super) fn pixels(text: &str) -> Result<u32, String> {
     let found = text.trim().parse::<u32>().ok().filter(|n| (1..=SIDE).contains(n));
     found.ok_or_else(|| format!("a number of pixels from 1 to {SIDE}"))
 }
 
-/// A point in space: three finite numbers with commas between them.
+/// Parses a point in space: three finite numbers separated by commas.
 pub(super) fn point(text: &str) -> Result<DVec3, String> {
     let wanted = "three finite numbers with commas between them, such as 3,-2,1.5";
     let numbers = text.split(',').map(|v| number(v, |v| v.abs() < 1e15, wanted)).collect::<Result<Vec<_>, _>>()?;

@@ -6,7 +6,7 @@ use crate::view::{ViewOptions, serve};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Look at a run in a browser: fly through space and time, click to segment, edit.
+/// View a run in a browser: fly through space and time, click to segment, edit.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs view checkpoints/first\n  volseggs view checkpoints/first --port 8137 --read-only\n  volseggs view checkpoints/first --with checkpoints/second --with checkpoints/first/checkpoints/step-010000\n\nPrints an address with a secret in it: who has it can look at the run, and change segments and edits unless --read-only is given. Only programs on this machine reach it. From another one:\n  ssh -L 8137:localhost:8137 THIS_MACHINE\n  and open the printed address there. Where others share this machine, --socket FILE keeps them from the port too.\nCtrl-C ends it."
@@ -14,8 +14,8 @@ use std::path::PathBuf;
 pub struct ViewCommand {
     /// Folder of the run.
     run: PathBuf,
-    /// Another run, or a checkpoint of one, to compare with: the page shows it beside this one, from the same camera and at
-    /// the same time. May be given many times.
+    /// Another run, or a checkpoint of one, to compare with: the page shows it beside this one, from the same camera
+    /// and at the same time. May be repeated.
     #[arg(long = "with", value_name = "RUN")]
     with: Vec<PathBuf>,
     #[command(flatten)]

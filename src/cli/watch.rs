@@ -13,12 +13,12 @@ use crate::view::listen::Listening;
 use burn::tensor::Device;
 use clap::Args;
 
-/// Whether and how a run is shown while it trains.
+/// Whether and how a run is shown during training.
 #[derive(Debug, Args)]
 #[command(mut_group("serving", |group| group.requires("view")))]
 pub struct WatchArgs {
-    /// Serve the viewer from this training: the scene as it comes on, metrics, and a button that has it pause. The result is
-    /// the same, bit for bit. The viewer ends with the training.
+    /// Serve the viewer during training: the scene as it develops, metrics, and a button to pause. The result is
+    /// bit-identical to a training without it. The viewer ends with the training.
     #[arg(long)]
     view: bool,
     #[command(flatten, next_help_heading = "With --view")]
@@ -26,12 +26,12 @@ pub struct WatchArgs {
 }
 
 impl WatchArgs {
-    /// Listens, if the run is to be shown.
+    /// Starts listening, if the run is to be shown.
     pub(super) fn listen(&self) -> Result<Option<Listening>, CliError> {
         Ok(self.view.then(|| Listening::open(&self.serving.reach())).transpose()?)
     }
 
-    /// Refuses to show the training of a method that gives no Gaussians.
+    /// Rejects showing the training of a method without persistent Gaussians.
     pub(super) fn check(&self, config: &Config) -> Result<(), CliError> {
         if !self.view || method::of(config)?.has_persistent_gaussians() {
             return Ok(());
@@ -42,7 +42,8 @@ impl WatchArgs {
         )))
     }
 
-    /// Trains, `listening` beside it. The address goes to standard output, or, where that is for JSON, to standard error.
+    /// Trains while `listening` serves the viewer. The address is printed to standard output, or to standard error with
+    /// `json`.
     pub(super) fn train(
         &self,
         listening: Option<Listening>,

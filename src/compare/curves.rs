@@ -1,17 +1,17 @@
 //! Learning curves from the `metrics.jsonl` of run folders, and their means over seeds.
 //!
-//! A curve is a picture of a run, so nothing here fails: a file that is not there or a line that a killed run left half
-//! written only means fewer points.
+//! A curve only illustrates a run, so nothing here fails: a missing file, or a line left half-written by a killed run,
+//! only means fewer points.
 
 use crate::files::RunPaths;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// About so many points are left of a smoothed curve.
+/// Approximate number of points of a smoothed curve.
 const SMOOTHED: usize = 100;
 
-/// The curves of one run, or of several as their mean. Decibels; in the order of steps.
+/// The curves of one run, or the means over several. PSNR is in decibels; points are in the order of steps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Curves {
     /// (step, PSNR on a few test views).
@@ -24,7 +24,7 @@ pub struct Curves {
     pub test_by_seconds: Vec<(f64, f64)>,
 }
 
-/// What is read of a line.
+/// The fields read from a line.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
 struct Line {
     step: u64,
@@ -38,26 +38,26 @@ struct Line {
     test_psnr: Option<f64>,
 }
 
-/// The lines of a run by step; of lines with the same step the last counts.
+/// Reads the lines of a run by step; of several lines with the same step, the last one counts.
 fn lines(run: &Path) -> BTreeMap<u64, Line> {
     let bytes = crate::files::read_regular(&RunPaths(run).metrics()).unwrap_or_default();
     let parsed = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Line>(line).ok());
     parsed.map(|line| (line.step, line)).collect()
 }
 
-/// The curves of the run in that folder.
+/// Reads the curves of the run in folder `run`.
 #[must_use]
 pub fn read(run: &Path) -> Curves {
     mean(&[run])
 }
 
-/// Mean curves of runs that differ in the seed alone, at the steps that all runs with a curve have.
+/// Returns the mean curves of runs that differ only in the seed, at the steps common to all runs that have a curve.
 #[must_use]
 pub fn mean(runs: &[&Path]) -> Curves {
     let runs: Vec<BTreeMap<u64, Line>> = runs.iter().map(|run| lines(run)).collect();
     let steps = |value: fn(&Line) -> Option<f64>| -> Vec<(u64, f64)> { mean_by_step(&runs, value) };
     let test = steps(|line| line.test_psnr);
-    // Seconds only where there is a test, so that both have the same steps and runs.
+    // seconds only where there is a test PSNR, so that both have the same steps and runs
     let seconds = steps(|line| line.test_psnr.filter(|v| v.is_finite()).and(line.seconds));
     let seconds: BTreeMap<u64, f64> = seconds.into_iter().collect();
     let test_by_seconds = test.iter().filter_map(|(step, psnr)| Some((*seconds.get(step)?, *psnr))).collect();
@@ -78,26 +78,26 @@ fn mean_by_step(runs: &[BTreeMap<u64, Line>], value: fn(&Line) -> Option<f64>) -
         }
         with_curve += usize::from(any);
     }
-    // A step that one run lacks would make the mean jump.
+    // a step missing from one run would make the mean jump
     let whole = sums.into_iter().filter(|(_, (_, count))| *count == with_curve);
     whole.map(|(step, (sum, count))| (step, sum / count as f64)).collect()
 }
 
-/// The curve with each value that of a straight line through its neighbourhood, a twentieth of the curve, at about 100
-/// of its points.
+/// Smooths a curve: at about 100 of its points, gives the value of a straight line fitted to the neighbourhood, a
+/// twentieth of the curve.
 #[must_use]
 pub fn smooth(curve: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let half = curve.len() / 40;
     let every = curve.len().div_ceil(SMOOTHED).max(1);
-    // Always with the end, where curves are compared.
+    // always includes the last point, where curves are compared
     let offset = curve.len().saturating_sub(1) % every;
     let at =
         |i: usize| (curve[i].0, line_at(&curve[i.saturating_sub(half)..(i + half + 1).min(curve.len())], curve[i].0));
     (0..curve.len()).skip(offset).step_by(every).map(at).collect()
 }
 
-/// The value at `x` of the line of least squares through `near`. A mean would draw both ends of a curve inwards, where
-/// the neighbourhood lies to one side.
+/// Returns the value at `x` of the least-squares line through `near`. A mean would pull both ends of a curve inwards,
+/// where the neighbourhood lies to one side.
 fn line_at(near: &[(f64, f64)], x: f64) -> f64 {
     let count = near.len() as f64;
     let (mean_x, mean_y) =

@@ -1,7 +1,7 @@
 //! A comparison as one HTML page: headline figures, tables, curves, costs, settings, pictures, runs.
 //!
-//! Here are the sections and their order; plots are made in `plots`, lists of runs in `runs`. Tables come finished from
-//! the caller.
+//! This file defines the sections and their order; plots are made in `plots`, lists of runs in `runs`. The caller
+//! supplies finished tables.
 
 mod plots;
 mod runs;
@@ -16,19 +16,19 @@ use super::stats;
 use crate::export::images::encode_png;
 use crate::report::{Block, Report, Section};
 
-/// A table of finished texts.
+/// A table of finished text.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PlainTable {
     /// Text above; may be empty.
     pub caption: String,
     /// Headings of the columns.
     pub head: Vec<String>,
-    /// Cells by row, the first of which names the row. A cell between `**` and `**` is bold.
+    /// Cells by row; the first cell names its row. A cell enclosed in `**` is bold.
     pub rows: Vec<Vec<String>>,
 }
 
-/// The page of `set` with `tables` in it, and below them how its `order` agrees with the paper's. Curves, configurations and
-/// pictures are read from the run folders; what is not there is left out.
+/// Builds the page of `set` with `tables` and, below them, `order`: how the order of variants agrees with the paper's.
+/// Curves, configurations and pictures are read from the run folders; missing ones are omitted.
 #[must_use]
 pub fn report(set: &ResultSet, tables: &[PlainTable], order: Option<&PlainTable>) -> Report {
     let section = |id: &str, title: &str, intro: String, blocks: Vec<Block>| Section {
@@ -103,7 +103,7 @@ fn variants(set: &ResultSet) -> Vec<&str> {
     distinct(set.outcomes.iter().map(|o| o.variant.as_str()))
 }
 
-/// What a row of the table is called.
+/// The name of an outcome's row in the table.
 fn row_name(outcome: &Outcome) -> String {
     if outcome.segment.is_empty() {
         outcome.variant.clone()
@@ -112,7 +112,7 @@ fn row_name(outcome: &Outcome) -> String {
     }
 }
 
-/// The measured value, if it is a number.
+/// The metric `id` of a finished outcome, if it is finite.
 fn value(outcome: &Outcome, id: &str) -> Option<f64> {
     let done = outcome.state == OutcomeState::Done;
     outcome.metrics.get(id).copied().filter(|v| done && v.is_finite())
@@ -124,7 +124,7 @@ fn variant_mean(set: &ResultSet, place: &Place, variant: &str, id: &str) -> Opti
     stats::mean(&outcomes.filter_map(|o| value(o, id)).collect::<Vec<_>>())
 }
 
-/// The metric that pages are about.
+/// The main metric of the page: the first of the set.
 fn first_metric(set: &ResultSet) -> Option<Column> {
     set.metrics.first().map(|id| Column::of(id))
 }

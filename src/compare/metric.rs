@@ -1,11 +1,11 @@
-//! The metrics that tables know: heading, unit, digits, and which way is better. Ids that are not listed
-//! here can be shown too.
+//! The metrics known to tables: heading, unit, digits, and which direction is better. Ids that are not listed here can
+//! be shown too.
 
 use crate::memory::MIB;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Which way a metric is better.
+/// Which direction of a metric is better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Better {
@@ -26,9 +26,9 @@ pub struct Metric {
     pub head: &'static str,
     /// The paper's abbreviation, for LaTeX.
     pub short: &'static str,
-    /// Digits after the point.
+    /// Digits after the decimal point.
     pub digits: usize,
-    /// Which way is better.
+    /// Which direction is better.
     pub better: Better,
 }
 
@@ -62,14 +62,14 @@ pub const METRICS: &[Metric] = &[
     row("segment_seconds", "segmentation, s", "ST", 1, Better::Lower),
 ];
 
-/// The metric of that id.
+/// Returns the metric with that id.
 #[must_use]
 pub fn metric(id: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|m| m.id == id)
 }
 
-/// Has the metrics of an earlier version say what they are: its `fps` was that with the copy of images to the host, its
-/// `model_mb` gives `model_mib`.
+/// Converts the metrics of an earlier version: its `fps`, which included the copy of images to the host, becomes
+/// `fps_with_copy`, and `model_mib` is computed from `model_mb`.
 pub fn upgrade(metrics: &mut BTreeMap<String, f64>) {
     if !metrics.contains_key("fps_with_copy")
         && let Some(fps) = metrics.remove("fps")
@@ -90,15 +90,15 @@ pub struct Column {
     pub head: String,
     /// Heading in LaTeX.
     pub short: String,
-    /// Digits after the point.
+    /// Digits after the decimal point.
     pub digits: usize,
-    /// Which way is better.
+    /// Which direction is better.
     pub better: Better,
 }
 
 impl Column {
-    /// The column of that id. One that [`METRICS`] lacks is shown under its id with 4 digits; smaller is better where
-    /// it ends in `_loss` or `_error`.
+    /// Returns the column for an id. One that [`METRICS`] lacks is shown under its id with 4 digits; smaller is better
+    /// if it ends in `_loss` or `_error`.
     #[must_use]
     pub fn of(id: &str) -> Self {
         let lower = id.ends_with("_loss") || id.ends_with("_error");
@@ -114,7 +114,7 @@ impl Column {
         self.head.split(", ").next().unwrap_or(&self.head)
     }
 
-    /// A value with the metric's digits; never a negative zero.
+    /// Formats a value with the metric's digits, never as a negative zero.
     #[must_use]
     pub fn format(&self, value: f64) -> String {
         let text = format!("{value:.*}", self.digits);
@@ -124,14 +124,14 @@ impl Column {
         }
     }
 
-    /// A difference with its sign; none where it shows as zero.
+    /// Formats a difference with its sign, or without one if it is displayed as zero.
     #[must_use]
     pub fn signed(&self, value: f64) -> String {
         let text = self.format(value);
         if value > 0.0 && !self.shows_zero(value) { format!("+{text}") } else { text }
     }
 
-    /// Whether a value shows as zero.
+    /// Whether a value is displayed as zero.
     #[must_use]
     pub fn shows_zero(&self, value: f64) -> bool {
         self.format(value) == self.format(0.0)
@@ -143,7 +143,7 @@ impl Column {
         self.format(a) == self.format(b)
     }
 
-    /// Order from best to worst; from large to small where neither is better.
+    /// Orders values from best to worst, or from large to small if neither direction is better.
     #[must_use]
     pub fn best_first(&self, a: f64, b: f64) -> std::cmp::Ordering {
         match self.better {

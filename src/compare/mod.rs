@@ -1,7 +1,7 @@
-//! Runs side by side: tables over seeds, differences to a base, curves, pictures.
+//! Comparison of runs: tables over seeds, differences to a baseline, curves, pictures.
 //!
-//! Here a [`ResultSet`] becomes text, numbers and pages. How runs come about is `sweep`'s; this folder knows run folders
-//! by their files alone.
+//! This module turns a [`ResultSet`] into text, numbers and pages. It knows run folders only by their files; runs are
+//! made by `sweep`.
 
 pub mod curves;
 pub mod html;

@@ -1,4 +1,4 @@
-//! Where variants are compared: each dataset on each device is a place of its own.
+//! Where variants are compared: each dataset on each device is a separate place.
 
 use super::results::{Outcome, ResultSet};
 
@@ -9,7 +9,7 @@ pub(super) struct Place {
     pub dataset: String,
     /// Name of the device.
     pub device: String,
-    /// What distinguishes it from the others: the dataset, with the device where there are several.
+    /// What distinguishes it from the others: the dataset, with the device if there are several devices.
     pub name: String,
 }
 
@@ -32,7 +32,7 @@ pub(super) fn places(set: &ResultSet) -> Vec<Place> {
     pairs.into_iter().map(|(dataset, device)| Place { name: name(&dataset, &device), dataset, device }).collect()
 }
 
-/// The values, each once, in the order of their first.
+/// Returns the distinct values, in the order of their first occurrence.
 pub(super) fn distinct<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
     let mut out = Vec::new();
     for value in values {

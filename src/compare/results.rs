@@ -1,4 +1,4 @@
-//! What was measured, as tables and plots take it: one outcome for each variant, dataset, device and seed.
+//! Measurements in the form that tables and plots use: one outcome for each variant, dataset, device and seed.
 //!
 //! No files are read here; `sweep` and `compare::runs` fill these in.
 
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// A set of runs to be laid side by side.
+/// A set of runs to be compared.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ResultSet {
-    /// Name in file names and labels: letters, digits, `-`, `_`.
+    /// Name used in file names and labels: letters, digits, `-`, `_`.
     pub name: String,
     /// Heading of the report.
     pub title: String,
@@ -20,17 +20,17 @@ pub struct ResultSet {
     pub head: String,
     /// Ids of the metrics to report, in order; see [`super::metric::metric`].
     pub metrics: Vec<String>,
-    /// The variant that differences are taken to.
+    /// The variant that differences are relative to.
     pub baseline: String,
     /// One for each variant, dataset, device and seed, in the order of the table.
     pub outcomes: Vec<Outcome>,
-    /// The same table as the paper has it.
+    /// The paper's version of the table.
     pub paper: Option<PaperTable>,
 }
 
 impl ResultSet {
-    /// A sentence that says which builds of the program trained the runs that are measured, and which measured them where
-    /// it was another one; empty where no build is recorded.
+    /// Returns a sentence naming the builds of the program that trained the measured runs and, where different, those
+    /// that measured them; empty if no build is recorded.
     #[must_use]
     pub fn builds(&self) -> String {
         let done = || self.outcomes.iter().filter(|o| o.state == OutcomeState::Done);
@@ -43,7 +43,7 @@ impl ResultSet {
         format!("Trained by {trained} of the program{beside}.")
     }
 
-    /// Says that results of early versions lack the frames per second that the table asks for, where some do.
+    /// Returns a note if the table asks for frames per second and some results, of early versions, lack them.
     #[must_use]
     pub fn speed_note(&self) -> Option<String> {
         let has = |o: &&Outcome, id: &str| o.metrics.contains_key(id);
@@ -57,7 +57,7 @@ impl ResultSet {
     }
 }
 
-/// The builds of these runs, with how many runs each has where there are several.
+/// Lists the builds of these runs, with the number of runs of each if there are several builds.
 fn builds<'a>(runs: impl Iterator<Item = (&'a PathBuf, &'a str)>) -> String {
     let mut of: BTreeMap<&str, BTreeSet<&PathBuf>> = BTreeMap::new();
     for (run, build) in runs {
@@ -85,11 +85,11 @@ pub struct Outcome {
     pub seed: u64,
     /// The known segment that was measured; empty for the whole scene.
     pub segment: String,
-    /// Where the variant's configuration differs from the base, by dotted key, as TOML text.
+    /// Settings in which the variant's configuration differs from the base, by dotted key, as TOML text.
     pub settings: BTreeMap<String, String>,
     /// Folder of the run.
     pub run: PathBuf,
-    /// Build of the program that trained it, the first digits of its digest; empty if that is not recorded.
+    /// Build of the program that trained it, as the first digits of its digest; empty if not recorded.
     #[serde(default)]
     pub build: String,
     /// Build of the program that measured it, likewise.
@@ -101,16 +101,16 @@ pub struct Outcome {
     pub metrics: BTreeMap<String, f64>,
 }
 
-/// How far a run has come.
+/// The state of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutcomeState {
-    /// Not begun, or not at its end.
+    /// Not started, or not finished.
     #[default]
     Missing,
     /// Measured.
     Done,
-    /// Given up as hopeless after so many steps (successive halving).
+    /// Stopped early as unpromising, after this many steps (successive halving).
     Stopped(usize),
     /// Ended with this error.
     Failed(String),
@@ -120,7 +120,7 @@ pub enum OutcomeState {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PaperTable {
-    /// Where it stands and on which dataset, in words.
+    /// Where it is in the paper and on which dataset, in words.
     pub source: String,
     /// Metrics by variant (`variant` or `variant/segment`), then by metric id.
     pub rows: BTreeMap<String, BTreeMap<String, f64>>,

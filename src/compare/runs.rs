@@ -1,4 +1,4 @@
-//! Run folders as outcomes: what `volseggs compare` lays side by side.
+//! Run folders as outcomes, for `volseggs compare`.
 
 use super::metric::METRICS;
 use super::results::{Outcome, OutcomeState, ResultSet};
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Metrics by id of an evaluated run.
+/// Returns the metrics of an evaluated run, by id.
 #[must_use]
 pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
     let mut metrics = BTreeMap::from([
@@ -41,10 +41,10 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
     metrics
 }
 
-/// What cannot be compared.
+/// Why runs cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// A folder or a file of it.
+    /// A folder or one of its files.
     #[error("{}: {problem}", path.display())]
     Folder {
         /// The folder or file.
@@ -52,12 +52,12 @@ pub enum RunError {
         /// What is wrong.
         problem: String,
     },
-    /// A metric that nobody knows and no run has.
+    /// A metric that is unknown and that no run has.
     #[error("there is no metric \"{id}\"; there is {known}")]
     Metric {
-        /// What was asked for.
+        /// The requested id.
         id: String,
-        /// All that can be.
+        /// All ids that can be requested.
         known: String,
     },
 }
@@ -77,11 +77,12 @@ fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunErro
     }
 }
 
-/// Run folders, each evaluated by `volseggs eval`, as one set: runs whose configurations differ in the seed alone are
-/// one variant, named after the first one's folder. `metrics` are those to report.
+/// Collects run folders, each evaluated by `volseggs eval`, into one set: runs whose configurations differ only in the
+/// seed are one variant, named after the first one's folder. `metrics` are those to report.
 ///
 /// # Errors
-/// A folder that is no run, has not been evaluated on its test views, or on other ones than another run of its dataset.
+/// If a folder is given twice or is not a run; if it has not been evaluated on its test views at its present step, or
+/// was evaluated with another number or size of views than another run of its dataset; or if a metric is unknown.
 pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet, RunError> {
     let mut known: Vec<(Table, String)> = Vec::new();
     let mut datasets: Vec<(String, String)> = Vec::new();
@@ -110,7 +111,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
         let mut config: Table = text.parse().map_err(|e: toml::de::Error| bad(plain(&e.to_string())))?;
         config.remove("seed");
-        // datasets of one name are told apart by their whole path
+        // datasets with the same name are distinguished by their full path
         let short = record.dataset.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let known_data = datasets.iter().find(|(print, _)| *print == record.fingerprint).map(|(_, name)| name.clone());
         let dataset = known_data.unwrap_or_else(|| {
@@ -127,7 +128,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             let hint = format!("measure both alike by `volseggs eval {}`", shell::path(folder));
             return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
         }
-        // a seed that a variant has already is another row, such as the same configuration from another version
+        // a seed that a variant already has goes into another row, such as the same configuration from another version
         let clash = |name: &str| {
             let same = |o: &Outcome| o.dataset == dataset && o.device == record.device && o.seed == record.seed;
             outcomes.iter().any(|o| o.variant == name && same(o))
@@ -165,14 +166,14 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
     })
 }
 
-/// Reads a JSON file of a run; `hint` says where it comes from.
+/// Reads a JSON file of a run; `hint` says how to get it.
 fn read<T: serde::de::DeserializeOwned>(path: &Path, hint: &str) -> Result<T, RunError> {
     let bad = |problem: String| RunError::Folder { path: path.to_owned(), problem: format!("{problem}; {hint}") };
     let text = read_text(path).map_err(|e| bad(e.to_string()))?;
     serde_json::from_str(&text).map_err(|e| bad(plain(&e.to_string())))
 }
 
-/// Leaves of `config` that are not as in `base`, by dotted key.
+/// Returns the leaves of `config` that differ from `base`, by dotted key.
 fn differences(base: &Table, config: &Table) -> BTreeMap<String, String> {
     fn walk(prefix: &str, base: Option<&Table>, table: &Table, out: &mut BTreeMap<String, String>) {
         for (key, value) in table {

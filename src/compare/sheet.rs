@@ -1,7 +1,7 @@
-//! The same view across variants: the truth, then each variant's render with a map of its errors below.
+//! The same view across variants: the ground truth, then each variant's render with a map of its errors below.
 //!
-//! The pictures are those that an evaluation leaves in a run's `eval/test/pictures/`: pairs `NAME-truth.png` and
-//! `NAME-render.png`. What cannot be read is left out of the sheet.
+//! The pictures are those that an evaluation writes to a run's `eval/test/pictures/`: pairs `NAME-truth.png` and
+//! `NAME-render.png`. Unreadable ones are omitted from the sheet.
 
 use super::places::{Place, places};
 use super::results::{Outcome, OutcomeState, ResultSet};
@@ -14,13 +14,13 @@ use image::{Rgb, RgbImage};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Most variants on a sheet.
+/// Maximum number of variants on a sheet.
 pub const MOST_VARIANTS: usize = 12;
-/// Most pixels of a picture's side.
+/// Maximum side length of a picture, in pixels.
 const CELL: u32 = 320;
-/// Errors that may be the brightest colour, the least that nearly all errors stay below being taken.
+/// Candidate errors for the brightest colour; the lowest that nearly all errors do not exceed is used.
 const TOPS: [f32; 6] = [0.02, 0.05, 0.1, 0.2, 0.5, 1.0];
-/// Part of the errors that may be off the scale.
+/// Fraction of the errors that may be off the scale.
 const BEYOND: f64 = 0.001;
 const INK: [u8; 3] = [230, 230, 230];
 
@@ -33,15 +33,15 @@ pub struct VariantSheet {
     pub view: String,
     /// The picture.
     pub image: RgbImage,
-    /// The error, in parts of full intensity, that the brightest colour of the maps stands for.
+    /// The error that the brightest colour of the maps stands for, as a fraction of full intensity.
     pub top_error: f32,
     /// Variants on the sheet, in order.
     pub shown: Vec<String>,
-    /// Variants with a finished run that are not on it: too many, or their pictures are not there.
+    /// Variants with a finished run that are not on the sheet: too many, or their pictures are missing or do not match.
     pub left_out: Vec<String>,
 }
 
-/// A variant's picture and its difference to the truth.
+/// A variant's picture and its errors.
 struct Shown {
     variant: String,
     truth: RgbImage,
@@ -49,7 +49,7 @@ struct Shown {
     errors: Vec<f32>,
 }
 
-/// A sheet for each dataset and device of which two pictures or more are there, in the order of the outcomes.
+/// Makes a sheet for each dataset and device whose variants with pictures share a view, in the order of the outcomes.
 #[must_use]
 pub fn sheets(set: &ResultSet) -> Vec<VariantSheet> {
     places(set).into_iter().filter_map(|place| sheet(set, place)).collect()
@@ -59,7 +59,7 @@ fn folder(outcome: &Outcome) -> PathBuf {
     RunPaths(&outcome.run).eval().join("test/pictures")
 }
 
-/// Of each variant the finished outcome with the least seed.
+/// The finished outcome with the lowest seed of each variant.
 fn first_seeds<'a>(set: &'a ResultSet, place: &Place) -> Vec<&'a Outcome> {
     let mut firsts: Vec<&Outcome> = Vec::new();
     for outcome in set.outcomes.iter().filter(|o| place.holds(o) && o.state == OutcomeState::Done) {
@@ -72,7 +72,7 @@ fn first_seeds<'a>(set: &'a ResultSet, place: &Place) -> Vec<&'a Outcome> {
     firsts
 }
 
-/// Names of the views of which both pictures are there.
+/// Names of the views for which both pictures exist.
 fn views(folder: &Path) -> BTreeSet<String> {
     let Ok(entries) = std::fs::read_dir(folder) else { return BTreeSet::new() };
     let files: BTreeSet<String> = entries.flatten().filter_map(|e| e.file_name().into_string().ok()).collect();
@@ -109,7 +109,7 @@ fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
         picture: s.render.clone(),
         below: Some(error_map(s, top)),
     }));
-    // Four or five in a row, whichever leaves fewer places empty.
+    // four or five in a row, whichever leaves fewer cells empty
     let empty = |columns: &usize| pairs.len().next_multiple_of(*columns) - pairs.len();
     let columns = [4, 5].into_iter().min_by_key(empty).unwrap_or(4);
     let names: Vec<String> = shown.into_iter().map(|s| s.variant).collect();
@@ -134,7 +134,7 @@ fn load(outcome: &Outcome, view: &str) -> Option<Shown> {
     Some(Shown { variant: outcome.variant.clone(), truth, render, errors })
 }
 
-/// The view's PSNR, as an evaluation takes it of the same 8-bit pictures.
+/// The view's PSNR, as an evaluation computes it from the same 8-bit pictures.
 fn psnr(shown: &Shown) -> String {
     let pairs = shown.truth.as_raw().iter().zip(shown.render.as_raw());
     let squares: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum();
@@ -145,7 +145,7 @@ fn psnr(shown: &Shown) -> String {
     format!("{:.2} dB", -10.0 * (mean / (255.0 * 255.0)).log10())
 }
 
-/// One scale for all maps, so that they can be laid side by side.
+/// The common scale of all maps, so that they can be compared.
 fn top_error(shown: &[Shown]) -> f32 {
     let errors = || shown.iter().flat_map(|s| &s.errors);
     let few = (errors().count() as f64 * BEYOND) as usize;
@@ -160,7 +160,7 @@ fn error_map(shown: &Shown, top: f32) -> RgbImage {
     })
 }
 
-/// What the colours of the maps mean, as a picture of the cells' size.
+/// The legend of the error colours, as a picture of the cells' size.
 fn scale_of_errors((width, height): (u32, u32), top: f32) -> RgbImage {
     let mut image = RgbImage::from_pixel(width, height, Rgb([24, 24, 28]));
     // about as large on the sheet as the labels

@@ -6,30 +6,30 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 /// A difference of two means.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Difference {
-    /// Mean of the first group less that of the second.
+    /// Mean of the first group minus that of the second.
     pub value: f64,
-    /// 95 % confidence interval; none where a group has fewer than two values.
+    /// 95 % confidence interval; `None` if a group has fewer than two values.
     pub interval: Option<[f64; 2]>,
     /// Whether the values were compared seed by seed.
     pub paired: bool,
 }
 
 impl Difference {
-    /// Whether the interval leaves open which is larger; `None` without an interval.
+    /// Whether the interval includes zero, which leaves open which mean is larger; `None` without an interval.
     #[must_use]
     pub fn includes_zero(&self) -> Option<bool> {
         self.interval.map(|[low, high]| low <= 0.0 && high >= 0.0)
     }
 }
 
-/// Arithmetic mean; none of nothing, or where it is not finite.
+/// Arithmetic mean; `None` without values, or if it is not finite.
 #[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     mean.is_finite().then_some(mean)
 }
 
-/// Sample standard deviation (of n - 1); none below two values, or where it is not finite.
+/// Sample standard deviation (n - 1); `None` for fewer than two values, or if it is not finite.
 #[must_use]
 pub fn deviation(values: &[f64]) -> Option<f64> {
     if values.len() < 2 {
@@ -40,9 +40,10 @@ pub fn deviation(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt()).filter(|d| d.is_finite())
 }
 
-/// `ours` less `base`, both as (seed, value); values that are not finite are passed over, `None` where nothing is left.
+/// Returns the mean of `ours` minus that of `base`, both as (seed, value). Non-finite values are skipped; `None` if
+/// nothing is left of either.
 ///
-/// Where both have the same seeds, two or more, the interval is that of the differences seed by seed; otherwise it is
+/// If both have the same seeds, at least two, the interval is that of the differences seed by seed; otherwise it is
 /// Welch's.
 #[must_use]
 pub fn difference(ours: &[(u64, f64)], base: &[(u64, f64)]) -> Option<Difference> {
@@ -60,19 +61,19 @@ pub fn difference(ours: &[(u64, f64)], base: &[(u64, f64)]) -> Option<Difference
     Some(Difference { value, interval, paired })
 }
 
-/// The 97.5 % quantile of Student's t.
+/// The 97.5 % quantile of Student's t distribution.
 fn quantile(freedom: f64) -> Option<f64> {
     let t = StudentsT::new(0.0, 1.0, freedom).ok()?.inverse_cdf(0.975);
     t.is_finite().then_some(t)
 }
 
-/// Half the interval of a mean.
+/// Half-width of the confidence interval of a mean.
 fn half_width(values: &[f64]) -> Option<f64> {
     let n = values.len() as f64;
     Some(quantile(n - 1.0)? * deviation(values)? / n.sqrt())
 }
 
-/// Half the interval of a difference of means of unequal variances.
+/// Half-width of the confidence interval of a difference of means with unequal variances.
 fn welch_half_width(a: &[f64], b: &[f64]) -> Option<f64> {
     let variance = |v: &[f64]| Some(deviation(v)?.powi(2) / v.len() as f64);
     let (var_a, var_b) = (variance(a)?, variance(b)?);
@@ -80,13 +81,13 @@ fn welch_half_width(a: &[f64], b: &[f64]) -> Option<f64> {
     if sum == 0.0 {
         return Some(0.0);
     }
-    // in shares of the sum, as squares of variances leave the range of floats early
+    // as fractions of the sum, because squared variances soon leave the range of floats
     let (share_a, share_b) = (var_a / sum, var_b / sum);
     let freedom = 1.0 / (share_a.powi(2) / (a.len() - 1) as f64 + share_b.powi(2) / (b.len() - 1) as f64);
     Some(quantile(freedom)? * sum.sqrt())
 }
 
-/// The finite ones in the order of their seeds, so that the order of runs changes no bit.
+/// The finite values in the order of their seeds, so that results are bit-identical for any order of runs.
 fn by_seed(values: &[(u64, f64)]) -> Vec<(u64, f64)> {
     let mut out: Vec<_> = values.iter().copied().filter(|(_, v)| v.is_finite()).collect();
     out.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
@@ -148,7 +149,7 @@ mod tests {
 
     #[test]
     fn other_seeds_are_welch() {
-        // variances of the means 1/3 and 4/3: freedom (5/3)^2 / (1/18 + 16/18) = 50/17
+        // variances of the means 1/3 and 4/3: degrees of freedom (5/3)^2 / (1/18 + 16/18) = 50/17
         let ours = [(0, 5.0), (1, 6.0), (2, 7.0)];
         let base = [(3, 2.0), (4, 4.0), (5, 6.0)];
         let found = difference(&ours, &base).unwrap();
@@ -157,7 +158,7 @@ mod tests {
         // t(0.975, 50/17) = 3.21876, times sqrt(5/3)
         near(found.interval.unwrap()[1] - 2.0, 3.21876 * (5.0f64 / 3.0).sqrt(), 1e-4);
         assert_eq!(found.includes_zero(), Some(true));
-        // one seed twice cannot be paired
+        // a repeated seed cannot be paired
         assert!(!difference(&[(0, 1.0), (0, 2.0)], &[(0, 1.0), (0, 2.0)]).unwrap().paired);
     }
 
@@ -167,7 +168,7 @@ mod tests {
         assert_eq!(difference(&[(0, f64::NAN)], &[(0, 1.0)]), None);
         let one = difference(&[(0, 3.0)], &[(0, 1.0), (1, 1.0)]).unwrap();
         assert_eq!((one.value, one.interval, one.includes_zero()), (2.0, None, None));
-        // a seed without a value is no seed
+        // a seed without a finite value does not count
         let found = difference(&[(0, 3.0), (1, f64::INFINITY)], &[(0, 1.0), (1, 1.0)]).unwrap();
         assert_eq!(found, Difference { value: 2.0, interval: None, paired: false });
     }

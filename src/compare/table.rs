@@ -1,6 +1,5 @@
 //! Outcomes as a table: a row for each variant, a cell for each metric with its mean over seeds, the best of each
-//! column, and differences to the baseline. How it compares with the paper is in `ordering`; writing it down is
-//! `text`'s.
+//! column, and differences to the baseline. The comparison with the paper is in `ordering`, output formats in `text`.
 
 mod ordering;
 #[cfg(test)]
@@ -17,23 +16,23 @@ use std::path::PathBuf;
 /// A table of results.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
-    /// Name in file names and labels.
+    /// Name used in file names and labels.
     pub name: String,
     /// Heading.
     pub title: String,
     /// A sentence or two; may be empty.
     pub note: String,
-    /// Which builds of the program the runs are of, in a sentence; may be empty.
+    /// A sentence naming the builds of the program that trained and measured the runs; may be empty.
     pub builds: String,
     /// Heading of the column of variants.
     pub head: String,
-    /// The variant that differences are taken to.
+    /// The variant that differences are relative to.
     pub baseline: String,
     /// The metrics, in the order of the cells.
     pub metrics: Vec<Column>,
-    /// Which columns say something.
+    /// Which columns are shown.
     pub shows: Shows,
-    /// Those of one dataset, device and segment stand together.
+    /// The rows, grouped by dataset, device and segment.
     pub rows: Vec<Row>,
 }
 
@@ -61,11 +60,11 @@ pub struct Row {
     pub variant: String,
     /// One for each metric of the table.
     pub cells: Vec<Cell>,
-    /// Outcomes that were measured; these alone are in the cells.
+    /// Number of measured outcomes; only these are in the cells.
     pub done: usize,
-    /// Outcomes that are not there yet.
+    /// Number of outcomes still missing.
     pub missing: usize,
-    /// Outcomes given up as hopeless.
+    /// Number of outcomes stopped early.
     pub stopped: usize,
     /// Outcomes that ended with an error.
     pub failures: Vec<Failure>,
@@ -78,7 +77,7 @@ pub struct Cell {
     pub values: Vec<(u64, f64)>,
     /// Their mean.
     pub mean: Option<f64>,
-    /// Their sample standard deviation; none below two.
+    /// Their sample standard deviation; `None` for fewer than two values.
     pub deviation: Option<f64>,
     /// Whether it is the best of its column among the rows of its dataset, device and segment.
     pub best: bool,
@@ -98,8 +97,8 @@ pub struct Failure {
 }
 
 impl Table {
-    /// The table of a set. Rows are ordered by dataset, device, segment and variant, each in the order of its first
-    /// appearance.
+    /// Builds the table of a set. Rows are ordered by dataset, device, segment and variant, each in the order of its
+    /// first appearance.
     #[must_use]
     pub fn new(set: &ResultSet) -> Self {
         let metrics = columns(set);
@@ -135,27 +134,27 @@ impl Table {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.difference.is_some())
     }
 
-    /// Whether any difference has a confidence interval: two seeds or more on both sides.
+    /// Whether any difference has a confidence interval, which takes at least two seeds on both sides.
     #[must_use]
     pub fn has_intervals(&self) -> bool {
         let cells = self.rows.iter().flat_map(|row| &row.cells);
         cells.filter_map(|cell| cell.difference).any(|found| found.interval.is_some())
     }
 
-    /// The rows by dataset, device and segment.
+    /// Returns the rows, grouped by dataset, device and segment.
     pub fn groups(&self) -> impl Iterator<Item = &[Row]> {
         self.rows.chunk_by(Row::same_group)
     }
 }
 
 impl Row {
-    /// Whether both are of one dataset, device and segment.
+    /// Whether both rows have the same dataset, device and segment.
     #[must_use]
     pub fn same_group(&self, other: &Self) -> bool {
         (&self.dataset, &self.device, &self.segment) == (&other.dataset, &other.device, &other.segment)
     }
 
-    /// Outcomes in all.
+    /// Total number of outcomes.
     #[must_use]
     pub fn outcomes(&self) -> usize {
         self.done + self.missing + self.stopped + self.failures.len()
@@ -197,7 +196,7 @@ impl Row {
 }
 
 impl Cell {
-    /// How many values it has.
+    /// Number of values.
     #[must_use]
     pub fn n(&self) -> usize {
         self.values.len()
@@ -242,7 +241,7 @@ fn rows(set: &ResultSet, metrics: &[Column]) -> Vec<Row> {
     rows
 }
 
-/// Marks all that look like the best, if there is a choice.
+/// Marks all rows whose displayed mean equals the best, if there is more than one to choose from.
 fn mark_best(group: &mut [Row], at: usize, metric: &Column) {
     let means = || group.iter().filter_map(|row| row.cells[at].mean);
     let best = means().min_by(|a, b| metric.best_first(*a, *b));

@@ -24,7 +24,7 @@ fn at<E: std::fmt::Display>(path: &Path) -> impl FnOnce(E) -> WriteError {
     move |e| WriteError { path, reason: e.to_string() }
 }
 
-/// The table of `set` as Markdown, with differences, orderings and failures.
+/// Returns the table of `set` as Markdown, with differences, orderings and failures.
 #[must_use]
 pub fn table_text(set: &ResultSet) -> String {
     let table = Table::new(set);
@@ -38,7 +38,7 @@ pub const FOLDER: FolderKind = FolderKind {
     entries: &["report.md", "report.html", "table.tex", "results.csv", "tensorboard/**"],
 };
 
-/// Writes all files of a report into `folder`, which is made; gives the Markdown.
+/// Writes all files of a report into `folder`, which is created if missing, and returns the Markdown.
 ///
 /// # Errors
 /// The first file that cannot be written.
@@ -81,10 +81,11 @@ fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::rep
     report(set, &tables, Some(&order).filter(|order| !order.rows.is_empty()))
 }
 
-/// Tells the folder of logs from others.
+/// Name of the file that marks a folder of logs.
 const MARKER: &str = "comparison";
 
-/// One log for each run that was begun: its settings and end figures for the hparams page, its curves as scalars.
+/// Writes one log for each outcome that is not missing: settings and final metrics for the hparams page, and curves as
+/// scalars.
 fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let path = folder.join("tensorboard");
     let out = AtomicDir::create(&path).map_err(at(&path))?;
@@ -118,7 +119,7 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
             group = format!("{group} {}", outcome.segment);
         }
         let plain = |c: char| if c.is_alphanumeric() || "-_.+= ,".contains(c) { c } else { '-' };
-        // names of folders have 255 bytes at most; the settings are in the log itself
+        // folder names have at most 255 bytes; the settings are in the log itself
         let short: String = group.chars().take(50).collect();
         let name: String = format!("{number:03} {short} seed {}", outcome.seed).chars().map(plain).collect();
         let dir = out.dir().join(name);
@@ -140,7 +141,7 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         events.session_end(if failed { SessionEnd::Failure } else { SessionEnd::Success }).map_err(at(&dir))?;
         events.flush().map_err(at(&dir))?;
     }
-    // each run has a folder of its own in there, called after it
+    // each run has a folder of its own in there, named after it
     let kind = FolderKind {
         what: "a TensorBoard log of a comparison",
         markers: &[MARKER],

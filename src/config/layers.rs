@@ -1,7 +1,7 @@
 //! Layered configuration: defaults, then files or presets, then the environment, then `--set`.
 //!
-//! Generic over the configuration type. Every leaf keeps its origin, so that an error and the
-//! `show` text can say where a value came from. No option of the product is named here.
+//! Generic over the configuration type. Every leaf keeps its origin, so that errors and the `show` text can state where
+//! a value came from. No concrete option is named here.
 
 mod error;
 mod schema;
@@ -60,7 +60,7 @@ impl fmt::Display for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Default => f.write_str("default"),
-            // A control character in a file's name must not end the comment in `show`.
+            // a control character in a file name must not end the comment in `show`
             Self::File { path, line } => {
                 let path = path.display().to_string();
                 write!(f, "file {}:{line}", path.replace(char::is_control, "?"))
@@ -114,11 +114,11 @@ impl<'a> Layers<'a> {
         self
     }
 
-    /// Adds those of `vars` (such as `std::env::vars_os()`) that start with [`ENV_PREFIX`], in
-    /// name order; `reserved` names are used elsewhere and left out, as are all that begin like one that ends in `*`.
+    /// Adds the variables of `vars` (such as `std::env::vars_os()`) that start with [`ENV_PREFIX`], in name order.
+    /// Names in `reserved` are used elsewhere and skipped; an entry ending in `*` matches any name with that prefix.
     ///
     /// # Errors
-    /// [`ConfigError::Env`] for a variable of ours that is not UTF-8.
+    /// [`ConfigError::Env`] for a variable with this prefix that is not UTF-8.
     pub fn env(
         mut self,
         vars: impl IntoIterator<Item = (OsString, OsString)>,
@@ -142,8 +142,8 @@ impl<'a> Layers<'a> {
     /// Merges the layers.
     ///
     /// # Errors
-    /// An unreadable source, a circle of `extends`, an unknown key or a value of the wrong type;
-    /// the error names the origin and the key.
+    /// If a source cannot be read, `extends` forms a cycle, a key is unknown or a value has the wrong type; the error
+    /// names the origin and the key.
     pub fn resolve<T>(&self) -> Result<Resolved<T>, ConfigError>
     where
         T: Serialize + DeserializeOwned + Default + JsonSchema,
@@ -169,7 +169,7 @@ impl<'a> Layers<'a> {
         sources::flatten(&mut Vec::new(), whole, &|_| Origin::Default, &mut written);
         let mut origins = BTreeMap::new();
         for leaf in written.iter().filter(|leaf| !leaf.path.is_empty()) {
-            // An empty section given later sets none of its leaves.
+            // an empty section given later sets none of its leaves
             let sets_it = |given: &&Leaf| {
                 leaf.path == given.path || !given.value.is_table() && leaf.path.starts_with(&given.path)
             };
@@ -198,7 +198,7 @@ impl<'a> Layers<'a> {
 }
 
 impl<T> Resolved<T> {
-    /// One line a leaf, `a.b = value  # origin`, in key order; the whole is valid TOML.
+    /// The leaves in key order, one per line as `a.b = value  # origin`; the whole is valid TOML.
     #[must_use]
     pub fn show(&self) -> String {
         let mut leaves = Vec::new();
@@ -254,13 +254,13 @@ fn tidy(value: Value, node: Option<&View<'_>>) -> Value {
     }
 }
 
-/// Puts a leaf into the table; what stands in the way is replaced.
+/// Puts a leaf into the table, replacing any non-table value on its path.
 fn put(table: &mut Table, path: &[String], value: Value) {
     let Some((first, rest)) = path.split_first() else {
         return;
     };
     if rest.is_empty() {
-        // An empty section says nothing; it must not wipe the one below it.
+        // an empty section sets nothing, so it must not erase the one from a lower layer
         let is_section = |value: &Value| value.as_table().is_some();
         if !(is_section(&value) && table.get(first).is_some_and(is_section)) {
             table.insert(first.clone(), value);
@@ -276,7 +276,7 @@ fn put(table: &mut Table, path: &[String], value: Value) {
     }
 }
 
-/// Finds the leaf that alone makes the defaults unreadable: serde's error does not name the key.
+/// Finds the leaf that alone makes the defaults unreadable, since serde's error does not name the key.
 fn blame<T: DeserializeOwned>(leaves: &[Leaf], defaults: &Table, whole: &toml::de::Error) -> ConfigError {
     for leaf in leaves.iter().rev() {
         let mut table = defaults.clone();
@@ -284,7 +284,7 @@ fn blame<T: DeserializeOwned>(leaves: &[Leaf], defaults: &Table, whole: &toml::d
         let Err(error) = Value::Table(table).try_into::<T>() else {
             continue;
         };
-        // One key of an optional section is no section yet; that is not this key's fault.
+        // one key of an optional section does not make a complete section; that is not this key's fault
         if error.message().starts_with("missing field") {
             continue;
         }

@@ -1,13 +1,13 @@
-//! What the configuration of a run from before a key existed says of it, where the key's default would change the run.
+//! Values implied for keys that a run's configuration predates, where the key's default would change the run.
 
 use super::types::Config;
 use super::types::defaults::dilation_of_3dgs;
 use toml::{Table, Value};
 
-/// The keys that `run`, a whole resolved configuration, does not have, with the values that it was trained with.
+/// The keys missing from `run`, a whole resolved configuration, with the values that it was trained with.
 ///
-/// Warm-up's rate used to fall over the length of the joint stage, and warm-up densified to its end; Gaussians had no embedding,
-/// were all widened as in 3DGS, and were saved as the last step left them.
+/// Formerly, the warm-up rate decayed over the length of the joint stage and warm-up densified until its end; Gaussians
+/// had no embedding, were all dilated as in 3DGS, and were saved as the last step left them.
 pub fn implied(run: &Table) -> Vec<(&'static str, Value)> {
     let number = |section: &str, key: &str| run.get(section)?.get(key)?.as_integer();
     let lacks = |section: &str, key: &str| run.get(section).is_some_and(|s| s.get(key).is_none());

@@ -4,7 +4,7 @@ pub mod layers;
 pub mod legacy;
 pub mod types;
 
-/// The presets that are compiled in, by name.
+/// The compiled-in presets, by name.
 pub const PRESETS: &[(&str, &str)] = &[
     ("best", include_str!("../../configs/best.toml")),
     ("quick", include_str!("../../configs/quick.toml")),
@@ -24,7 +24,7 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("4dgs-small", include_str!("../../configs/methods/4dgs-small.toml")),
 ];
 
-/// A key's name without its section, unless another of the keys `among` which it stands has the same.
+/// A key's name without its section, unless another key of `among` has the same name.
 #[must_use]
 pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
     fn last(key: &str) -> &str {
@@ -34,7 +34,7 @@ pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
     if is_shared { key } else { last(key) }
 }
 
-/// `VOLSEGGS_*` variables that are not configuration keys; `*` stands for any end.
+/// `VOLSEGGS_*` variables that are not configuration keys; a trailing `*` matches any suffix.
 pub const RESERVED_VARIABLES: &[&str] = &[
     "VOLSEGGS_TEST_*",
     "VOLSEGGS_REQUIRE_*",
@@ -80,7 +80,7 @@ mod tests {
     fn presets_of_published_methods_state_every_key() {
         let defaults = toml::Table::try_from(Config::default()).unwrap();
         let keys = |table: &toml::Table| table.keys().cloned().collect::<std::collections::BTreeSet<_>>();
-        // neither of them says anything of the method
+        // these presets do not set the method
         let sections: Vec<_> =
             keys(&defaults).into_iter().filter(|k| !["seed", "method", "output"].contains(&k.as_str())).collect();
         for name in ["paper", "official", "static"] {
@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn warm_up_of_shorter_presets_falls_over_their_own_length() {
-        // what they were tuned and measured with
+        // the values that they were tuned and measured with
         for name in ["best", "quick", "demo", "configs/ablations/base-small.toml"] {
             let config = Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value;
             assert_eq!(config.optim.warmup_decay_steps, config.stages.joint_steps, "{name}");

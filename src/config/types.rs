@@ -1,6 +1,6 @@
-//! Every choice of a training run, typed. Nothing is read or layered here; that is `layers`.
+//! Typed settings of a training run. Reading and layering them is left to `layers`.
 //!
-//! The defaults are the `best` preset. Each key that the paper ablates is here by name.
+//! The defaults are the `best` preset. Every setting that the paper ablates has a key here.
 
 pub(super) mod defaults;
 mod densify;
@@ -17,53 +17,53 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The name of our own method.
+/// The name of this project's own method.
 pub const VOLSEGGS: &str = "volseggs";
 
-/// A training run.
+/// Configuration of a training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// Seed of every random choice.
     pub seed: u64,
-    /// The method: `volseggs` (the paper's and ours), `d3dgs`, `4dgs`, `coordnet`, `insitunet`, `visnerf` or a registered
-    /// one, see `docs/reference.md`.
-    #[serde(default = "defaults::method")] // a run from before this key still opens
+    /// The method: `volseggs` (that of the paper and of this project), `d3dgs`, `4dgs`, `coordnet`, `insitunet`,
+    /// `visnerf` or a registered one, see `docs/reference.md`.
+    #[serde(default = "defaults::method")] // runs that predate this key can still be opened
     pub method: String,
-    /// Settings of a registered method by name, see `docs/research.md`.
+    /// Settings of a registered method, by name; see `docs/research.md`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub method_settings: BTreeMap<String, f64>,
     /// Images and background.
     pub data: DataConfig,
-    /// The first Gaussians.
+    /// The initial Gaussians.
     pub init: InitConfig,
     /// Gaussians and deformation field.
     pub model: ModelConfig,
-    /// Length of the two stages.
+    /// Lengths of the two stages.
     pub stages: StagesConfig,
-    /// What is minimised.
+    /// The loss.
     pub loss: LossConfig,
     /// Learning rates.
     pub optim: OptimConfig,
     /// How the number of Gaussians changes.
     pub densify: DensifyConfig,
-    /// Savings of time that may change the result.
+    /// Time-saving options that may change the result.
     pub speed: SpeedConfig,
     /// Logs and checkpoints.
     pub output: OutputConfig,
-    /// Of the method `coordnet`.
+    /// Settings of the method `coordnet`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coordnet: Option<CoordNetConfig>,
-    /// Of the method `insitunet`.
+    /// Settings of the method `insitunet`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub insitunet: Option<InSituNetConfig>,
-    /// Of the method `visnerf`.
+    /// Settings of the method `visnerf`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub visnerf: Option<VisNerfConfig>,
-    /// Of the method `d3dgs`.
+    /// Settings of the method `d3dgs`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d3dgs: Option<D3dgsConfig>,
-    /// Of the method `4dgs`.
+    /// Settings of the method `4dgs`.
     #[serde(default, rename = "4dgs", skip_serializing_if = "Option::is_none")]
     pub fourdgs: Option<FourDgsConfig>,
 }
@@ -74,26 +74,27 @@ pub struct Config {
 pub struct DataConfig {
     /// Integer factor by which images are reduced (area filter, premultiplied alpha).
     pub downscale: u32,
-    /// `white`, `black`, `random` (a new colour each step; white in evaluation) or `#rrggbb`.
+    /// Background: `white`, `black`, `random` (a new colour each step; white in evaluation) or `#rrggbb`.
     pub background: String,
-    /// Train on so many of the training times, evenly spread; 0 for all.
+    /// Number of training times to train on, evenly spaced; 0 for all.
     pub times: usize,
-    /// Train on the training times nearest to these, each in [0, 1], and measure on the views nearest to those; empty for
-    /// all. Not together with `times`.
+    /// Train on the training times nearest to these, each in [0, 1], and evaluate on the views nearest to those times;
+    /// empty for all. Cannot be combined with `times`.
     pub only_times: Vec<f64>,
-    /// Train on so many views of each of them, as far apart as they can be chosen; 0 for all.
+    /// Number of views to train on per time, chosen as far apart as possible; 0 for all.
     pub views_per_time: usize,
-    /// Each view once a round, shuffled anew (`shuffled`), or any view at any step (`independent`, the reference code's).
+    /// Each view once per round, reshuffled every round (`shuffled`), or a random view at every step (`independent`, as
+    /// in the reference code).
     pub order: ViewOrder,
 }
 
-/// Which view a step sees.
+/// Which view a step uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ViewOrder {
-    /// Every view once a round, each round in an order of its own.
+    /// Every view once per round, each round in a new order.
     Shuffled,
-    /// One drawn from all, whichever came before.
+    /// One drawn from all views, independently of earlier steps.
     Independent,
 }
 
@@ -101,19 +102,19 @@ pub enum ViewOrder {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InitConfig {
-    /// Number of Gaussians at the start.
+    /// Number of initial Gaussians.
     pub points: usize,
-    /// Where they lie.
+    /// Where they are placed.
     pub placement: Placement,
-    /// Half side of the cube for `placement = "box"`, world units.
+    /// Half the side length of the cube for `placement = "box"`, world units.
     pub box_half_size: f64,
-    /// Standard deviation as a multiple of the mean spacing.
+    /// Initial standard deviation, as a multiple of the mean spacing.
     pub scale: f64,
-    /// Opacity in (0, 1).
+    /// Initial opacity, in (0, 1).
     pub opacity: f64,
 }
 
-/// Where the first Gaussians lie.
+/// Where the initial Gaussians are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Placement {
@@ -127,23 +128,24 @@ pub enum Placement {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StagesConfig {
-    /// Steps of warm-up: canonical Gaussians alone.
+    /// Steps of warm-up, which trains the canonical Gaussians alone.
     pub warmup_steps: usize,
-    /// Times that warm-up sees.
+    /// Times used in warm-up.
     pub warmup_times: WarmupTimes,
-    /// Steps of joint training; 0 trains a static scene, 3DGS as it is.
+    /// Steps of joint training; 0 trains a static scene, as plain 3DGS.
     pub joint_steps: usize,
-    /// The spherical-harmonics degree rises by one every so many steps of the run; 0 starts at the top.
+    /// Steps of the run after which the spherical-harmonics degree rises by one, repeatedly; 0 starts at the full
+    /// degree.
     pub sh_every: usize,
 }
 
-/// Times that warm-up sees.
+/// Times used in warm-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WarmupTimes {
     /// The middle training time.
     Middle,
-    /// All of them.
+    /// All training times.
     All,
 }
 
@@ -153,32 +155,33 @@ pub enum WarmupTimes {
 pub struct LossConfig {
     /// Distance between colours.
     pub kind: LossKind,
-    /// Weight of the distance, of colours and alpha alike.
+    /// Weight of the distance, for both colours and alpha.
     pub weight: f64,
     /// Weight of DSSIM (1 - SSIM).
     pub dssim: f64,
-    /// DSSIM counts in the last so many joint steps (without a joint stage: steps of warm-up).
+    /// Number of final joint steps that use DSSIM (without a joint stage: final warm-up steps).
     pub dssim_last: usize,
-    /// Its weight rises from zero over the first so many of them; 1 switches it on at once.
+    /// Number of these steps over which its weight rises from zero; 1 switches it on at once.
     pub dssim_ramp: usize,
-    /// Whether it counts in all of warm-up as well, as in 3DGS.
+    /// Whether DSSIM is used in all of warm-up as well, as in 3DGS.
     pub dssim_warmup: bool,
-    /// Distance of alpha, as a multiple of that of the colours.
+    /// Weight of the distance of alpha, relative to that of the colours.
     pub alpha: f64,
     /// Weight of total variation on planes and lines.
     pub tv: f64,
     /// Weight of total variation on temporal vectors.
     pub tv_time: f64,
-    /// First differences on both axes (`first`, the paper's) or second differences on one (`second`).
+    /// First differences on both axes (`first`, as in the paper) or second differences on one (`second`).
     pub tv_kind: TvOrder,
-    /// Mean over the differences of each tensor (`mean`, the reference code's) or their sum (`sum`, the paper's equation 6).
+    /// Mean over the differences of each tensor (`mean`, as in the reference code) or their sum (`sum`, the paper's
+    /// equation 6).
     pub tv_reduction: TvReduction,
-    /// Weight of mean |1 - g| over the grid (the reference code's prior).
+    /// Weight of mean |1 - g| over the grid (the prior of the reference code).
     pub one_prior: f64,
-    /// Weight of fading in the joint stage: of the mean change of a Gaussian's opacity from its canonical one, so that the field
-    /// rather moves what it can move; ours.
+    /// Weight of the fading penalty in the joint stage: the mean change of the Gaussians' opacities from their
+    /// canonical values, so that the field prefers moving Gaussians to fading them. An addition of this project.
     pub fade: f64,
-    /// Weights of registered loss terms by name, see `docs/research.md`; 0 leaves one out.
+    /// Weights of registered loss terms, by name; see `docs/research.md`. 0 omits a term.
     pub extra: BTreeMap<String, f64>,
 }
 
@@ -202,7 +205,7 @@ pub enum TvOrder {
     Second,
 }
 
-/// What becomes of the squared differences of a tensor.
+/// How the squared differences of a tensor are reduced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TvReduction {
@@ -212,60 +215,64 @@ pub enum TvReduction {
     Sum,
 }
 
-/// `optim.*`: Adam with one learning rate a group.
+/// `optim.*`: Adam with one learning rate per parameter group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OptimConfig {
-    /// Means, as a multiple of the scene's extent, falling over the joint stage as `schedule` says, and in warm-up over
-    /// `warmup_decay_steps`.
+    /// Learning rate of means, as a multiple of the scene's extent. It decays over the joint stage as set by
+    /// `schedule`, and in warm-up over `warmup_decay_steps`.
     pub means: f64,
-    /// Steps, from the first of warm-up, over which the rate of the means would fall to its end; the joint stage begins anew.
+    /// Steps, from the start of warm-up, over which the rate of the means would decay to its final value; the decay
+    /// restarts with the joint stage.
     pub warmup_decay_steps: usize,
-    /// Rotations.
+    /// Learning rate of rotations.
     pub rotations: f64,
-    /// Log-scales.
+    /// Learning rate of log-scales.
     pub log_scales: f64,
-    /// Opacity logits.
+    /// Learning rate of opacity logits.
     pub opacity: f64,
-    /// First spherical-harmonics coefficient.
+    /// Learning rate of the first spherical-harmonics coefficient.
     pub sh: f64,
-    /// Learning rate of the others, as a fraction of `sh`.
+    /// Learning rate of the other coefficients, as a fraction of `sh`.
     pub sh_rest: f64,
-    /// Normals of `model.appearance = "headlight"`.
+    /// Learning rate of the normals of `model.appearance = "headlight"`.
     pub normals: f64,
-    /// Its material.
+    /// Learning rate of the material of `model.appearance = "headlight"`.
     pub material: f64,
-    /// Planes, lines and temporal vectors (and the other encoders; the implicit one wants a tenth, D3DGS has 8e-4).
+    /// Learning rate of planes, lines and temporal vectors, and of the other encoders (the implicit one needs a tenth;
+    /// D3DGS uses 8e-4).
     pub encoder: f64,
-    /// The decoder.
+    /// Learning rate of the decoder.
     pub decoder: f64,
-    /// The embedding of each Gaussian, of `model.embedding` above 0.
+    /// Learning rate of the per-Gaussian embedding, used if `model.embedding` is above 0.
     pub embedding: f64,
-    /// Final rate of means, encoder, decoder and embedding, as a fraction of the first.
+    /// Final rate of means, encoder, decoder and embedding, as a fraction of the initial rate.
     pub final_fraction: f64,
-    /// Final rate of the other groups, as a fraction of the first; they fall in the stage that ends the training, or over the
-    /// whole run with `decay_over = "run"`.
+    /// Final rate of the other groups, as a fraction of the initial rate; they decay in the last stage of training, or
+    /// over the whole run with `decay_over = "run"`.
     pub attributes_final_fraction: f64,
-    /// How means, encoder, decoder and embedding fall: `log-linear`, `cosine`, `constant` or a registered schedule.
+    /// How the rates of means, encoder, decoder and embedding decay: `log-linear`, `cosine`, `constant` or a registered
+    /// schedule.
     pub schedule: String,
-    /// Over each stage anew (`stage`, in warm-up over `warmup_decay_steps`), or once over the whole run (`run`, as 3DGS).
+    /// Decay over each stage separately (`stage`, in warm-up over `warmup_decay_steps`), or once over the whole run
+    /// (`run`, as in 3DGS).
     pub decay_over: DecayOver,
-    /// First and second decay of Adam.
+    /// First and second decay rates of Adam.
     pub betas: [f64; 2],
     /// Adam's epsilon.
     pub epsilon: f64,
-    /// Steps that a moving average of the parameters reaches back, which is shown and saved in their place; 0 for none. It
-    /// reaches back a tenth of the steps since it began at most, and begins again with the joint stage, and whenever
-    /// Gaussians are added or removed.
-    #[serde(default)] // a run from before this key still opens
+    /// Length in steps of the moving average of the parameters that is shown and saved in their place; 0 for none. It
+    /// covers at most a tenth of the steps since it began, and restarts with the joint stage and whenever Gaussians are
+    /// added or removed.
+    #[serde(default)] // runs that predate this key can still be opened
     pub average: usize,
 }
 
-/// What the rates fall over.
+/// The period over which the rates decay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DecayOver {
-    /// Each stage, beginning anew.
+    /// Each stage separately.
     Stage,
     /// The whole run.
     Run,
@@ -275,13 +282,13 @@ pub enum DecayOver {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SpeedConfig {
-    /// The first so many steps see images reduced by `coarse_factor`.
+    /// Number of initial steps that use images reduced by `coarse_factor`.
     pub coarse_steps: usize,
-    /// Integer factor by which they are reduced.
+    /// Integer factor by which these images are reduced.
     pub coarse_factor: u32,
-    /// Steps between sortings of the Gaussians along a space-filling curve, also at the start; 0 for never.
+    /// Steps between sorts of the Gaussians along a space-filling curve, with one at the start; 0 for never.
     pub sort_every: usize,
-    /// A Gaussian found transparent at a training time is passed over in the next visits of that time; one of so many
-    /// looks at all. 0 or 1 for always.
+    /// Gaussians found transparent at a training time are skipped on later visits to that time; one visit in this many
+    /// uses all Gaussians. 0 or 1 never skips.
     pub cull_visits: usize,
 }

@@ -36,10 +36,10 @@ impl Camera {
         Self { width, height, fx: focal, fy: focal, cx: 0.5 * w, cy: 0.5 * h, camera_to_world }
     }
 
-    /// A camera at `eye` that looks at `target` without roll about `up`; `fov_x` in radians.
+    /// A camera at `eye` looking at `target` without roll about `up`; `fov_x` in radians.
     ///
-    /// Where `up` is along the view, the world axis least along it takes its place; `eye == target` looks
-    /// along -z.
+    /// If `up` is parallel to the view, whichever of the world's x and y axes is less aligned with the view replaces
+    /// it; `eye == target` looks along -z.
     #[must_use]
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_x: f64, width: u32, height: u32) -> Self {
         let back = (eye - target).try_normalize().unwrap_or(DVec3::Z);
@@ -52,7 +52,7 @@ impl Camera {
         Self::from_fov_x(fov_x, width, height, camera_to_world)
     }
 
-    /// The camera as the splatting kernels see it, in single precision.
+    /// The camera for the splatting kernels, in single precision.
     #[must_use]
     pub fn to_kernel(&self) -> volseggs_kernels::Camera {
         let (rotation, translation) = self.world_to_camera_opencv();
@@ -74,7 +74,7 @@ impl Camera {
         self.camera_to_world.w_axis.truncate()
     }
 
-    /// The unit direction of view in world coordinates.
+    /// The unit viewing direction in world coordinates.
     #[must_use]
     pub fn forward(&self) -> DVec3 {
         -self.camera_to_world.z_axis.truncate().normalize_or(DVec3::Z)
@@ -109,7 +109,7 @@ impl Camera {
         (p.z > 1e-9).then(|| (DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy), p.z))
     }
 
-    /// The world point that [`Camera::project`] takes to this continuous pixel and depth.
+    /// The world point that [`Camera::project`] maps to this continuous pixel and depth.
     #[must_use]
     pub fn unproject(&self, pixel: DVec2, depth: f64) -> DVec3 {
         let (rotation, translation) = self.world_to_camera_opencv();
@@ -117,10 +117,10 @@ impl Camera {
         rotation.transpose() * (p - translation)
     }
 
-    /// The same camera for an image made smaller by the integer `factor` (0 counts as 1) in both axes.
+    /// The same camera for an image reduced by the integer `factor` (0 counts as 1) in both axes.
     ///
-    /// Exact where `factor` divides the size, which loading images insists on; otherwise the odd pixels at the
-    /// right and bottom are cut.
+    /// Exact where `factor` divides the size, which image loading requires; otherwise the surplus pixels at the right
+    /// and bottom are cut off.
     #[must_use]
     pub fn downscaled(&self, factor: u32) -> Self {
         let factor = factor.max(1);
@@ -156,7 +156,7 @@ pub fn look_at_point<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> O
     point.is_finite().then(|| (point, (square / n).sqrt()))
 }
 
-/// `I - d d^T`, the projection onto the plane across the unit vector `d`.
+/// `I - d d^T`, the projection onto the plane perpendicular to the unit vector `d`.
 fn off_axis(d: DVec3) -> DMat3 {
     DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z)
 }

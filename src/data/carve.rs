@@ -1,5 +1,5 @@
-//! The two halves of carving: alpha masks that answer "is this point, or anything near it, seen?", and the grid
-//! of cells that survive. Used by `hull` alone.
+//! The two halves of carving: alpha masks that answer whether a point, or anything near it, is seen, and the grid of
+//! surviving cells. Used by `hull` alone.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::dataset::Split;
 use super::hull::Aabb;
 
-/// One view, ready to be projected into many times.
+/// One view, prepared for many projections.
 struct View {
     rotation: DMat3,
     translation: DVec3,
@@ -39,15 +39,15 @@ pub(super) struct Masks<'a> {
     stride: usize,
     /// Per group and view, the summed-area table of the mask in blocks of `pool` x `pool` pixels.
     tables: Vec<Vec<Vec<u32>>>,
-    /// Per frame, one bit for each pixel that is seen: small enough to stay in the processor's cache.
+    /// Per frame, one bit per pixel, set where it is seen: small enough to stay in the processor's cache.
     bits: Vec<Vec<u64>>,
 }
 
-/// Tables are at most about this wide, so that those of all views fit in memory.
+/// Approximate maximum width of a table, so that those of all views fit in memory.
 const TABLE_SIDE: usize = 256;
 
 impl<'a> Masks<'a> {
-    /// `threshold` in [0, 1]: alpha above it counts.
+    /// `threshold` in [0, 1]: alpha above it counts as seen.
     pub(super) fn new(split: &'a Split, threshold: f32) -> Self {
         let threshold = (threshold.clamp(0.0, 1.0) * 255.0).floor() as u8;
         let loaded = split.images.len() == split.frames.len();
@@ -73,12 +73,12 @@ impl<'a> Masks<'a> {
         masks
     }
 
-    /// Whether there is nothing to carve with: no image, or no transparent pixel.
+    /// Whether there is nothing to carve with: no images, or no transparent pixel.
     pub(super) fn opaque(&self) -> bool {
         self.opaque
     }
 
-    /// The number of a pixel in its image; none outside.
+    /// The index of a pixel in its image; `None` outside.
     fn pixel(&self, x: f64, y: f64) -> Option<usize> {
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
         inside.then(|| y as usize * self.width + x as usize)
@@ -109,13 +109,13 @@ impl<'a> Masks<'a> {
         self.enough(group, seen)
     }
 
-    /// Half of a time's views must have a point in their image: far out along one camera's axis no other view
-    /// would speak against it.
+    /// At least half of a time's views must have the point in their image: far out along one camera's axis no other
+    /// view would rule it out.
     fn enough(&self, group: usize, seen: usize) -> bool {
         2 * seen >= self.groups[group].len().max(1)
     }
 
-    /// A time group whose hull holds `p`, looking at `first` first.
+    /// A time group whose hull holds `p`, trying `first` first.
     pub(super) fn group_holding(&self, p: DVec3, first: usize) -> Option<usize> {
         let n = self.groups.len();
         (0..n).map(|i| (first + i) % n).find(|g| self.holds(*g, p))
@@ -144,7 +144,8 @@ impl<'a> Masks<'a> {
         }
     }
 
-    /// The summed-area table `[height / pool + 1, width / pool + 1]` of one mask; a block with one seen pixel counts.
+    /// The summed-area table `[height / pool + 1, width / pool + 1]` of one mask; a block counts if any of its pixels
+    /// is seen.
     fn table(&self, frame: usize) -> Vec<u32> {
         let (pool, stride) = (self.pool, self.stride);
         let mut sums = vec![0u32; stride];
@@ -169,7 +170,7 @@ impl<'a> Masks<'a> {
         sums
     }
 
-    /// Whether every view of `group` that has `p` in its image has a seen pixel within `radius` (world units).
+    /// Whether every view of `group` with `p` in its image has a seen pixel within `radius` (world units).
     fn near(&self, group: usize, p: DVec3, radius: f64) -> bool {
         let (stride, mut seen) = (self.stride, 0);
         let (w, h) = (self.width as f64, self.height as f64);
@@ -195,7 +196,7 @@ impl<'a> Masks<'a> {
     }
 }
 
-/// A cell that survives, and the first time group that keeps it.
+/// A surviving cell, and the first time group that keeps it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cell {
     pub(super) index: [u32; 3],
@@ -215,27 +216,28 @@ impl Grid {
         Self { bounds, n: 1, cells: vec![Cell { index: [0; 3], group: 0 }] }
     }
 
-    /// Tests all cells; `reach` in cell sides is how far from a cell's middle a seen pixel may be (0.87 covers the
-    /// whole cell).
+    /// Tests all cells; `reach`, in cell sides, is the maximum distance of a seen pixel from a cell's centre (0.87
+    /// covers the whole cell).
     pub(super) fn carve(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64) -> Self {
         let index = |i: usize| [(i % n) as u32, (i / n % n) as u32, (i / n / n) as u32];
         let all = (0..n * n * n).map(|i| Cell { index: index(i), group: 0 }).collect();
         Self::keep(masks, bounds, n, reach, all)
     }
 
-    /// The grid of half the cell side, testing only inside surviving cells: a time that lost the whole cell is not
-    /// asked about its parts.
+    /// The grid of half the cell side, testing only inside surviving cells: a time that rejected a whole cell is not
+    /// tested on its parts.
     pub(super) fn refine(&self, masks: &Masks<'_>, reach: f64) -> Self {
         let child = |c: &Cell, k: u32| Cell { index: [0, 1, 2].map(|a| 2 * c.index[a] + (k >> a & 1)), group: c.group };
         let children = self.cells.iter().flat_map(|c| (0..8u32).map(move |k| child(c, k))).collect();
         Self::keep(masks, self.bounds, 2 * self.n, reach, children)
     }
 
-    /// The candidates that some time from their `group` on keeps.
+    /// The candidates kept by some time from their `group` on.
     fn keep(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64, mut left: Vec<Cell>) -> Self {
         let mut grid = Self { bounds, n, cells: Vec::new() };
         let radius = reach * grid.cell().max_element();
-        // Time by time rather than cell by cell: one time's tables fit the processor's cache, all do not.
+        // time by time rather than cell by cell: the tables of one time fit in the processor's cache, those of all
+        // times do not
         for group in 0..masks.groups.len() {
             let kept: Vec<bool> = left
                 .par_iter()

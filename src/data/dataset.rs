@@ -71,7 +71,7 @@ pub struct Frame {
     pub time: f64,
 }
 
-/// The views of one split; `images` holds `frames.len()` images in the same order, or none if not asked for.
+/// The views of one split; `images` holds `frames.len()` images in the same order, or none if not requested.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Split {
     /// The split's name.
@@ -92,7 +92,7 @@ impl Split {
         times
     }
 
-    /// The same views, images and cameras reduced by the integer `factor`.
+    /// The same views, with images and cameras reduced by the integer `factor`.
     ///
     /// # Errors
     /// If `factor` is 0 or does not divide the images' width and height.
@@ -111,11 +111,11 @@ impl Split {
 /// How to open a dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct OpenOptions<'a> {
-    /// Integer factor by which images are made smaller; 1 leaves them.
+    /// Integer factor by which images are reduced; 1 keeps their size.
     pub downscale: u32,
     /// The splits whose images are loaded.
     pub splits: &'a [SplitName],
-    /// At most this many views of each split, spread evenly over the file; none for all.
+    /// Maximum number of views per split, spread evenly over the file; `None` for all.
     pub max_views: Option<usize>,
 }
 
@@ -130,11 +130,11 @@ impl Default for OpenOptions<'_> {
 pub struct Dataset {
     /// The folder.
     pub root: PathBuf,
-    /// The training split. Its frames are always there, its images only if it was named.
+    /// The training split. Its frames are always present, its images only if requested.
     pub train: Split,
-    /// The validation split, if named.
+    /// The validation split, if requested.
     pub val: Option<Split>,
-    /// The test split, if named.
+    /// The test split, if requested.
     pub test: Option<Split>,
     fingerprint: u64,
 }
@@ -143,7 +143,7 @@ impl Dataset {
     /// Opens the folder `root`.
     ///
     /// # Errors
-    /// A missing or wrong JSON file or image; a `downscale` that does not divide the image size.
+    /// A missing or invalid JSON file or image; a `downscale` that does not divide the image size.
     pub fn open(root: &Path, options: &OpenOptions<'_>) -> Result<Self, DataError> {
         let read = |name: SplitName| {
             let (downscale, max_views) = (options.downscale, options.max_views);
@@ -179,9 +179,9 @@ impl Dataset {
         }
     }
 
-    /// 16 hexadecimal digits that tell one training set from another: a 64-bit FNV-1a hash of the bytes of
-    /// `transforms_train.json`, the size of every training image file and the downscale factor. The same whichever
-    /// other splits are loaded and however many views.
+    /// 16 hexadecimal digits that identify a training set: a 64-bit FNV-1a hash of the bytes of
+    /// `transforms_train.json`, the size of every training image file and the downscale factor. Independent of the
+    /// other splits loaded and of the number of views.
     #[must_use]
     pub fn fingerprint(&self) -> String {
         format!("{:016x}", self.fingerprint)
@@ -200,35 +200,35 @@ impl Dataset {
     }
 }
 
-/// 1.1 times the largest distance of a camera from their mean, as in 3DGS; learning rates of positions are relative to it.
-/// Where all cameras stand at one place it is 1.1 times their distance from the origin, since nothing would move otherwise;
-/// 0 at the origin and for no frames.
+/// 1.1 times the largest distance of a camera from their mean, as in 3DGS; learning rates of positions are relative to
+/// it. If all cameras are at one position, 1.1 times their distance from the origin, since nothing would move
+/// otherwise; 0 at the origin and for no frames.
 #[must_use]
 pub fn scene_extent(frames: &[Frame]) -> f64 {
     let mean = frames.iter().map(|f| f.camera.position()).sum::<DVec3>() / frames.len().max(1) as f64;
     let spread = frames.iter().map(|f| f.camera.position().distance(mean)).fold(0.0, f64::max);
-    // the mean of equal places is rounded
+    // the mean of equal positions is rounded
     1.1 * if spread > 1e-9 * mean.length() { spread } else { mean.length() }
 }
 
 /// Reads one split with its images; `downscale` and `max_views` as in [`OpenOptions`].
 ///
 /// # Errors
-/// As [`Dataset::open`].
+/// As for [`Dataset::open`].
 pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
     let json = Transforms::read(&name.json_path(root))?;
     json.check_images()?;
     let (mut split, kept) = outline(root, name, &json, downscale, max_views)?;
     let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
-    // With fewer views than frames, a message must still name the frame's place in the file.
+    // with fewer views than frames, a message must still give the frame's index in the file
     split.images = ImageSet::load(&json.path, &paths, downscale).map_err(|e| renumber(e, &kept))?;
     Ok(split)
 }
 
-/// The views of one split without their images, of which only the first one's size is read.
+/// The views of one split without their images; only the first image's size is read.
 ///
 /// # Errors
-/// As [`Dataset::open`].
+/// As for [`Dataset::open`].
 pub fn read_views(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
     let json = Transforms::read(&name.json_path(root))?;
     Ok(outline(root, name, &json, downscale, max_views)?.0)
@@ -241,7 +241,7 @@ fn renumber(mut error: DataError, kept: &[usize]) -> DataError {
     error
 }
 
-/// The split without its images, and which frames of the file it keeps; only the first image's size is read.
+/// The split without its images, and the indices of the frames it keeps; only the first image's size is read.
 fn outline(
     root: &Path,
     name: SplitName,
@@ -276,7 +276,7 @@ fn outline(
     Ok((Split { name, frames, images }, kept))
 }
 
-/// The images may be a scaled copy of the `w` x `h` that the JSON speaks of, but not a cropped one.
+/// The images may be a scaled copy of the `w` x `h` given in the JSON, but not a cropped one.
 fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), DataError> {
     let (Some(w), Some(h)) = (json.intrinsics.w, json.intrinsics.h) else {
         return Ok(());
@@ -290,11 +290,11 @@ fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), Da
     Err(DataError::field_error(&json.path, None, "w", problem, hint))
 }
 
-/// 16 hexadecimal digits that tell what runs are measured on: as [`Dataset::fingerprint`], of the test views, and of the
-/// text of what is known of segments, if anything is.
+/// 16 hexadecimal digits that identify what runs are measured on: as [`Dataset::fingerprint`], but of the test views
+/// and the text of the segments' ground truth, if there is any.
 ///
 /// # Errors
-/// Test views that are not there or cannot be read.
+/// Test views that are missing or cannot be read.
 pub fn measured_fingerprint(root: &Path) -> Result<String, DataError> {
     let path = SplitName::Test.json_path(root);
     let text = read_text(&path)?;
@@ -323,7 +323,7 @@ fn fnv1a(hash: u64, bytes: &[u8]) -> u64 {
     bytes.iter().fold(hash, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x0000_0100_0000_01b3))
 }
 
-/// The folder of the published test dataset; without it the test skips.
+/// The folder of the published test dataset; without it the test is skipped.
 #[cfg(test)]
 pub(crate) fn test_data() -> Option<PathBuf> {
     volseggs_testing::test_data("data/vortex-400", volseggs_testing::Need::Data)

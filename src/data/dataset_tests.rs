@@ -83,7 +83,7 @@ fn the_fingerprint_follows_the_data() {
     assert_ne!(first, open(1));
 }
 
-/// Opening must fail with a message that holds every one of `words`.
+/// Opening must fail with a message that contains all of `words`.
 fn refused(folder: &Path, words: &[&str]) {
     let text = Dataset::open(folder, &OpenOptions::default()).unwrap_err().to_string();
     assert!(words.iter().chain(&["Hint: "]).all(|w| text.contains(w)), "{text}");

@@ -1,21 +1,21 @@
-//! What can be wrong with a dataset. Each variant names the file, the place in it and a way to mend it.
+//! What can be wrong with a dataset. Each variant names the file, the place in it and a way to fix it.
 
 use std::path::{Path, PathBuf};
 
-/// An error of reading, checking or writing a dataset.
+/// An error in reading, checking or writing a dataset.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DataError {
-    /// The file system refused.
+    /// The file system reported an error.
     #[error("{}: cannot {action}: {source}. Hint: {hint}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried, as in "read the file".
+        /// What was attempted, as in "read the file".
         action: &'static str,
-        /// The file system's answer.
+        /// The file system's error.
         source: std::io::Error,
-        /// How to mend it.
+        /// How to fix it.
         hint: String,
     },
     /// The text is not JSON, or ends too early.
@@ -23,15 +23,15 @@ pub enum DataError {
     Syntax {
         /// The JSON file.
         path: PathBuf,
-        /// The frame the text breaks in, counted from 0, where one had begun.
+        /// The frame in which the error occurs, counted from 0, if one had begun.
         frame: Option<usize>,
         /// Line, counted from 1.
         line: usize,
         /// Column, counted from 1.
         column: usize,
-        /// What the parser met.
+        /// What the parser found.
         problem: String,
-        /// How to mend it.
+        /// How to fix it.
         hint: String,
     },
     /// A field is missing or holds a value that cannot be used.
@@ -45,7 +45,7 @@ pub enum DataError {
         field: String,
         /// What is wrong with it.
         problem: String,
-        /// How to mend it.
+        /// How to fix it.
         hint: String,
     },
     /// An image is missing, broken, or does not fit what the JSON says.
@@ -59,7 +59,7 @@ pub enum DataError {
         frame: usize,
         /// What is wrong.
         problem: String,
-        /// How to mend it.
+        /// How to fix it.
         hint: String,
     },
     /// Two images of one split have different sizes.
@@ -91,10 +91,10 @@ pub enum DataError {
         option: &'static str,
         /// What is wrong.
         problem: String,
-        /// How to mend it.
+        /// How to fix it.
         hint: String,
     },
-    /// The alpha masks leave nothing.
+    /// The visual hull of the alpha masks is empty.
     #[error(
         "split `{split}`: the visual hull of the {views} alpha masks is empty. Hint: check that the images are \
          not all transparent and that `transform_matrix` is camera-to-world with +y up and -z forward"
@@ -102,13 +102,13 @@ pub enum DataError {
     EmptyHull {
         /// The split's name.
         split: String,
-        /// How many views were carved.
+        /// Number of views carved.
         views: usize,
     },
 }
 
 impl DataError {
-    /// Whether the user can mend it; otherwise the system failed or refused.
+    /// Whether the user can fix it; otherwise the system failed or refused.
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {

@@ -1,5 +1,5 @@
-//! Tightens a carved box: with few views per time the hull has tips where cones cross beyond the data; the
-//! silhouettes of all times together say where the box of the data can end. Used by `hull` alone.
+//! Tightens a carved box: with few views per time the hull has spikes where viewing cones cross beyond the data; the
+//! silhouettes of all times together show where the box of the data can end. Used by `hull` alone.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use super::dataset::Split;
 use super::hull::Aabb;
 
-/// With fewer views the silhouettes say too little about depth, and the carved box stays.
+/// With fewer views the silhouettes say too little about depth, and the carved box is kept.
 const MIN_VIEWS: usize = 48;
-/// The most that one side may move in, as a fraction of the box.
+/// Maximum distance by which one side may move inwards, as a fraction of the box.
 const MAX_INSET: f64 = 0.06;
-/// Steps in which it does.
+/// Number of steps over that distance.
 const STEPS: usize = 24;
 /// Views per parallel piece.
 const PIECE: usize = 8;
@@ -22,16 +22,16 @@ struct Outline {
     rays: Vec<DVec3>,
 }
 
-/// Moves the sides of `bounds` in, in turn and by small steps, as long as every silhouette stays inside the
-/// projection of the box (each seen pixel's ray still meets it).
+/// Moves the sides of `bounds` inwards, in turn and by small steps, as long as every silhouette stays inside the
+/// projection of the box (the ray of each seen pixel still hits it).
 pub(super) fn shrink_to_silhouettes(split: &Split, bounds: Aabb, threshold: f32) -> Aabb {
     if split.frames.len() < MIN_VIEWS || split.images.len() != split.frames.len() {
         return bounds;
     }
     let outlines: Vec<Outline> =
         (0..split.frames.len()).into_par_iter().map(|i| outline(split, i, threshold)).collect();
-    // Rays that miss already (stray pixels, the border of coarse masks) have no say, and those that meet even the
-    // smallest box need not be asked again.
+    // rays that already miss (stray pixels, the border of coarse masks) are ignored, and those that hit even the
+    // smallest box need no further test
     let smallest = bounds.grown(-MAX_INSET);
     let outlines: Vec<Outline> = outlines
         .into_par_iter()
@@ -55,7 +55,7 @@ pub(super) fn shrink_to_silhouettes(split: &Split, bounds: Aabb, threshold: f32)
             } else {
                 tried.max[axis] -= step[axis]
             }
-            // The box only shrinks, so that a side that is stuck stays so.
+            // the box only shrinks, so a side that is stuck stays stuck
             free[side] = covers(&tried);
             if free[side] {
                 best = tried;
@@ -65,7 +65,7 @@ pub(super) fn shrink_to_silhouettes(split: &Split, bounds: Aabb, threshold: f32)
     best
 }
 
-/// The box's projection is convex, so that the two ends of each row speak for all between.
+/// The rays at the ends of each silhouette row: the box's projection is convex, so they stand for all between.
 fn outline(split: &Split, frame: usize, threshold: f32) -> Outline {
     let (camera, width) = (&split.frames[frame].camera, split.images.width as usize);
     let threshold = (threshold.clamp(0.0, 1.0) * 255.0).floor() as u8;
@@ -83,8 +83,8 @@ fn outline(split: &Split, frame: usize, threshold: f32) -> Outline {
     Outline { eye: camera.position(), rays }
 }
 
-/// Whether the ray meets the box (slab test). Division by a zero component gives infinities, which `min` and `max`
-/// order rightly.
+/// Whether the ray hits the box (slab test). Division by a zero component gives infinities, which `min` and `max` order
+/// correctly.
 fn hits(b: &Aabb, eye: DVec3, ray: DVec3) -> bool {
     let (a, c) = ((b.min - eye) / ray, (b.max - eye) / ray);
     a.min(c).max_element().max(0.0) <= a.max(c).min_element()

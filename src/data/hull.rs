@@ -1,8 +1,8 @@
-//! The visual hull of the alpha masks: where the data can be. Gives the bounding box, points inside it and the
-//! colours seen there. Knows no Gaussians.
+//! The visual hull of the alpha masks: where the data can be. Provides the bounding box, points inside it and the
+//! colours seen there. Knows nothing of Gaussians.
 //!
-//! A point is in the hull of a time if at least half of that time's views have it in their image, and every one
-//! that has shows alpha there. The hull of a split is the union over its times.
+//! A point is in the hull of a time if at least half of that time's views have it in their image, and all of these show
+//! alpha there. The hull of a split is the union over its times.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,8 +14,8 @@ use super::error::DataError;
 use super::fit::shrink_to_silhouettes;
 use crate::rng::{Purpose, Rng};
 
-/// Draws per point before its cell's last draw is taken as it is. Cells are kept only if they may hold hull, so
-/// this is reached only in cells that touch the hull in a sliver.
+/// Maximum number of draws per point before the last one is accepted. Cells are kept only if they may hold hull, so
+/// this is reached only in cells that barely touch the hull.
 const MAX_DRAWS: usize = 64;
 const CHUNK: usize = 1024;
 
@@ -41,7 +41,7 @@ impl Aabb {
         self.max - self.min
     }
 
-    /// The middle.
+    /// The centre.
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         0.5 * (self.min + self.max)
@@ -60,7 +60,7 @@ impl Aabb {
     }
 }
 
-/// How to carve.
+/// Carving options.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HullOptions {
     /// Alpha in [0, 1] above which a pixel counts as seen.
@@ -78,11 +78,11 @@ impl Default for HullOptions {
 /// The carved hull of a split.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VisualHull {
-    /// Its axis-aligned box, without tips that no silhouette needs where there are enough views to tell.
+    /// Its axis-aligned box, without spikes that no silhouette requires where there are enough views to decide.
     pub bounds: Aabb,
     /// The fraction of the box that the hull fills (cells of the fine grid), in (0, 1].
     pub filled: f64,
-    /// False where the images have no transparent pixel: then `bounds` is only where the cameras look.
+    /// False where the images have no transparent pixel: `bounds` then only shows where the cameras look.
     pub carved: bool,
 }
 
@@ -90,7 +90,7 @@ impl VisualHull {
     /// Carves the hull from the alpha masks, coarse to fine.
     ///
     /// # Errors
-    /// If the masks leave nothing.
+    /// If the hull is empty.
     pub fn carve(split: &Split, options: &HullOptions) -> Result<Self, DataError> {
         let start = view_box(split);
         let masks = Masks::new(split, options.alpha_threshold);
@@ -99,8 +99,7 @@ impl VisualHull {
         }
         let empty = || DataError::EmptyHull { split: split.name.to_string(), views: split.frames.len() };
         let n = options.resolution.max(2);
-        // Whole cells first, so that nothing thin is lost; then half cells of a box that
-        // fits.
+        // whole cells first, so that nothing thin is lost; then half cells of a box that fits
         let rough = Grid::carve(&masks, start, n / 2, 0.87).bounds().ok_or_else(empty)?;
         let coarse = Grid::carve(&masks, rough, n, 0.87);
         let fine = coarse.refine(&masks, 0.25);
@@ -116,20 +115,20 @@ impl VisualHull {
 /// The box of the visual hull of `split`, with the default options.
 ///
 /// # Errors
-/// If the masks leave nothing.
+/// If the hull is empty.
 pub fn bounds(split: &Split) -> Result<Aabb, DataError> {
     VisualHull::carve(split, &HullOptions::default()).map(|hull| hull.bounds)
 }
 
-/// `n` points `[n, 3]` uniform in the part of `bounds` that is in the hull of at least one time; uniform in all of
-/// `bounds` where nothing is left. The same for the same `seed`, whatever the number of threads.
+/// `n` points `[n, 3]`, uniform in the part of `bounds` that is in the hull of at least one time, or in all of `bounds`
+/// if that part is empty. The same for the same `seed`, whatever the number of threads.
 #[must_use]
 pub fn sample(split: &Split, bounds: Aabb, n: usize, seed: u64) -> Vec<[f32; 3]> {
     sample_in(&Masks::new(split, 0.0), bounds, n, seed).into_iter().map(|(p, _)| p.as_vec3().to_array()).collect()
 }
 
-/// As [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over
-/// the views of one time whose hull holds it; mid-grey where no view shows it.
+/// Like [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over the
+/// views of one time whose hull holds it; mid-grey where no view shows it.
 #[must_use]
 pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
     let masks = Masks::new(split, 0.0);
@@ -140,7 +139,7 @@ pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec
         .unzip()
 }
 
-/// Points, each with the number of a time group whose hull holds it.
+/// Points, each with the index of a time group whose hull holds it.
 fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3, usize)> {
     let grid = if masks.opaque() { Grid::full(bounds) } else { Grid::carve(masks, bounds, 64, 0.87) };
     let grid = if grid.cells.is_empty() { Grid::full(bounds) } else { grid };
@@ -167,8 +166,8 @@ fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3
         .collect()
 }
 
-/// Where the cameras look: the cube around the point nearest to all optical axes, as wide as the widest view
-/// is there. Where the axes do not meet, the cube before the mean camera at twice the cameras' spread.
+/// Where the cameras look: the cube around the point nearest to all optical axes, as wide as the widest view there.
+/// Where the axes do not meet, the cube in front of the mean camera at twice the cameras' spread.
 #[must_use]
 pub fn view_box(split: &Split) -> Aabb {
     let cameras = || split.frames.iter().map(|f| &f.camera);

@@ -29,10 +29,10 @@ impl ImageSet {
     /// Channels of a pixel: red, green, blue, alpha.
     pub const CHANNELS: usize = 4;
 
-    /// Decodes `paths` in parallel, each made smaller by the integer `downscale`. `json` is the file that names
-    /// them, in this order, and serves messages only.
+    /// Decodes `paths` in parallel, each reduced by the integer `downscale`. `json` is the file that lists them, in
+    /// this order; it is used in messages only.
     ///
-    /// PNGs of 8 or 16 bits with or without alpha are taken (grey ones too); without alpha counts as opaque.
+    /// PNGs of 8 or 16 bits, in colour or grey, with or without alpha, are accepted; without alpha they are opaque.
     ///
     /// # Errors
     /// The first image that is missing, broken or differs in size; a `downscale` that does not divide the size;
@@ -60,13 +60,13 @@ impl ImageSet {
         Ok(Self { width, height, pixels })
     }
 
-    /// How many images there are.
+    /// Number of images.
     #[must_use]
     pub fn len(&self) -> usize {
         self.pixels.len() / self.frame_len().max(1)
     }
 
-    /// Whether there are none.
+    /// Whether there are no images.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pixels.is_empty()
@@ -86,8 +86,8 @@ impl ImageSet {
         &self.pixels[frame * n..(frame + 1) * n]
     }
 
-    /// A copy made smaller by the integer `factor`: each pixel is the mean of `factor` x `factor`, colours
-    /// weighted by alpha, rounded to nearest.
+    /// A copy reduced by the integer `factor`: each pixel is the mean of `factor` x `factor` pixels, colours weighted
+    /// by alpha, rounded to nearest.
     ///
     /// # Errors
     /// If `factor` is 0 or does not divide width and height.
@@ -107,8 +107,8 @@ impl ImageSet {
         Ok(Self { width, height, pixels: out })
     }
 
-    /// Image `frame` over `background` into `out` `[height * width * 3]`: `rgb * a + background * (1 - a)`, all
-    /// in [0, 1].
+    /// Composites image `frame` over `background` into `out` `[height * width * 3]`: `rgb * a + background * (1 - a)`,
+    /// all in [0, 1].
     ///
     /// # Panics
     /// If `frame` is not below `len()` or `out` has another length.
@@ -148,7 +148,7 @@ impl ImageSet {
         [r, g, b]
     }
 
-    /// The alpha of image `frame` into `out` `[height * width]`, in [0, 1].
+    /// Writes the alpha of image `frame` to `out` `[height * width]`, in [0, 1].
     ///
     /// # Panics
     /// If `frame` is not below `len()` or `out` has another length.
@@ -172,13 +172,13 @@ fn over(pixel: &[u8], background: [f32; 3]) -> [f32; 4] {
 pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
     let (width, height) = size(path)?;
     if u64::from(width) * u64::from(height) > LARGE {
-        // as many may be decoded at a time as there are threads
+        // as many images may be decoded at a time as there are threads
         let bytes = product(&[width as usize, height as usize, DECODING, rayon::current_num_threads()]);
         Budget::now().check(format!("decoding {width}x{height} pixels"), bytes).map_err(|e| e.to_string())?;
     }
     let mut reader = open(path)?;
     reader.set_format(ImageFormat::Png);
-    // memory was asked about above; the crate's own limit is below the largest image that `prepare` writes
+    // memory was checked above; the crate's own limit is below the largest image that `prepare` writes
     reader.no_limits();
     reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
 }
@@ -204,13 +204,13 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
     Ok(ImageReader::new(file))
 }
 
-/// Pixels of an image from which memory is asked about before it is decoded.
+/// Number of pixels above which memory is checked before an image is decoded.
 const LARGE: u64 = 1 << 24;
-/// Bytes of a pixel while its image is decoded: 16-bit RGBA as it is stored, and as bytes.
+/// Bytes per pixel while an image is decoded: 16-bit RGBA as stored, and 8-bit RGBA.
 const DECODING: usize = 12;
 
-/// Refuses images that do not fit into memory, by their number and size: all of them as they are kept, and as many in
-/// full size as are decoded at a time.
+/// Rejects images that do not fit into memory, by their number and size: all of them as kept, plus those decoded at a
+/// time in full size.
 fn check_memory(json: &Path, count: usize, full: (u32, u32), downscale: u32, budget: Budget) -> Result<(), DataError> {
     let (width, height) = downscaled_size(json, full, downscale)?;
     let kept = product(&[count, width as usize, height as usize, ImageSet::CHANNELS]);
@@ -234,7 +234,7 @@ pub(crate) fn image_error(json: &Path, path: &Path, frame: usize, problem: Strin
     DataError::Image { path: path.to_owned(), json: json.to_owned(), frame, problem, hint: hint.to_owned() }
 }
 
-/// The size that all images share, from their headers.
+/// The size shared by all images, from their headers.
 pub(crate) fn common_size(json: &Path, paths: &[PathBuf]) -> Result<(u32, u32), DataError> {
     let sizes: Vec<Result<(u32, u32), String>> = paths.par_iter().map(|p| size(p)).collect();
     let mut first = None;
@@ -289,7 +289,7 @@ fn shrink(image: &[u8], width: usize, factor: usize, out: &mut [u8], out_width: 
             }
         }
         for c in 0..3 {
-            // Where nothing is there, the colour does not matter; 0 compresses best.
+            // where alpha is 0, the colour does not matter; 0 compresses best
             out[c] = (colour[c] + alpha / 2).checked_div(alpha).unwrap_or(0) as u8;
         }
         out[3] = ((alpha + area / 2) / area) as u8;

@@ -1,4 +1,4 @@
-//! Every check of a dataset folder, gathered into one report: it never stops at the first problem and changes
+//! Runs every check of a dataset folder and gathers one report: it never stops at the first problem and changes
 //! nothing. Pictures are in `layout`.
 
 use std::path::{Path, PathBuf};
@@ -12,15 +12,15 @@ use super::inspect_views::{cameras, times};
 use super::scan::{ROTATION_TOLERANCE, scan};
 use super::transforms::{FrameRecord, read_text, repeated, same_image};
 
-/// How many problems a check's detail spells out; the report's `problems` has them all.
+/// Maximum number of problems in a check's detail; the report's `problems` has them all.
 const SHOWN: usize = 5;
 
-/// One thing that was looked at.
+/// The result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
-    /// What, as in `train: json`.
+    /// Its name, as in `train: json`.
     pub name: String,
-    /// Whether it is as it should be.
+    /// Whether it passed.
     pub ok: bool,
     /// What was found, in words.
     pub detail: String,
@@ -35,7 +35,7 @@ pub struct SplitFacts {
     pub frames: usize,
     /// Width and height of the first readable image, pixels.
     pub resolution: Option<[u32; 2]>,
-    /// Images that are not there.
+    /// Number of missing images.
     pub missing_images: usize,
     /// Distinct times.
     pub times: usize,
@@ -43,7 +43,7 @@ pub struct SplitFacts {
     pub time_range: Option<[f64; 2]>,
     /// Largest step between neighbouring times over the mean step; 1 for evenly spaced.
     pub time_step_ratio: Option<f64>,
-    /// Fewest and most views of a time.
+    /// Minimum and maximum number of views per time.
     pub views_per_time: Option<[usize; 2]>,
     /// Focal lengths x and y, pixels of the images as stored.
     pub focal: Option<[f64; 2]>,
@@ -53,7 +53,7 @@ pub struct SplitFacts {
     pub fov_x_degrees: Option<f64>,
     /// Largest entry of `|R^T R - I|` over all poses.
     pub orthonormality_error: f64,
-    /// The point that the cameras look at.
+    /// The point the cameras look at.
     pub look_at: Option<[f64; 3]>,
     /// Root-mean-square distance of the optical axes from it.
     pub look_at_error: Option<f64>,
@@ -76,7 +76,7 @@ pub struct Report {
     pub splits: Vec<SplitFacts>,
     /// Every single problem, with file, frame and field.
     pub problems: Vec<String>,
-    /// Remarks that are no problem.
+    /// Remarks that are not problems.
     pub notes: Vec<String>,
 }
 
@@ -99,7 +99,7 @@ impl Report {
     }
 }
 
-/// Looks at the dataset folder `root`: JSON, images, times, lens and poses of every split.
+/// Checks the dataset folder `root`: JSON, images, times, lens and poses of every split.
 #[must_use]
 pub fn inspect(root: &Path) -> Report {
     let mut report = Report { root: root.to_owned(), ..Report::default() };
@@ -144,7 +144,7 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
     report.splits.push(facts);
 }
 
-/// Decodes every image once, in parallel, keeping nothing but counts.
+/// Decodes every image once, in parallel, keeping only counts.
 fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path, records: &[(usize, &FrameRecord)]) {
     let paths: Vec<PathBuf> = records.iter().map(|(_, r)| r.image_path(root)).collect();
     let twice = same_image(records.iter().copied());

@@ -5,7 +5,7 @@ use super::inspect::{Report, SplitFacts};
 use super::scan::Scan;
 use super::transforms::FrameRecord;
 
-/// Are the times evenly spread, and over all of [0, 1]?
+/// Checks whether the times are evenly spread, and over all of [0, 1].
 pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usize, &FrameRecord)]) {
     let mut all: Vec<f64> = records.iter().map(|(_, r)| r.time).collect();
     all.sort_by(f64::total_cmp);
@@ -38,7 +38,7 @@ pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usi
     report.check(&name, "time range", whole, detail);
 }
 
-/// Is the lens sane, and do the cameras look at one point?
+/// Checks whether the lens is sane, and whether the cameras look at one point.
 pub(super) fn cameras(report: &mut Report, facts: &mut SplitFacts, scan: &Scan, records: &[(usize, &FrameRecord)]) {
     let [w, h] = facts.resolution.unwrap_or([1, 1]);
     let cameras: Vec<Camera> = records.iter().map(|(_, r)| scan.intrinsics.camera(w, h, r.camera_to_world)).collect();

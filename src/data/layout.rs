@@ -1,4 +1,4 @@
-//! A picture of where the cameras stand: seen from above and from the front, coloured by time.
+//! A picture of the camera positions: from above and from the front, coloured by time.
 
 use glam::{DVec2, DVec3};
 use image::{Rgb, RgbImage};
@@ -16,7 +16,7 @@ const GRID: [u8; 3] = [226, 228, 230];
 const INK: [u8; 3] = [52, 58, 64];
 const BOX: [u8; 3] = [200, 60, 40];
 
-/// One orthographic view: which world axes run to the right and up, and which towards the reader.
+/// One orthographic view: the world axes that point to the right, up and towards the viewer.
 struct Panel {
     title: &'static str,
     right: usize,
@@ -25,8 +25,8 @@ struct Panel {
     left: f64,
 }
 
-/// Draws the cameras of `frames` and the box of the data, from above (x right, y up) and from the front (x right,
-/// z up), both to one scale; 1376 x 760 pixels. Dots and small frusta are coloured by time.
+/// Draws the cameras of `frames` and the box of the data, from above (x right, y up) and from the front (x right, z
+/// up), both at the same scale; 1376 x 760 pixels. Dots and small frusta are coloured by time.
 #[must_use]
 pub fn layout_picture(frames: &[Frame], bounds: &Aabb) -> RgbImage {
     let (width, height) = (2 * PANEL + 3 * MARGIN, HEADER + PANEL + FOOTER);
@@ -54,9 +54,9 @@ impl Canvas {
         let middle = DVec2::new(panel.left + half, f64::from(HEADER) + half);
         let at = |p: DVec3| middle + scale * DVec2::new(p[panel.right], -p[panel.up]);
         draw_text(&mut self.0, panel.left as u32, 16, 2, INK, panel.title);
-        // Lines at whole units of 1, 2 or 5 times a power of ten.
+        // lines at whole units of 1, 2 or 5 times a power of ten
         let step = nice_step(ends / 4.0);
-        // 5 at most, unless the cameras or the box are beyond what can be drawn
+        // 5 at most, unless the cameras or the box lie beyond the drawable range
         let lines = (half / scale / step).floor().clamp(0.0, 8.0) as i64;
         for k in -lines..=lines {
             let off = scale * step * k as f64;
@@ -66,7 +66,7 @@ impl Canvas {
         }
         let corner = DVec2::splat(half);
         self.rectangle(middle - corner, middle + corner, 1.0, INK);
-        // Far ones first, so that near ones lie on top; far ones are paler.
+        // far ones first, so that near ones lie on top; far ones are paler
         let mut order: Vec<&Frame> = frames.iter().filter(|f| f.camera.position().is_finite()).collect();
         order.sort_by(|a, b| {
             let depth = |f: &Frame| f.camera.position().dot(panel.near);
@@ -125,7 +125,7 @@ impl Canvas {
         }
     }
 
-    /// A smooth line: each pixel is covered by how near its middle is to the line.
+    /// An antialiased line: the coverage of a pixel follows from the distance of its centre to the line.
     fn line(&mut self, a: DVec2, b: DVec2, thickness: f64, colour: [u8; 3], strength: f64) {
         let along = b - a;
         let square = along.length_squared();
@@ -136,12 +136,12 @@ impl Canvas {
     }
 
     fn dot(&mut self, centre: DVec2, radius: f64, colour: [u8; 3], strength: f64) {
-        // Paper around the dot keeps neighbours apart.
+        // a rim in the colour of the paper separates neighbouring dots
         self.cover(centre, centre, radius + 0.8, PAPER, strength, |p| p.distance(centre));
         self.cover(centre, centre, radius, colour, strength, |p| p.distance(centre));
     }
 
-    /// Blends `colour` into the pixels whose middle is within `radius` by `distance`, soft over one pixel.
+    /// Blends `colour` into the pixels whose centre is within `radius` by `distance`, soft over one pixel.
     fn cover(
         &mut self,
         low: DVec2,
@@ -171,7 +171,7 @@ impl Canvas {
     }
 }
 
-/// Blue over green to amber, even in brightness enough that no time stands out.
+/// Blue over green to amber, with brightness even enough that no time stands out.
 fn time_colour(time: f64) -> [u8; 3] {
     const STOPS: [[f64; 3]; 5] =
         [[68.0, 40.0, 130.0], [50.0, 100.0, 160.0], [30.0, 150.0, 138.0], [110.0, 190.0, 80.0], [240.0, 170.0, 30.0]];
@@ -232,7 +232,7 @@ mod tests {
         assert_eq!([0.9, 1.0, 1.1, 3.0, 6.0].map(nice_step), [1.0, 1.0, 2.0, 5.0, 10.0]);
     }
 
-    /// Writes the picture of the published data where `VOLSEGGS_TEST_OUT` says, to be looked at.
+    /// Writes the picture of the published data to the folder `VOLSEGGS_TEST_OUT`, for viewing.
     #[test]
     fn published_dataset() {
         use crate::data::dataset::{Dataset, OpenOptions, test_data};

@@ -1,5 +1,5 @@
-//! Text to JSON values, with complaints that name the frame the text breaks in. Knows no fields but
-//! `file_path`. Used by `scan` alone.
+//! Parses text to JSON values, with errors that name the frame in which they occur. Knows no fields but `file_path`.
+//! Used by `scan` alone.
 
 use std::path::Path;
 
@@ -7,8 +7,8 @@ use serde_json::Value;
 
 use super::error::DataError;
 
-/// Parses JSON; numbers that JSON cannot hold (NaN, Infinity, 1e999) become null, so that the complaint can
-/// name the frame and the field rather than a column.
+/// Parses JSON; numbers that JSON cannot represent (NaN, Infinity, 1e999) become null, so that the error can name the
+/// frame and the field rather than a column.
 pub(super) fn parse_lenient(path: &Path, text: &str) -> Result<Value, DataError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     serde_json::from_str(text).or_else(|error| {
@@ -34,7 +34,7 @@ fn syntax_error(path: &Path, text: &str, error: &serde_json::Error) -> DataError
     DataError::Syntax { path: path.to_owned(), frame, line, column, problem, hint: hint.to_owned() }
 }
 
-/// `text` with every bare word that parses as a non-finite number replaced by `null`; none if there is none.
+/// `text` with every bare word that parses as a non-finite number replaced by `null`; `None` if there is no such word.
 fn null_for_non_finite(text: &str) -> Option<String> {
     let (mut out, mut changed, mut in_string, mut escaped) = (String::with_capacity(text.len()), false, false, false);
     let mut chars = text.char_indices().peekable();

@@ -1,9 +1,9 @@
-//! Segments that merge and split: which ids hold, at another time, the matter of what was clicked.
+//! Segments that merge and split: which ids hold the clicked material at another time.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// What becomes of a segment at a time.
+/// What happens to a segment at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Change {
@@ -20,30 +20,30 @@ pub struct Turn {
     pub time: f64,
     /// The segment that ends or begins.
     pub segment: u16,
-    /// Which of the two.
+    /// Whether it ends or begins.
     pub change: Change,
-    /// The one that goes on, into which it merges or off which it splits; none where it vanishes or appears alone.
+    /// The one that continues, into which it merges or from which it splits; none where it vanishes or appears alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub other: Option<u16>,
 }
 
-/// The ids that hold at time `to` the matter of what the segments `ids` are at time `from`, by what merges and splits between
-/// the two: back in time, what has merged into them is among them; forward, what splits off them. What vanishes on the way from
-/// the earlier time, or appears on the way, is loss and growth, as at any border. `None` where they are part of something
-/// larger at that time, of which no id tells their part.
+/// Returns the ids that hold at time `to` the material of the segments `ids` at time `from`, given the merges and
+/// splits between the two: backwards in time these include what has merged into them; forwards, what splits off them.
+/// Segments that vanish or appear between the two times count as loss and growth, as at any border. `None` where `ids`
+/// are part of something larger at time `to`, in which no id distinguishes their part.
 #[must_use]
 pub fn ids_at(turns: &[Turn], ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
     let (low, high) = (from.min(to), from.max(to));
     let mut between: Vec<&Turn> = turns.iter().filter(|t| low < t.time && t.time <= high).collect();
-    // of one step ends come first: what splits off may have merged before
+    // within a step ends come first: what splits off may have merged before
     between.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.change.cmp(&b.change)));
-    // looking back, an end is where a segment comes from, and a beginning is where it goes
+    // backwards in time, an end is where a segment comes from, and a beginning is where it goes
     let comes = if to < from { Change::Ended } else { Change::Began };
     if to < from {
         between.reverse();
     }
     let mut found: BTreeSet<u16> = ids.iter().copied().collect();
-    // what came alone on the way
+    // segments that appeared on their own between the two times
     let mut passing: BTreeSet<u16> = BTreeSet::new();
     for turn in between {
         let segment = turn.segment;
@@ -62,7 +62,7 @@ pub fn ids_at(turns: &[Turn], ids: &[u16], from: f64, to: f64) -> Option<Vec<u16
                 if found.contains(&other) {
                     return None;
                 }
-                // what came alone is not so, if it takes in what was there
+                // what appeared on its own no longer counts as such once it absorbs what was there
                 passing.remove(&other);
             }
             _ => {}
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn of_one_step_ends_come_first() {
-        // 2 merges into 1, of which 3 splits off
+        // 2 merges into 1, from which 3 splits off
         let turns = [turn(0.5, 3, Began, 1), turn(0.5, 2, Ended, 1)];
         assert_eq!(ids_at(&turns, &[1, 2], 0.0, 1.0), Some(vec![1, 2, 3]));
         assert_eq!(ids_at(&turns, &[1, 3], 1.0, 0.0), Some(vec![1, 2, 3]));
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn what_vanishes_is_loss_and_what_appears_is_growth() {
-        // 5 splits off 1, a crumb of it falls off, and both vanish
+        // 5 splits off 1, a crumb falls off it, and both vanish
         let turns =
             [turn(0.2, 5, Began, 1), turn(0.3, 6, Began, 5), turn(0.4, 5, Ended, None), turn(0.5, 6, Ended, None)];
         assert_eq!(ids_at(&turns, &[1], 0.6, 0.0), Some(vec![1]));

@@ -1,5 +1,5 @@
-//! Datasets of rendered images: cameras, camera paths, `transforms_*.json`, image sets, splits, visual hulls, what is
-//! known of segments, and the checks behind `volseggs inspect`. No tensors, no training.
+//! Datasets of rendered images: cameras, camera paths, `transforms_*.json`, image sets, splits, visual hulls, ground
+//! truth of segments, and the checks behind `volseggs inspect`. No tensors, no training.
 
 pub mod camera;
 mod carve;

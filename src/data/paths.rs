@@ -1,5 +1,5 @@
-//! Camera paths: spherical Fibonacci training cameras, the spiral of test views, orbits; and which time each
-//! view shows. All look at the centre of the sphere they stand on, with z up.
+//! Camera paths: spherical Fibonacci training cameras, the spiral of test views, orbits; and the time that each view
+//! shows. All cameras look at the centre of their sphere, with z up.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -12,20 +12,20 @@ use crate::rng::{Purpose, Rng};
 pub const RADIUS: f64 = 4.0311;
 /// Horizontal field of view of the published datasets: 30 degrees, in radians.
 pub const FOV_X: f64 = PI / 6.0;
-/// How near the spiral comes to a pole, in radians, so that "up" stays defined.
+/// Minimum distance of the spiral from a pole, in radians, so that "up" stays defined.
 pub const POLE_GAP: f64 = 1.75e-4;
 
-/// Where the cameras of a path stand, and what they look at.
+/// The sphere on which the cameras of a path lie, looking at its centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
-    /// What they look at, world units.
+    /// The centre, world units.
     pub centre: DVec3,
-    /// How far from it they stand, world units.
+    /// Distance of the cameras from the centre, world units.
     pub radius: f64,
 }
 
 impl Sphere {
-    /// The one around `centre` on which `camera` stands.
+    /// The sphere around `centre` on which `camera` lies.
     #[must_use]
     pub fn through(camera: &Camera, centre: DVec3) -> Self {
         Self { centre, radius: camera.position().distance(centre) }
@@ -39,7 +39,7 @@ impl From<f64> for Sphere {
     }
 }
 
-/// What every camera of a path shares.
+/// The properties shared by all cameras of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lens {
     /// Whole horizontal field of view in radians.
@@ -108,7 +108,7 @@ impl std::str::FromStr for Axis {
     }
 }
 
-/// `n` cameras that look along `axis` or against it, within `angle` (radians) of it: two caps of the sphere, each
+/// `n` cameras that look along `axis` or against it, within `angle` (radians) of it: on two caps of the sphere, each
 /// covered evenly. These are the view sets biased along one axis of the paper's last table, which gives no angle.
 #[must_use]
 pub fn biased(n: usize, sphere: impl Into<Sphere>, axis: Axis, angle: f64, lens: Lens) -> Vec<Camera> {
@@ -139,8 +139,8 @@ pub fn time_indices(count: usize, total: usize) -> Vec<usize> {
     (0..count).map(|i| if count < 2 { 0 } else { i * last / (count - 1) }).collect()
 }
 
-/// Deals `views_per_time` views to each of `times` at random: entry i is the position in the list of times that
-/// view i shows, `[times * views_per_time]`.
+/// Assigns `views_per_time` views to each of `times` at random: entry i is the index in the list of times that view i
+/// shows, `[times * views_per_time]`.
 #[must_use]
 pub fn deal_times(times: usize, views_per_time: usize, seed: u64) -> Vec<usize> {
     let mut deal: Vec<usize> = (0..times * views_per_time).map(|i| i % times).collect();

@@ -1,12 +1,12 @@
-//! What the header of a PNG may claim, held against the bytes that are there. Nothing is unpacked here.
+//! Checks the size claimed by the header of a PNG against its number of bytes. Nothing is decompressed here.
 
-/// Deflate cannot expand further: 258 bytes from 2 bits.
+/// Maximum expansion of deflate: 258 bytes from 2 bits.
 const MAX_EXPANSION: u64 = 1032;
-/// Bytes of a PNG that tell size, bit depth and colour type: the signature and the start of its first chunk.
+/// Bytes of a PNG up to its size, bit depth and colour type: the signature and the start of its first chunk.
 pub(crate) const START: usize = 26;
 
-/// Refuses a PNG of more pixels than its `len` bytes can hold, before room is made for them. `start` is its beginning,
-/// [`START`] bytes or more; what is no PNG passes, as its reader says so.
+/// Rejects a PNG of more pixels than its `len` bytes can hold, before memory is allocated for them. `start` is its
+/// beginning, [`START`] bytes or more; anything but a PNG passes, as its reader reports that.
 ///
 /// # Errors
 /// What the header claims.
@@ -29,7 +29,7 @@ pub(crate) fn check_claim(start: &[u8], len: u64) -> Result<(), String> {
     Err(format!("damaged: its header says {width}x{height} pixels, more than its {len} bytes can hold"))
 }
 
-/// A grey 8-bit PNG whose header speaks of `width` by `height` pixels; there is one.
+/// A grey 8-bit PNG whose header claims `width` by `height` pixels; it holds one.
 #[cfg(test)]
 pub(crate) fn claims_to_be(width: u32, height: u32) -> Vec<u8> {
     let mut bytes = Vec::new();

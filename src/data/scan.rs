@@ -1,5 +1,5 @@
-//! Reads the text of `transforms_*.json` into values and a list of everything wrong with it. No file access and
-//! no decision on which problem matters: `transforms` stops at the first, `inspect` shows them all.
+//! Reads the text of `transforms_*.json` into values and a list of all its problems. No file access, and no decision
+//! about which problem matters: `transforms` stops at the first, `inspect` shows them all.
 
 use std::path::Path;
 
@@ -10,14 +10,15 @@ use super::error::DataError;
 use super::lenient::parse_lenient;
 use super::transforms::{FrameRecord, Intrinsics};
 
-/// How far the bottom row of a pose may be from `[0, 0, 0, 1]`.
+/// Maximum deviation of the bottom row of a pose from `[0, 0, 0, 1]`.
 pub const BOTTOM_ROW_TOLERANCE: f64 = 1e-4;
-/// Farthest position of a camera along an axis: squares of such distances are still finite in single precision.
+/// Maximum coordinate of a camera position along an axis: squares of such distances are still finite in single
+/// precision.
 pub const FARTHEST: f64 = 1e15;
-/// How far the rotation of a pose may be from orthonormal (largest entry of `R^T R - I`).
+/// Maximum deviation of the rotation of a pose from orthonormal (largest entry of `R^T R - I`).
 pub const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// What a `transforms_*.json` holds, as far as it can be read.
+/// The content of a `transforms_*.json`, as far as it can be read.
 #[derive(Debug, Default)]
 pub struct Scan {
     /// Focal length, principal point and size, where given.
@@ -26,11 +27,11 @@ pub struct Scan {
     pub frames: Vec<Option<FrameRecord>>,
     /// All problems, in the order of the file.
     pub problems: Vec<DataError>,
-    /// Largest entry of `|R^T R - I|` over all readable poses, also of refused ones.
+    /// Largest entry of `|R^T R - I|` over all readable poses, including rejected ones.
     pub orthonormality_error: f64,
 }
 
-/// Reads `text`; `path` is only for messages. Never panics and never stops at the first problem.
+/// Reads `text`; `path` is used in messages only. Never panics and never stops at the first problem.
 #[must_use]
 pub fn scan(path: &Path, text: &str) -> Scan {
     let mut out = Scan::default();
@@ -207,7 +208,7 @@ fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
             let number = entry.as_f64().filter(|x| x.is_finite());
             rows[r][c] =
                 number.ok_or_else(|| format!("entry ({r}, {c}) is {} where a finite number is needed", show(entry)))?;
-            // the other entries are held against those of a rotation
+            // the other entries are checked against those of a rotation
             if r < 3 && c == 3 && rows[r][c].abs() > FARTHEST {
                 return Err(format!("entry ({r}, {c}) is {:e}, too large: at most {FARTHEST:e}", rows[r][c]));
             }
@@ -216,7 +217,7 @@ fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
     Ok(rows)
 }
 
-/// A value for a message: numbers and words as they are, the rest by kind.
+/// Formats a value for a message: numbers and words as they are, the rest by kind.
 fn show(value: &Value) -> String {
     match value {
         Value::Number(n) => n.to_string(),

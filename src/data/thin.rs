@@ -1,11 +1,11 @@
-//! Fewer views: some of the times, some of the views of each. For ablations of how much is seen, and for static scenes.
+//! Fewer views: some of the times, some of the views of each. For ablations of data coverage, and for static scenes.
 
 use super::dataset::{Frame, Split};
 use super::images::ImageSet;
 use super::paths::time_indices;
 
-/// Keeps `times` of the split's times, evenly spread, and `views` views of each, chosen one by one as far from those
-/// chosen before as can be; 0 keeps all. The order stays.
+/// Keeps `times` of the split's times, evenly spread, and `views` views of each, chosen one by one as far as possible
+/// from those chosen before; 0 keeps all. The order is preserved.
 #[must_use]
 pub fn thinned(split: Split, times: usize, views: usize) -> Split {
     let all = split.times();
@@ -20,15 +20,15 @@ pub fn thinned(split: Split, times: usize, views: usize) -> Split {
     only(split, &kept)
 }
 
-/// The times of `all` (ascending) that are nearest to `wanted`, the earlier of two that are as near, in the order of
-/// `wanted`.
+/// Returns the times of `all` (ascending) nearest to each of `wanted`, in the order of `wanted`; the earlier of two
+/// that are equally near.
 #[must_use]
 pub fn nearest_times(all: &[f64], wanted: &[f64]) -> Vec<f64> {
     let nearest = |w: &f64| all.iter().copied().min_by(|a, b| (a - w).abs().total_cmp(&(b - w).abs()));
     wanted.iter().filter_map(nearest).collect()
 }
 
-/// Keeps the views at `times`, which are times of the split. The order stays.
+/// Keeps the views at `times`, which are times of the split. The order is preserved.
 #[must_use]
 pub fn at_times(split: Split, times: &[f64]) -> Split {
     let kept: Vec<usize> = (0..split.frames.len()).filter(|&i| times.contains(&split.frames[i].time)).collect();
@@ -58,7 +58,7 @@ fn only(split: Split, kept: &[usize]) -> Split {
     Split { frames, images: ImageSet { pixels, ..split.images }, ..split }
 }
 
-/// `count` of the frames `among`, each the farthest in direction from those taken before.
+/// Chooses `count` of the frames `among`, each with the camera position farthest from those chosen before.
 fn apart(frames: &[Frame], among: &[usize], count: usize) -> Vec<usize> {
     if count >= among.len() {
         return among.to_vec();
@@ -68,7 +68,7 @@ fn apart(frames: &[Frame], among: &[usize], count: usize) -> Vec<usize> {
     while taken.len() < count {
         let gap = |i: usize| taken.iter().map(|&t| place(i).distance(place(t))).fold(f64::INFINITY, f64::min);
         let rest = among.iter().filter(|i| !taken.contains(i));
-        // the first of equals, so that the choice is one
+        // the first among equals, so that the choice is deterministic
         let next = rest.fold(None::<(usize, f64)>, |best, &i| match best {
             Some((_, d)) if d >= gap(i) => best,
             _ => Some((i, gap(i))),

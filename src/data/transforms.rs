@@ -1,5 +1,5 @@
-//! `transforms_*.json` of D-NeRF/Blender datasets: the values, reading, writing. What makes a file wrong is in
-//! `scan`; images are not looked at here.
+//! `transforms_*.json` of D-NeRF/Blender datasets: values, reading, writing. Validation is in `scan`; images are not
+//! read here.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -13,7 +13,7 @@ use super::error::DataError;
 use super::scan::scan;
 use crate::files::write_atomic;
 
-/// The lens as the JSON gives it; what is absent follows from the image size.
+/// The lens as given in the JSON; what is missing follows from the image size.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Intrinsics {
     /// Whole horizontal field of view, radians.
@@ -70,7 +70,7 @@ pub struct FrameRecord {
 }
 
 impl FrameRecord {
-    /// The image file under `root`; `.png` is appended where the path does not end so.
+    /// The image file under `root`; `.png` is appended to paths without it.
     #[must_use]
     pub fn image_path(&self, root: &Path) -> PathBuf {
         let relative = self.file_path.strip_prefix("./").unwrap_or(&self.file_path);
@@ -93,7 +93,7 @@ impl FrameRecord {
     }
 }
 
-/// The first two frames of `records` (each with its number) that name one image file, the later one first.
+/// The first two frames of `records` (each with its index) that refer to one image file, the later one first.
 pub(crate) fn same_image<'a>(records: impl Iterator<Item = (usize, &'a FrameRecord)>) -> Option<(usize, usize)> {
     let mut first: HashMap<PathBuf, usize> = HashMap::new();
     for (i, record) in records {
@@ -105,7 +105,7 @@ pub(crate) fn same_image<'a>(records: impl Iterator<Item = (usize, &'a FrameReco
     None
 }
 
-/// The path without `.`, and without folders that `..` leaves at once.
+/// The path without `.`, and without folders that `..` immediately leaves.
 fn plain(path: &Path) -> PathBuf {
     let mut out = PathBuf::new();
     for part in path.components() {
@@ -118,7 +118,7 @@ fn plain(path: &Path) -> PathBuf {
     out
 }
 
-/// The content of one `transforms_*.json`, checked.
+/// The checked content of one `transforms_*.json`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Transforms {
     /// The file it was read from, for messages.
@@ -138,7 +138,7 @@ impl Transforms {
         Self::parse(path, &read_text(path)?)
     }
 
-    /// Checks the text of a file; `path` is only for messages.
+    /// Checks the text of a file; `path` is used in messages only.
     ///
     /// # Errors
     /// The first problem of the text, with file, frame and field.
@@ -154,10 +154,10 @@ impl Transforms {
         }
     }
 
-    /// Refuses two frames of one image: at most one of their poses is right.
+    /// Rejects two frames with the same image: at most one of their poses is right.
     ///
     /// # Errors
-    /// The first such pair, with the numbers of both frames.
+    /// The first such pair, with the indices of both frames.
     pub fn check_images(&self) -> Result<(), DataError> {
         match same_image(self.frames.iter().enumerate()) {
             None => Ok(()),
@@ -165,7 +165,7 @@ impl Transforms {
         }
     }
 
-    /// The JSON text, which reads back to the same values bit by bit.
+    /// The JSON text, which reads back to bit-identical values.
     #[must_use]
     pub fn to_json(&self) -> String {
         let frames: Vec<Value> = self
@@ -196,10 +196,10 @@ impl Transforms {
         format!("{:#}\n", Value::Object(top))
     }
 
-    /// Writes the file atomically, after checking that it would be read again.
+    /// Writes the file atomically, after checking that it can be read back.
     ///
     /// # Errors
-    /// A value that reading would refuse, or what the file system answers.
+    /// A value that reading would reject, or a file system error.
     pub fn write(&self, path: &Path) -> Result<(), DataError> {
         let text = self.to_json();
         Self::parse(path, &text)?;
@@ -212,7 +212,7 @@ impl Transforms {
     }
 }
 
-/// The error of two frames, the later one first, that name the image `file_path`.
+/// The error for two frames, the later one first, that refer to the image `file_path`.
 pub(crate) fn repeated(json: &Path, (frame, other): (usize, usize), file_path: &str) -> DataError {
     let problem = format!("\"{file_path}\" is the image of frame {other} too");
     let hint = "each frame needs an image of its own; correct the path, or remove one of the two frames";

@@ -1,5 +1,5 @@
-//! What a dataset tells of its segments: `segments.json` and the label images beside its views. Making them is
-//! `prepare`'s.
+//! The ground truth of a dataset's segments: `segments.json` and the label images beside its views. `prepare` makes
+//! them.
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use super::transforms::Transforms;
 /// Name of the file in a dataset's folder.
 pub const FILE: &str = "segments.json";
 
-/// Times no further apart than this are one.
+/// Times no further apart than this are the same.
 const SAME_TIME: f64 = 1e-9;
 
 /// `segments.json`.
@@ -27,7 +27,7 @@ pub struct SegmentFile {
     /// `labels` (a label volume or a synthetic scene), `components` (connected parts) or `transfer-function` (its named
     /// ranges).
     pub source: String,
-    /// Least alpha of a pixel of a mask or label image.
+    /// Minimum alpha of a pixel in a mask or label image.
     pub mask_alpha: f32,
     /// Whole horizontal field of view of all frames, radians.
     pub camera_angle_x: f64,
@@ -37,11 +37,11 @@ pub struct SegmentFile {
     pub label_images: Vec<String>,
     /// The segments, by ascending id.
     pub segments: Vec<SegmentEntry>,
-    /// Volumes of ids and opacity, by ascending time; none in datasets of old versions.
+    /// Volumes of ids and opacity, by ascending time; empty in datasets of old versions.
     #[serde(default)]
     pub volumes: Vec<VolumeEntry>,
-    /// Ends and beginnings of segments that merge and split; none where ids are the same things at all times, and in datasets
-    /// of old versions.
+    /// Ends and beginnings of segments that merge and split; empty where each id is the same object at all times, and
+    /// in datasets of old versions.
     #[serde(default)]
     pub lineage: Vec<Turn>,
 }
@@ -51,7 +51,7 @@ pub struct SegmentFile {
 pub struct SegmentEntry {
     /// Its id in label images, from 1.
     pub id: u16,
-    /// Its name, also of its folder.
+    /// Its name, also that of its folder.
     pub name: String,
     /// Renders of it alone.
     pub frames: Vec<SegmentFrame>,
@@ -68,11 +68,11 @@ pub struct SegmentFrame {
     pub transform_matrix: [[f64; 4]; 4],
     /// Time in [0, 1].
     pub time: f64,
-    /// Pixels of the mask.
+    /// Number of pixels in the mask.
     pub pixels: usize,
 }
 
-/// One volume of ids and opacity, as [`TruthVolume`](super::truth_volume::TruthVolume) has it.
+/// One volume of ids and opacity, see [`TruthVolume`](super::truth_volume::TruthVolume).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VolumeEntry {
     /// Time in [0, 1].
@@ -81,12 +81,12 @@ pub struct VolumeEntry {
     pub file: String,
 }
 
-/// The truth about a dataset's segments.
+/// The ground truth of a dataset's segments.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// The dataset's folder.
     pub root: PathBuf,
-    /// What its `segments.json` says.
+    /// The content of its `segments.json`.
     pub file: SegmentFile,
 }
 
@@ -107,7 +107,7 @@ impl Truth {
     /// Reads `segments.json` of the dataset at `root`.
     ///
     /// # Errors
-    /// If the file is missing or not what it should be.
+    /// If the file is missing or invalid.
     pub fn read(root: &Path) -> Result<Self, DataError> {
         let path = root.join(FILE);
         let text = crate::files::read_text(&path).map_err(|source| DataError::Io {
@@ -135,18 +135,18 @@ impl Truth {
         Ok(Self { root: root.to_owned(), file })
     }
 
-    /// The ids that hold at time `to` the matter of what the segments `ids` are at time `from`, see [`ids_at`].
+    /// The ids that hold at time `to` the material of the segments `ids` at time `from`, see [`ids_at`].
     #[must_use]
     pub fn ids_at(&self, ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
         ids_at(&self.file.lineage, ids, from, to)
     }
 
-    /// The training views with a label image of the one time that is nearest to `time`; if they are fewer than
-    /// `enough`, also the test views of that very time. Images count as made smaller by the integer `downscale`.
+    /// The training views with a label image at the one time nearest to `time`; if they are fewer than `enough`, also
+    /// the test views of that same time. Cameras are those of images reduced by the integer `downscale`.
     ///
     /// # Errors
     /// If there are no label images of training views, `downscale` does not divide the images' size, or a
-    /// `transforms_*.json` is wrong.
+    /// `transforms_*.json` is invalid.
     pub fn views_near(&self, time: f64, enough: usize, downscale: u32) -> Result<Vec<LabelledView>, DataError> {
         let mut views = self.views(SplitName::Train, downscale)?;
         let away = |v: &LabelledView| (v.time - time).abs();
@@ -180,11 +180,11 @@ impl Truth {
         Ok(labelled.collect())
     }
 
-    /// The ids of a view's pixels `[H, W]` at its camera's size, 0 for none. Of pixels that are one after downscaling
-    /// the middle one counts.
+    /// The ids of a view's pixels `[H, W]` at its camera's size, 0 for none. Of the pixels that downscaling merges, the
+    /// middle one counts.
     ///
     /// # Errors
-    /// If the image cannot be read, is not grey or not of the size that `segments.json` says.
+    /// If the image cannot be read, is not grey, or does not have the size given in `segments.json`.
     pub fn labels(&self, view: &LabelledView) -> Result<Vec<u16>, DataError> {
         let hint = "make the dataset again with `volseggs prepare`";
         let fail = |field: &str, problem: String| DataError::field_error(&view.path, None, field, problem, hint);
@@ -196,7 +196,7 @@ impl Truth {
         })?;
         let reader = || ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png);
         let broken = |e: ImageError| fail("pixels", format!("not a readable PNG: {e}"));
-        // the size first, so that nothing is decoded on the word of a damaged header
+        // the size first, so that nothing is decoded because of a damaged header
         check_claim(&bytes, bytes.len() as u64).map_err(|problem| fail("pixels", problem))?;
         let (width, height) = reader().into_dimensions().map_err(broken)?;
         if [width, height] != self.file.size {

@@ -1,4 +1,4 @@
-//! A dataset with label images, made here, and what is wrong with it.
+//! A dataset with label images, made here, and its errors.
 
 use super::*;
 use crate::data::png::claims_to_be;
@@ -6,7 +6,7 @@ use crate::data::transforms::{FrameRecord, Intrinsics};
 use glam::DMat4;
 use image::{GrayImage, ImageBuffer, Luma};
 
-/// Training views at times 0, 0.5, 0.5 and 1, a test view at 0.5; 4x2 pixels, the id of a pixel is its place.
+/// Training views at times 0, 0.5, 0.5 and 1, a test view at 0.5; 4x2 pixels, the id of a pixel is its index.
 fn write(root: &Path) {
     for (split, times) in [(SplitName::Train, vec![0.0, 0.5, 0.5, 1.0]), (SplitName::Test, vec![0.5])] {
         let folder = root.join("labels").join(split.as_str());

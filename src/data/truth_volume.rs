@@ -1,5 +1,5 @@
-//! The truth about a dataset's segments in space: a file for each of a few times, with the id and the opacity of every
-//! cell of a grid around the scene. Making the volumes is `prepare`'s; here they are written and read.
+//! The ground truth of a dataset's segments in space: one file for each of a few times, with the id and the opacity of
+//! every cell of a grid around the scene. `prepare` makes the volumes; here they are written and read.
 
 use std::path::Path;
 
@@ -11,9 +11,9 @@ use super::error::DataError;
 use super::truth::{FILE, Truth};
 use crate::tensors::{self, TensorFileError};
 
-/// Name of the header's entry with time and geometry.
+/// Name of the header entry with time and geometry.
 const ENTRY: &str = "volseggs.truth-volume";
-/// Opacities are stored in this many equal parts.
+/// Number of steps in which opacities are stored.
 const PARTS: f32 = 65_535.0;
 
 /// Ids and opacity of a dataset's segments on a grid of cells at one time, world units: those of the cameras and the
@@ -28,14 +28,14 @@ pub struct TruthVolume {
     pub spacing: [f64; 3],
     /// Centre of the first cell.
     pub origin: [f64; 3],
-    /// `[z, y, x]`: the segment of the voxel that is nearest to the cell's centre, 0 for none.
+    /// `[z, y, x]`: the segment of the voxel nearest to the cell's centre, 0 for none.
     pub ids: Vec<u16>,
     /// `[z, y, x]`: opacity in [0, 1] of the cell's content over the length of a cell (the cube root of its volume), by
     /// the transfer function; stored in steps of 1/65535.
     pub opacity: Vec<f32>,
 }
 
-/// The header's entry.
+/// The header entry.
 #[derive(Serialize, Deserialize)]
 struct Header {
     time: f64,
@@ -44,7 +44,7 @@ struct Header {
 }
 
 impl Truth {
-    /// The times in [0, 1] that have a volume, ascending; none in datasets that an old version made.
+    /// The times in [0, 1] that have a volume, ascending; empty for datasets of old versions.
     #[must_use]
     pub fn volume_times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.file.volumes.iter().map(|v| v.time).collect();
@@ -52,10 +52,10 @@ impl Truth {
         times
     }
 
-    /// The volume of the time that is nearest to `time`, the earlier of two.
+    /// The volume of the time nearest to `time`, the earlier of two equally near.
     ///
     /// # Errors
-    /// If the dataset has none, or its file is missing, damaged or not what it should be.
+    /// If the dataset has none, or its file is missing, damaged or invalid.
     pub fn volume(&self, time: f64) -> Result<TruthVolume, DataError> {
         let away = |t: f64| (t - time).abs();
         let nearest = self.file.volumes.iter().min_by(|a, b| {
@@ -79,8 +79,8 @@ impl TruthVolume {
         std::array::from_fn(|a| self.origin[a] + self.spacing[a] * index[a] as f64)
     }
 
-    /// Writes the volume: tensors `ids` and `opacity` of 16 bits `[z, y, x]`, the geometry in the header, a digest of
-    /// all. The same volume gives the same bytes.
+    /// Writes the volume: tensors `ids` and `opacity` of 16 bits `[z, y, x]`, the geometry in the header, and a digest
+    /// of everything. The same volume gives the same bytes.
     ///
     /// # Errors
     /// If the file cannot be written, or `ids` and `opacity` do not fit `dims`.
@@ -102,7 +102,7 @@ impl TruthVolume {
     /// Reads a volume that [`Self::write`] wrote.
     ///
     /// # Errors
-    /// If the file is missing, damaged, or not what it should be.
+    /// If the file is missing, damaged or invalid.
     pub fn read(path: &Path) -> Result<Self, DataError> {
         let fail = |field: &str, problem: String| DataError::field_error(path, None, field, problem, AGAIN);
         let bytes = tensors::read(path).map_err(|e| match e {

@@ -1,4 +1,4 @@
-//! Volumes of ids: what is written is read, the nearest time is found, and what is wrong is named.
+//! Volumes of ids: round trips, the nearest time, and errors.
 
 use super::*;
 use crate::data::truth::{SegmentFile, VolumeEntry};

@@ -1,5 +1,5 @@
-//! The whole story on a synthetic scene: prepare, train, evaluate, segment and track, and a report of it all. Every stage is the
-//! library call behind the command of the same name; a demo that was stopped goes on where it was.
+//! The whole workflow on a synthetic scene: prepare, train, evaluate, segment and track, and a report of it all. Every
+//! stage is the library call behind the command of the same name; a stopped demo resumes where it was.
 
 mod segments;
 mod story;
@@ -32,14 +32,14 @@ use thiserror::Error;
 /// Field of view of all cameras, radians: narrower than the published 30 degrees, so that the scene fills the frame.
 const FOV: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
-/// What the demo runs on.
+/// Options of [`demo`].
 #[derive(Debug)]
 pub struct DemoOptions {
-    /// Folder of everything it makes: `data/`, `run/`, `report.html`.
+    /// Output folder: `data/`, `run/`, `report.html`.
     pub out: PathBuf,
     /// The scene.
     pub scene: Synthetic,
-    /// Width and height of the images in pixels; the volume's resolution goes with it.
+    /// Width and height of the images in pixels; the volume's resolution scales with it.
     pub size: u32,
     /// Overrides of the `demo` preset, `key=value`.
     pub set: Vec<String>,
@@ -47,10 +47,10 @@ pub struct DemoOptions {
     pub device: (String, Device),
 }
 
-/// How it ended.
+/// The outcome of [`demo`].
 #[derive(Debug)]
 pub struct DemoOutcome {
-    /// The page.
+    /// The report page.
     pub report: PathBuf,
     /// Metrics on the test views.
     pub evaluation: Evaluation,
@@ -66,10 +66,10 @@ pub enum DemoError {
     Stage {
         /// `prepare`, `train`, ...
         stage: &'static str,
-        /// What it said.
+        /// Its message.
         reason: String,
     },
-    /// The user can mend it: another option, another folder.
+    /// The user can fix it: another option, another folder.
     #[error("{0}")]
     Input(String),
     /// Stopped from outside.
@@ -81,7 +81,7 @@ fn failed<E: std::fmt::Display>(stage: &'static str) -> impl FnOnce(E) -> DemoEr
     move |e| DemoError::Stage { stage, reason: e.to_string() }
 }
 
-/// Everything that the report tells of.
+/// Everything that the report covers.
 pub(crate) struct Results<'a> {
     options: &'a DemoOptions,
     prepared: PrepareRecord,
@@ -94,7 +94,7 @@ pub(crate) struct Results<'a> {
     stages: Vec<(String, f64)>,
 }
 
-/// What others are told of who holds the run.
+/// Names the holder of the run to other processes.
 const COMMAND: &str = "volseggs demo";
 
 /// Runs the demo.
@@ -177,7 +177,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     Ok(DemoOutcome { report: page, evaluation: results.evaluation, stages: results.stages })
 }
 
-/// Renders the dataset, or takes the one that an earlier run of the demo left.
+/// Renders the dataset, or uses the one left by an earlier run of the demo.
 fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Result<PrepareRecord, DemoError> {
     // a voxel is about as large as a pixel
     let voxels = (options.size as usize * 12 / 25).clamp(24, 256);

@@ -1,4 +1,4 @@
-//! The demo's segmentation and tracking: each known segment selected by one click, measured, and followed through time.
+//! The demo's segmentation and tracking: each known segment is selected by one click, measured, and tracked over time.
 
 use super::{DemoOptions, FOV};
 use crate::data::Truth;
@@ -23,25 +23,25 @@ use crate::track::follow::{FollowOptions, Followed, Followup, follow};
 use image::RgbImage;
 use std::path::Path;
 
-/// Views with masks, steps of the affinity field and pixels of each: enough for images of the demo's size.
+/// Views with masks, steps of the affinity field and pixels per step: enough for images of the demo's size.
 const MASK_VIEWS: usize = 20;
 const STEPS: usize = 2000;
 const PIXELS: usize = 1024;
-/// Times at which segments are followed, and of these, those with pictures.
+/// Number of times at which segments are tracked, and of those with pictures.
 const TIMES: usize = 31;
 const SHOWN: usize = 6;
 /// Width of a tracking picture in pixels.
 const WIDTH: u32 = 160;
 
-/// What the report tells of segments.
+/// The report's results on segments.
 pub(super) struct SegmentStory {
-    /// Selections against the truth.
+    /// Selections compared with the ground truth.
     pub evaluation: SegmentEvaluation,
-    /// Rows of truth and methods.
+    /// Rows of ground truth and methods.
     pub sheet: RgbImage,
-    /// Each found segment over time.
+    /// Each selected segment over time.
     pub followed: Vec<Followup>,
-    /// Pictures of each through time.
+    /// Pictures of each over time.
     pub tracks: RgbImage,
 }
 
@@ -56,7 +56,7 @@ impl SegmentStory {
         line_plot("Tracked segments against the truth", "time", "IoU, %", &points.collect::<Vec<_>>())
     }
 
-    /// Volume of each followed segment over time.
+    /// Volume of each tracked segment over time.
     pub fn volume_over_time(&self) -> String {
         let series: Vec<Series> = self
             .followed
@@ -67,7 +67,7 @@ impl SegmentStory {
     }
 }
 
-/// Segments, measures and follows; writes `segments/` and `eval/segments/` of the run.
+/// Segments, measures and tracks; writes `segments/` and `eval/segments/` of the run.
 pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;

@@ -1,4 +1,4 @@
-//! What the demo's report says: which pictures, which figures, in which order.
+//! The content of the demo's report: which pictures, which figures, in which order.
 
 use super::{FOV, Results};
 use crate::data::paths::{Lens, RADIUS, orbit};
@@ -14,7 +14,7 @@ use crate::shell;
 use image::RgbImage;
 use std::path::Path;
 
-/// Frames of the turntable, and their width.
+/// Number of frames of the turntable, and their width.
 const TURNTABLE: (usize, u32) = (48, 320);
 
 /// The pictures of the report, as PNG files.
@@ -26,7 +26,7 @@ pub(super) struct Pictures {
     segments: Vec<(Vec<u8>, String)>,
 }
 
-/// Renders and reads what the report shows.
+/// Renders and reads the pictures of the report.
 pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
     let png = |image: &RgbImage| encode_png(image).map_err(|e| e.to_string());
     let (frames, size) = TURNTABLE;
@@ -103,7 +103,7 @@ fn learning_curve(run: &Path) -> String {
     line_plot("Learning curve", "step", "PSNR, dB", &series)
 }
 
-/// Puts the report together.
+/// Assembles the report.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
@@ -261,7 +261,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
     })
 }
 
-/// Truth, table, pictures and curves of segmentation and tracking.
+/// Ground truth, table, pictures and curves of segmentation and tracking.
 fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Result<Vec<Block>, String> {
     let (story, png) = (&results.segments, |image: &RgbImage| encode_png(image).map_err(|e| e.to_string()));
     let cell = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));

@@ -9,8 +9,8 @@ pub const GLYPH_HEIGHT: u32 = 7;
 /// Font pixels from one glyph to the next.
 const ADVANCE: u32 = GLYPH_WIDTH + 1;
 
-/// Rows from the top, the left-most pixel in bit 4. Small letters are drawn as capitals and
-/// characters that are not here as an empty box.
+/// Rows from the top, the left-most pixel in bit 4. Lower-case letters are drawn as capitals and unknown characters as
+/// an empty box.
 fn glyph(c: char) -> [u8; 7] {
     match c.to_ascii_uppercase() {
         ' ' => [0; 7],

@@ -1,13 +1,13 @@
-//! What plots share: axes with round ticks, the frame around the curves, letters and colours.
+//! Shared by the plots: axes with round ticks, the frame around the curves, text and colours.
 
 /// Width of a plot.
 pub(super) const WIDTH: f64 = 640.0;
 const HEIGHT: f64 = 400.0;
 /// Left, right, top and bottom edges of the area of the curves.
 const AREA: [f64; 4] = [70.0, 620.0, 58.0, 345.0];
-/// Colours that colour-blind readers tell apart.
+/// Colours that colour-blind readers can distinguish.
 const COLORS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
-/// A range below this has no round ticks that a number could hold.
+/// A range below this has no round ticks that a number can represent.
 const TINY: f64 = 1e-290;
 
 /// Range of an axis, in log10 where the axis is logarithmic.
@@ -19,7 +19,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// Around finite `values`, which are log10 of what they stand for where `log`.
+    /// An axis around finite `values`, which are log10 of the plotted values if `log`.
     pub(super) fn of(values: impl Iterator<Item = f64>, log: bool) -> Self {
         let start = (f64::INFINITY, f64::NEG_INFINITY);
         let (low, high) = values.fold(start, |(low, high), v| (low.min(v), high.max(v)));
@@ -34,14 +34,14 @@ impl Axis {
         Self { low, high, log }
     }
 
-    /// The same with room at both ends, so that no mark lies on the frame.
+    /// The same axis with room at both ends, so that no mark lies on the frame.
     pub(super) fn padded(self) -> Self {
         let room = (self.high / 2.0 - self.low / 2.0) * 0.12;
         let (low, high) = ((self.low - room).max(f64::MIN), (self.high + room).min(f64::MAX));
         Self { low, high, log: self.log }
     }
 
-    /// Part of the axis, 0 at the low end and 1 at the high.
+    /// Fraction of the axis, 0 at the low end and 1 at the high.
     pub(super) fn part(&self, value: f64) -> f64 {
         // Halved first, so that a range wider than the largest number does not overflow.
         (value / 2.0 - self.low / 2.0) / (self.high / 2.0 - self.low / 2.0)
@@ -62,14 +62,14 @@ impl Axis {
         (0..12).map(|i| (first + f64::from(i)) * step).take_while(on_axis).collect()
     }
 
-    /// What stands at a tick.
+    /// The label of a tick.
     pub(super) fn label(&self, tick: f64) -> String {
         if self.log && tick.fract() == 0.0 && !(-3.0..5.0).contains(&tick) {
             return format!("1e{tick}");
         }
         let value = if self.log { 10f64.powf(tick) } else { tick };
         if !value.is_normal() && self.log {
-            // Beside the largest and smallest numbers a logarithmic axis goes on, and no number holds what it says.
+            // beyond the largest and smallest numbers a logarithmic axis continues, but no number can hold its values
             return format!("{:.1}e{}", 10f64.powf(tick - tick.floor()), tick.floor());
         }
         let size = value.abs();
@@ -85,7 +85,7 @@ impl Axis {
     }
 }
 
-/// Two axes and where they lie.
+/// Two axes and their position.
 pub(super) struct Frame {
     x: Axis,
     y: Axis,
@@ -98,7 +98,7 @@ impl Frame {
     /// Left edge of the area of the curves.
     pub(super) const LEFT: f64 = AREA[0];
 
-    /// The area of the curves begins `lowered` further down than under a legend of one row.
+    /// A frame whose area of the curves begins `lowered` further down than under a legend of one row.
     pub(super) fn new(x: Axis, y: Axis, lowered: f64) -> Self {
         let [left, right, top, bottom] = AREA;
         Self { x, y, area: [left, right, top + lowered, bottom + lowered], height: HEIGHT + lowered }
@@ -112,7 +112,7 @@ impl Frame {
         self.area[3] - self.y.part(y) * (self.area[3] - self.area[2])
     }
 
-    /// The plot up to its curves; what follows ends it with `</svg>`.
+    /// The plot up to its curves; the caller ends it with `</svg>`.
     pub(super) fn begin(&self, title: &str, x_label: &str, y_label: &str) -> String {
         let [left, right, top, bottom] = self.area;
         let middle = (left + right) / 2.0;
@@ -137,7 +137,7 @@ impl Frame {
     }
 }
 
-/// The head of an SVG on white, with its title around `middle`.
+/// The head of an SVG on white, with its title centred at `middle`.
 pub(super) fn begin_svg(width: f64, height: f64, middle: f64, title: &str) -> String {
     let title = shortened(title, 2.0 * middle.min(width - middle) - 10.0, 8.0);
     format!(
@@ -152,17 +152,17 @@ pub(super) fn text(x: f64, y: f64, anchor: &str, more: &str, content: &str) -> S
     format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\"{more}>{}</text>\n", escape(content))
 }
 
-/// The colour of the curve or group of that number.
+/// The colour of the curve or group `index`.
 pub(super) fn color(index: usize) -> &'static str {
     COLORS[index % COLORS.len()]
 }
 
-/// How often the colours have been used up before that number.
+/// How many times the colours are used up before `index`.
 pub(super) fn round(index: usize) -> usize {
     index / COLORS.len()
 }
 
-/// `content` cut so that letters of `letter` units fit into `width`.
+/// `content`, cut so that letters of `letter` units fit into `width`.
 pub(super) fn shortened(content: &str, width: f64, letter: f64) -> String {
     let most = ((width / letter) as usize).max(1);
     if content.chars().count() <= most {
@@ -171,7 +171,7 @@ pub(super) fn shortened(content: &str, width: f64, letter: f64) -> String {
     content.chars().take(most - 1).chain(['…']).collect()
 }
 
-/// Text as it may stand in XML.
+/// Escapes text for XML.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::new();
     for c in text.chars() {
@@ -191,7 +191,7 @@ pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Any number, and often one at an end of what numbers hold, where sums overflow.
+    /// Any number, often one at the limits of the number range, where sums overflow.
     pub(in super::super) fn number() -> impl Strategy<Value = f64> {
         let ends = prop::sample::select(vec![f64::MAX, f64::MIN, 1.5e308, -1.5e308, 5e-324, f64::INFINITY, f64::NAN]);
         prop_oneof![any::<f64>(), ends]
@@ -213,7 +213,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_logarithmic_axis_goes_on_where_numbers_end() {
-        // A lone value has half a power of ten at either side, and rounding may leave a little less than a whole one.
+        // a lone value gets half a power of ten on either side, and rounding may leave slightly less than a whole one
         for (values, labels) in [([307.8, 308.7], ["1e308", "2.5e308"]), ([-324.0, -323.1], ["1e-324", "4.0e-324"])] {
             let axis = Axis::of(values.into_iter(), true);
             let found: Vec<String> = axis.ticks().into_iter().map(|tick| axis.label(tick)).collect();

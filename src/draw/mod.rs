@@ -1,5 +1,5 @@
-//! Drawing on pictures and plots as SVG: letters, lines, scatter, parallel coordinates, sheets of views. Knows nothing
-//! of what is drawn.
+//! Drawing on pictures, and plots as SVG: text, lines, scatter, parallel coordinates, sheets of views. Knows nothing of
+//! what is drawn.
 
 pub mod font;
 mod frame;

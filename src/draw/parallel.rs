@@ -8,12 +8,12 @@ const HEIGHT: f64 = 420.0;
 const SPAN: [f64; 2] = [84.0, 396.0];
 /// Room left of the first axis and right of the last.
 const SIDES: [f64; 2] = [95.0, 95.0];
-/// Least room between two axes.
+/// Minimum distance between two axes.
 const APART: f64 = 118.0;
-/// Heights of the names of axes, by turns where they would touch.
+/// Heights of the names of axes, alternating where they would touch.
 const NAMES: [f64; 2] = [68.0, 50.0];
-/// Colours of parts 0, 0.2, .. 1 of the last axis: lightness rises evenly from dark violet to orange, which is still
-/// seen on white paper, in grey too.
+/// Colours at fractions 0, 0.2, .. 1 of the last axis: lightness rises evenly from dark violet to orange, which is
+/// still visible on white paper, in grey too.
 const COLORS: [[f64; 3]; 6] = [
     [20.0, 11.0, 110.0],
     [92.0, 2.0, 163.0],
@@ -23,36 +23,36 @@ const COLORS: [[f64; 3]; 6] = [
     [251.0, 178.0, 46.0],
 ];
 
-/// How values lie along an axis.
+/// How values are placed along an axis.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Ticks {
     /// Evenly.
     Linear,
-    /// By their logarithm; values that are not above zero are missing.
+    /// By their logarithm; values that are not above zero count as missing.
     Log,
-    /// By name, from the bottom; a value is the number of its name, from 0.
+    /// By name, from the bottom; a value is the index of its name, from 0.
     Names(Vec<String>),
 }
 
 /// An axis of parallel coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParallelAxis {
-    /// Stands above it.
+    /// Its name, drawn above it.
     pub name: String,
-    /// What values mean.
+    /// How its values are placed.
     pub ticks: Ticks,
 }
 
 /// A line through the axes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ParallelLine {
-    /// Shown under the pointer where the SVG is opened by itself.
+    /// Tooltip where the SVG is opened by itself.
     pub name: String,
     /// A value for each axis; the line has a gap where one is missing or not finite.
     pub values: Vec<Option<f64>>,
 }
 
-/// An axis laid out.
+/// An axis with its position.
 struct Placed {
     x: f64,
     range: Axis,
@@ -64,8 +64,8 @@ impl Placed {
     }
 }
 
-/// Lines through vertical axes. The last axis gives the colours, dark for low and bright for high; lines without a
-/// value there are grey and lie below the others.
+/// Lines through vertical axes. The last axis determines the colours, dark for low and bright for high; lines without a
+/// value there are grey and drawn below the others.
 #[must_use]
 pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine]) -> String {
     let gaps = axes.len().saturating_sub(1).max(1) as f64;
@@ -128,8 +128,8 @@ pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine])
     svg + "</svg>\n"
 }
 
-/// The line of an axis and its ticks: left of it, with a white rim as curves pass below; the last has them on its
-/// right, beyond the bar of colours.
+/// The line of an axis and its ticks: on its left, with a white rim as curves pass below; those of the last axis are on
+/// its right, beyond the colour bar.
 fn draw_axis(axis: &ParallelAxis, at: &Placed, last: bool, apart: f64) -> String {
     let [top, bottom] = SPAN;
     let mut svg = format!("<path d=\"M{:.1} {top}V{bottom}\" stroke=\"#333\" fill=\"none\"/>\n", at.x);
@@ -148,7 +148,7 @@ fn draw_axis(axis: &ParallelAxis, at: &Placed, last: bool, apart: f64) -> String
         for step in 0..steps {
             let color = color_of((f64::from(step) + 0.5) / f64::from(steps));
             let y = bottom - height * f64::from(step + 1);
-            // A little taller than its share, so that no white shows between.
+            // slightly taller than its share, so that no white shows between
             svg += &format!(
                 "<rect x=\"{:.1}\" y=\"{y:.1}\" width=\"9\" height=\"{:.1}\" fill=\"{color}\"/>\n",
                 at.x + 7.0,
@@ -167,7 +167,7 @@ fn draw_axis(axis: &ParallelAxis, at: &Placed, last: bool, apart: f64) -> String
     svg
 }
 
-/// The colour of a part of the last axis.
+/// The colour at a fraction of the last axis.
 fn color_of(part: f64) -> String {
     let at = part.clamp(0.0, 1.0) * (COLORS.len() - 1) as f64;
     let low = (at as usize).min(COLORS.len() - 2);

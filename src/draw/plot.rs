@@ -3,11 +3,11 @@
 use super::frame::{Axis, Frame, WIDTH, color, round, shortened, text};
 use std::fmt::Write as _;
 
-/// Height of the first row of names, between the title and the curves, and from one row to the next.
+/// Height of the first row of names, between the title and the curves, and distance between rows.
 const LEGEND: (f64, f64) = (43.0, 17.0);
-/// Most names in the legend.
+/// Maximum number of names in the legend.
 const NAMES: usize = 12;
-/// Curves beyond the colours are told apart by their dashes.
+/// Dashes that distinguish curves beyond the number of colours.
 const DASHES: [&str; 3] = ["", " stroke-dasharray=\"8 5\"", " stroke-dasharray=\"2 5\""];
 
 /// One curve. Points that are not finite break it.
@@ -31,7 +31,7 @@ pub fn line_plot_log_y(title: &str, x_label: &str, y_label: &str, series: &[Seri
     plot(title, x_label, y_label, series, true)
 }
 
-/// A name in the legend: its curve, if it stands for one, and where.
+/// An entry of the legend: a name, its curve, if it has one, and its position.
 struct Entry {
     curve: Option<usize>,
     name: String,
@@ -39,7 +39,7 @@ struct Entry {
     row: usize,
 }
 
-/// The names from `left` on, in rows that end before the picture does.
+/// Lays out the names from `left` on, in rows that fit the width of the picture.
 fn legend(series: &[Series], left: f64) -> Vec<Entry> {
     let shown = if series.len() > NAMES { NAMES - 1 } else { series.len() };
     let names = series[..shown].iter().enumerate().map(|(index, s)| (Some(index), s.name.as_str()));
@@ -83,7 +83,7 @@ fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool)
             }
             // Writing to a String cannot fail.
             let _ = write!(path, "{pen}{:.1} {:.1}", frame.to_x(*x), frame.to_y(*y));
-            // A lone point is drawn by the round cap of a line of no length.
+            // a lone point is drawn by the round cap of a line of length 0
             if pen == 'M' {
                 path.push_str("h0");
             }

@@ -2,29 +2,29 @@
 
 use super::frame::{Axis, Frame, color, round, shortened, text};
 
-/// There is no legend, so the area begins that much higher.
+/// There is no legend, so the area begins this much higher.
 const LOWERED: f64 = -16.0;
-/// With more points than these the further ones have no names.
+/// Maximum number of named points; further points have no names.
 const MOST_NAMES: usize = 60;
 /// Width of a letter of a name, and height of a name.
 const LETTER: (f64, f64) = (6.2, 12.0);
-/// Distances of a name from its point, the nearest that is free being taken.
+/// Distances of a name from its point; the nearest free one is used.
 const DISTANCES: [f64; 7] = [8.0, 13.0, 20.0, 30.0, 42.0, 56.0, 72.0];
 
-/// A point of a scatter plot. It is left out if `x` or `y` is not finite.
+/// A point of a scatter plot. It is skipped if `x` or `y` is not finite.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Point {
-    /// Stands beside it.
+    /// Its name, drawn beside it.
     pub name: String,
-    /// Place along the horizontal axis.
+    /// Position along the horizontal axis.
     pub x: f64,
-    /// Place along the vertical axis.
+    /// Position along the vertical axis.
     pub y: f64,
     /// Half the length of the horizontal whiskers.
     pub x_error: Option<f64>,
     /// Half the length of the vertical whiskers.
     pub y_error: Option<f64>,
-    /// Points of a group have one colour.
+    /// Its group; the points of a group share a colour.
     pub group: usize,
 }
 
@@ -57,7 +57,7 @@ pub fn scatter_plot(title: &str, x_label: &str, y_label: &str, points: &[Point])
     }
     for point in &points {
         let color = color(point.group);
-        // Groups beyond the colours are told apart by hollow marks.
+        // groups beyond the number of colours are distinguished by hollow marks
         let fill = if round(point.group) % 2 == 1 { "white" } else { color };
         let (x, y) = (frame.to_x(point.x), frame.to_y(point.y));
         let style = format!("stroke=\"{color}\" stroke-width=\"1.6\" fill=\"{fill}\"");
@@ -83,7 +83,7 @@ fn ends(at: f64, error: Option<f64>) -> Option<[f64; 2]> {
     ends.iter().all(|end| end.is_finite()).then_some(ends)
 }
 
-/// What is taken by a mark or a name.
+/// The area occupied by a mark or a name.
 #[derive(Clone, Copy, Debug)]
 struct Rect {
     left: f64,
@@ -107,14 +107,14 @@ impl Rect {
         (self.right - self.left) * (self.bottom - self.top)
     }
 
-    /// Where a line from the point at `at` should end, if the name is so far that it needs one.
+    /// The end of a line from the point at `at`, if the name is far enough away to need one.
     fn leader(&self, at: (f64, f64)) -> Option<(f64, f64)> {
         let near = (at.0.clamp(self.left, self.right), at.1.clamp(self.top, self.bottom));
         ((near.0 - at.0).hypot(near.1 - at.1) > 15.0).then_some(near)
     }
 }
 
-/// The nearest place for a name that covers nothing of what is `taken`; where there is none, the one that covers least.
+/// The nearest place for a name that covers nothing in `taken`; where there is none, the one that overlaps least.
 fn free_place(at: (f64, f64), width: f64, taken: &[Rect], [left, right, top, bottom]: [f64; 4]) -> Rect {
     let inside = Rect { left, right: right + 15.0, top, bottom };
     let mut best = (f64::INFINITY, Rect::around(at.0, at.1, width / 2.0, LETTER.1 / 2.0));

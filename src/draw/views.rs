@@ -1,4 +1,4 @@
-//! Sheets of pictures in a grid, each with a label: what was rendered, at a glance.
+//! Sheets of pictures in a grid, each with a label: rendered images at a glance.
 
 use super::font::{GLYPH_HEIGHT, draw_text, text_width};
 use image::imageops::{FilterType, resize};
@@ -37,18 +37,18 @@ pub fn view_sheet(pictures: &[(String, RgbImage)], columns: usize, cell: u32) ->
 /// A picture of a [`pair_sheet`], with another one of the same size below it.
 #[derive(Clone, Debug, Default)]
 pub struct Pair {
-    /// First line above.
+    /// First line above it.
     pub name: String,
-    /// Second line above.
+    /// Second line above it.
     pub note: String,
     /// The picture.
     pub picture: RgbImage,
-    /// What lies below; the ground shows where there is none.
+    /// The picture below it; the background shows where there is none.
     pub below: Option<RgbImage>,
 }
 
-/// Lays out pairs in rows of `columns`, each no wider than `cell` pixels. As labels need room, small pictures are blown
-/// up by a whole factor to at least half of that.
+/// Lays out pairs in rows of `columns`, each no wider than `cell` pixels. As labels need room, small pictures are
+/// enlarged by an integer factor to at least half of that.
 #[must_use]
 pub fn pair_sheet(pairs: &[Pair], columns: usize, cell: u32) -> RgbImage {
     let (columns, cell) = (columns.clamp(1, pairs.len().max(1)), cell.max(1));
@@ -68,7 +68,7 @@ pub fn pair_sheet(pairs: &[Pair], columns: usize, cell: u32) -> RgbImage {
         let x = MARGIN + (i % columns) as u32 * (cw + MARGIN);
         let y = MARGIN + (i / columns) as u32 * row;
         for (k, label) in (0u32..).zip([&pair.name, &pair.note]) {
-            // a long name is rather small than cut
+            // a long name is drawn smaller rather than cut
             let (label, scale) = fitting(label, cw, scale);
             draw_text(&mut sheet, x, y + k * line, scale, INK, &label);
         }

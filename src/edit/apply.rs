@@ -1,5 +1,5 @@
-//! Applies a stack of edits to the Gaussians of one time. Edits are checked before anything is changed; what an edit
-//! means is documented at [`Operation`].
+//! Applies a stack of edits to the Gaussians of one time. Edits are checked before anything is changed; their meaning
+//! is documented at [`Operation`].
 
 use super::error::EditError;
 use super::operation::{Edit, Operation};
@@ -12,18 +12,18 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
-/// The largest opacity, that at which drawing stops.
+/// Maximum opacity, as in drawing.
 const MAX_OPACITY: f64 = 0.99;
 
-/// Applies the edits in order to the Gaussians at the time being drawn. `segments` gives the Gaussians of a segment by
-/// name, or `None` for a name that does not exist.
+/// Applies the edits in order to the Gaussians at the time being drawn. `segments` returns the Gaussians of a segment
+/// by name, or `None` for a name that does not exist.
 ///
-/// Hidden Gaussians get the logit [`HIDDEN_LOGIT`]. Gaussians outside the segments of an edit keep their bits, but for
-/// those that [`Operation::Isolate`] hides. Centres are weighted with the opacities that come in, so that no edit of
-/// opacity moves them; what is not finite is left out of centres and mean colours.
+/// Hidden Gaussians get the logit [`HIDDEN_LOGIT`]. Gaussians outside the segments of an edit stay bit-identical,
+/// except for those that [`Operation::Isolate`] hides. Centres are weighted with the opacities before any edit, so that
+/// no edit of opacity moves them; non-finite values are excluded from centres and mean colours.
 ///
 /// # Errors
-/// [`EditError::Shape`] and [`EditError::ShStride`] for arrays that disagree, [`EditError::Value`],
+/// [`EditError::Shape`] and [`EditError::ShStride`] for inconsistent arrays, [`EditError::Value`],
 /// [`EditError::UnknownSegment`] or [`EditError::Index`]; `state` is then unchanged.
 pub fn apply<'s>(
     stack: &EditStack,
@@ -50,9 +50,9 @@ pub fn apply<'s>(
     Ok(())
 }
 
-/// The opacity-weighted mean of the finite positions of `members` in `now`, world units: the centre about which an edit of
-/// them turns and scales. The weights are the opacities of `before`, the same Gaussians with no edit applied, as
-/// [`apply`] weights. `None` if no position is finite.
+/// Returns the opacity-weighted mean of the finite positions of `members` in `now`, world units: the centre about which
+/// an edit of them rotates and scales. The weights are the opacities of `before`, the same Gaussians with no edit
+/// applied, as in [`apply`]. `None` if no position is finite.
 #[must_use]
 pub fn centre(before: &HostGaussians, now: &HostGaussians, members: &[u32]) -> Option<[f64; 3]> {
     let weights: Vec<f64> = before.opacity_logits.iter().map(|&logit| sigmoid_f64(logit.into())).collect();
@@ -80,15 +80,15 @@ struct Editor<'a> {
     /// Linear opacity before any edit `[N]`.
     weights: Vec<f64>,
     hidden: Vec<bool>,
-    /// The named segment that holds each Gaussian in the present edit, from 1; 0 is none `[N]`.
+    /// The named segment that contains each Gaussian in the current edit, from 1; 0 for none `[N]`.
     owner: Vec<u32>,
-    /// The same as lists, one for each named segment.
+    /// The same as lists, one per named segment.
     members: Vec<Vec<usize>>,
     state: &'a mut HostGaussians,
 }
 
 impl Editor<'_> {
-    /// Gives each Gaussian to the first list that holds it.
+    /// Assigns each Gaussian to the first list that contains it.
     fn claim(&mut self, lists: &[&[u32]]) {
         self.owner.fill(0);
         self.members.clear();
@@ -198,7 +198,7 @@ impl Editor<'_> {
         }
     }
 
-    /// For each named segment the fixed point, or its opacity-weighted centre as it stands now.
+    /// Returns, for each named segment, the fixed point or its current opacity-weighted centre.
     fn centres(&self, about: Option<&[f32; 3]>) -> Vec<DVec3> {
         let centre = |own: &Vec<usize>| match about {
             Some(point) => vector(point),
@@ -207,7 +207,7 @@ impl Editor<'_> {
         self.members.iter().map(centre).collect()
     }
 
-    /// Replaces the position of every named Gaussian; `to` gets the number of its segment, from 0.
+    /// Replaces the position of every named Gaussian; `to` receives the number of its segment, from 0.
     fn move_means(&mut self, to: impl Fn(usize, DVec3) -> DVec3) {
         for (number, own) in self.members.iter().enumerate() {
             for &i in own {
@@ -218,7 +218,7 @@ impl Editor<'_> {
     }
 }
 
-/// The mean of the finite values, weighted; unweighted where all weights are 0; `None` of no finite value.
+/// Returns the weighted mean of the finite values, unweighted if all weights are 0; `None` if there is no finite value.
 fn weighted_mean(own: &[usize], weights: &[f64], value: impl Fn(usize) -> DVec3) -> Option<DVec3> {
     let mean = |weight: &dyn Fn(usize) -> f64| {
         let (mut sum, mut total) = (DVec3::ZERO, 0.0);
@@ -234,7 +234,7 @@ fn weighted_mean(own: &[usize], weights: &[f64], value: impl Fn(usize) -> DVec3)
     mean(&|i| weights[i]).or_else(|| mean(&|_| 1.0))
 }
 
-/// The Hamilton product `a b`; `b` need not be of unit length, and its length is kept.
+/// Returns the Hamilton product `a b`; `b` need not be of unit length, and its length is kept.
 fn product(a: DQuat, b: DQuat) -> DQuat {
     let (u, v) = (a.xyz(), b.xyz());
     let (w, xyz) = (a.w * b.w - u.dot(v), a.w * v + b.w * u + u.cross(v));

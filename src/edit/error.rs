@@ -1,4 +1,4 @@
-//! What can go wrong with edits. Every message says what, where, and how to put it right.
+//! Errors of edits. Every message says what is wrong, where, and how to fix it.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ pub enum EditError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// What was attempted.
         action: &'static str,
         /// Why it failed.
         source: std::io::Error,
@@ -30,7 +30,7 @@ pub enum EditError {
         path: PathBuf,
         /// The field, as in `operations[2].operation.rotate.axis`; operations count from 0 here, as in JSON.
         field: String,
-        /// What is wrong and how to put it right.
+        /// What is wrong and how to fix it.
         problem: String,
     },
     /// The file was written by a newer program.
@@ -51,7 +51,7 @@ pub enum EditError {
     Value {
         /// The field of the edit, as in `operation.scale.factor`.
         field: String,
-        /// What is wrong and how to put it right.
+        /// What is wrong and how to fix it.
         problem: String,
     },
     /// An edit names a segment that does not exist.
@@ -62,7 +62,7 @@ pub enum EditError {
         /// The name.
         name: String,
     },
-    /// A segment holds a Gaussian that does not exist.
+    /// A segment contains a Gaussian that does not exist.
     #[error("segment \"{name}\": Gaussian {index} of {count} does not exist; segment this scene again")]
     Index {
         /// The segment.
@@ -72,7 +72,7 @@ pub enum EditError {
         /// Number of Gaussians.
         count: usize,
     },
-    /// The arrays of the Gaussians disagree.
+    /// The arrays of the Gaussians are inconsistent.
     #[error("{field}: {found} values where {expected} are needed; give every array the same number of Gaussians")]
     Shape {
         /// The array.
@@ -82,10 +82,10 @@ pub enum EditError {
         /// Values found.
         found: usize,
     },
-    /// Not a number of spherical-harmonics coefficients.
+    /// Not a valid number of spherical-harmonics coefficients.
     #[error("sh_stride: {found} coefficients; give 1, 4, 9 or 16 (degree 0 to 3)")]
     ShStride {
-        /// Coefficients of a Gaussian.
+        /// Coefficients per Gaussian.
         found: usize,
     },
 }

@@ -1,4 +1,4 @@
-//! Reading and writing `edits.json`. The file is walked by hand down to each edit so that an error names the field;
+//! Reading and writing `edits.json`. The file is traversed by hand down to each edit, so that an error names the field;
 //! the edits themselves are plain serde.
 
 use super::error::EditError;
@@ -87,7 +87,7 @@ impl Reader<'_> {
         Ok(edit)
     }
 
-    /// Finds the field of an operation that serde could not take: each field name has one type in all operations.
+    /// Finds the field of an operation that serde could not read: each field name has one type in all operations.
     fn misfit(&self, at: &str, value: &Value, error: &serde_json::Error) -> EditError {
         let only = value.as_object().filter(|map| map.len() == 1).and_then(|map| map.iter().next());
         let Some((name, Value::Object(fields))) = only else {

@@ -1,8 +1,8 @@
-//! Edits of segments: an ordered stack of pure data that can be undone, and its application to the Gaussians of one
-//! time.
+//! Edits of segments: an ordered stack of pure data with undo, and its application to the Gaussians of one time.
 //!
-//! The stack knows segments by name only and never holds Gaussians, so that an edit made at one time holds at every
-//! time: each time's Gaussians are edited afresh from the trained ones. Nothing here draws, tracks or chooses segments.
+//! The stack refers to segments only by name and never holds Gaussians, so that an edit made at one time applies at
+//! every time: each time's Gaussians are edited afresh from the trained ones. Nothing here draws, tracks or chooses
+//! segments.
 
 mod apply;
 mod error;

@@ -1,4 +1,4 @@
-//! One edit as pure data: its meaning, its checks and its line in a list. How it changes Gaussians is in `apply`.
+//! An edit as pure data: its meaning, its checks and its line in a list. How it changes Gaussians is in `apply`.
 
 use super::error::EditError;
 use serde::{Deserialize, Serialize};
@@ -14,16 +14,17 @@ pub enum Operation {
     Recolour {
         /// Red, green, blue in `[0, 1]`.
         rgb: [f32; 3],
-        /// True: the constant terms of a segment all move by one amount, which makes the opacity-weighted mean of its
-        /// colours `rgb`; the differences among its Gaussians and all that depends on the view stay. False: every
-        /// Gaussian gets the colour `rgb` from every side; where the scene has a headlight, as the colour that it shades.
+        /// True: the constant terms of a segment are all shifted by the same amount, which makes the opacity-weighted
+        /// mean of its colours `rgb`; the differences among its Gaussians and everything view-dependent stay. False:
+        /// every Gaussian gets the colour `rgb` from every direction; in a scene with a headlight, as the colour that
+        /// it shades.
         keep_shading: bool,
     },
     /// Multiplies the linear opacity. The result is at most 0.99, as in drawing. 0 is the same as `Hide`.
     Opacity {
         /// At least 0.
         factor: f32,
-        /// Whether segments that are hidden are shown again.
+        /// Whether hidden segments are shown again.
         #[serde(default, skip_serializing_if = "is_false")]
         show: bool,
     },
@@ -31,25 +32,25 @@ pub enum Operation {
     Hide,
     /// Makes the segments visible again, with the opacity they would have had.
     Show,
-    /// Hides every Gaussian that is in none of the named segments; those stay as they are, visible or hidden.
+    /// Hides every Gaussian that is in none of the named segments; the others stay as they are, visible or hidden.
     Isolate,
     /// Moves the segments.
     Translate {
         /// Along x, y, z, world units.
         by: [f32; 3],
     },
-    /// Turns the segments, with the orientation and the view-dependent colour of their Gaussians.
+    /// Rotates the segments, including the orientation and the view-dependent colour of their Gaussians.
     Rotate {
         /// Axis, of any length but 0.
         axis: [f32; 3],
         /// Angle, right-handed about the axis.
         degrees: f32,
-        /// A fixed point, world units; without one each segment turns about its own opacity-weighted centre at the
-        /// time being drawn, so that a segment that moves turns about itself at every time.
+        /// A fixed point, world units; without one, each segment rotates about its own opacity-weighted centre at the
+        /// time being drawn, so that a moving segment rotates about itself at every time.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         about: Option<[f32; 3]>,
     },
-    /// Makes the segments larger or smaller, with their Gaussians.
+    /// Scales the segments, including their Gaussians.
     Scale {
         /// More than 0.
         factor: f32,
@@ -59,9 +60,9 @@ pub enum Operation {
     },
 }
 
-/// One operation on named segments, as one step of undo.
+/// One operation on named segments, undone as one step.
 ///
-/// A Gaussian that several of the named segments hold is edited once, as a part of the first that holds it.
+/// A Gaussian in several of the named segments is edited once, as part of the first that contains it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Edit {
@@ -71,13 +72,13 @@ pub struct Edit {
     pub operation: Operation,
 }
 
-/// Whether a key is left out of the file.
+/// Returns whether a key is omitted from the file.
 fn is_false(value: &bool) -> bool {
     !value
 }
 
 impl Operation {
-    /// The name in JSON.
+    /// Returns the name in JSON.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -95,7 +96,7 @@ impl Operation {
     /// Checks the values.
     ///
     /// # Errors
-    /// [`EditError::Value`]: a number that is not finite or out of range, an axis without direction.
+    /// [`EditError::Value`]: a number that is not finite or out of range, or an axis without direction.
     pub fn validate(&self) -> Result<(), EditError> {
         let check = |field: &str, fine: bool, problem: String| {
             let field = || format!("operation.{}.{field}", self.name());
@@ -140,7 +141,8 @@ impl Operation {
 }
 
 impl Edit {
-    /// Checks the values and that at least one segment is named. Whether those exist is known when edits are applied.
+    /// Checks the values, and that at least one segment is named. Whether the segments exist is checked when edits are
+    /// applied.
     ///
     /// # Errors
     /// [`EditError::Value`].
@@ -156,7 +158,7 @@ impl Edit {
     }
 }
 
-/// One line such as `rotate ring by 90° about the axis (0, 0, 1) through its centre`.
+/// Formats the edit as one line, such as `rotate ring by 90° about the axis (0, 0, 1) through its centre`.
 impl fmt::Display for Edit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let names = self.segments.join(", ");

@@ -1,7 +1,7 @@
 //! Rotation of real spherical harmonics up to degree 3, in the order and with the signs of 3DGS.
 //!
-//! A rotation maps each band `l` onto itself. The matrix of a band is found by evaluating its 2l + 1 functions at as
-//! many fixed directions, before and after the rotation, and solving once: exact up to rounding, all in f64.
+//! A rotation maps each band `l` onto itself. The matrix of a band is found by evaluating its 2l + 1 functions at 2l +
+//! 1 fixed directions, before and after the rotation, and solving once: exact up to rounding, all in f64.
 
 use std::f64::consts::PI;
 
@@ -13,8 +13,8 @@ pub struct ShRotation {
 }
 
 impl ShRotation {
-    /// Prepares the rotation of colours by `matrix` (row-major, orthonormal): afterwards the colour seen in direction
-    /// `R d` is that seen before in direction `d`.
+    /// Prepares the rotation of colours by `matrix` (row-major, orthonormal): afterwards, the colour seen in direction
+    /// `R d` is the one seen before in direction `d`.
     #[must_use]
     pub fn new(matrix: [[f64; 3]; 3]) -> Self {
         Self { bands: std::array::from_fn(|i| band_matrix(i + 1, matrix)) }
@@ -42,7 +42,8 @@ impl ShRotation {
     }
 }
 
-/// `A^-1 B`, with `A` the functions of the band at fixed directions and `B` those at the directions turned back.
+/// Returns `A^-1 B`, where `A` holds the functions of the band at fixed directions and `B` those at the directions
+/// rotated back.
 fn band_matrix(l: usize, r: [[f64; 3]; 3]) -> Vec<f64> {
     let n = 2 * l + 1;
     let mut rows: Vec<Vec<f64>> = (0..n)
@@ -58,7 +59,7 @@ fn band_matrix(l: usize, r: [[f64; 3]; 3]) -> Vec<f64> {
     rows.iter().flat_map(|row| row[n..].iter().copied()).collect()
 }
 
-/// Turns `[A | B]` into `[1 | A^-1 B]` by Gauss-Jordan elimination with pivots; `A` is fixed and regular.
+/// Turns `[A | B]` into `[1 | A^-1 B]` by Gauss-Jordan elimination with pivoting; `A` is fixed and invertible.
 fn eliminate(rows: &mut [Vec<f64>], n: usize) {
     for k in 0..n {
         let pivot = (k..n).fold(k, |best, i| if rows[i][k].abs() > rows[best][k].abs() { i } else { best });
@@ -75,8 +76,8 @@ fn eliminate(rows: &mut [Vec<f64>], n: usize) {
     }
 }
 
-/// The `j`th of `n` unit directions on a spiral over the half sphere. Half is enough: in a band, the function at `-d`
-/// is that at `d` up to the sign, so opposite directions would make the matrix singular.
+/// Returns the `j`th of `n` unit directions on a spiral over the half sphere. Half is enough: within a band, the
+/// function at `-d` equals that at `d` up to the sign, so opposite directions would make the matrix singular.
 fn direction(j: usize, n: usize) -> [f64; 3] {
     let z = (j as f64 + 0.5) / n as f64;
     let (sin, cos) = (j as f64 * PI * (3.0 - 5f64.sqrt())).sin_cos();
@@ -84,8 +85,8 @@ fn direction(j: usize, n: usize) -> [f64; 3] {
     [ring * cos, ring * sin, z]
 }
 
-/// The 16 functions at a unit direction: band 1 is `C1 (-y, z, -x)`. From their definition in f64: with the constants of
-/// single precision a turn would not be orthonormal to rounding.
+/// Returns the 16 functions at a unit direction; band 1 is `C1 (-y, z, -x)`. They are computed from their definition in
+/// f64: with single-precision constants, a rotation would not be orthonormal to rounding.
 fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
     let norm = |a: f64| (a / PI).sqrt();

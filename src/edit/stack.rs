@@ -15,17 +15,17 @@ pub struct EditStack {
     pub version: u32,
     /// The edits that apply, first to last.
     pub operations: Vec<Edit>,
-    /// The edits undone, the last undone at the end.
+    /// The undone edits, the one undone last at the end.
     pub undone: Vec<Edit>,
 }
 
-/// What edits by one segment name come to. Those of wholes that it is a part of, of its parts, and of other segments with
-/// the same Gaussians are not in it.
+/// The combined effect of the edits by one segment name. Those of wholes that it is a part of, of its parts, and of
+/// other segments with the same Gaussians are not included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Total {
     /// The last colour that it was given, RGB in [0, 1].
     pub rgb: Option<[f32; 3]>,
-    /// What its linear opacity is multiplied by.
+    /// Factor on its linear opacity.
     pub opacity: f32,
     /// Whether it is hidden.
     pub hidden: bool,
@@ -44,7 +44,7 @@ impl Default for EditStack {
 }
 
 impl EditStack {
-    /// Adds an edit at the end and forgets those undone.
+    /// Adds an edit at the end and discards those undone.
     ///
     /// # Errors
     /// [`EditError::Value`]; the stack is then unchanged.
@@ -55,19 +55,19 @@ impl EditStack {
         Ok(())
     }
 
-    /// Takes back the last edit and returns it; `None` if there is none.
+    /// Undoes the last edit and returns it; `None` if there is none.
     pub fn undo(&mut self) -> Option<&Edit> {
         self.undone.push(self.operations.pop()?);
         self.undone.last()
     }
 
-    /// Applies the last edit undone again and returns it; `None` if there is none.
+    /// Redoes the edit undone last and returns it; `None` if there is none.
     pub fn redo(&mut self) -> Option<&Edit> {
         self.operations.push(self.undone.pop()?);
         self.operations.last()
     }
 
-    /// Puts the segment name `new` in the place of `old` everywhere; whether that changed anything.
+    /// Replaces the segment name `old` by `new` everywhere; returns whether that changed anything.
     pub fn rename(&mut self, old: &str, new: &str) -> bool {
         let mut changed = false;
         let edits = self.operations.iter_mut().chain(&mut self.undone);
@@ -78,13 +78,13 @@ impl EditStack {
         changed
     }
 
-    /// Whether an edit names the segment, one that was undone too.
+    /// Returns whether an edit, undone or not, names the segment.
     #[must_use]
     pub fn names(&self, segment: &str) -> bool {
         self.operations.iter().chain(&self.undone).any(|e| e.segments.iter().any(|name| name == segment))
     }
 
-    /// What the edits by this segment name come to.
+    /// Returns the combined effect of the edits by this segment name.
     #[must_use]
     pub fn total(&self, segment: &str) -> Total {
         let mut total = Total::default();
@@ -103,7 +103,7 @@ impl EditStack {
         total
     }
 
-    /// A line for each edit, numbered from 1; those undone follow in the order in which redo brings them back.
+    /// Returns a line for each edit, numbered from 1; undone ones follow in the order in which redo restores them.
     #[must_use]
     pub fn list(&self) -> Vec<String> {
         let undone = self.undone.iter().rev().map(|edit| (edit, " (undone)"));
@@ -114,7 +114,7 @@ impl EditStack {
     /// Checks every edit that applies, and that the segments it names are known.
     ///
     /// # Errors
-    /// [`EditError::Value`] or [`EditError::UnknownSegment`], for the first that is wrong.
+    /// [`EditError::Value`] or [`EditError::UnknownSegment`], for the first invalid edit.
     pub fn validate(&self, known: &dyn Fn(&str) -> bool) -> Result<(), EditError> {
         for (i, edit) in self.operations.iter().enumerate() {
             edit.validate()?;

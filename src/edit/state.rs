@@ -1,15 +1,15 @@
-//! Checks of the Gaussians that edits change, and what a hidden one is. What an edit does is in `apply`.
+//! Checks of the Gaussians that edits change, and the opacity of hidden ones. What an edit does is in `apply`.
 
 use super::error::EditError;
 use crate::model::HostGaussians;
 
-/// The opacity logit of a hidden Gaussian: its sigmoid is 0 in single precision, yet it is finite for files.
+/// Opacity logit of a hidden Gaussian: its sigmoid is 0 in single precision, but it is finite for files.
 pub const HIDDEN_LOGIT: f32 = -100.0;
 
-/// Checks that the arrays agree about N and K.
+/// Checks that the arrays agree on N and K.
 ///
 /// # Errors
-/// [`EditError::Shape`] or [`EditError::ShStride`]. Values are not looked at: what is not finite stays so.
+/// [`EditError::Shape`] or [`EditError::ShStride`]. Values are not checked: non-finite ones stay so.
 pub(super) fn check(gaussians: &HostGaussians) -> Result<(), EditError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         return Err(EditError::ShStride { found: gaussians.sh_stride });

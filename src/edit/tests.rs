@@ -1,4 +1,4 @@
-//! Tests of edits: what the stack keeps, what the operations do, and what files are refused.
+//! Tests of edits: what the stack keeps, what the operations do, and which files are refused.
 
 mod apply;
 mod file;
@@ -7,7 +7,7 @@ mod properties;
 use super::{Edit, EditStack, Operation};
 use crate::model::HostGaussians;
 
-/// Segments "a", "b" (disjoint), "ab" (both) and "none" (without Gaussians); the last two of 10 are in none.
+/// Segments "a", "b" (disjoint), "ab" (both) and "none" (without Gaussians); the last two of the 10 are in none.
 pub fn segments(name: &str) -> Option<&'static [u32]> {
     match name {
         "a" => Some(&[0, 1, 2, 3]),
@@ -51,13 +51,13 @@ pub fn arrays(s: &HostGaussians) -> Vec<&[f32]> {
     s.columns().map(|column| column.values).collect()
 }
 
-/// The largest difference of any two values.
+/// Returns the largest difference of any two values.
 pub fn distance(a: &HostGaussians, b: &HostGaussians) -> f32 {
     let pairs = arrays(a).into_iter().zip(arrays(b)).flat_map(|(x, y)| x.iter().zip(y));
     pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
-/// The bits of everything about one Gaussian.
+/// Returns the bits of everything about one Gaussian.
 pub fn bits(s: &HostGaussians, i: usize) -> Vec<u32> {
     let n = s.len();
     arrays(s).iter().flat_map(|a| a[i * a.len() / n..(i + 1) * a.len() / n].iter().map(|v| v.to_bits())).collect()

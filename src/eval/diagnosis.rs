@@ -1,8 +1,9 @@
-//! What bounds the quality, as one table: views that were trained on, unseen ones by their distance in time, and where in
-//! the pictures the error sits.
+//! Table of what limits quality: views that were trained on, unseen views by their distance in time, and where in the
+//! pictures the error lies.
 //!
-//! Training views far above test views at trained times: too few views, or an appearance that does not carry over to
-//! others. Those far above test views between: interpolation in time. All of them low: the model or its training.
+//! Training views far above test views at trained times indicate too few views, or an appearance that does not
+//! generalise to other views. Test views at trained times far above those between them indicate a problem of
+//! interpolation in time. Low values everywhere indicate a problem of the model or its training.
 
 use super::regions::{ByRegion, Region};
 use super::run::Summary;
@@ -11,9 +12,9 @@ use serde::{Deserialize, Serialize};
 /// Means over views that the scene was trained on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingViews {
-    /// Views measured: all, or a sample that is the same for each evaluation of the dataset.
+    /// Number of views measured: all, or a sample that is the same in every evaluation of the dataset.
     pub views: usize,
-    /// Views that were trained on.
+    /// Number of views that were trained on.
     pub of: usize,
     /// Mean PSNR, decibels.
     pub psnr: f64,
@@ -21,14 +22,15 @@ pub struct TrainingViews {
     pub ssim: f64,
     /// Mean SSIM, grey.
     pub ssim_gray: f64,
-    /// Their error by where it sits.
+    /// Error by region.
     pub by_region: ByRegion,
 }
 
-/// Heads of the columns of [`rows`].
+/// Column headings of [`rows`].
 pub const HEAD: [&str; 6] = ["what", "views", "PSNR, dB", "SSIM, RGB", "pixels, %", "squared error, %"];
 
-/// The table: a row for the training views, for each distance from a trained time, and for each part of the pictures.
+/// Returns the table: a row for the training views, for each distance from a trained time, and for each region of the
+/// pictures.
 #[must_use]
 pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
     let none = String::new;

@@ -1,21 +1,21 @@
-//! Metrics by how far a view's time lies from the nearest time that was trained on: what is interpolation, and what is not.
+//! Metrics by the distance of a view's time from the nearest trained time: what is interpolation, and what is not.
 
 use super::run::{ViewMetrics, mean_of};
 use serde::{Deserialize, Serialize};
 
-/// Times closer than this are one.
+/// Times closer than this count as equal.
 const SAME: f64 = 1e-4;
-/// Groups beyond which distances are taken together.
+/// Maximum number of groups; more distances than this are merged.
 const MOST: usize = 6;
 
-/// Means over the views of about one distance from the nearest trained time.
+/// Means over the views at about the same distance from the nearest trained time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AtDistance {
-    /// Least distance of the group, in units of time in [0, 1]; 0 for views at a trained time.
+    /// Smallest distance of the group, in units of time in [0, 1]; 0 for views at a trained time.
     pub from: f64,
     /// Largest distance of the group.
     pub to: f64,
-    /// Views.
+    /// Number of views.
     pub views: usize,
     /// Mean PSNR, decibels.
     pub psnr: f64,
@@ -27,8 +27,9 @@ pub struct AtDistance {
     pub lpips_alex: Option<f64>,
 }
 
-/// Groups views by their distance from the nearest of the `trained` times, nearest first. Each distance is a group of its
-/// own if there are few; else views at a trained time are one, and the others form two halves. Nothing without trained times.
+/// Groups views by their distance from the nearest of the `trained` times, nearest first. A few distances are one group
+/// each; if there are more, views at a trained time are one group, and the others form two halves. There are no groups
+/// without trained times.
 #[must_use]
 pub fn by_distance(views: &[ViewMetrics], trained: &[f64]) -> Vec<AtDistance> {
     if trained.is_empty() {
@@ -52,7 +53,7 @@ pub fn by_distance(views: &[ViewMetrics], trained: &[f64]) -> Vec<AtDistance> {
     groups.iter().map(|group| summary(group)).collect()
 }
 
-/// Means of a group, which holds at least one view.
+/// Returns the means of a group, which holds at least one view.
 fn summary(group: &[(f64, &ViewMetrics)]) -> AtDistance {
     let views: Vec<&ViewMetrics> = group.iter().map(|(_, view)| *view).collect();
     let distance = |row: Option<&(f64, &ViewMetrics)>| row.map_or(0.0, |(d, _)| if *d < SAME { 0.0 } else { *d });
@@ -87,7 +88,7 @@ mod tests {
 
     #[test]
     fn each_of_few_distances_is_a_group() {
-        // steps of 1/99 as rounding leaves them, trained at 0, 3 and 6 of them
+        // steps of 1/99 with rounding errors, trained at steps 0, 3 and 6
         let trained = [0.0, 3.0 / 99.0, 6.0 / 99.0];
         let views: Vec<ViewMetrics> = (0..=6).map(|i| view(f64::from(i) / 99.0 + 1e-9, f64::from(i))).collect();
         let found = by_distance(&views, &trained);

@@ -11,39 +11,39 @@ pub(crate) static METRICS: Registry<dyn Metric> = Registry::new("metric");
 pub struct MetricInput<'a> {
     /// The rendered image `[H, W, 3]` in [0, 1], row by row from the top, rounded to 8 bits as in an image file.
     pub render: &'a [f32],
-    /// The true image in the same form, over the same background.
+    /// The ground-truth image in the same form, over the same background.
     pub truth: &'a [f32],
-    /// Alpha of the true image `[H, W]` in [0, 1].
+    /// Alpha of the ground-truth image `[H, W]` in [0, 1].
     pub alpha: &'a [f32],
-    /// W.
+    /// Width W in pixels.
     pub width: usize,
-    /// H.
+    /// Height H in pixels.
     pub height: usize,
-    /// What both images lie over.
+    /// Background of both images.
     pub background: [f32; 3],
     /// Time of the view in [0, 1].
     pub time: f64,
 }
 
-/// A measure of a rendered image, taken by `volseggs eval` for each view and as the mean over views.
+/// A measure of a rendered image, computed by `volseggs eval` for each view and as the mean over views.
 pub trait Metric: Send + Sync {
-    /// The value for one view; what is not finite counts as not measured and is left out of the mean.
+    /// Returns the value for one view; a non-finite value counts as not measured and is excluded from the mean.
     fn value(&self, view: &MetricInput<'_>) -> f64;
 }
 
-/// All registered metrics by name, in the order of the names.
+/// Returns all registered metrics by name, sorted by name.
 #[must_use]
 pub fn registered() -> Vec<(String, Arc<dyn Metric>)> {
     METRICS.all()
 }
 
-/// The values of one view by name, those that are not finite left out.
+/// Returns the values of one view by name, without non-finite ones.
 pub(crate) fn measure(metrics: &[(String, Arc<dyn Metric>)], view: &MetricInput<'_>) -> BTreeMap<String, f64> {
     let values = metrics.iter().map(|(name, metric)| (name.clone(), metric.value(view)));
     values.filter(|(_, value)| value.is_finite()).collect()
 }
 
-/// The mean of each name over the views that have it.
+/// Returns the mean of each metric over the views that have it.
 pub(crate) fn means<'a>(views: impl Iterator<Item = &'a BTreeMap<String, f64>>) -> BTreeMap<String, f64> {
     let mut sums: BTreeMap<String, (f64, usize)> = BTreeMap::new();
     for (name, value) in views.flatten() {
@@ -58,7 +58,7 @@ pub(crate) fn means<'a>(views: impl Iterator<Item = &'a BTreeMap<String, f64>>) 
 mod tests {
     use super::*;
 
-    /// A tenth, where there is anything to look at.
+    /// A tenth of the time, if there are any pixels.
     struct Tenth;
 
     impl Metric for Tenth {

@@ -1,4 +1,4 @@
-//! Evaluation of a run: metrics over a split, tables, pictures for reports; and of segments, against known ones.
+//! Evaluation of a run (metrics over a split, tables, pictures for reports) and of segments against known ones.
 
 pub mod diagnosis;
 pub mod distance;

@@ -1,41 +1,41 @@
-//! Where the error sits: at edges of the true images, inside of what is shown, or beside it.
+//! Where the error lies: at edges of the ground-truth images, inside what is shown, or outside it.
 //!
-//! A pixel is *strong* where the true image or its alpha changes by more than [`STRONG`] a pixel: the length of the
-//! central difference along both axes, of the channel (red, green, blue over the background, alpha) in which it is
-//! largest, the border repeated. *Edge* are the pixels at most [`REACH`] rows and columns from a strong one; *interior*
-//! the others that are covered at all (alpha above 0); *outside* the rest. Both constants are fixed, so that figures of
-//! different scenes and sizes mean the same.
+//! A pixel is *strong* where the ground-truth image or its alpha changes by more than [`STRONG`] per pixel. The change
+//! is the length of the vector of central differences along both axes, with the border repeated, in the channel (red,
+//! green, blue over the background, alpha) where it is largest. *Edge* pixels are at most [`REACH`] rows and columns
+//! from a strong one; *interior* pixels are the others that are covered at all (alpha above 0); *outside* pixels are
+//! the rest. Both constants are fixed, so that figures of different scenes and sizes are comparable.
 
 use serde::{Deserialize, Serialize};
 
-/// The least change a pixel of an edge, in units of the range [0, 1]: that of a step of a fifth.
+/// Change per pixel that an edge exceeds, in units of the range [0, 1]: that of a step of a fifth.
 pub const STRONG: f32 = 0.1;
-/// How many rows and columns an edge reaches beyond strong pixels.
+/// How many rows and columns an edge extends beyond strong pixels.
 pub const REACH: usize = 1;
 
-/// Error of some of the pixels of all views.
+/// Error of the pixels of one region, over all views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Region {
-    /// Their share of all pixels, in [0, 1].
+    /// Their fraction of all pixels, in [0, 1].
     pub pixels: f64,
-    /// Their share of the squared error of all pixels, in [0, 1]; 0 where there is none at all.
+    /// Their fraction of the squared error of all pixels, in [0, 1]; 0 if there is no error at all.
     pub error: f64,
-    /// PSNR of their mean squared error over all views, decibels; null without pixels or without error.
+    /// PSNR from their mean squared error over all views, decibels; null if there are no pixels or there is no error.
     pub psnr: Option<f64>,
 }
 
-/// Error by where it sits.
+/// Error by region.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ByRegion {
-    /// Near strong changes of the true image or its alpha.
+    /// Near strong changes of the ground-truth image or its alpha.
     pub edge: Region,
     /// Covered, and not near an edge.
     pub interior: Region,
-    /// Neither.
+    /// All other pixels.
     pub outside: Region,
 }
 
-/// Sums over views, of edge, interior and outside.
+/// Sums over views, for edge, interior and outside.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RegionSums {
     squared: [f64; 3],
@@ -43,7 +43,7 @@ pub struct RegionSums {
 }
 
 impl RegionSums {
-    /// Adds a view: its render and truth `[H, W, 3]` in [0, 1] and the true alpha `[H, W]`.
+    /// Adds a view: its render and ground truth `[H, W, 3]` in [0, 1] and the true alpha `[H, W]`.
     pub fn add(&mut self, render: &[f32], truth: &[f32], alpha: &[f32], width: usize) {
         let edge = edges(truth, alpha, width);
         for (i, (r, t)) in render.chunks_exact(3).zip(truth.chunks_exact(3)).enumerate() {
@@ -53,7 +53,7 @@ impl RegionSums {
         }
     }
 
-    /// Shares and PSNR over all views that were added.
+    /// Returns fractions and PSNR over all views that were added.
     #[must_use]
     pub fn finish(&self) -> ByRegion {
         let share = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
@@ -70,7 +70,7 @@ impl RegionSums {
     }
 }
 
-/// Whether a pixel is near a strong one `[H, W]`.
+/// Returns whether each pixel is near a strong one, `[H, W]`.
 fn edges(truth: &[f32], alpha: &[f32], width: usize) -> Vec<bool> {
     let height = alpha.len() / width.max(1);
     let channels = |i: usize| [truth[3 * i], truth[3 * i + 1], truth[3 * i + 2], alpha[i]];
@@ -122,7 +122,7 @@ mod tests {
             assert!(close(region.pixels, share), "{found:?}");
         }
         assert!(close(found.edge.error, 0.9) && close(found.interior.error, 0.1), "{found:?}");
-        // 5 of 60 values are off by 0.3, and by 0.1
+        // 5 of 60 values are off by 0.3, and 5 of 60 by 0.1
         assert!(close(found.edge.psnr.unwrap(), -10.0 * (0.09f64 / 12.0).log10()), "{found:?}");
         assert!(close(found.interior.psnr.unwrap(), -10.0 * (0.01f64 / 12.0).log10()), "{found:?}");
         assert_eq!((found.outside.error, found.outside.psnr), (0.0, None));
@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(edges(&truth, &alpha, 12).iter().filter(|e| **e).count(), 20);
         let (truth, none) = (picture(1.0).0, vec![0.0; 60]);
         assert!(edges(&truth, &none, 12).iter().all(|e| !e));
-        // a change of less than the threshold is none
+        // a change below the threshold makes no edge
         let (truth, alpha) = (picture(0.81).0, vec![1.0; 60]);
         assert!(edges(&truth, &alpha, 12).iter().all(|e| !e));
     }

@@ -1,4 +1,4 @@
-//! The files of an evaluation: per-view table, means, contact sheet, PSNR over time; and the folder they go to.
+//! Files of an evaluation (per-view table, means, contact sheet, PSNR over time), and the folder they go to.
 
 use super::run::{Evaluation, Summary, to_csv};
 use crate::draw::plot::{Series, line_plot};
@@ -8,10 +8,10 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// Results that could not be written.
+/// Why results could not be written.
 #[derive(Debug, Error)]
 pub enum WriteError {
-    /// Something else stands where they belong.
+    /// Something else is where they belong.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
     /// A file could not be written.
@@ -19,44 +19,44 @@ pub enum WriteError {
     File {
         /// The folder.
         path: PathBuf,
-        /// What happened.
+        /// The reason.
         reason: String,
     },
 }
 
 impl WriteError {
-    /// Whether the user can mend it by making room.
+    /// Returns whether the user can fix it by making room.
     #[must_use]
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Replace(error) if error.is_input())
     }
 
-    /// The error of a file in `folder`.
+    /// Returns a conversion to the error of a file in `folder`.
     pub(super) fn at<E: std::fmt::Display>(folder: &Path) -> impl Fn(E) -> Self {
         move |e| Self::File { path: folder.to_owned(), reason: e.to_string() }
     }
 }
 
-/// The folder of an evaluation.
+/// Kind of an evaluation's folder.
 pub const KIND: FolderKind = FolderKind {
     what: "an evaluation",
     markers: &["mean.json"],
     entries: &["views.csv", "psnr-over-time.svg", "contact-sheet.png", "pictures/*.png"],
 };
 
-/// What tells the data of an evaluation from others.
+/// Identity of the data of an evaluation.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DataId {
     /// Its folder.
     pub dataset: PathBuf,
-    /// Its fingerprint; empty if it has no training views to take one of.
+    /// Its fingerprint; empty if it has no training views to compute one from.
     pub fingerprint: String,
 }
 
-/// Where results of what is called `what` (such as `test`) on `data` belong in the run's folder `eval`: `WHAT` for the
-/// dataset that the run was trained on (`trained`, a fingerprint), `WHAT-NAME` for another, with its fingerprint behind
-/// it where `WHAT-NAME` holds results of yet another one (or of one that is not known). `file` is the file in there
-/// that says which data it is of, in its fields `dataset` and `fingerprint`.
+/// Returns the folder, within the run's folder `eval`, for results called `what` (such as `test`) on `data`: `WHAT` for
+/// the dataset that the run was trained on (`trained`, a fingerprint), `WHAT-NAME` for another, with its fingerprint
+/// appended if `WHAT-NAME` holds results of yet another (or an unknown) dataset. `file` is the file there that
+/// identifies the data, in its fields `dataset` and `fingerprint`.
 #[must_use]
 pub fn results_folder(eval: &Path, what: &str, file: &str, data: &DataId, trained: &str) -> PathBuf {
     if data.fingerprint == trained && !trained.is_empty() {
@@ -75,13 +75,13 @@ pub fn results_folder(eval: &Path, what: &str, file: &str, data: &DataId, traine
     }
 }
 
-/// The fingerprint that the results in `file` are of; none if there are no results.
+/// Returns the fingerprint of the data that the results in `file` are of; `None` if there are no results.
 fn owner(file: &Path) -> Option<String> {
     let value: serde_json::Value = serde_json::from_slice(&read_regular(file).ok()?).ok()?;
     Some(value["fingerprint"].as_str().unwrap_or_default().to_owned())
 }
 
-/// PSNR of each view over its time, as SVG.
+/// Plots the PSNR of each view over its time, as SVG.
 #[must_use]
 pub fn psnr_over_time(evaluation: &Evaluation) -> String {
     let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.psnr)).collect();
@@ -91,10 +91,10 @@ pub fn psnr_over_time(evaluation: &Evaluation) -> String {
 }
 
 /// Writes `views.csv`, `mean.json`, `psnr-over-time.svg`, `contact-sheet.png` and `pictures/VIEW-{truth,render}.png`
-/// into `folder`, which appears whole, in place of an earlier evaluation.
+/// into `folder`, which appears only when complete, replacing an earlier evaluation.
 ///
 /// # Errors
-/// If something else stands there, or a file cannot be written.
+/// If something else is there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), WriteError> {
     if let Some(parent) = folder.parent() {
         std::fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
@@ -110,7 +110,7 @@ pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), Write
     }
     std::fs::create_dir(out.dir().join("pictures")).map_err(WriteError::at(folder))?;
     for picture in &evaluation.pictures {
-        // a view's name may hold folders
+        // the name of a view may contain folders
         let name = picture.view.replace(['/', '\\'], "-");
         for (kind, image) in [("truth", &picture.truth), ("render", &picture.render)] {
             let png = encode_png(image).map_err(WriteError::at(folder))?;

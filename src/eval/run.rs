@@ -41,10 +41,10 @@ pub struct ViewMetrics {
     pub extra: BTreeMap<String, f64>,
 }
 
-/// Means over a split, and what the model costs.
+/// Means over a split, and the cost of the model.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Summary {
-    /// Split.
+    /// Name of the split.
     pub split: String,
     /// Folder of the dataset; empty in results of early versions.
     #[serde(default)]
@@ -52,7 +52,7 @@ pub struct Summary {
     /// Fingerprint of the dataset; empty if it has no training views, and in results of early versions.
     #[serde(default)]
     pub fingerprint: String,
-    /// Views.
+    /// Number of views.
     pub views: usize,
     /// Mean PSNR, decibels.
     pub psnr: f64,
@@ -67,13 +67,14 @@ pub struct Summary {
     /// Means of registered metrics by name, over the views that have them.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub extra: BTreeMap<String, f64>,
-    /// The same means by the views' distance from the nearest trained time; empty where those times are not known.
+    /// The same means by the views' distance from the nearest trained time; empty if those times are unknown.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub by_distance: Vec<AtDistance>,
-    /// Views that the scene was trained on, beside those of the split; absent where they are not known or are the split.
+    /// Means over training views, in addition to those of the split; absent if they are unknown or are the split
+    /// itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_views: Option<TrainingViews>,
-    /// The error by where in the pictures it sits; absent in results of early versions.
+    /// Error by region of the pictures; absent in results of early versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub by_region: Option<ByRegion>,
     /// Frames per second: `fps`, `fps_frames`, `fps_with_copy`.
@@ -84,13 +85,13 @@ pub struct Summary {
     /// Steps of training; absent in results of early versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<usize>,
-    /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (of ours 59 numbers
-    /// for each Gaussian at SH degree 3, and the field) and some 2 kB of header and digest; nothing that only training, edits
-    /// or segments need.
+    /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (for
+    /// VolSegGS, 59 numbers per Gaussian at SH degree 3, and the field) and about 2 kB of header and digest, but
+    /// nothing that only training, edits or segments need.
     pub model_bytes: u64,
-    /// Gaussians; 0 of a method without primitives.
+    /// Number of Gaussians; 0 for a method without primitives.
     pub gaussians: usize,
-    /// Numbers in the model; absent in results of early versions.
+    /// Number of parameters of the model; absent in results of early versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameters: Option<usize>,
     /// Width of the images in pixels.
@@ -109,17 +110,17 @@ pub struct Summary {
 /// Result of an evaluation.
 #[derive(Debug)]
 pub struct Evaluation {
-    /// For each view.
+    /// Metrics of each view.
     pub views: Vec<ViewMetrics>,
     /// The means.
     pub summary: Summary,
-    /// Truth, render and error of a few views.
+    /// Ground truth, render and error of a few views.
     pub sheet: Option<RgbImage>,
-    /// The same views as pictures of their own.
+    /// The same views as separate pictures.
     pub pictures: Vec<ViewPicture>,
 }
 
-/// One view as it should be and as it is drawn.
+/// The ground truth and the render of one view.
 #[derive(Clone, Debug)]
 pub struct ViewPicture {
     /// Name of the view.
@@ -130,29 +131,29 @@ pub struct ViewPicture {
     pub render: RgbImage,
 }
 
-/// What the evaluation cannot know itself.
+/// What the evaluation cannot determine itself.
 #[derive(Debug, Default)]
 pub struct Costs {
     /// Seconds of training.
     pub training_seconds: f64,
-    /// Steps of training, where they are known.
+    /// Steps of training, if known.
     pub steps: Option<usize>,
     /// Bytes of the scene file.
     pub model_bytes: u64,
     /// The data.
     pub data: DataId,
-    /// Times in [0, 1] that were trained on; empty if they are not known.
+    /// Times in [0, 1] that were trained on; empty if unknown.
     pub trained_times: Vec<f64>,
-    /// Views that were trained on, to be measured beside the split's; none if they are the split, or not known.
+    /// Training views to measure in addition to the split's; `None` if they are the split, or unknown.
     pub training_views: Option<Sample>,
 }
 
-/// Some of many views.
+/// A sample of views.
 #[derive(Debug)]
 pub struct Sample {
     /// The views, with their images.
     pub split: Split,
-    /// How many there are.
+    /// Number of views that it is a sample of.
     pub of: usize,
 }
 
@@ -160,13 +161,13 @@ pub struct Sample {
 const LPIPS_WEIGHTS: &str = "LPIPS is null without --lpips-weights FILE: convert the published files with `volseggs lpips`; \
                              see `volseggs lpips --help`";
 
-/// A view as it is drawn and as it should be, as 8-bit images.
+/// The render and the ground truth of a view, as 8-bit images.
 struct Pair {
     /// `[H, W, 3]`
     render: Vec<f32>,
     /// `[H, W, 3]` over the model's background.
     truth: Vec<f32>,
-    /// `[H, W]` of the truth.
+    /// `[H, W]`, of the ground truth.
     alpha: Vec<f32>,
 }
 
@@ -176,7 +177,7 @@ impl Pair {
         Self { render: vec![0.0; 3 * pixels], truth: vec![0.0; 3 * pixels], alpha: vec![0.0; pixels] }
     }
 
-    /// Draws view `i` of `split` beside its truth.
+    /// Draws view `i` of `split` and loads its ground truth.
     fn fill(&mut self, model: &dyn Model, split: &Split, i: usize) {
         let frame = &split.frames[i];
         let image = model.render(frame.camera.to_kernel(), frame.time as f32);
@@ -189,7 +190,7 @@ impl Pair {
     }
 }
 
-/// The means over views that were trained on, of which there is at least one.
+/// Returns the means over views that were trained on, of which there is at least one.
 fn measure_sample(model: &dyn Model, sample: &Sample) -> Result<TrainingViews, String> {
     let split = &sample.split;
     let (w, h) = (split.images.width as usize, split.images.height as usize);
@@ -212,10 +213,11 @@ fn measure_sample(model: &dyn Model, sample: &Sample) -> Result<TrainingViews, S
     Ok(TrainingViews { views, of: sample.of, psnr, ssim, ssim_gray, by_region: regions.finish() })
 }
 
-/// Evaluates every view of `split`; `progress` is told after each. Renders and truths are compared as 8-bit images.
+/// Evaluates every view of `split`; `progress` is called after each with the number of views done and its PSNR. Renders
+/// and ground truth are compared as 8-bit images.
 ///
 /// # Errors
-/// A message if a metric cannot be computed (an image too small for its window), or the device fails.
+/// A message if a metric cannot be computed (an image is too small for its window), or the device fails.
 pub fn evaluate(
     model: &dyn Model,
     split: &Split,
@@ -312,19 +314,19 @@ pub fn evaluate(
     Ok(Evaluation { views, summary, sheet, pictures })
 }
 
-/// How many of `views`, of so many pixels, have the PSNR of equal pictures.
+/// Returns how many of `views`, of `pixels` pixels each, have the PSNR of equal images.
 fn pictures_equal(views: &[ViewMetrics], pixels: usize) -> usize {
     let most = most_of_pictures(3 * pixels);
     views.iter().filter(|v| v.psnr >= most).count()
 }
 
-/// Mean over views; none if there are no views, or one lacks the value.
+/// Returns the mean over views; `None` if there are no views, or one lacks the value.
 pub(super) fn mean_of(views: &[&ViewMetrics], value: impl Fn(&ViewMetrics) -> Option<f64>) -> Option<f64> {
     let sum = views.iter().map(|v| value(v)).sum::<Option<f64>>()?;
     (!views.is_empty()).then(|| sum / views.len() as f64)
 }
 
-/// The metrics of each view as CSV, registered ones last; one that is absent is an empty cell.
+/// Formats the metrics of each view as CSV, registered ones last; a missing value is an empty cell.
 pub fn to_csv(views: &[ViewMetrics]) -> String {
     let mut out = String::from("view,time,psnr,ssim,ssim_gray,lpips_alex,lpips_vgg");
     let names: BTreeSet<&String> = views.iter().flat_map(|v| v.extra.keys()).collect();

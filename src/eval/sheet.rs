@@ -1,4 +1,4 @@
-//! Contact sheets: a row for each view with truth, render and error map.
+//! Contact sheets: a row per view with ground truth, render and error map.
 
 use image::{Rgb, RgbImage};
 
@@ -10,7 +10,7 @@ const MARGIN: u32 = 6;
 const LABEL: u32 = GLYPH_HEIGHT + 6;
 const BACKGROUND: [u8; 3] = [24, 24, 28];
 const INK: [u8; 3] = [230, 230, 230];
-/// Colours of errors 0, 0.2, .. 1, rising in lightness from black over purple to pale yellow.
+/// Colours of errors 0, 0.2, ..., 1, rising in lightness from black through purple to pale yellow.
 const ERROR_COLORS: [[f32; 3]; 6] = [
     [0.0, 0.0, 10.0],
     [70.0, 15.0, 105.0],
@@ -45,7 +45,7 @@ pub struct SheetError {
     pub expected: usize,
 }
 
-/// The colour of an error in [0, 1]; a NaN is pure green, which no error has.
+/// Returns the colour of an error in [0, 1]; NaN is pure green, which no error has.
 #[must_use]
 pub fn error_color(error: f32) -> [u8; 3] {
     if error.is_nan() {
@@ -60,12 +60,11 @@ pub fn error_color(error: f32) -> [u8; 3] {
     })
 }
 
-/// Draws `[truth | render | error map]` for each row. Pictures of more than 400 pixels are
-/// averaged down by a whole factor; the error is the mean |difference| over the three channels,
-/// taken before that.
+/// Draws `[truth | render | error map]` for each row. Pictures with a side of more than 400 pixels are averaged down by
+/// an integer factor; the error is the mean |difference| over the three channels, computed before downscaling.
 ///
 /// # Errors
-/// [`SheetError`] if an image does not hold `width * height * 3` values, or none.
+/// [`SheetError`] if an image does not hold `width * height * 3` values, or this is 0.
 pub fn contact_sheet(rows: &[SheetRow<'_>], width: usize, height: usize) -> Result<RgbImage, SheetError> {
     let expected = width.saturating_mul(height).saturating_mul(3);
     for (row, entry) in rows.iter().enumerate() {
@@ -111,7 +110,7 @@ pub fn contact_sheet(rows: &[SheetRow<'_>], width: usize, height: usize) -> Resu
     Ok(sheet)
 }
 
-/// Mean colour of the `factor` x `factor` block at `(x, y)`, cut at the border.
+/// Returns the mean colour of the `factor` x `factor` block at `(x, y)`, clipped at the border.
 fn block_mean(image: &[f32], width: usize, height: usize, (x, y): (usize, usize), factor: usize) -> [f32; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for row in y..(y + factor).min(height) {

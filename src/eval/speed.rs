@@ -1,4 +1,4 @@
-//! How fast a model is drawn, in two ways: as a viewer draws it, and with each image copied to the host.
+//! Drawing speed of a model, measured in two ways: as a viewer draws it, and with each image copied to the host.
 
 use crate::data::Split;
 use crate::model::Model;
@@ -6,28 +6,28 @@ use crate::model::params::to_vec;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
-/// Frames that are drawn first and do not count: they compile kernels and make buffers.
+/// Frames drawn first and not counted: they compile kernels and allocate buffers.
 const WARM_UP: usize = 2;
-/// Seconds that the counted frames of one way take, about.
+/// Approximate seconds that the counted frames of one way take.
 const SECONDS: f64 = 1.0;
-/// Counted frames, whatever they take.
+/// Minimum number of counted frames, however long they take.
 const LEAST: usize = 5;
-/// Counted frames at most, beyond one pass over the views.
+/// Maximum number of counted frames, unless one pass over the views is more.
 const MOST: usize = 200;
-/// The frames come in so many blocks, each drawn the one way and then the other: whatever else the machine does hits both.
+/// Number of blocks of frames, each drawn one way and then the other, so that other load on the machine affects both.
 const BLOCKS: usize = 5;
 
-/// Frames per second of a split's views, each at its own time. Both figures count all that drawing takes (of ours
-/// deformation and splatting), anew for every frame; neither counts reading, warm-up or metrics.
+/// Frames per second over a split's views, each at its own time. Both figures include all that drawing takes (for
+/// VolSegGS, deformation and splatting), repeated for every frame; neither includes reading, warm-up or metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Recorded")]
 pub struct Speed {
-    /// Without the copy of images to the host: frames are drawn one after the other, and the clock stops when the device
-    /// has done all of its work. Null in results of early versions, which measured the other figure alone.
+    /// Without the copy of images to the host: frames are drawn one after another, and the clock stops when the device
+    /// has finished all of its work. Null in results of early versions, which measured only the other figure.
     pub fps: Option<f64>,
-    /// Frames that each figure is of; 0 in results of early versions.
+    /// Number of frames behind each figure; 0 in results of early versions.
     pub fps_frames: usize,
-    /// The same frames with the copy of each image to the host before the next one begins.
+    /// For the same frames, with the copy of each image to the host before the next one begins.
     pub fps_with_copy: f64,
 }
 
@@ -52,7 +52,7 @@ impl TryFrom<Recorded> for Speed {
     }
 }
 
-/// Draws views of `split`, evenly spaced, without and with the copy of each image to the host, for about a second each
+/// Draws evenly spaced views of `split`, without and with the copy of each image to the host, for about a second each
 /// (5 to 200 frames, or each view once).
 ///
 /// # Errors
@@ -93,7 +93,7 @@ pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
     Ok(Speed { fps: Some(frames as f64 / alone), fps_frames: frames, fps_with_copy: frames as f64 / copied })
 }
 
-/// How many frames to draw where one takes so many seconds: a part of the views, or each of them equally often.
+/// Returns how many frames to draw if one takes `seconds`: fewer than there are views, or each view equally often.
 fn frames(seconds: f64, views: usize) -> usize {
     let wanted = ((SECONDS / seconds.max(1e-9)) as usize).clamp(LEAST, MOST.max(views));
     if wanted < views { wanted } else { views * (wanted / views).max(LEAST.div_ceil(views)) }

@@ -1,4 +1,4 @@
-//! Animated PNG files from a row of frames.
+//! Animated PNG files from a sequence of frames.
 
 use std::error::Error;
 use std::io;
@@ -18,7 +18,7 @@ pub enum AnimationError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
     /// The PNG encoder refused.
@@ -26,18 +26,18 @@ pub enum AnimationError {
     Encode {
         /// The file.
         path: PathBuf,
-        /// What the encoder said.
+        /// The error of the encoder.
         source: png::EncodingError,
     },
-    /// No frames, more than a file can hold, or a rate outside 1 to 65535.
+    /// There are no frames, more than a file can hold, or the rate is outside 1 to 65535.
     #[error("an animation of {frames} frames at {fps} frames a second cannot be written")]
     Timing {
         /// Number of frames.
         frames: usize,
-        /// Frames a second.
+        /// Frames per second.
         fps: u16,
     },
-    /// A frame of another size.
+    /// A frame has another size.
     #[error("frame {index} holds {got} bytes, expected {expected}; render all frames at one size")]
     Size {
         /// The frame, from 0.
@@ -47,19 +47,19 @@ pub enum AnimationError {
         /// `width * height * 3`.
         expected: u64,
     },
-    /// A frame could not be made.
+    /// A frame could not be produced.
     #[error("frame {index}: {source}")]
     Frame {
         /// The frame, from 0.
         index: usize,
-        /// What its maker said.
+        /// The error of its producer.
         source: Box<dyn Error + Send + Sync>,
     },
 }
 
-/// Writes frames `[height, width, 3]` of 8-bit RGB as an APNG that repeats for ever.
+/// Writes frames `[height, width, 3]` of 8-bit RGB as an APNG that repeats forever.
 ///
-/// One frame is held at a time, and the file appears only when all are in it. It carries [`crate::files::MARK`].
+/// Only one frame is held at a time, and the file appears only when all are in it. It carries [`crate::files::MARK`].
 ///
 /// # Errors
 /// Any variant of [`AnimationError`]; no file is then written.
@@ -72,10 +72,10 @@ where
     try_write_apng(path, frames, width, height, fps)
 }
 
-/// [`write_apng`] for frames whose making can fail.
+/// Like [`write_apng`], for frames whose production can fail.
 ///
 /// # Errors
-/// As [`write_apng`]; a failed frame gives [`AnimationError::Frame`].
+/// As for [`write_apng`]; a failed frame gives [`AnimationError::Frame`].
 pub fn try_write_apng<I, F, E>(path: &Path, frames: I, width: u32, height: u32, fps: u16) -> Result<(), AnimationError>
 where
     I: IntoIterator<Item = Result<F, E>, IntoIter: ExactSizeIterator>,

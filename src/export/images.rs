@@ -1,5 +1,5 @@
-//! Images of renders: from floats to 8 bits, to PNG. Each file carries [`MARK`], so that it is known again as one of
-//! this program's own when a person has it replaced.
+//! Images of renders: from floats to 8 bits, and to PNG. Each file carries [`MARK`], which identifies it as this
+//! program's own when a user has it replaced.
 
 use crate::files::MARK;
 use image::error::{EncodingError, ImageFormatHint};
@@ -7,7 +7,7 @@ use image::{GrayImage, ImageError, ImageFormat, ImageResult, RgbImage};
 use png::{BitDepth, ColorType, Encoder};
 use std::io::Write;
 
-/// The colours of a render `[H, W, 4]` (already over its background) as 8-bit RGB, rounded and clamped.
+/// Converts the colours of a render `[H, W, 4]` (already over its background) to 8-bit RGB, rounded and clamped.
 pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
     let mut out = RgbImage::new(width as u32, height as u32);
     for (rgb, p) in out.chunks_exact_mut(3).zip(image[..4 * width * height].chunks_exact(4)) {
@@ -18,15 +18,15 @@ pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
     out
 }
 
-/// A value in [0, 1] as the nearest of 256 levels, from the middle between two up; 0 for NaN.
+/// Returns the nearest of 256 levels to a value in [0, 1], halves rounded up; 0 for NaN.
 fn to_8_bits(value: f32) -> u8 {
     let scaled = value.clamp(0.0, 1.0) * 255.0;
-    // as `round`, which is a call for each value where the processor that is compiled for has no instruction for it
+    // equal to `round`, which is a call for each value if the target processor has no instruction for it
     let below = scaled as u8;
     below + u8::from(scaled - f32::from(below) >= 0.5)
 }
 
-/// The PNG file of an image.
+/// Encodes an image as a PNG file.
 ///
 /// # Errors
 /// If the encoder fails.
@@ -34,7 +34,7 @@ pub fn encode_png(image: &RgbImage) -> ImageResult<Vec<u8>> {
     encode(ColorType::Rgb, image.dimensions(), image.as_raw(), None)
 }
 
-/// The same with a text under `keyword` before the pixels, as it is.
+/// Encodes an image as a PNG file with the uncompressed `text` under `keyword` before the pixels.
 ///
 /// # Errors
 /// If the encoder fails.
@@ -42,7 +42,7 @@ pub fn encode_png_with(image: &RgbImage, keyword: &str, text: &str) -> ImageResu
     encode(ColorType::Rgb, image.dimensions(), image.as_raw(), Some((keyword, text)))
 }
 
-/// The PNG file of a grey image, such as a mask.
+/// Encodes a grey image, such as a mask, as a PNG file.
 ///
 /// # Errors
 /// If the encoder fails.
@@ -72,7 +72,7 @@ fn encode(
     Ok(bytes)
 }
 
-/// An encoder of 8-bit samples that writes the mark.
+/// Creates an encoder of 8-bit samples that writes the mark.
 pub(super) fn encoder<W: Write>(
     out: W,
     width: u32,

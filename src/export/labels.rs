@@ -1,6 +1,7 @@
 //! Writers of label volumes: NRRD (with what 3D Slicer needs to show segments) and VTK image data.
 //!
-//! Here are the volume to write and its checks; the formats are in `nrrd` and `vti`. Nothing here computes labels.
+//! This module holds the volume to write and its checks; the formats are in `nrrd` and `vti`. Nothing here computes
+//! labels.
 
 mod nrrd;
 #[cfg(test)]
@@ -27,19 +28,19 @@ pub struct NamedLabel {
 /// A volume of labels at one time.
 #[derive(Clone, Copy, Debug)]
 pub struct LabelVolume<'a> {
-    /// Where the voxels are; `origin` is the centre of the first.
+    /// Position of the voxels; `origin` is the centre of the first.
     pub grid: Grid,
     /// Labels `[z, y, x]`, x fastest; 0 is none.
     pub ids: &'a [u16],
-    /// Every label that occurs, in the order in which viewers list them. It may name labels that do not occur.
+    /// Every label that occurs, in the order in which viewers list them. Labels that do not occur may be listed too.
     pub names: &'a [NamedLabel],
-    /// Whether they are labels of the scene as its edits show it; if not, of the scene as trained, which is the one
-    /// that lies where the data does. The file says which.
+    /// Whether these are labels of the scene with its edits; if not, they are of the scene as trained, which is the one
+    /// aligned with the data. The file says which.
     pub edited: bool,
 }
 
 impl LabelVolume<'_> {
-    /// The comment of the file: whose it is, and of what.
+    /// Returns the comment of the file: which program wrote it, and what it holds.
     fn comment(&self) -> String {
         let state = if self.edited { "with the edits of the run" } else { "as trained, without edits" };
         format!("{MARK}: labels of segments of a scene {state}")
@@ -49,7 +50,7 @@ impl LabelVolume<'_> {
 /// Why a label volume cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum LabelsError {
-    /// The number of labels is not that of the voxels.
+    /// The number of labels is not the number of voxels.
     #[error("{}: ids: {found} labels for a grid of {dims:?} voxels; give one for each voxel", path.display())]
     Shape {
         /// The file to write.
@@ -66,7 +67,7 @@ pub enum LabelsError {
         path: PathBuf,
         /// The field, as in `names[2].colour`.
         field: String,
-        /// What is wrong and how to put it right.
+        /// What is wrong and how to fix it.
         problem: String,
     },
     /// A label has no name.
@@ -77,7 +78,7 @@ pub enum LabelsError {
         /// The label.
         value: u16,
     },
-    /// Something else stands where the file should go.
+    /// Something else is where the file should go.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
     /// The file cannot be written.
@@ -85,14 +86,14 @@ pub enum LabelsError {
     Io {
         /// The file to write.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
 }
 
-/// Writes an NRRD file with an attached header and gzip data, 8-bit where the labels allow. Called `.seg.nrrd`, 3D
-/// Slicer opens it as a segmentation with names and colours; other readers find the names as `label_1:=name`. Only a
-/// file of this program gives way to it.
+/// Writes an NRRD file with an attached header and gzip data, 8-bit if the labels allow. If the file is called
+/// `.seg.nrrd`, 3D Slicer opens it as a segmentation with names and colours; other readers find the names as
+/// `label_1:=name`. Replaces only a file of this program.
 ///
 /// # Errors
 /// [`LabelsError`]; nothing is then written.
@@ -101,9 +102,9 @@ pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>, space: Space) -> Result
     write(path, nrrd::encode(volume, &occurring, &cells(volume), space))
 }
 
-/// Writes VTK image data (`.vti`) with the point array `labels`, zlib-compressed, 8-bit where the labels allow. The
-/// field arrays `label_values`, `label_names` and `label_colours` say what the values mean, `edited` is 1 or 0. Only a file of this program gives way
-/// to it.
+/// Writes VTK image data (`.vti`) with the point array `labels`, zlib-compressed, 8-bit if the labels allow. The field
+/// arrays `label_values`, `label_names` and `label_colours` say what the values mean, `edited` is 1 or 0. Replaces only
+/// a file of this program.
 ///
 /// # Errors
 /// [`LabelsError`]; nothing is then written.
@@ -130,7 +131,7 @@ fn cells(volume: &LabelVolume<'_>) -> Cells {
     Cells { bytes, wide }
 }
 
-/// First and last voxel along x, y, z of a label; `None` where it does not occur.
+/// First and last voxel along x, y, z of a label; `None` if it does not occur.
 type Extent = Option<[[usize; 2]; 3]>;
 
 /// Checks the volume and returns the extent of each named label.
@@ -163,7 +164,7 @@ fn check(path: &Path, volume: &LabelVolume<'_>) -> Result<Vec<Extent>, LabelsErr
     extents(volume, &place).map_err(|value| LabelsError::Unnamed { path: path.to_owned(), value })
 }
 
-/// The extents by the place of each label among the names, or a label without a place.
+/// Returns the extents, ordered by the place of each label among the names, or a label without a place.
 fn extents(volume: &LabelVolume<'_>, place: &[usize]) -> Result<Vec<Extent>, u16> {
     let mut extents: Vec<Extent> = vec![None; volume.names.len()];
     let [nx, ny, _] = volume.grid.dims;

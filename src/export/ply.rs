@@ -1,7 +1,7 @@
-//! Gaussians as a PLY file in the convention of the 3D Gaussian Splatting viewers.
+//! Gaussians as a PLY file in the convention of 3D Gaussian Splatting viewers.
 //!
-//! Values are stored as optimised: log scales, opacity logits, quaternions (w, x, y, z).
-//! Header parsing lives in `header`; nothing here knows the training code.
+//! Values are stored as optimised: log scales, opacity logits, quaternions (w, x, y, z). Headers are parsed in
+//! `header`; nothing here depends on the training code.
 
 mod header;
 #[cfg(test)]
@@ -15,16 +15,16 @@ use super::splat_file::{self, SplatFileError};
 use crate::model::HostGaussians;
 use header::Header;
 
-/// Highest degree of spherical harmonics a file may hold.
+/// Maximum degree of spherical harmonics in a file.
 pub const MAX_SH_DEGREE: usize = 3;
 
-/// Writes the Gaussians as they are, streaming and atomically; normals are zero. Shaded ones are written as
-/// [`HostGaussians::baked`], since readers know harmonics alone. Only a file of this program gives way.
-/// Viewers expect quaternions of length 1: see [`HostGaussians::with_unit_rotations`].
+/// Writes the Gaussians as they are, row by row and atomically; normals are zero. Shaded ones are written as
+/// [`HostGaussians::baked`], since readers support only harmonics. Replaces only a file of this program. Viewers expect
+/// quaternions of length 1: see [`HostGaussians::with_unit_rotations`].
 ///
 /// # Errors
-/// [`SplatFileError::Shape`] if the fields differ in length, [`SplatFileError::Replace`] if something else stands there or the
-/// folder is missing, [`SplatFileError::Io`] from the file system.
+/// [`SplatFileError::Shape`] if the fields differ in length, [`SplatFileError::Replace`] if something else is there or
+/// the folder is missing, [`SplatFileError::Io`] from the file system.
 pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
     splat_file::write(gaussians, path, write_to)
 }
@@ -51,12 +51,12 @@ fn write_to(gaussians: &HostGaussians, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-/// Reads a binary little-endian file. The order of the properties is free, others than ours are skipped and the normals
-/// may be missing.
+/// Reads a binary little-endian file. Properties may come in any order, unknown ones are skipped, and the normals may
+/// be missing.
 ///
 /// # Errors
-/// [`SplatFileError::Io`] from the file system; [`SplatFileError::Format`] for any other kind of file, a missing property or a file
-/// that ends early.
+/// [`SplatFileError::Io`] from the file system; [`SplatFileError::Format`] for any other kind of file, a missing
+/// property or a file that ends early.
 pub fn read(path: &Path) -> Result<HostGaussians, SplatFileError> {
     let io_error = |source| SplatFileError::Io { path: path.to_path_buf(), source };
     let file = File::open(path).map_err(io_error)?;

@@ -1,4 +1,4 @@
-//! What the files of Gaussians for other programs share.
+//! Parts shared by the files of Gaussians for other programs.
 
 use crate::files::{AtomicFile, ReplaceError};
 use crate::model::HostGaussians;
@@ -14,10 +14,10 @@ pub enum SplatFileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// The content is not what it should be.
+    /// The content is invalid.
     #[error("{path}: {reason}")]
     Format {
         /// The file.
@@ -25,16 +25,16 @@ pub enum SplatFileError {
         /// What is wrong and where.
         reason: String,
     },
-    /// Something else stands where the file should go.
+    /// Something else is where the file should go.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
-    /// The fields of the Gaussians do not fit together.
+    /// The fields of the Gaussians are inconsistent.
     #[error("the Gaussians cannot be written: {0}")]
     Shape(String),
 }
 
-/// Writes with `body` the Gaussians that the file is to hold, atomically: shaded ones as [`HostGaussians::baked`], since readers
-/// know harmonics alone. Only a file of this program gives way.
+/// Writes the Gaussians with `body`, atomically: shaded ones as [`HostGaussians::baked`], since readers support only
+/// harmonics. Replaces only a file of this program.
 pub(super) fn write(
     gaussians: &HostGaussians,
     path: &Path,
@@ -48,7 +48,7 @@ pub(super) fn write(
         .map_err(|source| SplatFileError::Io { path: path.to_path_buf(), source })
 }
 
-/// Refuses Gaussians whose fields do not fit together.
+/// Checks that the fields of the Gaussians are consistent.
 fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         let stride = gaussians.sh_stride;

@@ -1,8 +1,9 @@
-//! Gaussians as an SPZ file (Niantic's compressed splats, version 3), which viewers on the web and of phones open.
+//! Gaussians as an SPZ file (Niantic's compressed splats, version 3), which viewers on the web and on phones open.
 //!
-//! One gzip stream: a header of 16 bytes, then of all Gaussians the means (24-bit fixed point), opacities, base colours,
-//! log scales (a byte for each number), rotations (the three smallest components in ten bits each) and the
-//! other coefficients of the harmonics (a byte each). Coordinates are the scene's own, as in our PLY files.
+//! The file is one gzip stream: a header of 16 bytes, then, for all Gaussians, the means (24-bit fixed point),
+//! opacities, base colours, log scales (one byte per number), rotations (the three smallest components in ten bits
+//! each) and the other coefficients of the harmonics (one byte each). Coordinates are the scene's own, as in the PLY
+//! files.
 
 use super::splat_file::{self, SplatFileError};
 use crate::files::MARK;
@@ -14,34 +15,35 @@ use std::path::Path;
 /// "NGSP", little-endian.
 const MAGIC: u32 = 0x5053_474e;
 const VERSION: u32 = 3;
-/// Bits of a coordinate, its sign among them.
+/// Bits of a coordinate, including its sign.
 const COORDINATE: i32 = 24;
-/// More bits behind the point than these say nothing of an f32 about 1.
+/// Maximum number of fractional bits: more are below the precision of an f32 near 1.
 const FINEST: i32 = 20;
 /// Base colours are `0.5 + COLOUR * coefficient`.
 const COLOUR: f32 = 0.15;
 
-/// Writes the Gaussians atomically; only a file of this program gives way. Shaded ones are written as
-/// [`HostGaussians::baked`], since readers know harmonics alone.
+/// Writes the Gaussians atomically, replacing only a file of this program. Shaded ones are written as
+/// [`HostGaussians::baked`], since readers support only harmonics.
 ///
-/// A byte a number is coarse: log scales outside [-10, 5.9] and coefficients beyond the first outside [-1, 1) end there.
+/// One byte per number is coarse: log scales are clamped to [-10, 5.9], and coefficients beyond the first to [-1, 1).
 ///
 /// # Errors
-/// [`SplatFileError::Shape`] if the fields differ in length or a mean is no finite number or too far out,
-/// [`SplatFileError::Replace`] if something else stands there or the folder is missing, [`SplatFileError::Io`] from the file system.
+/// [`SplatFileError::Shape`] if the fields differ in length or a mean is not finite or too far out,
+/// [`SplatFileError::Replace`] if something else is there or the folder is missing, [`SplatFileError::Io`] from the
+/// file system.
 pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
     let fraction = fraction_bits(&gaussians.means)?;
     splat_file::write(gaussians, path, |gaussians, file| compress(&body(gaussians, fraction), file))
 }
 
 fn compress(bytes: &[u8], out: &mut impl Write) -> io::Result<()> {
-    // by the comment in its header a file of this program is known again
+    // the comment in its header identifies a file of this program
     let mut gzip = GzBuilder::new().comment(MARK).write(out, Compression::best());
     gzip.write_all(bytes)?;
     gzip.finish().map(drop)
 }
 
-/// Bits behind the point, as many as leave room for the mean that is farthest out.
+/// Returns the number of fractional bits: as many as leave room for the mean that is farthest out.
 fn fraction_bits(means: &[f32]) -> Result<i32, SplatFileError> {
     let farthest = means.iter().fold(0.0f32, |most, v| if v.is_finite() { most.max(v.abs()) } else { f32::INFINITY });
     let whole = (0..COORDINATE).find(|bits| farthest < 2f32.powi(*bits) - 1.0);
@@ -72,13 +74,14 @@ fn body(gaussians: &HostGaussians, fraction: i32) -> Vec<u8> {
     out
 }
 
-/// A cast of a float saturates.
+/// Rounds a value to a byte; the cast saturates.
 fn byte(value: f32) -> u8 {
     value.round() as u8
 }
 
-/// A quaternion w, x, y, z without its largest component, which the length of 1 tells: two bits for which of x, y, z, w that is,
-/// and of each of the others, in that order, its sign and nine bits of its size, of at most the root of 1/2.
+/// Packs a quaternion w, x, y, z without its largest component, which follows from the length of 1: two bits for which
+/// of x, y, z, w that is, and for each of the others, in that order, its sign and nine bits of its magnitude, at most
+/// the root of 1/2.
 fn smallest_three(rotation: &[f32]) -> u32 {
     let [w, x, y, z] = std::array::from_fn(|k| rotation[k]);
     let norm = (w * w + x * x + y * y + z * z).sqrt();
@@ -86,7 +89,7 @@ fn smallest_three(rotation: &[f32]) -> u32 {
     let largest = (1..4).fold(0, |best, k| if unit[k].abs() > unit[best].abs() { k } else { best });
     let mut packed = largest as u32;
     for (_, value) in unit.iter().enumerate().filter(|(k, _)| *k != largest) {
-        // the largest is made positive: -q turns as q does
+        // the largest is made positive: -q is the same rotation as q
         let is_negative = (*value < 0.0) != (unit[largest] < 0.0);
         let size = (511.0 * value.abs() / std::f32::consts::FRAC_1_SQRT_2 + 0.5) as u32;
         packed = packed << 10 | u32::from(is_negative) << 9 | size.min(511);
@@ -121,13 +124,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.spz");
         write(gaussians, &path).unwrap();
-        write(gaussians, &path).unwrap(); // it replaces its own
+        write(gaussians, &path).unwrap(); // replaces its own file
         let mut bytes = Vec::new();
         GzDecoder::new(std::fs::File::open(&path).unwrap()).read_to_end(&mut bytes).unwrap();
         bytes
     }
 
-    /// Reads as the format says, in plain steps; gives the bytes that are left.
+    /// Reads according to the format, in plain steps; holds the bytes that are left.
     struct Reader<'a>(&'a [u8]);
 
     impl Reader<'_> {
@@ -174,7 +177,7 @@ mod tests {
                 }
                 found[largest] = (1.0 - found.iter().map(|v| v * v).sum::<f32>()).max(0.0).sqrt();
                 let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
-                // x, y, z, w there; w, x, y, z here; either sign
+                // x, y, z, w in the file; w, x, y, z here; either sign
                 let dot = q[0] * found[3] + q[1] * found[0] + q[2] * found[1] + q[3] * found[2];
                 assert!((dot / norm).abs() > 0.99999, "{q:?} {found:?}");
             }

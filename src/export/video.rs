@@ -1,5 +1,5 @@
-//! MP4 files from a row of frames, by the program `ffmpeg` where it is installed. Each ends with [`MARK`], so that it is
-//! known again as one of this program's own when a person has it replaced.
+//! MP4 files from a sequence of frames, encoded by the program `ffmpeg` where it is installed. Each ends with [`MARK`],
+//! which identifies it as this program's own when a user has it replaced.
 
 use crate::files::{AtomicFile, MARK, ReplaceError};
 use std::ffi::OsString;
@@ -9,32 +9,32 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::JoinHandle;
 
-/// The program.
+/// Name of the program.
 const FFMPEG: &str = "ffmpeg";
-/// Longest message of it that is passed on, bytes.
+/// Maximum length of its message that is passed on, bytes.
 const MESSAGE: u64 = 2000;
 
 /// Why a film cannot be written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum VideoError {
-    /// There is no such program.
+    /// The program cannot be started.
     #[error("{path}: MP4 needs the program `{FFMPEG}` ({source}); install it, or write NAME.png or a folder")]
     Missing {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
-    /// It failed.
+    /// The program failed.
     #[error("{path}: `{FFMPEG}` failed: {message}")]
     Failed {
         /// The file.
         path: PathBuf,
-        /// What it said.
+        /// Its message.
         message: String,
     },
-    /// Something stands there that is not replaced.
+    /// Something that may not be replaced is there.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
     /// The file system failed.
@@ -42,12 +42,12 @@ pub enum VideoError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
 }
 
-/// A film that is being written, frame by frame. It appears when it is finished; dropped before, nothing is left.
+/// A film that is written frame by frame. It appears when it is finished; if dropped before, nothing is left.
 #[derive(Debug)]
 pub struct Mp4 {
     path: PathBuf,
@@ -56,7 +56,7 @@ pub struct Mp4 {
 }
 
 impl Mp4 {
-    /// Begins a film of `width` x `height` pixels at `fps` frames a second.
+    /// Begins a film of `width` x `height` pixels at `fps` frames per second.
     ///
     /// # Errors
     /// If there is no `ffmpeg`, or the file cannot be written.
@@ -65,9 +65,9 @@ impl Mp4 {
         let mut command = Command::new(FFMPEG);
         command.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24"]);
         command.args(["-s", &format!("{width}x{height}"), "-r", &fps.to_string(), "-i", "-", "-an"]);
-        // players want 4:2:0, which wants even sides
+        // players require 4:2:0, which requires even sides
         command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p"]);
-        // as a file whatever its name: `12:30/film.mp4` would be taken for the protocol `12`
+        // as a file, whatever its name: `12:30/film.mp4` would be taken for the protocol `12`
         let mut out = OsString::from("file:");
         out.push(file.temporary());
         command.args(["-movflags", "+faststart", "-f", "mp4"]).arg(out);
@@ -78,17 +78,17 @@ impl Mp4 {
     /// Adds a frame `[height, width, 3]` of 8-bit RGB.
     ///
     /// # Errors
-    /// If `ffmpeg` gave up.
+    /// If `ffmpeg` has failed.
     pub fn add(&mut self, frame: &[u8]) -> Result<(), VideoError> {
         let written = self.encoder.child.stdin.as_mut().map_or(Ok(()), |stdin| stdin.write_all(frame));
-        // what it says itself is more than that its pipe is closed
+        // its own message says more than a closed pipe
         written.or_else(|e| self.encoder.end().and(Err(e.to_string()))).map_err(|e| self.failed(e))
     }
 
-    /// Ends the film and gives it its name.
+    /// Finishes the film and gives it its name.
     ///
     /// # Errors
-    /// If `ffmpeg` failed, or the file system.
+    /// If `ffmpeg` or the file system fails.
     pub fn finish(mut self) -> Result<(), VideoError> {
         self.encoder.end().map_err(|e| self.failed(e))?;
         let Self { path, file, .. } = self;
@@ -101,13 +101,13 @@ impl Mp4 {
     }
 }
 
-/// The mark in a box that players pass over (`free`, ISO/IEC 14496-12), which may stand at the end of a file.
+/// Returns the mark in a box that players skip (`free`, ISO/IEC 14496-12) and that may be at the end of a file.
 fn mark() -> Vec<u8> {
     let length = 8 + MARK.len() as u32;
     [&length.to_be_bytes(), &b"free"[..], MARK.as_bytes()].concat()
 }
 
-/// The program at work; killed if it is dropped before its end.
+/// The running program; killed if it is dropped before its end.
 #[derive(Debug)]
 struct Encoder {
     child: Child,
@@ -121,7 +121,7 @@ impl Encoder {
         let said = child.stderr.take().map(|mut stderr| {
             std::thread::spawn(move || {
                 let mut text = Vec::new();
-                // all is read, so that it never waits for somebody to; what is no text is of no use
+                // everything is read, so that the program never blocks on its output; errors of reading are ignored
                 let _ = stderr.by_ref().take(MESSAGE).read_to_end(&mut text);
                 let _ = io::copy(&mut stderr, &mut io::sink());
                 String::from_utf8_lossy(&text).trim().to_owned()
@@ -130,7 +130,7 @@ impl Encoder {
         Ok(Self { child, said })
     }
 
-    /// Waits for its end; what it said if that is no success.
+    /// Waits for its end; returns its status and message if it failed.
     fn end(&mut self) -> Result<(), String> {
         drop(self.child.stdin.take());
         let status = self.child.wait().map_err(|e| e.to_string())?;
@@ -141,7 +141,7 @@ impl Encoder {
 
 impl Drop for Encoder {
     fn drop(&mut self) {
-        // after its end these do nothing
+        // without effect after its end
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -1,4 +1,4 @@
-//! Atomic writing of files and folders: a reader sees the old content or the new, never a part.
+//! Atomic writing of files and folders: a reader sees the old content or the new, never a part of it.
 //!
 //! Everything is first built under a temporary name `.tmp-NAME-PID@HOST-N` in the folder of the final
 //! path, synced to disk, and then renamed. Nothing about any file format belongs here.
@@ -16,11 +16,11 @@ use std::time::Duration;
 
 pub(super) const PREFIX: &str = ".tmp-";
 
-/// A temporary of another machine is stale when nothing has touched it for so long.
+/// Age from which an untouched temporary of another machine is stale.
 const FORGOTTEN: Duration = Duration::from_secs(24 * 3600);
 
-/// Temporaries this process is building now. A process id alone does not tell: in a container the
-/// id of a run that was killed comes back in the next one.
+/// Temporaries this process is building now. The process id alone does not identify them: in a container, the id of a
+/// killed run recurs in the next one.
 static LIVE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 static COUNTER: AtomicU64 = AtomicU64::new(0);
 
@@ -50,7 +50,7 @@ fn temporary_for(path: &Path) -> io::Result<PathBuf> {
     Ok(temporary)
 }
 
-/// Tells this machine from others that share a file system: process ids mean something on one machine only.
+/// Identifies this machine among those that share a file system: process ids are meaningful on one machine only.
 pub(super) fn host() -> u32 {
     static HOST: OnceLock<u32> = OnceLock::new();
     *HOST.get_or_init(|| {
@@ -70,17 +70,17 @@ fn sync_dir(dir: &Path) -> io::Result<()> {
 /// Writes `bytes` to `path` so that after a crash the file holds the old content or the new.
 ///
 /// # Errors
-/// Any error of the file system; the old file then stands as it was and no temporary is left.
+/// Any error of the file system; the old file is then unchanged and no temporary is left.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = AtomicFile::create(path)?;
     file.write_all(bytes)?;
     file.commit()
 }
 
-/// The same for a path that a person named: only a file of this program gives way, see [`check_file`].
+/// Like [`write_atomic`], for a path named by a user: only a file of this program is replaced, see [`check_file`].
 ///
 /// # Errors
-/// As [`check_file`], or any error of the file system; what stood there is then as it was.
+/// As [`check_file`], or any error of the file system; the old file is then unchanged.
 pub fn write_named(path: &Path, bytes: &[u8]) -> Result<(), ReplaceError> {
     let mut file = AtomicFile::create_named(path)?;
     file.write_all(bytes).and_then(|()| file.commit()).map_err(|source| ReplaceError::Io { path: path.into(), source })
@@ -114,8 +114,8 @@ impl AtomicFile {
         }
     }
 
-    /// The same for a path that a person named: only a file of this program gives way, see [`check_file`]. Temporaries
-    /// beside it that a killed process left are removed.
+    /// Like [`AtomicFile::create`], for a path named by a user: only a file of this program is replaced, see
+    /// [`check_file`]. Temporaries beside it that a killed process left are removed.
     ///
     /// # Errors
     /// As [`check_file`], or the temporary cannot be created.
@@ -126,13 +126,13 @@ impl AtomicFile {
         Self::create(path).map_err(io)
     }
 
-    /// Where the content is until then, for another program that writes it; what is written here must be nothing.
+    /// Path of the content until the commit, for another program to write it; nothing may then be written here.
     #[must_use]
     pub fn temporary(&self) -> &Path {
         &self.temporary
     }
 
-    /// Syncs the content and gives it its final name, replacing what stood there.
+    /// Syncs the content and gives it its final name, replacing any file there.
     ///
     /// # Errors
     /// Any error of flushing, syncing or renaming; the final path is then unchanged.
@@ -156,7 +156,7 @@ impl Write for AtomicFile {
 
 impl Drop for AtomicFile {
     fn drop(&mut self) {
-        // After a commit the temporary is gone and this does nothing.
+        // after a commit the temporary is gone and this does nothing
         let _ = fs::remove_file(&self.temporary);
         live().remove(&self.temporary);
     }
@@ -172,8 +172,8 @@ pub struct AtomicDir {
 }
 
 impl AtomicDir {
-    /// Makes the temporary folder beside `path`, whose own parent must exist. Temporaries there that a killed process left
-    /// are removed.
+    /// Makes the temporary folder beside `path`, whose own parent must exist. Temporaries there that a killed process
+    /// left are removed.
     ///
     /// # Errors
     /// `path` has no file name, or the temporary cannot be created.
@@ -187,8 +187,9 @@ impl AtomicDir {
         Ok(Self { path: path.to_path_buf(), temporary })
     }
 
-    /// The same for a path that a folder of `kind` may take, see [`FolderKind::check`]: asked before the work, not only at
-    /// [`AtomicDir::commit_replacing`]. The folders above it are made.
+    /// Like [`AtomicDir::create`], but first checks that a folder of `kind` may take the path, see
+    /// [`FolderKind::check`]: this fails before the work, not only at [`AtomicDir::commit_replacing`]. Missing parent
+    /// folders are created.
     ///
     /// # Errors
     /// As [`FolderKind::check`], or a folder cannot be created.
@@ -207,7 +208,7 @@ impl AtomicDir {
     /// Syncs everything in the folder and gives it its final name.
     ///
     /// # Errors
-    /// `AlreadyExists` if something stands at the final path; any error of syncing or renaming.
+    /// `AlreadyExists` if something exists at the final path; any error of syncing or renaming.
     pub fn commit(self) -> io::Result<()> {
         let taken = || {
             let text = format!("{} already exists; choose another name or remove it", self.path.display());
@@ -216,21 +217,21 @@ impl AtomicDir {
         if self.path.symlink_metadata().is_ok() {
             return Err(taken());
         }
-        // another process may take the name in this moment
+        // another process may take the name at this moment
         self.publish().map_err(|e| if is_taken(&e) { taken() } else { e })
     }
 
-    /// Like [`AtomicDir::commit`], but a folder of the same `kind` that stands at the final path gives way, unless
-    /// something of `needed` lies in it (see [`FolderKind::check`]).
+    /// Like [`AtomicDir::commit`], but replaces a folder of the same `kind` at the final path, unless it contains
+    /// something in `needed` (see [`FolderKind::check`]).
     ///
     /// # Errors
-    /// As [`FolderKind::check`]; any error of syncing or renaming, when the old folder is put back where that is possible.
+    /// As [`FolderKind::check`]; any error of syncing or renaming, after which the old folder is put back if possible.
     pub fn commit_replacing(self, kind: &FolderKind, needed: &[&Path]) -> Result<(), ReplaceError> {
         let io = |source| ReplaceError::Io { path: self.path.clone(), source };
         kind.check(&self.path, needed)?;
         if self.path.symlink_metadata().is_err() {
             match self.publish() {
-                // another process took the name in this moment
+                // another process took the name at this moment
                 Err(e) if is_taken(&e) => kind.check(&self.path, needed)?,
                 outcome => return outcome.map_err(io),
             }
@@ -238,12 +239,12 @@ impl AtomicDir {
         self.exchange_with_old().map_err(io)
     }
 
-    /// Takes the final path in one step where the system can exchange two names (Linux, macOS). Elsewhere the old folder
-    /// is moved aside first, and a crash between the two renames leaves it under a temporary name.
+    /// Takes the final path in one step where the system can exchange two names (Linux, macOS). Elsewhere the old
+    /// folder is moved aside first, and a crash between the two renames leaves it under a temporary name.
     fn exchange_with_old(&self) -> io::Result<()> {
         sync_tree(&self.temporary)?;
         if exchange(&self.temporary, &self.path)? {
-            // the old folder now has the temporary's name, and goes with it
+            // the old folder now has the temporary's name, and is removed with it
             return sync_dir(parent_of(&self.path));
         }
         let aside = temporary_for(&self.path)?;
@@ -251,7 +252,7 @@ impl AtomicDir {
             fs::rename(&self.temporary, &self.path).inspect_err(|_| drop(fs::rename(&aside, &self.path)))
         });
         if outcome.is_ok() {
-            // The new folder is in place; what is left of the old one is a stale temporary.
+            // the new folder is in place; what is left of the old one is a stale temporary
             let _ = fs::remove_dir_all(&aside);
         }
         live().remove(&aside);
@@ -265,7 +266,7 @@ impl AtomicDir {
     }
 }
 
-/// Whether a rename failed as something has the name already.
+/// Whether a rename failed because the name is already taken.
 fn is_taken(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::AlreadyExists | io::ErrorKind::DirectoryNotEmpty)
 }
@@ -277,7 +278,7 @@ impl Drop for AtomicDir {
     }
 }
 
-/// Exchanges what two names stand for; false where the system or the file system cannot.
+/// Exchanges two names; returns false if the system or the file system cannot.
 #[cfg(any(target_os = "linux", target_os = "macos"))]
 fn exchange(a: &Path, b: &Path) -> io::Result<bool> {
     use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -307,8 +308,8 @@ fn sync_tree(dir: &Path) -> io::Result<()> {
     sync_dir(dir)
 }
 
-/// Removes a folder that the program made, in one step to the eyes of readers: it is renamed first, so that a kill in the
-/// middle leaves a temporary and never half a folder.
+/// Removes a folder that the program made, in one step as seen by readers: it is renamed first, so that a process
+/// killed midway leaves a temporary and never half a folder.
 ///
 /// # Errors
 /// Any error of renaming or removing.
@@ -319,9 +320,8 @@ pub fn remove_whole(path: &Path) -> io::Result<()> {
     outcome
 }
 
-/// Removes the temporaries in `parent` that a killed process left, and returns their paths in
-/// name order. Those of this process's open writers and of other living processes stay; those of other machines stay
-/// for a day.
+/// Removes the temporaries in `parent` that killed processes left, and returns their paths in name order. Those of this
+/// process's open writers and of other running processes stay; those of other machines stay for a day.
 ///
 /// # Errors
 /// Any error of listing the folder or removing an entry.
@@ -341,7 +341,7 @@ pub fn clean_stale(parent: &Path) -> io::Result<Vec<PathBuf>> {
             if entry.file_type()?.is_dir() { fs::remove_dir_all(entry.path()) } else { fs::remove_file(entry.path()) };
         match outcome {
             Ok(()) => removed.push(entry.path()),
-            // another process cleaned it in the same moment
+            // another process removed it at the same moment
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}
             Err(e) => return Err(e),
         }
@@ -350,7 +350,7 @@ pub fn clean_stale(parent: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(removed)
 }
 
-/// Process and machine in `.tmp-NAME-PID@HOST-N`; `None` for a name that is not one of ours.
+/// Process and machine in `.tmp-NAME-PID@HOST-N`; `None` for any other name.
 fn maker_of(name: &str) -> Option<(u32, u32)> {
     let mut parts = name.strip_prefix(PREFIX)?.rsplitn(3, '-');
     parts.next()?.parse::<u64>().ok()?;
@@ -371,6 +371,6 @@ fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
         };
         return live().iter().any(same);
     }
-    // Where there is no /proc a stranger cannot be told from a dead process; its files stay.
+    // without /proc, another running process cannot be distinguished from a dead one; its files stay
     !Path::new("/proc/self").exists() || birth(pid).is_some()
 }

@@ -102,7 +102,7 @@ fn only_stale_temporaries_are_cleaned() {
     let dir = tempfile::tempdir().unwrap();
     let open = AtomicFile::create(&dir.path().join("a")).unwrap();
     let (own, here, there) = (std::process::id(), host(), host() ^ 1);
-    // No process has the largest id; one of our own id that no writer holds is an earlier run's.
+    // no process has the largest id; a temporary with our own id that no writer holds is from an earlier run
     let stale = [format!(".tmp-x-{}@{here:08x}-0", u32::MAX), format!(".tmp-y-{own}@{here:08x}-999999")];
     fs::create_dir(dir.path().join(&stale[0])).unwrap();
     fs::write(dir.path().join(&stale[0]).join("f"), "f").unwrap();

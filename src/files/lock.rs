@@ -1,7 +1,7 @@
-//! One writer a run: an advisory lock on `RUN/.lock`, which everything that writes into a run holds while it does.
+//! One writer per run: an advisory lock on `RUN/.lock`, held by everything that writes to a run while it does.
 //!
-//! The system lets go of the lock when its process ends, however it ends, so a stale one cannot be. What the file says
-//! is for people, and for the choice between waiting and giving up.
+//! The system releases the lock when its process ends, however it ends, so there are no stale locks. The content of the
+//! file is for users, and for deciding between waiting and giving up.
 
 use super::atomic::clean_stale;
 use serde::{Deserialize, Serialize};
@@ -13,14 +13,14 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// Name of the file within a run folder.
 const FILE: &str = ".lock";
-/// Longest wait for work that is short.
+/// Longest wait for short work.
 pub const LOCK_PATIENCE: Duration = Duration::from_secs(60);
-/// Time between two tries.
+/// Time between two attempts.
 const PAUSE: Duration = Duration::from_millis(10);
-/// A file that has just been locked does not say yet by whom; this long nobody is refused for it.
+/// How long nobody is refused for a locked file that does not yet say who holds it.
 const UNSIGNED: Duration = Duration::from_secs(2);
 
-/// Folders within folders of a run that may hold temporaries: `eval/test/pictures`.
+/// Depth of the folders of a run that may hold temporaries: `eval/test/pictures`.
 const DEPTH: usize = 3;
 
 /// How long a writer will hold the lock.
@@ -29,67 +29,68 @@ const DEPTH: usize = 3;
 pub enum Work {
     /// Seconds, such as an edit: others wait for their turn.
     Short,
-    /// Minutes or more, such as a training: others are refused at once.
+    /// Minutes or more, such as training: others are refused at once.
     Long,
 }
 
-/// Who holds a run, as the lock file says it.
+/// Who holds a run, as recorded in the lock file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
     /// The user's name.
     pub user: String,
     /// Name of the machine.
     pub host: String,
-    /// Process.
+    /// Process id.
     pub pid: u32,
-    /// What it does, as it was called.
+    /// The command it runs.
     pub command: String,
-    /// How long that takes.
+    /// How long the work takes.
     pub work: Work,
-    /// When it began, seconds since 1970.
+    /// When it began, in seconds since 1970.
     pub since: u64,
 }
 
-/// Why a run cannot be written into.
+/// Why a run cannot be written to.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// Another process writes into it.
+    /// Another process is writing to it.
     #[error("{}: in use by {holder}; wait until that ends, or stop it", run.display())]
     Held {
         /// The run folder.
         run: PathBuf,
-        /// Who.
+        /// Who holds the lock.
         holder: Box<Holder>,
     },
-    /// The lock file cannot be made or locked.
+    /// The lock file cannot be created or locked.
     #[error("{}: {source}", path.display())]
     Io {
         /// The lock file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
 }
 
-/// The right to write into a run, until it is dropped.
+/// The right to write to a run, until it is dropped.
 #[derive(Debug)]
 pub struct RunLock {
     run: PathBuf,
-    /// Locked; closing it lets go.
+    /// The locked file; closing it releases the lock.
     _file: File,
 }
 
 impl RunLock {
-    /// As [`RunLock::acquire_within`] a minute.
+    /// Like [`RunLock::acquire_within`], with a patience of [`LOCK_PATIENCE`].
     ///
     /// # Errors
-    /// The same.
+    /// As [`RunLock::acquire_within`].
     pub fn acquire(run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
         Self::acquire_within(LOCK_PATIENCE, run, command, work)
     }
 
-    /// Takes the lock of the run in folder `run`, which must be there, for `command` (shown to others). Waits while its
-    /// holder's work is short, for `patience` at most. Temporaries in the run that killed writers left are then removed.
+    /// Acquires the lock of the run in folder `run`, which must exist, for `command` (shown to others). Waits while its
+    /// holder's work is short, for at most `patience`. Temporaries in the run that killed writers left are then
+    /// removed.
     ///
     /// # Errors
     /// [`LockError::Held`] if another process has it, [`LockError::Io`] if the lock file cannot be used.
@@ -99,20 +100,20 @@ impl RunLock {
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io)?;
         let started = Instant::now();
-        // since when the file has not said by whom it is locked
+        // since when the file has not said who holds the lock
         let mut unsigned: Option<Instant> = None;
         let mut last: Option<Holder> = None;
         loop {
             match file.try_lock() {
                 Ok(()) => break,
                 Err(TryLockError::WouldBlock) => {}
-                // a file system without locks: claims of sweeps still hold there, and one person knows what runs
+                // a file system without locks: claims of sweeps still work, and a single user knows what is running
                 Err(TryLockError::Error(e)) if has_no_locks(&e) => break,
                 Err(TryLockError::Error(e)) => return Err(io(e)),
             }
             let holder = Holder::read(&path);
             let give_up = match &holder {
-                // seen twice: what a killed process wrote stays until the next holder has signed
+                // seen twice: what a killed process wrote stays until the next holder has signed the file
                 Some(now) if now.work == Work::Long && last.as_ref() == Some(now) => true,
                 Some(_) => started.elapsed() > patience,
                 None => unsigned.get_or_insert_with(Instant::now).elapsed() > UNSIGNED.min(patience),
@@ -134,17 +135,17 @@ impl RunLock {
         Ok(Self { run: run.into(), _file: file })
     }
 
-    /// Whether somebody writes into the run in folder `run` now. Nothing is left there, not even a lock file. `None` where
-    /// the system does not tell, as on file systems without locks.
+    /// Whether a process is writing to the run in folder `run` now. Nothing is left there, not even a lock file. `None`
+    /// if the system cannot determine it, as on file systems without locks.
     #[must_use]
     pub fn is_held(run: &Path) -> Option<bool> {
         let file = match File::open(run.join(FILE)) {
             Ok(file) => file,
-            // whoever wrote into it would have made one
+            // any writer would have created one
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Some(false),
             Err(_) => return None,
         };
-        // shared with others who ask, and let go of at once: whoever wants the lock itself tries again
+        // shared with others who ask, and released at once: a process that wants the lock itself tries again
         match file.try_lock_shared() {
             Ok(()) => Some(false),
             Err(TryLockError::WouldBlock) => Some(true),
@@ -159,7 +160,7 @@ impl RunLock {
     }
 }
 
-/// Whether the error says that the file system knows no locks, as NFS without its lock service.
+/// Whether the error means that the file system does not support locks, like NFS without its lock service.
 fn has_no_locks(error: &io::Error) -> bool {
     #[cfg(unix)]
     if error.raw_os_error() == Some(rustix::io::Errno::NOLCK.raw_os_error()) {
@@ -168,8 +169,8 @@ fn has_no_locks(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::Unsupported
 }
 
-/// Removes stale temporaries in `folder` and, so many levels down, in its folders. What cannot be removed, such as a file
-/// of another user, keeps nobody from writing.
+/// Removes stale temporaries in `folder` and, down to `depth` levels, in its subfolders. What cannot be removed, such
+/// as a file of another user, does not prevent writing.
 fn clean_below(folder: &Path, depth: usize) {
     let _ = clean_stale(folder);
     if depth > 0 {
@@ -181,7 +182,7 @@ fn clean_below(folder: &Path, depth: usize) {
 
 impl Drop for RunLock {
     fn drop(&mut self) {
-        // nobody's name stands in a free lock
+        // a free lock names no holder
         let _ = self._file.set_len(0);
         let _ = self._file.unlock();
     }
@@ -213,7 +214,7 @@ impl Holder {
         }
     }
 
-    /// What the lock file says; none while it is being written.
+    /// Reads the holder from the lock file; `None` while it is being written.
     fn read(path: &Path) -> Option<Self> {
         let mut text = String::new();
         File::open(path).ok()?.read_to_string(&mut text).ok()?;
@@ -270,7 +271,7 @@ mod tests {
         std::thread::scope(|s| {
             let waiting = s.spawn(|| RunLock::acquire(dir.path(), "volseggs edit", Work::Short).map(drop));
             std::thread::sleep(UNSIGNED + Duration::from_millis(300));
-            // as between taking the lock and signing it
+            // as between acquiring the lock and signing the file
             held._file.set_len(0).unwrap();
             std::thread::sleep(Duration::from_millis(100));
             drop(held);

@@ -1,5 +1,5 @@
-//! Files and folders that the program writes: whole or not at all, one writer at a time, and nothing replaced that it
-//! did not make itself. Nothing about any format belongs here.
+//! Files and folders that the program writes: completely or not at all, one writer at a time, and replacing only what
+//! it made itself. Nothing about any file format belongs here.
 
 mod atomic;
 #[cfg(test)]

@@ -1,11 +1,11 @@
-//! Opening files to read them: regular files alone, as a pipe or a device would keep the program waiting for ever.
+//! Opening files for reading: regular files only, as a pipe or a device would keep the program waiting forever.
 
 use crate::memory::Budget;
 use std::fs::{File, FileType, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
-/// Smaller files are read without asking whether they fit into memory.
+/// Size in bytes up to which files are read without checking that they fit into memory.
 const UNASKED: u64 = 1 << 26;
 
 /// Opens a regular file (or a link to one) for reading. The errors do not name the path.
@@ -18,7 +18,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     options.read(true);
     #[cfg(unix)]
     {
-        // should a pipe take the file's place in this moment, opening it still returns at once
+        // if a pipe takes the file's place at this moment, opening it still returns at once
         use std::os::unix::fs::OpenOptionsExt;
         options.custom_flags(rustix::fs::OFlags::NONBLOCK.bits().cast_signed());
     }
@@ -27,7 +27,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Opens a regular file that is read at once, and gives its length in bytes.
+/// Opens a regular file that will be read as a whole, and returns it with its length in bytes.
 ///
 /// # Errors
 /// As [`open_regular`]; `InvalidInput` if the file does not fit into memory.
@@ -35,14 +35,14 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
     let file = open_regular(path)?;
     let len = file.metadata()?.len();
     if len > UNASKED {
-        // read and then looked through, so that it is there twice
+        // read and then parsed, so it is in memory twice
         let free = Budget::now().check("reading it", u128::from(len) * 2);
         free.map_err(|e| io::Error::new(ErrorKind::InvalidInput, e))?;
     }
     Ok((file, len))
 }
 
-/// The bytes of a regular file.
+/// Reads the bytes of a regular file.
 ///
 /// # Errors
 /// As [`open_regular`], or any error of reading; `InvalidInput` if the file does not fit into memory.
@@ -53,7 +53,7 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a regular file.
+/// Reads the text of a regular file.
 ///
 /// # Errors
 /// As [`read_regular`]; `InvalidData` if it is not UTF-8.
@@ -62,7 +62,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is no text (not UTF-8)"))
 }
 
-/// Whether the user can mend the error by giving another path or file; otherwise the system failed or refused.
+/// Whether the user can fix the error by giving another path or file; otherwise the system failed or refused.
 #[must_use]
 pub fn is_mendable(error: &io::Error) -> bool {
     use ErrorKind::{InvalidData, InvalidInput, IsADirectory, NotADirectory, NotFound, UnexpectedEof};
@@ -76,7 +76,7 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
     Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {}, not a regular file", kind(metadata.file_type()))))
 }
 
-/// What stands there in place of a file, with its article.
+/// What is there instead of a regular file, with its article.
 fn kind(found: FileType) -> &'static str {
     if found.is_dir() {
         return "a folder";

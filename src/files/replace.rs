@@ -1,53 +1,53 @@
-//! What may be replaced: a folder or file that the program made itself, and nothing that anybody still needs.
+//! What may be replaced: a folder or file that the program made itself, and nothing that is still needed.
 //!
-//! Every replacement goes through here. A folder is known by its [`FolderKind`]: a marker in it, and nothing at its top
-//! that the program does not put there. A file is known by [`MARK`] among its first bytes, or as its last.
+//! Every replacement goes through here. A folder is recognised by its [`FolderKind`]: a marker in it, and no file that
+//! the program does not put there. A file is recognised by [`MARK`] among its first bytes, or as its last.
 
 use std::fs;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Stands near the beginning of each file that people name themselves (PNG, PLY, NRRD, VTI), or at its end where another
-/// program writes the beginning (MP4), so that it is known again.
+/// Mark by which files are recognised: near the beginning of each file whose name a user chooses (PNG, PLY, NRRD, VTI),
+/// or at its end if another program writes the beginning (MP4).
 pub const MARK: &str = "volseggs";
-/// Where the mark is looked for, bytes.
+/// Number of first bytes in which the mark is looked for.
 const HEAD: u64 = 4096;
 
-/// A kind of folder that the program makes, and how it knows one again.
+/// A kind of folder that the program makes, and how it recognises one.
 #[derive(Clone, Copy, Debug)]
 pub struct FolderKind {
     /// What it is, for messages: `a dataset`.
     pub what: &'static str,
-    /// Files or folders, of which one at least is in each folder of this kind.
+    /// Files of which at least one is in each folder of this kind.
     pub markers: &'static [&'static str],
-    /// All files that the program puts into it, as glob patterns of paths within it, such as `masks/[0-9]*.png`; `**`
-    /// stands for folders at any depth.
+    /// All other files that the program puts into it, as glob patterns of paths within it, such as `masks/[0-9]*.png`;
+    /// `**` stands for folders at any depth.
     pub entries: &'static [&'static str],
 }
 
-/// Why something is not replaced.
+/// Why a file or folder is not replaced.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplaceError {
-    /// It is not known as the program's own.
+    /// It is not recognised as the program's own.
     #[error("{}: {reason}, so it is not replaced; choose another name, or remove it yourself", path.display())]
     Foreign {
-        /// What stands there.
+        /// The file or folder.
         path: PathBuf,
-        /// Why it is not taken for the program's own.
+        /// Why it is not recognised as the program's own.
         reason: String,
     },
-    /// It holds something that is needed.
+    /// It contains something that is needed.
     #[error("{}: holds {}, which is in use, so it is not replaced; choose another name", path.display(), inner.display())]
     Needed {
-        /// What stands there.
+        /// The folder.
         path: PathBuf,
         /// An input, the run or the working directory.
         inner: PathBuf,
     },
-    /// Its folder is not there.
+    /// Its folder does not exist.
     #[error("{}: there is no folder {}; make it first", path.display(), folder.display())]
     NoFolder {
-        /// What was to be written.
+        /// The file to be written.
         path: PathBuf,
         /// The folder.
         folder: PathBuf,
@@ -55,15 +55,15 @@ pub enum ReplaceError {
     /// The file system failed.
     #[error("{}: {source}", path.display())]
     Io {
-        /// What stands there.
+        /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
 }
 
 impl ReplaceError {
-    /// Whether the user can mend it with another name.
+    /// Whether the user can fix it with another name.
     #[must_use]
     pub fn is_input(&self) -> bool {
         !matches!(self, Self::Io { .. })
@@ -71,11 +71,11 @@ impl ReplaceError {
 }
 
 impl FolderKind {
-    /// Checks that `path` is free, or holds a folder of this kind that may give way. `needed` are the inputs of the
-    /// command and its run; the working directory is needed always.
+    /// Checks that `path` is free, or is an empty folder or one of this kind that may be replaced. `needed` are the
+    /// inputs of the command and its run; the working directory is always needed.
     ///
     /// # Errors
-    /// If something else stands there, or something that is needed lies in it.
+    /// If something else exists there, or the folder contains something that is needed.
     pub fn check(&self, path: &Path, needed: &[&Path]) -> Result<(), ReplaceError> {
         let foreign = |reason: String| Err(ReplaceError::Foreign { path: path.into(), reason });
         let io = |source| ReplaceError::Io { path: path.into(), source };
@@ -110,11 +110,11 @@ impl FolderKind {
     }
 }
 
-/// Files that systems and their file managers leave in any folder; they keep nothing from being replaced.
+/// Files that operating systems and file managers leave in any folder; they do not prevent replacement.
 const LITTER: [&str; 4] = [".DS_Store", "Thumbs.db", "desktop.ini", ".directory"];
 
-/// Paths within `folder` of all files below `inner`, links counted as files; without litter and the temporaries of
-/// killed writers.
+/// Collects the paths within `folder` of all files below `inner`. Links count as files; litter and the temporaries of
+/// killed writers are skipped.
 fn files_below(folder: &Path, inner: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder.join(inner))? {
         let entry = entry?;
@@ -129,13 +129,13 @@ fn files_below(folder: &Path, inner: &Path, files: &mut Vec<PathBuf>) -> io::Res
     Ok(())
 }
 
-/// Refuses a folder in which the working directory or something of `needed` lies.
+/// Refuses a folder that contains the working directory or something in `needed`.
 fn refuse_needed(path: &Path, needed: &[&Path]) -> Result<(), ReplaceError> {
     let io = |source| ReplaceError::Io { path: path.into(), source };
     let folder = path.canonicalize().map_err(io)?;
     let here = std::env::current_dir().ok();
     for inner in needed.iter().copied().chain(here.as_deref()) {
-        // what is not there cannot be lost
+        // what does not exist cannot be lost
         if inner.canonicalize().is_ok_and(|i| i.starts_with(&folder)) {
             return Err(ReplaceError::Needed { path: path.into(), inner: inner.into() });
         }
@@ -143,11 +143,11 @@ fn refuse_needed(path: &Path, needed: &[&Path]) -> Result<(), ReplaceError> {
     Ok(())
 }
 
-/// Checks that a file which a person named may be written at `path`: its folder is there, and what stands at the path,
-/// if anything, was made by this program ([`MARK`]).
+/// Checks that a file named by a user may be written at `path`: its folder exists, and a file already at the path is
+/// empty or was made by this program ([`MARK`]).
 ///
 /// # Errors
-/// If the folder is missing, or something else stands there.
+/// If the folder is missing, or something else exists at the path.
 pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
     let foreign = |reason: &str| Err(ReplaceError::Foreign { path: path.into(), reason: reason.into() });
     let io = |source| ReplaceError::Io { path: path.into(), source };
@@ -172,7 +172,7 @@ pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
     foreign("was not made by volseggs")
 }
 
-/// The first bytes of a file, and its last, as many as the mark has.
+/// Reads the first bytes of a file, and as many of its last as the mark has.
 fn ends(path: &Path) -> io::Result<(Vec<u8>, Vec<u8>)> {
     let mut file = fs::File::open(path)?;
     let (mut head, mut end) = (Vec::new(), Vec::new());

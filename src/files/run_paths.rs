@@ -1,4 +1,4 @@
-//! Where everything of a run lies, in one place; what the files hold is told in `checkpoints/README.md`.
+//! Paths of all files and folders of a run, in one place; `checkpoints/README.md` describes what they hold.
 
 use std::path::{Path, PathBuf};
 
@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 pub struct RunPaths<'a>(pub &'a Path);
 
 impl RunPaths<'_> {
-    /// Name of the folder of checkpoints, by which a checkpoint's path is told from a run's.
+    /// Name of the folder of checkpoints, which distinguishes a checkpoint's path from a run's.
     pub const CHECKPOINTS: &'static str = "checkpoints";
     /// Name of the scene within a checkpoint.
     pub const SCENE: &'static str = "scene.safetensors";
 
-    /// The record: by it a folder is known to be a run.
+    /// The record, by which a folder is recognised as a run.
     #[must_use]
     pub fn record(self) -> PathBuf {
         self.0.join("run.json")
@@ -24,7 +24,7 @@ impl RunPaths<'_> {
         self.0.join("config.toml")
     }
 
-    /// The lines that training logs.
+    /// The metrics that training logs, one line each.
     #[must_use]
     pub fn metrics(self) -> PathBuf {
         self.0.join("metrics.jsonl")
@@ -42,7 +42,7 @@ impl RunPaths<'_> {
         self.0.join(Self::CHECKPOINTS)
     }
 
-    /// The folder of measurements; each lies in one of its own.
+    /// The folder of measurements, each in a folder of its own.
     #[must_use]
     pub fn eval(self) -> PathBuf {
         self.0.join("eval")
@@ -60,7 +60,7 @@ impl RunPaths<'_> {
         self.0.join("segments/masks.jsonl")
     }
 
-    /// The folder of pictures for another program to make masks of.
+    /// The folder of pictures from which another program makes masks.
     #[must_use]
     pub fn mask_pictures(self) -> PathBuf {
         self.0.join("segments/pictures")
@@ -72,7 +72,7 @@ impl RunPaths<'_> {
         self.0.join("segments/affinity.safetensors")
     }
 
-    /// A picture of segments to look at.
+    /// A picture of segments, for users.
     #[must_use]
     pub fn segment_sheet(self, name: &str) -> PathBuf {
         self.0.join(format!("segments/{name}.png"))
@@ -84,19 +84,19 @@ impl RunPaths<'_> {
         self.0.join("edits.json")
     }
 
-    /// The folder of tracks; each lies in one of its own.
+    /// The folder of tracks, each in a folder of its own.
     #[must_use]
     pub fn tracks(self) -> PathBuf {
         self.0.join("track")
     }
 
-    /// The folder of exported Gaussians that were given no other place.
+    /// The default folder of exported Gaussians.
     #[must_use]
     pub fn exported(self) -> PathBuf {
         self.0.join("export")
     }
 
-    /// The folder of label volumes that were given no other place.
+    /// The default folder of label volumes.
     #[must_use]
     pub fn labels(self) -> PathBuf {
         self.0.join("labels")

@@ -1,6 +1,6 @@
-//! Append-only metrics file, one JSON object a line.
+//! Append-only metrics file, one JSON object per line.
 //!
-//! A run that resumes drops the lines after its checkpoint first, so that no step stands twice.
+//! A resumed run first drops the lines after its checkpoint, so that no step occurs twice.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
@@ -20,17 +20,17 @@ pub enum JsonlError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// A whole line is not JSON.
+    /// A complete line is not JSON.
     #[error("{path}:{line}: not a JSON line: {source}; mend or remove that line, or the file")]
     Line {
         /// The file.
         path: PathBuf,
-        /// The line, from 1.
+        /// The line number, from 1.
         line: usize,
-        /// What the parser said.
+        /// The parser's error.
         source: serde_json::Error,
     },
     /// A record has no JSON form.
@@ -38,7 +38,7 @@ pub enum JsonlError {
     Record {
         /// The file.
         path: PathBuf,
-        /// What the serialiser said.
+        /// The serialiser's error.
         source: serde_json::Error,
     },
 }
@@ -55,8 +55,7 @@ pub struct JsonlWriter {
 }
 
 impl JsonlWriter {
-    /// Opens the file for appending, or creates it. A last line without its end, which a killed
-    /// run leaves, is cut off.
+    /// Opens the file for appending, or creates it. An incomplete last line, which a killed run leaves, is cut off.
     ///
     /// # Errors
     /// [`JsonlError::Io`] from the file system.
@@ -70,7 +69,7 @@ impl JsonlWriter {
         Ok(Self { path: path.to_path_buf(), file })
     }
 
-    /// Appends one record as one line, handed to the system in one call. A NaN becomes `null`.
+    /// Appends one record as one line, passed to the system in one call. A NaN becomes `null`.
     ///
     /// # Errors
     /// [`JsonlError::Record`] or [`JsonlError::Io`].
@@ -90,7 +89,7 @@ impl JsonlWriter {
     }
 }
 
-/// Bytes up to and with the last line end.
+/// Number of bytes up to and including the last line end.
 fn whole_lines(file: &mut File) -> io::Result<u64> {
     const BLOCK: u64 = 4096;
     let mut end = file.metadata()?.len();
@@ -108,13 +107,12 @@ fn whole_lines(file: &mut File) -> io::Result<u64> {
     Ok(0)
 }
 
-/// Drops, atomically, the lines whose `step` is above `step`, and a half-written last line.
-/// Lines without a `step` stay. Returns how many whole lines were dropped; a missing file has
-/// none.
+/// Atomically drops the lines whose `step` is above `step`, and a half-written last line. Lines without a `step` stay.
+/// Returns the number of complete lines dropped, 0 for a missing file.
 ///
 /// # Errors
-/// [`JsonlError::Line`] for a whole line that is not JSON, [`JsonlError::Io`] from the file
-/// system; the file is then unchanged.
+/// [`JsonlError::Line`] for a complete line that is not JSON, [`JsonlError::Io`] from the file system. The file is then
+/// unchanged.
 pub fn truncate_after(path: &Path, step: u64) -> Result<usize, JsonlError> {
     let io_error = io_at(path);
     let file = match File::open(path) {

@@ -1,4 +1,4 @@
-//! Progress bars of long work, on standard error.
+//! Progress bars for long work, on standard error.
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -14,7 +14,7 @@ pub fn image_bar(length: usize) -> ProgressBar {
     styled(length, "{bar:28} {pos}/{len} images {elapsed}<{eta} {per_sec}")
 }
 
-/// A bar over `length` steps of a training that goes on after `first` of them, with room for a message.
+/// A bar over `length` steps of training that continues after `first` of them, with room for a message.
 #[must_use]
 pub fn step_bar(length: usize, first: usize) -> ProgressBar {
     let bar = styled(length, "{bar:28} {pos}/{len} {elapsed}<{eta} {msg}").with_position(first as u64);

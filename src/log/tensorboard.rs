@@ -1,7 +1,7 @@
 //! Event files for TensorBoard: scalars and images, and the hyperparameters of a run.
 //!
-//! A file is a row of TFRecords, each a length and a payload with masked CRC-32C checksums; a
-//! payload is a protobuf `Event`, encoded here by hand as only a few fields are used.
+//! A file is a sequence of TFRecords, each a length and a payload with masked CRC-32C checksums; a payload is a
+//! protobuf `Event`, encoded here by hand as only a few fields are used.
 
 mod crc;
 mod hparams;
@@ -68,8 +68,8 @@ impl EventWriter {
         Ok(writer)
     }
 
-    /// Like [`EventWriter::create`], and has TensorBoard forget what earlier files of the folder
-    /// say about `first_step` and later steps.
+    /// Like [`EventWriter::create`], and makes TensorBoard discard what earlier files in the folder say about
+    /// `first_step` and later steps.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -119,7 +119,7 @@ impl EventWriter {
         self.summary(step, &entry)
     }
 
-    /// Hands everything written to the system, for a TensorBoard that watches the file.
+    /// Passes everything written to the system, for a TensorBoard that watches the file.
     ///
     /// # Errors
     /// Any error of the file system.

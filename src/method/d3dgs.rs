@@ -1,5 +1,5 @@
-//! D3DGS, see [`crate::model::d3dgs`]: our Gaussians and their training, with its network in the place of our field. Its
-//! Gaussians are the same ones at every time, so that everything works that works with ours.
+//! D3DGS, see [`crate::model::d3dgs`]: VolSegGS's Gaussians and training, with the network of D3DGS instead of the
+//! field. Its Gaussians persist over time, so everything that works with VolSegGS works with them.
 
 use super::{Method, Model, Training};
 use crate::config::types::Config;
@@ -9,7 +9,7 @@ use crate::train::{TrainError, Trainer};
 use burn::tensor::Device;
 use std::path::Path;
 
-/// D3DGS. Its settings are the section `[d3dgs]` and, of its Gaussians, the sections that ours has.
+/// D3DGS. Its settings are the section `[d3dgs]` and, for its Gaussians, the same sections as for VolSegGS.
 #[derive(Clone, Copy, Debug)]
 pub struct D3dgs;
 

@@ -1,4 +1,4 @@
-//! Training with the network of D3DGS: it learns, goes on from a checkpoint with the same bits, and its scene is a scene.
+//! Training with the network of D3DGS: it learns, resumes bit-identically from a checkpoint, and yields a scene.
 
 use super::Training;
 use super::test_support::{ball, changed, device, stepped};
@@ -12,7 +12,7 @@ use crate::train::checkpoint::{self, State};
 use crate::train::open_dataset;
 use std::collections::BTreeMap;
 
-/// The small preset in some steps on some Gaussians.
+/// The small preset with few steps and few Gaussians.
 fn config(more: &[&str]) -> Config {
     let few = [
         "init.points=200",

@@ -1,4 +1,5 @@
-//! Models of burn modules as one safetensors file: parameters by name, and what else drawing needs as JSON in its header.
+//! Models of burn modules as one safetensors file: parameters by name, and the other data needed for drawing as JSON in
+//! its header.
 
 use crate::model::params::{self, FitError, HostTensor};
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
@@ -8,20 +9,20 @@ use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A file that has been read: what the header says, and the parameters.
+/// A file that has been read: its header and its parameters.
 pub(super) struct ModelFile<S> {
-    /// What is not a tensor.
+    /// The data that are not tensors.
     pub spec: S,
     /// Parameters by name.
     pub tensors: BTreeMap<String, HostTensor>,
 }
 
-/// The error of a file that is not what it should be.
+/// The error for a file with unexpected contents.
 pub(super) fn wrong(path: &Path, reason: impl Into<String>) -> SceneError {
     SceneError::Format { path: path.into(), reason: reason.into() }
 }
 
-/// Writes parameters and a `spec`; `method` is the name of the header's entry.
+/// Writes parameters and a `spec`; `method` is the name of the header entry.
 pub(super) fn save(
     path: &Path,
     method: &str,
@@ -35,7 +36,7 @@ pub(super) fn save(
 /// Reads what [`save`] wrote.
 ///
 /// # Errors
-/// If the file is missing or damaged, is of another method, or holds a NaN or an infinity.
+/// If the file is missing or damaged, belongs to another method, or holds a NaN or an infinity.
 pub(super) fn read<S: DeserializeOwned>(path: &Path, method: &str) -> Result<ModelFile<S>, SceneError> {
     let (tensors, header) = read_tensors(path)?;
     refuse_not_finite(path, &tensors)?;
@@ -46,7 +47,7 @@ pub(super) fn read<S: DeserializeOwned>(path: &Path, method: &str) -> Result<Mod
 }
 
 impl<S> ModelFile<S> {
-    /// Refuses a header that asks for another number of parameters than the file holds, before any is allocated.
+    /// Rejects a header that implies a number of parameters other than the file holds, before any is allocated.
     pub fn check_size(&self, path: &Path, parameters: u128) -> Result<(), SceneError> {
         let held: u128 = self.tensors.values().map(|tensor| tensor.values.len() as u128).sum();
         if parameters == held {
@@ -55,7 +56,7 @@ impl<S> ModelFile<S> {
         Err(wrong(path, format!("header: the model has {parameters} parameters, the file holds {held}")))
     }
 
-    /// `module` with the file's parameters.
+    /// Returns `module` with the file's parameters.
     pub fn fill<M: Module>(&self, path: &Path, module: M) -> Result<M, SceneError> {
         let fit = |source: FitError| SceneError::Fit { path: path.into(), source };
         params::load(module, &self.tensors).map_err(fit)

@@ -1,4 +1,4 @@
-//! What the networks of more than one method share: first weights of layers, softplus.
+//! Parts shared by the networks of several methods: initial weights of layers, softplus.
 
 use crate::model::implicit::Layer;
 use crate::rng::Rng;
@@ -11,12 +11,12 @@ pub(super) fn uniform(rng: &mut Rng, len: usize, bound: f64) -> Vec<f32> {
     (0..len).map(|_| (bound * f64::from(2.0 * rng.uniform() - 1.0)) as f32).collect()
 }
 
-/// A parameter of that shape.
+/// A parameter of the given shape.
 pub(super) fn parameter<const D: usize>(values: Vec<f32>, shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
     Param::from_tensor(Tensor::from_data(TensorData::new(values, shape), device))
 }
 
-/// A layer whose weights start uniform in [-weight, weight], its biases in [-bias, bias].
+/// A layer with weights uniform in [-weight, weight] and biases in [-bias, bias].
 pub(super) fn layer(rng: &mut Rng, [inputs, outputs]: [usize; 2], weight: f64, bias: f64, device: &Device) -> Layer {
     Layer {
         weight: parameter(uniform(rng, inputs * outputs, weight), [inputs, outputs], device),
@@ -24,7 +24,7 @@ pub(super) fn layer(rng: &mut Rng, [inputs, outputs]: [usize; 2], weight: f64, b
     }
 }
 
-/// PyTorch's bound for biases, and for weights of layers that are left as they are made: `1 / sqrt(inputs)`.
+/// PyTorch's default bound of initial weights and biases: `1 / sqrt(inputs)`.
 pub(super) fn pytorch_bound(inputs: usize) -> f64 {
     1.0 / (inputs as f64).sqrt()
 }

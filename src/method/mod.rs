@@ -1,32 +1,32 @@
-//! Methods: ways of making pictures of a time-varying dataset, one interface over all of them.
+//! Methods: ways of rendering a time-varying dataset, behind one interface.
 //!
-//! A [`Method`] starts a [`Training`] from a dataset, or opens the [`Model`] that a training left behind; `method` of the
-//! configuration names it. What is common to all stays outside and is written once: the loop over the steps, logs,
+//! A [`Method`] starts a [`Training`] from a dataset, or opens the [`Model`] that a training left behind; `method` of
+//! the configuration names it. What all methods share is written once, outside: the loop over the steps, logs,
 //! checkpoints and their folders, evaluation, signals and pauses ([`crate::train::run`]), guards against NaN
 //! ([`crate::train::watch`], the optimiser, `model::scene_file`), locks, records, sweeps and tables.
 //!
-//! | trait | is | lives |
+//! | Trait | Meaning | Lifetime |
 //! |---|---|---|
-//! | [`Method`] | the method itself: what it can do, how it begins | for the whole process, found by its name ([`find`]) |
-//! | [`Training`] | a training that is under way: parameters, moments, the step | in memory, while it is trained |
-//! | [`Model`] | what was trained, with all that drawing needs and nothing more | in memory, from and to `scene.safetensors` |
+//! | [`Method`] | the method itself: what it can do, how it starts | the whole process, found by its name ([`find`]) |
+//! | [`Training`] | a training in progress: parameters, moments, the step | in memory, during training |
+//! | [`Model`] | what was trained, with exactly what drawing needs | in memory, from and to `scene.safetensors` |
 //!
-//! No trait has a type parameter: tensors and devices of burn carry their backend at run time, so a run that is opened from
-//! disk is a `Box<dyn Model>` whichever method its record names.
+//! No trait has a type parameter: burn's tensors and devices carry their backend at run time, so a run opened from disk
+//! is a `Box<dyn Model>` regardless of its method.
 //!
 //! # Adding a method
 //!
-//! 1. A folder here with burn modules (`#[derive(Module)]`); random numbers from [`crate::rng::Rng`] with a `Purpose` of their
-//!    own, keyed by seed and step, so that a checkpoint needs no state of a generator.
+//! 1. A folder here with burn modules (`#[derive(Module)]`); random numbers from [`crate::rng::Rng`] with a separate
+//!    `Purpose`, keyed by seed and step, so that a checkpoint needs no generator state.
 //! 2. A section of the configuration: a struct in `config/types/methods/` with all settings of the method, and a field
-//!    `NAME: Option<...>` of `Config`; `seed`, `[data]` and `[output]` mean the same for every method. The published
-//!    settings as `configs/methods/NAME.toml`, for two cores as `configs/methods/NAME-small.toml`, both in
-//!    `config::PRESETS`: `volseggs train --method NAME` takes the preset of that name.
-//! 3. [`Method`], [`Training`] and [`Model`] for it, and a line in [`BUILT_IN`]; of a method that is one network, a
-//!    [`network::Network`] is enough, from which [`network::OneNetwork`] makes all three.
-//! 4. Tests: one image can be learnt by heart; a resumed run has the bits of one that was not stopped.
+//!    `NAME: Option<...>` of `Config`; `seed`, `[data]` and `[output]` have the same meaning for every method. The
+//!    published settings as `configs/methods/NAME.toml` and those for two cores as `configs/methods/NAME-small.toml`,
+//!    both in `config::PRESETS`: `volseggs train --method NAME` uses the preset of that name.
+//! 3. [`Method`], [`Training`] and [`Model`] for it, and a line in [`BUILT_IN`]; for a method that is one network, a
+//!    [`network::Network`] is enough, from which [`network::OneNetwork`] derives all three.
+//! 4. Tests: the method can overfit one image; a resumed run is bit-identical to an uninterrupted one.
 //!
-//! A method outside of this crate is registered instead, see [`crate::extend::method`] and `docs/research.md`.
+//! A method outside this crate is registered instead, see [`crate::extend::method`] and `docs/research.md`.
 
 pub mod coordnet;
 mod d3dgs;
@@ -64,55 +64,55 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// A method. One value of it serves the whole process: it holds no state of any run.
+/// A method. One value serves the whole process: it holds no state of any run.
 pub trait Method: Send + Sync {
-    /// Whether it gives Gaussians that are the same ones at every time, as segments, tracks, edits and exports need them.
-    /// Its models then are a [`crate::model::Scene`] ([`Model::into_scene`]), and every command works with them; otherwise
-    /// commands that need Gaussians refuse.
+    /// Whether it yields Gaussians that persist over time, as segments, tracks, edits and exports need. Its models are
+    /// then a [`crate::model::Scene`] ([`Model::into_scene`]), and every command works with them; otherwise commands
+    /// that need Gaussians refuse.
     fn has_persistent_gaussians(&self) -> bool {
         false
     }
 
-    /// Refuses settings of its own that no training can start with; what all methods share is checked already.
+    /// Rejects settings of the method that no training can start with; the shared settings have been checked already.
     ///
     /// # Errors
-    /// The first such key with its value, and what it may be.
+    /// The first invalid key with its value, and the values allowed.
     fn check(&self, config: &Config) -> Result<(), String>;
 
-    /// Steps of the whole training.
+    /// Number of steps of the whole training.
     fn steps(&self, config: &Config) -> usize;
 
-    /// What it costs, for the estimate of a sweep; none if that follows from Gaussians, and from the two stages, as ours does.
+    /// The cost, for the estimate of a sweep; `None` if it follows from Gaussians and the two stages, as for VolSegGS.
     fn work(&self, _: &Config) -> Option<Work> {
         None
     }
 
-    /// Starts a training on `device` (without gradients; add `.autodiff()`), after [`Method::check`]. Sizes are to be held
-    /// against [`crate::memory::Budget`] before anything large is allocated.
+    /// Starts a training on `device` (without gradients; add `.autodiff()`), after [`Method::check`]. Implementations
+    /// must check sizes against [`crate::memory::Budget`] before allocating anything large.
     ///
     /// # Errors
-    /// If the data do not allow to start.
+    /// If training cannot start with the data.
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError>;
 
     /// Opens the file that [`Model::save`] wrote.
     ///
     /// # Errors
-    /// If it is missing or damaged, holds a NaN or an infinity, or is of another method.
+    /// If the file is missing or damaged, holds a NaN or an infinity, or belongs to another method.
     fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError>;
 }
 
-/// What a method costs, to tell minutes from hours.
+/// The cost of a method, for a rough estimate of its duration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Work {
-    /// Multiply-adds of a step's way forward.
+    /// Multiply-adds of a step's forward pass.
     pub step: f64,
-    /// Multiply-adds of a pixel of a picture.
+    /// Multiply-adds per pixel of a rendered image.
     pub pixel: f64,
-    /// Bytes of the parameters with their moments, and of what a step keeps.
+    /// Bytes of the parameters with their moments, and of the values that a step keeps.
     pub bytes: f64,
 }
 
-/// The methods that are built in, by name.
+/// The built-in methods, by name.
 pub const BUILT_IN: &[(&str, &dyn Method)] = &[
     (VOLSEGGS, &VolSegGs),
     (d3dgs::NAME, &D3dgs),
@@ -122,15 +122,15 @@ pub const BUILT_IN: &[(&str, &dyn Method)] = &[
     ("visnerf", &visnerf::VisNerfMethod),
 ];
 
-/// Those that a program of one's own added.
+/// The methods registered by custom programs.
 pub(crate) static METHODS: Registry<dyn Method> = Registry::new("method");
 
-/// A method that was found.
+/// A method found by name.
 #[derive(Clone)]
 pub enum Found {
-    /// It is built in.
+    /// Built in.
     BuiltIn(&'static dyn Method),
-    /// It was registered.
+    /// Registered.
     Registered(Arc<dyn Method>),
 }
 
@@ -145,10 +145,10 @@ impl std::ops::Deref for Found {
     }
 }
 
-/// The method of that name; one that was registered comes before one that is built in.
+/// Finds the method of that name; a registered one takes precedence over a built-in one.
 ///
 /// # Errors
-/// If there is none; the message lists those that there are.
+/// If there is none; the message lists the available ones.
 pub fn find(name: &str) -> Result<Found, String> {
     if let Ok(method) = METHODS.get(name) {
         return Ok(Found::Registered(method));
@@ -173,15 +173,15 @@ pub fn names() -> Vec<String> {
 /// The method that a configuration names.
 ///
 /// # Errors
-/// If there is none of that name.
+/// If there is no method of that name.
 pub fn of(config: &Config) -> Result<Found, TrainError> {
     find(&config.method).map_err(|e| TrainError::Config(format!("method: {e}")))
 }
 
-/// Refuses a configuration that no training can start with.
+/// Rejects a configuration that no training can start with.
 ///
 /// # Errors
-/// The first value that cannot be, by its key.
+/// The first invalid value, with its key.
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
@@ -189,7 +189,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     method.check(config).map_err(TrainError::Config)
 }
 
-/// Refuses sections and settings of other methods than the one that is named: they would be passed over without a word.
+/// Rejects sections and settings of methods other than the selected one, which would be silently ignored.
 fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
     if let (Found::BuiltIn(_), Some(key)) = (method, config.method_settings.keys().next()) {
         return Err(format!(
@@ -216,7 +216,7 @@ fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
 /// Starts a training with the method that the configuration names.
 ///
 /// # Errors
-/// If the configuration contradicts itself, or the data do not allow to start.
+/// If the configuration is inconsistent, or training cannot start with the data.
 pub fn start(config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
     check(config)?;
     of(config)?.start(config, dataset, device)
@@ -225,7 +225,7 @@ pub fn start(config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<
 /// Trains into a folder with the method that the configuration names: [`start`], then [`crate::train::run::run`].
 ///
 /// # Errors
-/// As those two.
+/// As these two.
 pub fn train(
     config: &Config,
     dataset: &Dataset,

@@ -1,4 +1,5 @@
-//! Methods that are one network and no Gaussians: training, files, resuming and guards follow from a few functions.
+//! Methods that consist of one network, without Gaussians: training, files, resuming and guards follow from a few
+//! functions.
 
 use super::{Counts, Method, Model, Saved, Training, Work, file};
 use crate::config::types::Config;
@@ -23,63 +24,65 @@ use volseggs_kernels::Camera;
 
 /// Entry of the file's header.
 const HEADER: &str = "network";
-/// Bytes of a parameter while it is trained: itself, its gradient, two moments, and one in passing.
+/// Bytes per parameter in training: the parameter, its gradient, two moments and a temporary.
 const BYTES: u128 = 20;
 
-/// A method that is one network, trained by Adam on a loss of tensors. [`OneNetwork`] makes a [`Method`] of it.
+/// A method that consists of one network, trained by Adam on a loss of tensors. [`OneNetwork`] makes it a [`Method`].
 pub trait Network: Clone + Debug + Send + Sync + 'static {
     /// The network, a burn module.
     type Module: Module + 'static;
-    /// What cannot be read off its tensors and it needs to be made and to draw; kept in the header of its file.
+    /// Data that creating the network and drawing need besides its tensors; kept in the header of its file.
     type Spec: Serialize + DeserializeOwned + Clone + Debug + Send + 'static;
 
-    /// Refuses settings that no training can start with.
+    /// Rejects settings that no training can start with.
     ///
     /// # Errors
-    /// The first such key with its value, and what it may be.
+    /// The first invalid key with its value, and the values allowed.
     fn check(&self, config: &Config) -> Result<(), String>;
 
-    /// Steps of the whole training.
+    /// Number of steps of the whole training.
     fn steps(&self, config: &Config) -> usize;
 
-    /// What it costs, as [`Method::work`]; unknown if not given.
+    /// The cost, as in [`Method::work`]; unknown by default.
     fn work(&self, _: &Config) -> Option<Work> {
         None
     }
 
-    /// What the network needs to know, from settings that were checked and the data.
+    /// The network's spec, from checked settings and the data.
     fn spec(&self, config: &Config, dataset: &Dataset) -> Self::Spec;
 
-    /// Numbers in the network of that spec, whatever it says; asked for before it is made, also of a spec from a file.
+    /// Number of values in the network of that spec, whatever it says; called before the network is created, also for a
+    /// spec from a file.
     ///
     /// # Errors
-    /// What no network can have, such as a width of 0.
+    /// If no network can have this spec, such as one with a width of 0.
     fn parameters(&self, spec: &Self::Spec) -> Result<u128, String>;
 
-    /// The network at its first values, which follow from the seed. For `device` with gradients if it has them.
+    /// The network with its initial values, which the seed determines. On `device`, with gradients if it has them.
     fn network(&self, spec: &Self::Spec, seed: u64, device: &Device) -> Self::Module;
 
-    /// What a step minimises, `[1]`, and the mean squared error of its colours, `[1]`, for PSNR.
+    /// The loss of a step, `[1]`, and the mean squared error of its colours, `[1]`, for PSNR.
     fn loss(&self, network: &Self::Module, seen: &Seen<'_, Self::Spec>) -> [Tensor<1>; 2];
 
-    /// Learning rate of a parameter by its name (its path in the module) at a step, from 0; none if it is not trained then.
+    /// Learning rate of a parameter by its name (its path in the module) at a step, from 0; `None` if it is not trained
+    /// then.
     fn rate(&self, name: &str, step: usize, config: &Config) -> Option<f64>;
 
-    /// Adam's decays and epsilon; PyTorch's defaults if not given.
+    /// Adam's decay rates and epsilon; PyTorch's defaults unless overridden.
     fn adam(&self, _: &Config) -> AdamConstants {
         AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 }
     }
 
-    /// Centre and half size of what it shows, world units, as [`Model::place`].
+    /// Centre and half size of the region it shows, world units, as in [`Model::place`].
     fn place(&self, _: &Self::Spec) -> (DVec3, f64) {
         (DVec3::ZERO, 1.0)
     }
 
-    /// The view of a camera at a time in [0, 1], as [`Model::image`]; `network` has no gradients.
+    /// The image of a camera at a time in [0, 1], as in [`Model::image`]; `network` has no gradients.
     fn image(&self, network: &Self::Module, spec: &Self::Spec, camera: Camera, time: f32) -> Tensor<3>;
 }
 
-/// What a loss sees of a step.
+/// The inputs of the loss of a step.
 #[derive(Debug)]
 pub struct Seen<'a, S> {
     /// The network's spec.
@@ -90,13 +93,13 @@ pub struct Seen<'a, S> {
     pub split: &'a Split,
     /// The colour behind them.
     pub background: [f32; 3],
-    /// The step, from 0; random numbers are keyed by `config.seed` and it.
+    /// The step, from 0; random numbers are keyed by `config.seed` and the step.
     pub step: usize,
     /// The device of the network, with gradients.
     pub device: &'a Device,
 }
 
-/// [`Network`] as a [`Method`].
+/// A [`Network`] as a [`Method`].
 #[derive(Clone, Copy, Debug)]
 pub struct OneNetwork<N>(pub N);
 
@@ -104,7 +107,7 @@ pub struct OneNetwork<N>(pub N);
 #[derive(Debug)]
 struct Drawer<N: Network> {
     method: N,
-    /// Absent only while the optimiser holds it.
+    /// `None` only while the optimiser holds it.
     module: Option<N::Module>,
     spec: N::Spec,
     background: [f32; 3],
@@ -202,7 +205,7 @@ impl<N: Network> Model for Drawer<N> {
     }
 }
 
-/// A network that is being trained.
+/// A network in training.
 struct Fit<N: Network> {
     drawer: Drawer<N>,
     optimizer: Optimizer,
@@ -235,7 +238,7 @@ impl<N: Network> Training for Fit<N> {
         let mut gradients = loss.backward();
         lap(&mut times.backward);
         let method = method.clone();
-        // taken out, so that the optimiser is the only owner of the memory and may write in place
+        // taken out, so that the optimiser is the only owner of the memory and can write in place
         if let Some(module) = self.drawer.module.take() {
             let rate = |name: &str| method.rate(name, step, &self.config);
             let (module, bad) = self.optimizer.step(module, &mut gradients, rate);

@@ -1,14 +1,15 @@
-//! Which pixels of the training views a step sees, from the seed and the step alone.
+//! The pixels of the training views used by a step, determined by the seed and the step.
 
 use crate::rng::{Permutation, Purpose};
 
-/// Pixels in epochs: in each, of every view so many pixels, all different, in one random order over all views.
+/// Pixels in epochs: each epoch has a fixed number of distinct pixels of every view, in one random order over all
+/// views.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pixels {
     views: u64,
-    /// Of a view.
+    /// Pixels per view.
     pixels: u64,
-    /// Of a view in an epoch.
+    /// Pixels drawn from a view per epoch.
     drawn: u64,
     seed: u64,
 }
@@ -23,12 +24,12 @@ pub(super) struct Pixel {
 }
 
 impl Pixels {
-    /// `drawn` pixels (all, if there are fewer) of each of `views` views of `pixels` pixels.
+    /// Draws `drawn` pixels (all, if there are fewer) from each of `views` views of `pixels` pixels.
     pub fn new(views: usize, pixels: usize, drawn: usize, seed: u64) -> Self {
         Self { views: views as u64, pixels: pixels as u64, drawn: drawn.min(pixels) as u64, seed }
     }
 
-    /// The `size` pixels of a step; one may hold the end of an epoch and the start of the next.
+    /// The `size` pixels of a step, which may span the end of an epoch and the start of the next.
     pub fn of_step(&self, step: usize, size: usize) -> Vec<Pixel> {
         let epoch_len = self.views * self.drawn;
         let first = step as u64 * size as u64;
@@ -42,7 +43,7 @@ impl Pixels {
             }
             let place = places.get(number % epoch_len);
             let (view, k) = (place / self.drawn, place % self.drawn);
-            // the orders within views come behind those of the epochs, which never reach so far
+            // the keys of the orders within views lie above those of the epochs, which never get so large
             let key = (1 << 63) | (epoch * self.views + view);
             let at = Permutation::new(self.pixels, self.seed, key, Purpose::MethodPixels).get(k);
             Pixel { view: view as usize, at: at as usize }
@@ -59,7 +60,7 @@ mod tests {
     #[test]
     fn an_epoch_has_as_many_pixels_of_each_view_none_twice() {
         let pixels = Pixels::new(3, 50, 20, 7);
-        // 7.5 steps an epoch
+        // 7.5 steps per epoch
         let all: Vec<Pixel> = (0..15).flat_map(|step| pixels.of_step(step, 8)).collect();
         let epochs: Vec<BTreeSet<Pixel>> = all.chunks(60).map(|epoch| epoch.iter().copied().collect()).collect();
         for epoch in &epochs {

@@ -1,4 +1,4 @@
-//! From where a camera looks, as two angles: what the methods that draw pictures without a scene in space know of it.
+//! The position of a camera as two angles: the input of methods that render without a scene in space.
 
 use crate::data::Split;
 use crate::data::hull::view_box;
@@ -7,49 +7,49 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use volseggs_kernels::Camera;
 
-/// The sphere that the training cameras stand on.
+/// The sphere of the training cameras.
 ///
-/// How far away a camera is, its roll and its field of view are not told: it counts as one of the training cameras.
+/// The distance, roll and field of view of a camera are ignored: it is treated as one of the training cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewSphere {
-    /// What they look at, world units.
+    /// The point that they look at, world units.
     pub centre: DVec3,
-    /// Half side of the cube around it that they show, world units.
+    /// Half the side length of the cube around it that they show, world units.
     pub half_size: f64,
-    /// The axis to which they are upright: 0 x, 1 y, 2 z.
+    /// Their vertical axis: 0 x, 1 y, 2 z.
     pub up: usize,
-    /// Whether they have it downwards.
+    /// Whether this axis points downwards.
     pub flipped: bool,
 }
 
-/// Where a camera stands on the sphere.
+/// The position of a camera on the sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Angles {
-    /// From the upward axis, radians, in [0, pi].
+    /// Angle from the upward axis, radians, in [0, pi].
     pub polar: f64,
-    /// About that axis, counter-clockwise seen from its tip, radians, in [0, 2 pi).
+    /// Angle about that axis, counter-clockwise seen from its tip, radians, in [0, 2 pi).
     pub azimuth: f64,
 }
 
 impl ViewSphere {
-    /// Of the cameras of a split: around the point nearest to what they look at, upright to the axis that is most
-    /// nearly across all of them (that stays level in their images).
+    /// The sphere of a split's cameras: centred on the point nearest to what they look at, with the vertical axis most
+    /// nearly perpendicular to the horizontal axes of all of them (the one that stays upright in their images).
     #[must_use]
     pub fn of(split: &Split) -> Self {
         let poses = || split.frames.iter().map(|f| DMat3::from_mat4(f.camera.camera_to_world));
         let sideways: DVec3 = poses().map(|pose| pose.x_axis * pose.x_axis).sum();
         let upwards: DVec3 = poses().map(|pose| pose.y_axis).sum();
-        // of equals the last: z
+        // ties go to the last, z
         let up = (0..3).rev().min_by(|a, b| sideways[*a].total_cmp(&sideways[*b])).unwrap_or(2);
         let shown = view_box(split);
         let half_size = (0.5 * shown.size().max_element()).max(1e-6);
         Self { centre: shown.centre(), half_size, up, flipped: upwards[up] < 0.0 }
     }
 
-    /// Refuses what [`ViewSphere::of`] never gives; a file may hold anything.
+    /// Rejects what [`ViewSphere::of`] never returns, since a file may hold anything.
     ///
     /// # Errors
-    /// What is wrong.
+    /// A description of what is wrong.
     pub fn check(&self) -> Result<(), String> {
         if self.up > 2 || !self.centre.is_finite() || !(self.half_size > 0.0 && self.half_size.is_finite()) {
             return Err("sphere: its axis is 0, 1 or 2, its centre finite, half_size above 0".into());
@@ -57,7 +57,7 @@ impl ViewSphere {
         Ok(())
     }
 
-    /// Where the camera stands.
+    /// The position of the camera on the sphere.
     #[must_use]
     pub fn angles(&self, camera: &Camera) -> Angles {
         let row = |k: usize| DVec3::from_array(camera.rotation[k].map(f64::from));

@@ -1,4 +1,4 @@
-//! What the tests of more than one method share.
+//! Helpers shared by the tests of several methods.
 
 use super::{Method, Model, Training};
 use crate::config::PRESETS;
@@ -13,7 +13,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The first device that is compiled in.
+/// The first compiled-in device.
 pub(super) fn device() -> Device {
     DeviceName::all()[0].open().unwrap()
 }
@@ -23,13 +23,13 @@ pub(super) fn preset(name: &str) -> Config {
     Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value
 }
 
-/// A built-in preset with `few` settings, `more` over these.
+/// A built-in preset with the settings `few`, and `more` on top.
 pub(super) fn changed(preset: &str, few: &[&str], more: &[&str]) -> Config {
     let sets = few.iter().chain(more).map(|set| (*set).to_owned());
     Layers::new(PRESETS).source(preset).sets(sets).resolve::<Config>().unwrap().value
 }
 
-/// The losses of so many steps.
+/// The losses of `steps` steps.
 pub(super) fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize) -> Vec<f64> {
     (0..steps).map(|_| training.step(&data.train).unwrap().loss).collect()
 }
@@ -40,7 +40,7 @@ pub(super) fn ball(views: usize, size: u32) -> Dataset {
     Dataset::open(folder.path(), &OpenOptions::default()).unwrap()
 }
 
-/// PSNR of the model's picture of a training view, decibels.
+/// PSNR of the model's image of a training view, decibels.
 pub(super) fn psnr(model: &dyn Model, split: &Split, view: usize) -> f64 {
     let frame = &split.frames[view];
     let picture = model.render(frame.camera.to_kernel(), frame.time as f32);
@@ -51,8 +51,8 @@ pub(super) fn psnr(model: &dyn Model, split: &Split, view: usize) -> f64 {
     -10.0 * (squares / target.len() as f64).log10()
 }
 
-/// Parameters and moments after `steps` steps; with a `stop`, the training is saved and dropped there, and another one goes
-/// on from its files.
+/// Parameters and moments after `steps` steps; with a `stop`, the training is saved and dropped there, and another one
+/// resumes from its files.
 pub(super) fn trained(
     method: &dyn Method,
     config: &Config,
@@ -87,8 +87,8 @@ fn resumed(method: &dyn Method, config: &Config, data: &Dataset, old: &dyn Train
     new
 }
 
-/// Holds that a training that was stopped and resumed has the bits of one that was not, and that a model that was saved and
-/// opened draws the same bits.
+/// Asserts that a training stopped and resumed is bit-identical to an uninterrupted one, and that a model saved and
+/// opened draws bit-identical images.
 pub(super) fn check_resume(method: &dyn Method, config: &Config, data: &Dataset) {
     let whole = trained(method, config, data, 5, None);
     let stopped = trained(method, config, data, 5, Some(3));
@@ -110,8 +110,8 @@ pub(super) fn check_resume(method: &dyn Method, config: &Config, data: &Dataset)
     assert_eq!(opened.render(camera, 0.3), training.model().render(camera, 0.3));
 }
 
-/// A network that ONNX Runtime ran, see `tests/support/networks_reference.py`: weights by our names, inputs and outputs as
-/// `check.NAME`.
+/// A network run by ONNX Runtime, see `tests/support/networks_reference.py`: weights by this crate's names, inputs and
+/// outputs as `check.NAME`.
 pub(super) struct Reference(pub BTreeMap<String, HostTensor>);
 
 impl Reference {
@@ -129,7 +129,7 @@ impl Reference {
         Tensor::from_data(TensorData::new(values.clone(), shape.clone()), &device())
     }
 
-    /// Holds that an output is what ONNX Runtime gave.
+    /// Asserts that an output matches that of ONNX Runtime.
     pub fn check<const D: usize>(&self, name: &str, found: Tensor<D>) {
         let expected = &self.0[&format!("check.{name}")];
         assert_eq!(found.dims().to_vec(), expected.shape, "{name}");
@@ -139,7 +139,7 @@ impl Reference {
     }
 }
 
-/// Holds that parameters after a few steps do not depend on the number of threads.
+/// Asserts that parameters after a few steps do not depend on the number of threads.
 pub(super) fn check_threads(method: &dyn Method, config: &Config, data: &Dataset) {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -148,7 +148,7 @@ pub(super) fn check_threads(method: &dyn Method, config: &Config, data: &Dataset
     assert_eq!(on(1), on(3));
 }
 
-/// The error of a file that the method did not write.
+/// The error for a file that the method did not write.
 pub(super) fn error_of(
     method: &dyn Method,
     edit: impl FnOnce(&mut BTreeMap<String, HostTensor>),

@@ -1,4 +1,5 @@
-//! Our method, the paper's: Gaussians in a canonical space, and a field of planes, lines and vectors that deforms them.
+//! VolSegGS, the paper's and this project's method: Gaussians in a canonical space, and a field of planes, lines and
+//! vectors that deforms them.
 
 use super::{Method, Model, Training};
 use crate::config::types::Config;
@@ -8,7 +9,7 @@ use crate::train::{TrainError, Trainer};
 use burn::tensor::Device;
 use std::path::Path;
 
-/// Our method. Its settings are the sections `[init]` to `[speed]`.
+/// VolSegGS. Its settings are the sections `[init]` to `[speed]`.
 #[derive(Clone, Copy, Debug)]
 pub struct VolSegGs;
 

@@ -1,8 +1,8 @@
 //! LPIPS v0.1, the learned perceptual distance of two images, with the AlexNet and VGG-16 backbones.
 //!
-//! The image path lives here: scaling, feature maps, distance. `net` holds the layer tables, `weights` the reader of the
-//! weights file, and [`convert`] makes that file from the published ones, which `state_dict` reads. Weights are never
-//! fetched: the caller names a local file.
+//! This file holds the image path: scaling, feature maps, distance. `net` holds the layer tables, `weights` the reader
+//! of the weights file, and [`convert`] makes that file from the published ones, which `state_dict` reads. Weights are
+//! never downloaded: the caller names a local file.
 
 pub mod convert;
 mod net;
@@ -45,7 +45,7 @@ impl fmt::Display for LpipsNet {
     }
 }
 
-/// Why LPIPS weights cannot be loaded or a distance not be computed.
+/// Why LPIPS weights cannot be loaded or a distance cannot be computed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LpipsError {
@@ -54,10 +54,10 @@ pub enum LpipsError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// What the system reported.
         source: std::io::Error,
     },
-    /// The weights file is no safetensors file, or cut short or changed.
+    /// The weights file is not a safetensors file, is truncated or was altered.
     #[error(
         "{path}: damaged: {reason}; copy the weights again, or make them with `volseggs lpips`",
         path = path.display()
@@ -65,10 +65,10 @@ pub enum LpipsError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// How it shows.
+        /// How it is damaged.
         reason: String,
     },
-    /// The first convolution is of neither net.
+    /// The first convolution belongs to neither net.
     #[error(
         "{path}: `{tensor}` has shape {found:?}; LPIPS weights have [64, 3, 11, 11] (alex) or [64, 3, 3, 3] (vgg) there",
         path = path.display()
@@ -76,12 +76,12 @@ pub enum LpipsError {
     UnknownNet {
         /// The file.
         path: PathBuf,
-        /// The tensor that tells the nets apart.
+        /// The tensor that distinguishes the nets.
         tensor: String,
         /// Its shape.
         found: Vec<usize>,
     },
-    /// A tensor is absent.
+    /// A tensor is missing.
     #[error("{path}: the tensor `{tensor}` is missing; use a file that `volseggs lpips` made", path = path.display())]
     Missing {
         /// The file.
@@ -99,12 +99,12 @@ pub enum LpipsError {
         path: PathBuf,
         /// The tensor.
         tensor: String,
-        /// The shape the net asks for.
+        /// The shape that the net requires.
         expected: Vec<usize>,
         /// The shape in the file.
         found: Vec<usize>,
     },
-    /// A tensor has an element type that is not read.
+    /// A tensor has an unsupported element type.
     #[error("{path}: `{tensor}` holds {found} values; convert them to F32 or F16", path = path.display())]
     Type {
         /// The file.
@@ -129,9 +129,9 @@ pub enum LpipsError {
         a: usize,
         /// Values in the second image.
         b: usize,
-        /// Rows asked for.
+        /// Requested number of rows.
         height: usize,
-        /// Columns asked for.
+        /// Requested number of columns.
         width: usize,
     },
     /// An image is smaller than the net's receptive field allows.
@@ -143,15 +143,15 @@ pub enum LpipsError {
         height: usize,
         /// Columns.
         width: usize,
-        /// The smallest side.
+        /// Minimum side.
         min: usize,
     },
-    /// The device did not give the result back.
+    /// The device did not return the result.
     #[error("cannot read the LPIPS result from the device: {0}")]
     Device(String),
 }
 
-/// An LPIPS net with its weights on a device. Nothing here is differentiable.
+/// An LPIPS net with its weights on a device. Only [`Lpips::first_features`] is differentiable.
 #[derive(Debug, Clone)]
 pub struct Lpips {
     weights: Weights,
@@ -159,26 +159,26 @@ pub struct Lpips {
 }
 
 impl Lpips {
-    /// Loads LPIPS v0.1 weights, F32 or F16, onto `device`; the shapes in the file tell the net.
+    /// Loads LPIPS v0.1 weights, F32 or F16, onto `device`; the shapes in the file identify the net.
     ///
     /// The file holds `net.conv{i}.weight` `[output, input, k, k]`, `net.conv{i}.bias` `[output]` and
     /// `lin{0..4}.weight` `[1, C, 1, 1]`. Other tensors are ignored.
     ///
     /// # Errors
-    /// Any [`LpipsError`] about the file: unreadable, truncated, a tensor missing, of a wrong shape
+    /// Any [`LpipsError`] about the file: unreadable, truncated, or with a tensor that is missing, of the wrong shape
     /// or type, or not finite.
     pub fn load(path: impl AsRef<Path>, device: &Device) -> Result<Self, LpipsError> {
         let device = if device.is_autodiff() { device.clone().inner() } else { device.clone() };
         Ok(Self { weights: Weights::load(path.as_ref(), &device)?, device })
     }
 
-    /// The net the weights belong to.
+    /// The net that the weights belong to.
     pub fn net(&self) -> LpipsNet {
         self.weights.net
     }
 
-    /// Features of the first stage of the backbone, of images `[N, 3, H, W]` in [-1, 1]; of VGG after its second ReLU,
-    /// `[N, 64, H, W]`. Differentiable with respect to the images.
+    /// Features of the backbone's first stage for images `[N, 3, H, W]` in [-1, 1]; for VGG those after its second
+    /// ReLU, `[N, 64, H, W]`. Differentiable with respect to the images.
     #[must_use]
     pub fn first_features(&self, images: Tensor<4>) -> Tensor<4> {
         let device = images.device();
@@ -193,12 +193,12 @@ impl Lpips {
         })
     }
 
-    /// The LPIPS distance of two RGB images `[H, W, 3]` with values in [0, 1]; 0 for equal images, and
-    /// NaN if either holds a value that is not finite.
+    /// The LPIPS distance of two RGB images `[H, W, 3]` with values in [0, 1]; 0 for equal images, and NaN if either
+    /// holds a non-finite value.
     ///
     /// # Errors
-    /// [`LpipsError::Size`] if an image has not `height * width * 3` values, [`LpipsError::TooSmall`]
-    /// below [`LpipsNet::min_side`], [`LpipsError::Device`] if the device fails.
+    /// [`LpipsError::Size`] if an image does not have `height * width * 3` values, [`LpipsError::TooSmall`] below
+    /// [`LpipsNet::min_side`], [`LpipsError::Device`] if the device fails.
     pub fn distance(&self, a: &[f32], b: &[f32], height: usize, width: usize) -> Result<f64, LpipsError> {
         let expected = height.checked_mul(width).and_then(|n| n.checked_mul(3));
         if expected != Some(a.len()) || expected != Some(b.len()) {
@@ -208,7 +208,7 @@ impl Lpips {
         if height.min(width) < min {
             return Err(LpipsError::TooSmall { net: self.net(), height, width, min });
         }
-        // A ReLU or a max pool may drop a NaN, and the distance would look sound.
+        // a ReLU or a max pool may drop a NaN, and the distance would look valid
         if !a.iter().chain(b).all(|v| v.is_finite()) {
             return Ok(f64::NAN);
         }
@@ -247,14 +247,14 @@ fn convolve(x: Tensor<4>, conv: &Conv) -> Tensor<4> {
     relu(conv2d(x, conv.weight.clone(), Some(conv.bias.clone()), options))
 }
 
-/// The mean over positions of the head-weighted squared difference of the two unit-length feature
-/// vectors. `features` is `[2, C, H, W]`, `head` `[1, C, 1, 1]`.
+/// The mean over positions of the head-weighted squared difference of the two normalised feature vectors. `features` is
+/// `[2, C, H, W]`, `head` `[1, C, 1, 1]`.
 fn layer_distance(features: Tensor<4>, head: Tensor<4>) -> Result<f64, LpipsError> {
     let norms = features.clone().square().sum_dim(1).sqrt().add_scalar(EPSILON);
     let unit = features.div(norms);
     let difference = unit.clone().narrow(0, 0, 1) - unit.narrow(0, 1, 1);
     let map = difference.square().mul(head).sum_dim(1);
-    // The sum over positions runs in f64 in a fixed order, whatever the device.
+    // the sum over positions runs in f64 in a fixed order, whatever the device
     let data = map.try_into_data().map_err(|e| LpipsError::Device(e.to_string()))?;
     let values = data.try_to_vec::<f32>().map_err(|e| LpipsError::Device(e.to_string()))?;
     Ok(values.iter().map(|&v| f64::from(v)).sum::<f64>() / values.len() as f64)

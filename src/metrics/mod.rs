@@ -1,4 +1,4 @@
-//! Image metrics over plain RGB arrays. Nothing here knows of models or files of runs.
+//! Image metrics on plain RGB arrays. This module knows nothing of models or run files.
 
 pub mod lpips;
 pub mod psnr;

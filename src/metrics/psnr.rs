@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetricError {
-    /// The two images differ in size, or not as many values as the size asks for.
+    /// The two images differ in size, or their number of values does not match the size.
     #[error("the images hold {a} and {b} values but {expected} are expected; render both at the same size")]
     Size {
         /// Values in the first image.
@@ -21,7 +21,7 @@ pub enum MetricError {
         width: usize,
         /// Rows.
         height: usize,
-        /// Side of the window in pixels.
+        /// Side length of the window in pixels.
         window: usize,
     },
 }
@@ -46,18 +46,19 @@ pub fn to_8_bits(value: f32) -> f32 {
     (value.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
 
-/// [`psnr`] of two 8-bit images as values in [0, 1], never infinite: equal images count as if one of their values differed
-/// by one step of 255. A view that shows nothing, drawn as nothing, would make the mean over all views infinite.
+/// [`psnr`] of two 8-bit images as values in [0, 1], never infinite: equal images count as if one of their values
+/// differed by one step of 255. Otherwise a view that shows nothing, drawn as nothing, would make the mean over all
+/// views infinite.
 ///
 /// # Errors
 /// As [`psnr`].
 pub fn psnr_of_pictures(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
     let most = most_of_pictures(a.len());
-    // NaN stays
+    // NaN is kept
     psnr(a, b).map(|value| if value > most { most } else { value })
 }
 
-/// The PSNR in dB that equal 8-bit images of so many values count with.
+/// The PSNR in dB assigned to equal 8-bit images of `values` values.
 #[must_use]
 pub fn most_of_pictures(values: usize) -> f64 {
     20.0 * 255f64.log10() + 10.0 * (values as f64).log10()
@@ -81,8 +82,8 @@ mod tests {
 
     #[test]
     fn agrees_with_scikit_image() {
-        // skimage.metrics.peak_signal_noise_ratio(a, b, data_range=1), scikit-image 0.26.0, on
-        // the images described at `images`.
+        // skimage.metrics.peak_signal_noise_ratio(a, b, data_range=1), scikit-image 0.26.0, on the images described at
+        // `images`
         let (a, b) = images();
         assert!((psnr(&a, &b).unwrap() - 29.097_538_940_181_252).abs() < 1e-10);
     }

@@ -1,7 +1,7 @@
 //! Structural similarity in the two conventions that papers report.
 //!
-//! Both take images `[H, W, 3]` with values in [0, 1] and compute in `f64`. Rows are filtered in
-//! parallel and summed in row order, so the thread count does not change a bit of the result.
+//! Both take images `[H, W, 3]` with values in [0, 1] and compute in `f64`. Rows are filtered in parallel and summed in
+//! row order, so the result is bit-identical for any number of threads.
 
 use rayon::prelude::*;
 
@@ -15,8 +15,8 @@ const UNIFORM_TAPS: usize = 7;
 /// Weights of red, green and blue in scikit-image's `rgb2gray`.
 const GRAY: [f64; 3] = [0.2125, 0.7154, 0.0721];
 
-/// SSIM as 3D Gaussian Splatting computes it: an 11-tap Gaussian window with sigma 1.5 on each
-/// channel, zeros beyond the border, population covariance, mean over all pixels and channels.
+/// SSIM as computed by 3D Gaussian Splatting: an 11-tap Gaussian window with sigma 1.5 on each channel, zeros beyond
+/// the border, population covariance, mean over all pixels and channels.
 ///
 /// scikit-image's `gaussian_weights=True` reflects at the border and drops it from the mean; the
 /// two agree on pixels at least 5 away from the border.
@@ -29,9 +29,8 @@ pub fn ssim_rgb(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f64
     Ok(sum / (width * height * 3) as f64)
 }
 
-/// SSIM of the gray images as scikit-image's `structural_similarity` computes it by default:
-/// `rgb2gray`, 7x7 uniform window, `data_range=1`, sample covariance, mean over the pixels at
-/// least 3 away from the border.
+/// SSIM of the grey images as computed by default by scikit-image's `structural_similarity`: `rgb2gray`, 7x7 uniform
+/// window, `data_range=1`, sample covariance, mean over the pixels at least 3 away from the border.
 ///
 /// # Errors
 /// [`MetricError::Size`] as for [`ssim_rgb`]; [`MetricError::TooSmall`] below 7x7 pixels.
@@ -148,8 +147,7 @@ pub(crate) mod tests {
 
     #[test]
     fn gray_agrees_with_scikit_image() {
-        // structural_similarity(rgb2gray(a), rgb2gray(b), data_range=1) in float64,
-        // scikit-image 0.26.0.
+        // structural_similarity(rgb2gray(a), rgb2gray(b), data_range=1) in float64, scikit-image 0.26.0
         let (a, b) = images();
         let value = ssim_gray(&a, &b, W, H).unwrap();
         assert!((value - 0.991_503_213_269_444_4).abs() < 1e-10, "{value}");
@@ -158,9 +156,9 @@ pub(crate) mod tests {
     #[test]
     fn rgb_agrees_with_scikit_image_inside_and_with_numpy_at_the_border() {
         let (a, b) = images();
-        // structural_similarity(a, b, gaussian_weights=True, sigma=1.5,
-        // use_sample_covariance=False, channel_axis=2, data_range=1, full=True), mean of the map
-        // over [5:-5, 5:-5], scikit-image 0.26.0. Its border reflects, so only the inside agrees.
+        // structural_similarity(a, b, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, channel_axis=2,
+        // data_range=1, full=True), mean of the map over [5:-5, 5:-5], scikit-image 0.26.0. Its border reflects, so
+        // only the inside agrees
         let mut sum = 0.0;
         for map in rgb_maps(&a, &b, W, H).unwrap() {
             for row in map.chunks_exact(W).skip(5).take(H - 10) {
@@ -169,8 +167,7 @@ pub(crate) mod tests {
         }
         let inside = sum / ((W - 10) * (H - 10) * 3) as f64;
         assert!((inside - 0.992_553_356_170_349_7).abs() < 1e-10, "{inside}");
-        // The same formula with np.pad(..., 5) zeros around every filtered plane, mean over
-        // everything, numpy 2.4.6.
+        // the same formula with np.pad(..., 5) zeros around every filtered plane, mean over everything, numpy 2.4.6
         let value = ssim_rgb(&a, &b, W, H).unwrap();
         assert!((value - 0.992_724_773_996_961_1).abs() < 1e-10, "{value}");
     }

@@ -1,17 +1,17 @@
-//! Appearance as shading: a base colour, a normal that moves along, and one material under a headlight, in place of a colour
-//! that spherical harmonics write out over all directions.
+//! Appearance as shading: a base colour, a normal that moves with the Gaussian, and one shared material under a
+//! headlight, in place of a colour expanded in spherical harmonics over all directions.
 //!
-//! The images that scenes are trained on are shaded by Blinn-Phong with a white light at the eye (`volume::raycast`).
-//! Spherical harmonics of degree 3 cannot draw the narrow dark rims that this gives thin shells, need their 48 numbers to
-//! learn from few views what two directions say, and stay in world axes while things turn. Here the first coefficients
-//! are the base colour, free of light; a normal in the Gaussian's own frame is turned by its rotation at the time; the
-//! material is one for all; and coefficients beyond the first, up to `model.sh_degree`, add what is left. What is computed
+//! The training images are shaded by Blinn-Phong with a white light at the eye (`volume::raycast`). Spherical harmonics
+//! of degree 3 cannot represent the narrow dark rims that this gives thin shells, need 48 coefficients to learn from
+//! few views what two directions encode, and stay in world axes while objects rotate. Here the first coefficients are
+//! the unlit base colour; a normal in the Gaussian's own frame is rotated by its rotation at the time; the material is
+//! shared by all Gaussians; and coefficients beyond the first, up to `model.sh_degree`, add the residual. The formula
 //! is in [`volseggs_kernels::shading`].
 //!
 //! A run has its appearance from the first step. A conversion after warm-up would find little to convert: warm-up lasts
-//! some hundred steps, its harmonics are of few views, and a first normal is soon turned, since two-sided diffuse light
-//! leads to the right one from almost everywhere. So the parameters of a run are the same ones from beginning to end, for
-//! the optimiser, checkpoints and those who resume.
+//! a few hundred steps, its harmonics come from few views, and an initial normal is soon corrected, since two-sided
+//! diffuse light leads to the right one from almost everywhere. The parameters therefore stay the same throughout a
+//! run, for the optimiser, checkpoints and resumed runs.
 
 use super::host::HostGaussians;
 use super::params::to_vec;
@@ -23,15 +23,15 @@ use burn::tensor::{Device, Tensor, TensorData};
 use glam::{Quat, Vec3};
 use volseggs_kernels::shading::{Light, MATERIAL, Material, Shading};
 
-/// The normals among a Gaussian's attributes, see [`HostGaussians::columns`].
+/// Name of the normals among a Gaussian's attributes, see [`HostGaussians::columns`].
 pub const NORMALS: &str = "headlight.normals";
-/// The parameter that is no attribute of single Gaussians, `[3]`.
+/// Name of the parameter shared by all Gaussians, `[3]`.
 pub const MATERIAL_NAME: &str = "gaussians.headlight.material";
 
-/// The material that training starts with: that of the transfer functions if they do not say.
+/// Initial material: the default of the transfer functions.
 const FIRST: Material = Material { ambient: 0.3, specular: 0.2, exponent: 20.0 };
 
-/// What is trained beside the Gaussians' other attributes.
+/// The shading parameters trained beside the Gaussians' other attributes.
 #[derive(Module, Debug)]
 pub struct Headlight {
     /// Normals in the Gaussians' own frames `[N, 3]`, of any length.
@@ -41,13 +41,13 @@ pub struct Headlight {
 }
 
 impl Headlight {
-    /// Puts it on a device.
+    /// Moves it to a device.
     pub fn from_host(host: HostShading, device: &Device) -> Self {
         let Shading { normals, material, .. } = host.into_device(device);
         Self { normals: Param::from_tensor(normals), material: Param::from_tensor(material) }
     }
 
-    /// As splatting takes it; with gradients where the parameters have them.
+    /// The input for splatting, with gradients where the parameters have them.
     pub fn val(&self) -> Shading {
         Shading { normals: self.normals.val(), material: self.material.val(), light: Light::Head }
     }
@@ -64,7 +64,7 @@ pub struct HostShading {
     pub light: Light,
 }
 
-/// Of no Gaussians, with the material that training starts with.
+/// No Gaussians, with the initial material.
 impl Default for HostShading {
     fn default() -> Self {
         Self { normals: Vec::new(), material: FIRST.to_trained(), light: Light::Head }
@@ -72,7 +72,7 @@ impl Default for HostShading {
 }
 
 impl HostShading {
-    /// The shading that training starts with, if `config` asks for one: normals at random.
+    /// The initial shading, with random normals, if `config` asks for one.
     #[must_use]
     pub fn first(config: &ModelConfig, n: usize, seed: u64) -> Option<Self> {
         match config.appearance {
@@ -88,7 +88,7 @@ impl HostShading {
         }
     }
 
-    /// The same of no Gaussians.
+    /// The same shading without Gaussians.
     pub(super) fn without_normals(&self) -> Self {
         Self { normals: Vec::new(), ..*self }
     }
@@ -113,12 +113,13 @@ impl HostShading {
 }
 
 impl HostGaussians {
-    /// The same Gaussians without a shading, their spherical harmonics as near to what they look like under a headlight as
-    /// degree 2 or theirs, if it is higher, allows: for files and programs that know harmonics alone.
+    /// The same Gaussians without shading. Their spherical harmonics approximate the appearance under a headlight as
+    /// closely as degree 2, or their own degree if higher, allows: for files and programs that know harmonics alone.
     ///
-    /// What a headlight makes of a normal `n` depends on `|n.d|` alone, `d` being the direction of view, so by the theorem of
-    /// Funk and Hecke its coefficient of band `l` is `Y_l(n)` times `2 pi` the integral of `g(t) P_l(t)` over [-1, 1], which
-    /// for `|t|^p` is 1 / (p + 1) in band 0 and p / ((p + 1) (p + 3)) in band 2, times `4 pi`; odd bands have none.
+    /// The headlight term of a normal `n` depends on `|n.d|` alone, where `d` is the view direction, so by the
+    /// Funk-Hecke theorem its coefficient of band `l` is `Y_l(n)` times `2 pi` times the integral of `g(t) P_l(t)` over
+    /// [-1, 1]. For `|t|^p` that factor is `4 pi` times 1 / (p + 1) in band 0 and p / ((p + 1) (p + 3)) in band 2; odd
+    /// bands vanish.
     #[must_use]
     pub fn baked(&self) -> Self {
         let Some(shading) = &self.shading else { return self.clone() };
@@ -147,8 +148,8 @@ impl HostGaussians {
         Self { sh, sh_stride: k, shading: None, ..self.clone() }
     }
 
-    /// What segments are told apart by: the coefficients `[N, K, 3]` and K. Of shaded Gaussians the base colours alone,
-    /// `[N, 1, 3]`, which no light has touched.
+    /// The colours used for segmentation: the coefficients `[N, K, 3]` and K. For shaded Gaussians these are the unlit
+    /// base colours alone, `[N, 1, 3]`.
     #[must_use]
     pub fn material_colours(&self) -> (std::borrow::Cow<'_, [f32]>, usize) {
         if self.shading.is_none() || self.sh_stride == 1 {
@@ -182,7 +183,7 @@ mod tests {
         let baked = gaussian.baked();
         assert_eq!((baked.sh_stride, &baked.shading, baked.misshapen()), (9, &None, None));
         assert_eq!(baked.sh[3..12], gaussian.sh[3..12], "what is left stays");
-        // by numbers: integrals over the sphere of the shaded colour times each function of bands 0 and 2
+        // numerically: integrals over the sphere of the shaded colour times each function of bands 0 and 2
         let directions = crate::segment::colour::fibonacci_sphere(20_000);
         let mut sums = [[0.0f64; 3]; 9];
         for d in &directions {

@@ -8,7 +8,7 @@ use super::params::to_vec;
 use volseggs_kernels::activation::sigmoid;
 use volseggs_kernels::splat::SplatInputs;
 
-/// Some Gaussians of a scene, ready to be looked at at many times. All are grey: the deformation does not look at colours.
+/// Some Gaussians of a scene, prepared for evaluation at many times. All are grey: the deformation ignores colours.
 #[derive(Debug)]
 pub struct SomeGaussians<'a> {
     scene: &'a Scene,
@@ -28,16 +28,16 @@ impl SomeGaussians<'_> {
 }
 
 impl Scene {
-    /// Whether opacities may differ from time to time.
+    /// Whether opacities may change over time.
     #[must_use]
     pub fn opacity_changes(&self) -> bool {
         self.spec.deformed && self.spec.model.deform_opacity && self.spec.d3dgs.is_none()
     }
 
-    /// The Gaussians that `which` lists, at least one.
+    /// The Gaussians listed in `which`, at least one.
     ///
     /// # Panics
-    /// If one is not below N.
+    /// If an index is not below N.
     #[must_use]
     pub fn some(&self, which: &[u32]) -> SomeGaussians<'_> {
         self.rows(&self.without_colour(), which)
@@ -62,15 +62,15 @@ impl Scene {
         }
     }
 
-    /// Opacities `[N]` of the Gaussians that are `asked` `[N]`, each at the first of eleven evenly spaced times, from the
-    /// ends inwards, at which it is at least `least`; 0 for those that never are. The others cost nothing, and are 0; one
-    /// that was found costs no more.
+    /// Opacities `[N]` of the Gaussians marked in `asked` `[N]`, each at the first of eleven evenly spaced times,
+    /// distant times first, at which it is at least `least`; 0 if there is none. Unmarked Gaussians are 0 and cost
+    /// nothing; a Gaussian already found is not evaluated again.
     ///
     /// # Panics
     /// If `asked` is not of length N.
     #[must_use]
     pub fn opacity_elsewhen(&self, asked: &[bool], least: f32) -> Vec<f32> {
-        // far from each other first, so that few are left soon
+        // far apart first, so that few soon remain open
         const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
         assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
         let all = self.without_colour();

@@ -1,5 +1,6 @@
 //! The deformation network of D3DGS (Yang et al., "Deformable 3D Gaussians for high-fidelity monocular dynamic scene
-//! reconstruction", CVPR 2024): a multi-layer perceptron on frequencies of position and time, whose outputs are the changes.
+//! reconstruction", CVPR 2024): a multi-layer perceptron on frequency encodings of position and time that outputs the
+//! changes.
 
 use super::Gaussians;
 use super::appearance::Headlight;
@@ -13,22 +14,22 @@ use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::splat::SplatInputs;
 
-/// Changes of mean, rotation and scale, in the network's last layer.
+/// Output columns: changes of mean, rotation and scale.
 const OUTPUTS: [usize; 3] = [3, 4, 3];
 /// Their sum.
 const OUTPUT_COLUMNS: usize = 10;
-/// A standard deviation on which the changes leave less than that counts as that, world units.
+/// Lower bound on a standard deviation after the changes, world units.
 const LEAST_SCALE: f32 = 1e-8;
 
-/// The network, as the authors' code has it: eight layers of 256 with ReLU, whose input goes in again beside the output of the
-/// fifth, and a linear layer for the changes of mean, rotation and scale. Colours and opacity stay. No gradient goes back to
-/// the positions.
+/// The network of the authors' code: eight layers of 256 with ReLU, whose input is concatenated again with the output
+/// of the fifth, and a linear layer for the changes of mean, rotation and scale. Colours and opacity are unchanged. No
+/// gradient flows back to the positions.
 ///
-/// What differs from that code: a rotation is normalised when it is drawn, after its change has been added, where the
-/// published rasteriser takes it as it is; and the order of the encoded values, on which nothing depends.
+/// Differences from that code: a rotation is normalised when it is drawn, after its change has been added, whereas the
+/// published rasteriser uses it unnormalised; and the order of the encoded values, which affects nothing.
 #[derive(Module, Debug)]
 pub struct DeformationNetwork {
-    /// The two layers of the network on time; none where encoded time goes in as it is.
+    /// The two layers of the time network; empty where the encoded time is used directly.
     pub time: Vec<Layer>,
     /// The hidden layers in their order.
     pub layers: Vec<Layer>,
@@ -39,8 +40,9 @@ pub struct DeformationNetwork {
 }
 
 impl DeformationNetwork {
-    /// A new network. Weights and biases start as PyTorch's, uniform in +-1 / sqrt(inputs); with `zero_outputs` those of the last
-    /// layer within 1e-4 of zero and at zero, as exact zeros would hold the gradients of all others at zero.
+    /// A new network. Weights and biases start as in PyTorch, uniform in +-1 / sqrt(inputs). With `zero_outputs` the
+    /// weights of the last layer start within 1e-4 of zero and its biases at zero: exactly zero weights would hold the
+    /// gradients of all other layers at zero.
     pub fn new(config: &D3dgsConfig, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 3, Purpose::EncoderInit);
         let mut values = |n: usize, bound: f32| (0..n).map(|_| bound * (2.0 * rng.uniform() - 1.0)).collect::<Vec<_>>();
@@ -65,8 +67,8 @@ impl DeformationNetwork {
         Self { time, layers, output, config: config.clone() }
     }
 
-    /// Changes `[N, 10]` of mean, rotation and scale at positions `[N, 3]` (world units) and a time in [0, 1] or, with noise, little
-    /// beyond.
+    /// Changes `[N, 10]` of mean, rotation and scale at positions `[N, 3]` (world units) and a time in [0, 1], or
+    /// slightly beyond with noise.
     pub fn forward(&self, positions: Tensor<2>, time: f32) -> Tensor<2> {
         let [n, _] = positions.dims();
         let mut of_time = encode_time(time, self.config.time_octaves, &positions.device());
@@ -85,7 +87,7 @@ impl DeformationNetwork {
         linear(x, &self.output.weight, &self.output.bias)
     }
 
-    /// The Gaussians at a time: x + dx, q / |q| + dq, exp(s) + ds (a scale that comes out below zero counts with its size, as only
+    /// The Gaussians at a time: x + dx, q / |q| + dq, exp(s) + ds (a negative scale counts by its magnitude, as only
     /// its square is drawn).
     pub fn deform(&self, gaussians: &Gaussians, time: f32) -> SplatInputs {
         let means = gaussians.means.val();
@@ -108,18 +110,18 @@ impl DeformationNetwork {
     }
 }
 
-/// Values of a number and its octaves.
+/// Number of values that encode one number: itself and its octaves.
 fn waves(octaves: usize) -> usize {
     1 + 2 * octaves
 }
 
-/// Inputs of the first layer.
+/// Number of inputs of the first layer.
 fn encoded(config: &D3dgsConfig) -> usize {
     let time = if config.time_features > 0 { config.time_features } else { waves(config.time_octaves) };
     3 * waves(config.octaves) + time
 }
 
-/// Inputs of hidden layer `i`.
+/// Number of inputs of hidden layer `i`.
 fn inputs(config: &D3dgsConfig, i: usize) -> usize {
     match i {
         0 => encoded(config),
@@ -128,10 +130,10 @@ fn inputs(config: &D3dgsConfig, i: usize) -> usize {
     }
 }
 
-/// Refuses sizes that no network can have, by key.
+/// Rejects sizes that no network can have, naming the key.
 ///
 /// # Errors
-/// The first such key with its value, and what it may be.
+/// The first such key with its value and the allowed range.
 pub fn check(config: &D3dgsConfig) -> Result<(), String> {
     let D3dgsConfig { depth, skip, .. } = *config;
     // (key, value, least, most)
@@ -156,10 +158,10 @@ pub fn check(config: &D3dgsConfig) -> Result<(), String> {
     Ok(())
 }
 
-/// Widest layers of which anything fits into memory.
+/// Widest layer that could fit into memory.
 const MAX_WIDTH: usize = 1 << 16;
 
-/// Parameters of the network of a configuration that [`check`] lets through.
+/// Number of parameters of the network for a configuration accepted by [`check`].
 #[must_use]
 pub fn parameters(config: &D3dgsConfig) -> u128 {
     let of_time = match config.time_features {
@@ -173,15 +175,15 @@ pub fn parameters(config: &D3dgsConfig) -> u128 {
     of_time + hidden.sum::<u128>() + layer(config.width as u128, OUTPUT_COLUMNS as u128)
 }
 
-/// Values that a step keeps for each Gaussian until the gradients are found: the input, once more beside the layer that it
-/// joins, each hidden layer before and after its ReLU, and the changes.
+/// Number of values that a step keeps per Gaussian until the gradients are computed: the input, the concatenated input
+/// of the skip layer, each hidden layer before and after its ReLU, and the changes.
 #[must_use]
 pub fn kept_values(config: &D3dgsConfig) -> u128 {
     let joined = if config.skip > 0 { encoded(config) + config.width } else { 0 };
     (encoded(config) + joined + 2 * config.depth * config.width + OUTPUT_COLUMNS) as u128
 }
 
-/// Values of the widest tensor for each Gaussian.
+/// Number of values per Gaussian in the widest tensor.
 #[must_use]
 pub fn widest(config: &D3dgsConfig) -> u128 {
     (0..config.depth).map(|i| inputs(config, i).max(config.width)).max().unwrap_or_default() as u128

@@ -1,4 +1,4 @@
-//! The light decoder: features in, changes of mean, rotation, log-scale and opacity logit out.
+//! The lightweight decoder: features in, changes of mean, rotation, log-scale and opacity logit out.
 
 use crate::config::types::{BiasInit, DecoderKind, ModelConfig};
 use crate::rng::{Purpose, Rng};
@@ -49,9 +49,9 @@ fn uniform(rng: &mut Rng, inputs: usize, outputs: usize, bound: f32, device: &De
 impl Decoder {
     /// A new decoder for `features` inputs.
     ///
-    /// With `zero_init_heads` the outputs start within 1e-4 of zero, so that the first joint step does
-    /// not throw the Gaussians about; exactly zero would hold the encoder's gradient at zero for a step. Biases start as
-    /// `bias_init` says, those of such outputs at zero.
+    /// With `zero_init_heads` the outputs start within 1e-4 of zero, so that the first joint step does not scatter the
+    /// Gaussians; exactly zero would hold the encoder's gradient at zero for a step. Biases start as set by
+    /// `bias_init`, except that those of such outputs start at zero.
     pub fn new(config: &ModelConfig, features: usize, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::DecoderInit);
         let width = config.width;
@@ -66,7 +66,7 @@ impl Decoder {
         } else {
             xavier(&mut rng, width, OUTPUT_COLUMNS, device)
         };
-        // drawn after the weights, which are then the same whichever way biases start
+        // drawn after the weights, which therefore do not depend on `bias_init`
         let mut bias = |inputs: usize, n: usize, is_zero: bool| {
             let bound = 1.0 / (inputs as f32).sqrt();
             let values = match config.bias_init {
@@ -86,7 +86,7 @@ impl Decoder {
         }
     }
 
-    /// `[N, features]` to `[N, 11]`, fused.
+    /// Maps `[N, features]` to `[N, 11]`, fused.
     pub fn forward(&self, features: Tensor<2>) -> Tensor<2> {
         let [inputs, width] = self.trunk_weight.dims();
         let head_sizes = if self.heads == 1 { vec![OUTPUT_COLUMNS] } else { OUTPUTS.to_vec() };
@@ -106,7 +106,7 @@ mod tests {
     use crate::device::DeviceName;
     use burn::tensor::activation::relu;
 
-    /// The same in plain tensor operations.
+    /// The same decoder in plain tensor operations.
     fn plain(decoder: &Decoder, features: Tensor<2>) -> Tensor<2> {
         let h = relu(linear(features, &decoder.trunk_weight, &decoder.trunk_bias));
         let h = relu(linear(h, &decoder.hidden_weight, &decoder.hidden_bias));

@@ -14,7 +14,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::splat::SplatInputs;
 
-/// Added to the opacity logit of a Gaussian that is left out.
+/// Added to the opacity logit of a culled Gaussian.
 const TRANSPARENT: f32 = -1e4;
 
 /// Encoder and decoder (the paper's F = D o H).
@@ -22,7 +22,7 @@ const TRANSPARENT: f32 = -1e4;
 pub struct DeformationField {
     /// Space-time features.
     pub encoder: Encoder,
-    /// Features to changes; none if the encoder gives those.
+    /// Maps features to changes; `None` if the encoder outputs the changes itself.
     pub decoder: Option<Decoder>,
     #[module(skip)]
     placing: Placing,
@@ -41,7 +41,7 @@ impl DeformationField {
     /// A new field over the box `centre +- half_size`.
     ///
     /// # Panics
-    /// If the configuration names a registered encoder that [`ExtraEncoder::check`] refuses.
+    /// If the configuration names a registered encoder that [`ExtraEncoder::check`] rejects.
     pub fn new(config: &ModelConfig, centre: [f32; 3], half_size: [f32; 3], seed: u64, device: &Device) -> Self {
         let encoder = match config.encoder {
             EncoderKind::Factorised => Encoder::Factorised(FactorisedEncoder::new(config, seed, device)),
@@ -62,16 +62,16 @@ impl DeformationField {
         Self { encoder, decoder: Some(decoder), placing }
     }
 
-    /// That of D3DGS, which knows no box.
+    /// The field of D3DGS, which has no box.
     pub fn d3dgs(config: &D3dgsConfig, seed: u64, device: &Device) -> Self {
         let encoder = Encoder::D3dgs(DeformationNetwork::new(config, seed, device));
         let (centre, half_size, time_range) = ([0.0; 3], [1.0; 3], TimeRange::Full);
         Self { encoder, decoder: None, placing: Placing { centre, half_size, time_range, deform_opacity: false } }
     }
 
-    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes; colours and
-    /// normals (in the Gaussians' own frames) stay. Those that are
-    /// `culled` `[N]`, if that is given, are not looked up: they come out transparent.
+    /// The Gaussians at `time` in [0, 1]: changes are added to the raw attributes; colours and normals (in the
+    /// Gaussians' own frames) are unchanged. Those marked in `culled` `[N]`, if given, are not evaluated and come out
+    /// transparent; D3DGS ignores `culled`.
     pub fn deform(&self, gaussians: &Gaussians, time: f32, culled: Option<&[bool]>) -> SplatInputs {
         let means = gaussians.means.val();
         let device = means.device();
@@ -80,7 +80,7 @@ impl DeformationField {
         let mut points = (means.clone() - row(self.placing.centre)) * row(inverse);
         let marks = |value: f32| culled.map(|a| a.iter().map(|&a| if a { value } else { 0.0 }).collect::<Vec<f32>>());
         if let Some(marks) = marks(f32::NAN) {
-            // the field and the decoder pass over points that are none
+            // the field and the decoder skip NaN points
             let n = marks.len();
             points = points + Tensor::from_data(TensorData::new(marks, [n, 1]), &device);
         }

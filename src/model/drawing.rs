@@ -1,4 +1,4 @@
-//! What every method's trained model can do, whatever it is made of: draw any view at any time, and be kept in a file.
+//! What the trained model of every method can do: draw any view at any time, and be saved to a file.
 
 use super::Scene;
 use super::params::{self, HostTensor, to_vec};
@@ -10,30 +10,31 @@ use std::fmt::Debug;
 use std::path::Path;
 use volseggs_kernels::Camera;
 
-/// What was trained: draws any view at any time.
+/// A trained model: draws any view at any time.
 pub trait Model: Debug + Send {
-    /// The view of `camera` at `time` in [0, 1], `[H, W, 4]` on the model's device: colour over [`Model::background`] and alpha,
-    /// both in [0, 1] or little beyond; alpha is 1 everywhere if the method does not tell it. Without gradients. A view
-    /// that is larger than what the device takes at once is drawn in parts.
+    /// The view of `camera` at `time` in [0, 1], `[H, W, 4]` on the model's device: colour over [`Model::background`]
+    /// and alpha, both in [0, 1] or slightly beyond; alpha is 1 everywhere if the method does not provide it. Without
+    /// gradients. A view too large for the device to process at once is drawn in parts.
     fn image(&self, camera: Camera, time: f32) -> Tensor<3>;
 
-    /// The same on the host, row-major.
+    /// The same view on the host, row-major.
     fn render(&self, camera: Camera, time: f32) -> Vec<f32> {
         to_vec(self.image(camera, time))
     }
 
-    /// The device that it draws on.
+    /// The device it draws on.
     fn device(&self) -> Device;
 
-    /// The colour that lies behind everything, in training and in pictures.
+    /// The background colour, in training and in rendered images.
     fn background(&self) -> [f32; 3];
 
-    /// Centre and half size of what it shows, world units: where cameras look, and from how far, that nothing else says it of.
+    /// Centre and half size of what it shows, world units: for cameras whose target and distance are not otherwise
+    /// given.
     fn place(&self) -> (DVec3, f64) {
         (DVec3::ZERO, 1.0)
     }
 
-    /// How large it is. Its bytes are those of its file.
+    /// Its number of parameters and primitives; its size in bytes is that of its file.
     fn counts(&self) -> Counts;
 
     /// All parameters by name.
@@ -46,23 +47,23 @@ pub trait Model: Debug + Send {
     /// If the file cannot be written.
     fn save(&self, path: &Path) -> Result<(), SceneError>;
 
-    /// The Gaussians with their field, of a method whose Gaussians are the same ones at every time.
+    /// The Gaussians with their field, for a method whose Gaussians are the same at every time.
     fn scene(&self) -> Option<&Scene> {
         None
     }
 
-    /// The same, given away.
+    /// Like [`Model::scene`], but consumes the model.
     fn into_scene(self: Box<Self>) -> Option<Scene> {
         None
     }
 }
 
-/// How large a model is.
+/// The size of a model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Numbers that were trained and that drawing needs.
+    /// Number of trained values that drawing needs.
     pub parameters: usize,
-    /// Gaussians; 0 for a method without primitives.
+    /// Number of Gaussians; 0 for a method without primitives.
     pub primitives: usize,
 }
 

@@ -13,12 +13,13 @@ use volseggs_kernels::field::{FieldShape, LevelShape, field};
 
 /// The paper's explicit encoder: planes, lines and temporal vectors at several resolutions.
 ///
-/// The three flat buffers are laid out as [`FieldShape`] says.
+/// The three flat buffers are laid out as described in [`FieldShape`].
 ///
 /// The paper's equation 4 sums over the ranks of space and of time,
-/// `T4 = (sum_r Mxy_r o vz_r + Mxz_r o vy_r + Myz_r o vx_r) o (sum_r vt_r)`, which read as it stands leaves one number a level.
-/// Here, as in the released code, nothing is summed over r: each rank is a channel, and what the decoder gets is the product of
-/// space and time of every channel of every level. [`volseggs_kernels::field`] says why the sum is not offered.
+/// `T4 = (sum_r Mxy_r o vz_r + Mxz_r o vy_r + Myz_r o vx_r) o (sum_r vt_r)`, which taken literally leaves one number a
+/// level. Here, as in the released code, nothing is summed over r: each rank is a channel, and the decoder receives the
+/// product of space and time for every channel of every level. [`volseggs_kernels::field`] explains why the sum is not
+/// offered.
 #[derive(Module, Debug)]
 pub struct FactorisedEncoder {
     /// Spatial feature matrices of all levels, flat.
@@ -33,7 +34,7 @@ pub struct FactorisedEncoder {
     curve: TimeCurve,
 }
 
-/// Sizes of the factorised encoder for a configuration: level m has `m * resolution` nodes an axis.
+/// Sizes of the factorised encoder for a configuration: level m has `m * resolution` nodes per axis.
 pub fn field_shape(config: &ModelConfig) -> FieldShape {
     FieldShape {
         levels: (1..=config.levels).map(|m| LevelShape { resolution: [m * config.resolution; 3] }).collect(),
@@ -42,7 +43,7 @@ pub fn field_shape(config: &ModelConfig) -> FieldShape {
     }
 }
 
-/// What planes and lines start with.
+/// Initial values of planes and lines.
 pub(super) fn first_values(init: GridInit, len: usize, rng: &mut Rng) -> Vec<f32> {
     match init {
         GridInit::Uniform => (0..len).map(|_| 0.1 + 0.4 * rng.uniform()).collect(),
@@ -53,8 +54,8 @@ pub(super) fn first_values(init: GridInit, len: usize, rng: &mut Rng) -> Vec<f32
 impl FactorisedEncoder {
     /// A new encoder.
     ///
-    /// Started at zero in all three factors every gradient of the data is zero too (a dead saddle), so
-    /// the default starts planes and lines in [0.1, 0.5] and temporal vectors at 1.
+    /// With all three factors at zero, every gradient of the data is zero too (a dead saddle), so the default
+    /// initialises planes and lines in [0.1, 0.5] and temporal vectors at 1.
     pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
         let shape = field_shape(config);
         let mut rng = Rng::new(seed, 0, Purpose::EncoderInit);
@@ -105,8 +106,8 @@ pub enum Encoder {
     HexPlane(HexPlaneEncoder),
     /// A multi-layer perceptron.
     Implicit(ImplicitEncoder),
-    /// A registered one.
+    /// A registered encoder.
     Extra(ExtraEncoder),
-    /// The whole network of D3DGS: it gives the changes themselves, and there is no decoder.
+    /// The whole network of D3DGS: it outputs the changes directly, and there is no decoder.
     D3dgs(DeformationNetwork),
 }

@@ -1,4 +1,4 @@
-//! Space-time encoders.
+//! Definitions of registered space-time encoders.
 
 use crate::config::types::ModelConfig;
 use crate::registry::{NotRegistered, Registry};
@@ -8,25 +8,25 @@ use std::sync::Arc;
 
 pub(crate) static ENCODERS: Registry<dyn EncoderDefinition> = Registry::new("encoder");
 
-/// A learnt tensor of an encoder, as it starts.
+/// A learnt tensor of an encoder with its initial values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name, unlike those of the encoder's others.
+    /// Its name, unique within the encoder.
     pub name: String,
     /// Extents, slowest first.
     pub shape: Vec<usize>,
-    /// First values, row-major.
+    /// Initial values, row-major.
     pub start: Vec<f32>,
 }
 
 impl Parameter {
-    /// A parameter from its first values, row-major.
+    /// Creates a parameter from its initial values, row-major.
     #[must_use]
     pub fn new(name: &str, shape: impl Into<Vec<usize>>, start: Vec<f32>) -> Self {
         Self { name: name.to_owned(), shape: shape.into(), start }
     }
 
-    /// A parameter whose first values are drawn one after another, row-major.
+    /// Creates a parameter whose initial values are drawn one after another, row-major.
     #[must_use]
     pub fn from_fn(name: &str, shape: impl Into<Vec<usize>>, mut value: impl FnMut() -> f32) -> Self {
         let shape = shape.into();
@@ -35,7 +35,7 @@ impl Parameter {
     }
 }
 
-/// The learnt tensors of an encoder as they stand, by name.
+/// The current learnt tensors of an encoder, by name.
 #[derive(Clone, Debug)]
 pub struct Parameters(Vec<(String, Vec<usize>, Tensor<1>)>);
 
@@ -44,7 +44,7 @@ impl Parameters {
         Self(parts.collect())
     }
 
-    /// Parameters at their first values, on a device: for tests of a definition alone.
+    /// Parameters at their initial values, on a device: for testing a definition on its own.
     #[must_use]
     pub fn start(parameters: Vec<Parameter>, device: &Device) -> Self {
         let part = |p: Parameter| {
@@ -54,7 +54,7 @@ impl Parameters {
         Self::new(parameters.into_iter().map(part))
     }
 
-    /// The tensor of that name, in its shape, with gradients in training.
+    /// Returns the tensor of that name, in its shape, with gradients in training.
     ///
     /// # Panics
     /// If the definition lists no parameter of that name with `D` extents.
@@ -73,29 +73,30 @@ impl Parameters {
 
 /// An encoder: points and a time in, features for the decoder out.
 ///
-/// What it learns is optimised with the rate `optim.encoder`, saved in checkpoints and read back, each tensor as
-/// `field.encoder.Extra.values.K` in the order of [`EncoderDefinition::parameters`]. Total variation
-/// (`loss.tv`, `loss.tv_time`, `loss.one_prior`) is of the factorised and the HexPlane encoder alone; a loss term can take its place.
+/// Its parameters are optimised at the rate `optim.encoder`, saved in checkpoints and restored, each tensor as
+/// `field.encoder.Extra.values.K` in the order of [`EncoderDefinition::parameters`]. Total variation (`loss.tv`,
+/// `loss.tv_time`, `loss.one_prior`) applies to the factorised and the HexPlane encoder alone; a loss term can replace
+/// it.
 pub trait EncoderDefinition: Send + Sync {
     /// Number of features; at least 1.
     fn features(&self, config: &ModelConfig) -> usize;
 
-    /// What is learnt, at its first values. `rng` depends on the run's seed alone. Asked for again when a scene is loaded,
-    /// so names, shapes and order must follow from `config`.
+    /// The parameters at their initial values. `rng` depends on the run's seed alone. Called again when a scene is
+    /// loaded, so names, shapes and order must follow from `config`.
     fn parameters(&self, config: &ModelConfig, rng: &mut Rng) -> Vec<Parameter>;
 
-    /// Features `[N, features]` of points `[N, 3]`, in [-1, 1] within the box of the field (a Gaussian may wander out of
-    /// it), at `time` in [0, 1]. Points are always finite: `speed.cull_visits`, which marks Gaussians that are left out by
-    /// NaN, is refused with such an encoder.
+    /// Features `[N, features]` of points `[N, 3]`, in [-1, 1] within the box of the field (a Gaussian may drift out of
+    /// it), at `time` in [0, 1]. Points are always finite: `speed.cull_visits`, which marks skipped Gaussians with NaN,
+    /// is rejected with such an encoder.
     ///
-    /// Must be differentiable by burn's tape, in the points too: the means move by these gradients.
+    /// Must be differentiable by burn's autodiff, in the points too: these gradients move the means.
     fn forward(&self, parameters: &Parameters, points: Tensor<2>, time: f32) -> Tensor<2>;
 }
 
-/// The encoder of that name.
+/// Returns the encoder of that name.
 ///
 /// # Errors
-/// [`NotRegistered`], which lists those that are.
+/// [`NotRegistered`], which lists the registered encoders.
 pub fn find_encoder(name: &str) -> Result<Arc<dyn EncoderDefinition>, NotRegistered> {
     ENCODERS.get(name)
 }

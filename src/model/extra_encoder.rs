@@ -1,4 +1,4 @@
-//! An encoder that was registered in [`crate::extend`]: holds what it learns, as burn wants it.
+//! An encoder registered in [`crate::extend`]: holds its learnt values as burn parameters.
 
 use super::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 use crate::config::types::ModelConfig;
@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use std::fmt;
 use std::sync::Arc;
 
-/// Why a configuration's registered encoder cannot be made.
+/// Why a configuration's registered encoder cannot be created.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExtraEncoderError {
     /// It is not registered.
@@ -18,7 +18,7 @@ pub enum ExtraEncoderError {
     /// It has no features.
     #[error("encoder \"{0}\" has 0 features: at least 1")]
     NoFeatures(String),
-    /// A parameter contradicts itself or has the name of another.
+    /// A parameter is inconsistent or has the name of another.
     #[error("encoder \"{encoder}\", parameter \"{parameter}\": {reason}")]
     Parameter {
         /// The encoder.
@@ -39,7 +39,7 @@ pub struct ExtraEncoder {
     kind: Kind,
 }
 
-/// What is not learnt.
+/// The parts that are not learnt.
 #[derive(Clone)]
 struct Kind {
     name: String,
@@ -56,10 +56,10 @@ impl fmt::Debug for Kind {
 }
 
 impl ExtraEncoder {
-    /// The encoder `config.extra_encoder` at its first values.
+    /// The encoder `config.extra_encoder` at its initial values.
     ///
     /// # Errors
-    /// If it is not registered or its definition contradicts itself.
+    /// If it is not registered or its definition is inconsistent.
     pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Result<Self, ExtraEncoderError> {
         let (definition, parameters) = define(config, seed)?;
         let name = config.extra_encoder.clone();
@@ -73,10 +73,10 @@ impl ExtraEncoder {
         Ok(Self { values, kind: Kind { name, definition, layout, features } })
     }
 
-    /// Whether [`ExtraEncoder::new`] would succeed.
+    /// Checks whether [`ExtraEncoder::new`] would succeed.
     ///
     /// # Errors
-    /// As there.
+    /// As for [`ExtraEncoder::new`].
     pub fn check(config: &ModelConfig) -> Result<(), ExtraEncoderError> {
         define(config, 0).map(|_| ())
     }
@@ -97,7 +97,7 @@ impl ExtraEncoder {
     /// Features `[N, features]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1].
     ///
     /// # Panics
-    /// If the definition gives another shape than it said.
+    /// If the definition returns features of another shape than it declares.
     #[must_use]
     pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
         let expected = [points.dims()[0], self.kind.features];
@@ -141,7 +141,7 @@ mod tests {
     use crate::extend;
     use crate::model::params;
 
-    /// `x W t`, with whatever parameters it is given.
+    /// `x W t`, with arbitrary parameters.
     struct Linear(Vec<Parameter>, usize);
 
     impl EncoderDefinition for Linear {

@@ -1,4 +1,4 @@
-//! Canonical Gaussians: the five learnable attributes (the paper's section on 3DGS), and what shades them.
+//! Canonical Gaussians: the five learnable attributes (the paper's section on 3DGS), and their shading.
 
 use super::appearance::Headlight;
 use super::embedding::HostEmbedding;
@@ -20,17 +20,17 @@ pub struct Gaussians {
     pub opacity_logits: Param<Tensor<1>>,
     /// Spherical-harmonics coefficients `[N, K, 3]`.
     pub sh: Param<Tensor<3>>,
-    /// What shades them, with `model.appearance = "headlight"`.
+    /// Shading, with `model.appearance = "headlight"`.
     pub headlight: Option<Headlight>,
-    /// What the decoder sees of each beside its place `[N, E]`, with `model.embedding` above 0, see [`super::embedding`].
+    /// Embeddings `[N, E]` for the decoder, with `model.embedding` above 0, see [`super::embedding`].
     pub embedding: Option<Param<Tensor<2>>>,
 }
 
 impl Gaussians {
-    /// Puts host attributes on a device.
+    /// Moves host attributes to a device.
     ///
     /// # Panics
-    /// If the arrays disagree about N.
+    /// If the arrays disagree on N.
     pub fn from_host(mut host: HostGaussians, device: &Device) -> Self {
         let headlight = host.shading.take().map(|shading| Headlight::from_host(shading, device));
         let embedding = host.embedding.take().map(|embedding| embedding.into_param(device));

@@ -1,12 +1,13 @@
 //! Planes of space and planes of space and time: the decomposition of HexPlane (Cao and Johnson, CVPR 2023).
 //!
-//! The paper's encoder multiplies a product of space by a vector of time, so that everything a channel holds rises and falls
-//! together: in time it is of rank 1. Here the three lines change over time, which makes each a plane of one axis and
-//! time, and a channel's feature the sum over the axes of a plane of space times the plane of the axis left and time:
+//! The paper's encoder multiplies a product over space by a vector over time, so that everything a channel holds rises
+//! and falls together: in time it is of rank 1. Here the three lines change over time, which makes each a plane of one
+//! axis and time, and a channel's feature is the sum over the axes of a spatial plane times the plane of the remaining
+//! axis and time:
 //!
 //! `f(x, y, z, t) = Mxy(x, y) Vz(z, t) + Mxz(x, z) Vy(y, t) + Myz(y, z) Vx(x, t)`
 //!
-//! At one time the planes of time are lines, so that what looks up points is the same op as for the paper's encoder.
+//! At one time the planes over time are lines, so points are looked up by the same op as in the paper's encoder.
 
 use super::encoder::{field_shape, first_values};
 use super::time_curve;
@@ -19,9 +20,10 @@ use volseggs_kernels::field::{FieldShape, field};
 /// The encoder.
 #[derive(Module, Debug)]
 pub struct HexPlaneEncoder {
-    /// Planes of space of all levels, flat as [`FieldShape`] says.
+    /// Spatial planes of all levels, flat as in [`FieldShape`].
     pub planes: Param<Tensor<1>>,
-    /// Planes of an axis and time: for each knot of time the lines of all levels, flat as [`FieldShape`] says, `[T, lines]`.
+    /// Planes of an axis and time: for each time knot, the lines of all levels, flat as in [`FieldShape`],
+    /// `[T, lines]`.
     pub lines: Param<Tensor<2>>,
     #[module(skip)]
     now: FieldShape,
@@ -30,9 +32,10 @@ pub struct HexPlaneEncoder {
 }
 
 impl HexPlaneEncoder {
-    /// A new encoder: planes and lines uniform in [0.1, 0.5], the same at all times, or zero where `model.grid_init` says so.
+    /// A new encoder: planes and lines uniform in [0.1, 0.5], the same at all times, or zero if `model.grid_init` says
+    /// so.
     pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
-        // of one time: what varies over time is in the lines
+        // a single knot: what varies over time is in the lines
         let now = FieldShape { time_knots: 1, ..field_shape(config) };
         let mut rng = Rng::new(seed, 0, Purpose::EncoderInit);
         let mut values = |len| first_values(config.grid_init, len, &mut rng);
@@ -53,12 +56,12 @@ impl HexPlaneEncoder {
         field(self.planes.val(), lines.flatten(0, 1), self.ones(&device), points, &self.now, 0.0)
     }
 
-    /// In the place of the temporal vectors of one time `[levels * channels]`.
+    /// Replaces the temporal vectors of one time `[levels * channels]`.
     pub fn ones(&self, device: &Device) -> Tensor<1> {
         Tensor::ones([self.now.times_len()], device)
     }
 
-    /// The lines of all levels in the mean over the knots, flat.
+    /// The lines of all levels, averaged over the knots, flat.
     pub fn mean_lines(&self) -> Tensor<1> {
         self.lines.val().mean_dim(0).flatten(0, 1)
     }
@@ -87,7 +90,7 @@ mod tests {
         Tensor::from_data(TensorData::new(values, [7, 3]), device)
     }
 
-    /// With planes of time that are no longer alike at all knots.
+    /// An encoder whose planes over time differ between the knots.
     fn varied(curve: TimeCurve, device: &Device) -> HexPlaneEncoder {
         let mut encoder = HexPlaneEncoder::new(&config(curve), 3, device);
         let [knots, n] = encoder.lines.dims();
@@ -111,8 +114,8 @@ mod tests {
         assert!(to_vec(HexPlaneEncoder::new(&zero, 3, &device).lines.val()).iter().all(|v| *v == 0.0));
     }
 
-    /// Features and the gradient of the lines `[T, lines]` by the op on lines that are interpolated here, by weights that a
-    /// test of their own holds.
+    /// Compares features and the gradient of the lines `[T, lines]` with the op on lines interpolated here, with
+    /// weights that have their own test.
     fn features_and_gradients_are_those_of_the_lines_of_a_time(device: Device) {
         let device = device.autodiff();
         for curve in [TimeCurve::Linear, TimeCurve::Cubic] {

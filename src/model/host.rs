@@ -1,8 +1,7 @@
-//! Gaussians on the host: the one type that training, segmentation, tracking, edits and files hand to each other.
+//! Gaussians on the host: the one type exchanged by training, segmentation, tracking, edits and files.
 //!
-//! Which attributes a Gaussian has, in which order and how wide, is said here alone, by [`HostGaussians::columns`] and
-//! its counterpart that puts columns back together; whatever copies, picks, checks, counts or moves rows goes through
-//! these.
+//! The attributes of a Gaussian, their order and their widths are defined only by [`HostGaussians::columns`] and its
+//! counterpart that reassembles columns; whatever copies, selects, checks, counts or moves rows goes through these.
 
 use super::appearance::{HostShading, NORMALS};
 use super::embedding::{EMBEDDING, HostEmbedding};
@@ -12,7 +11,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::activation::sigmoid;
 use volseggs_kernels::splat::SplatInputs;
 
-/// Numbers of each attribute that every Gaussian has, with K = `sh_stride` coefficients.
+/// Width of each attribute that every Gaussian has, with K = `sh_stride` coefficients.
 fn widths(sh_stride: usize) -> [usize; 5] {
     [3, 4, 3, 1, 3 * sh_stride]
 }
@@ -32,9 +31,9 @@ pub struct HostGaussians {
     pub sh: Vec<f32>,
     /// K: 1, 4, 9 or 16.
     pub sh_stride: usize,
-    /// What shades them, if anything does: the first coefficients are then base colours, see [`super::appearance`].
+    /// Shading, if any: the first coefficients are then base colours, see [`super::appearance`].
     pub shading: Option<HostShading>,
-    /// What the decoder sees of each beside its place, of canonical Gaussians alone, see [`super::embedding`].
+    /// Embeddings for the decoder, for canonical Gaussians alone, see [`super::embedding`].
     pub embedding: Option<HostEmbedding>,
 }
 
@@ -43,7 +42,7 @@ pub struct HostGaussians {
 pub struct Column<'a> {
     /// Its name: that of the field, and of the parameter within `gaussians.` in files.
     pub name: &'static str,
-    /// Numbers a Gaussian.
+    /// Numbers per Gaussian.
     pub width: usize,
     /// `[N, width]`
     pub values: &'a [f32],
@@ -59,7 +58,7 @@ impl Column<'_> {
         &self.values[i * self.width..][..self.width]
     }
 
-    /// The numbers of some Gaussians `[M, width]`, in the order of `rows`.
+    /// The numbers of the Gaussians `rows` `[M, width]`, in that order.
     ///
     /// # Panics
     /// If a row is not below N.
@@ -69,15 +68,15 @@ impl Column<'_> {
 }
 
 impl HostGaussians {
-    /// The attributes, in the order in which the op of splatting takes them; normals only where there is a shading, the
-    /// embedding last where there is one.
+    /// The attributes, in the order used by splatting; normals only with a shading, and the embedding last if there is
+    /// one.
     pub fn columns(&self) -> impl Iterator<Item = Column<'_>> {
         let normals = self.shading.iter().map(|s| Column { name: NORMALS, width: 3, values: &s.normals });
         let embedding = self.embedding.iter().map(|e| Column { name: EMBEDDING, width: e.width, values: &e.values });
         self.common_columns().into_iter().chain(normals).chain(embedding)
     }
 
-    /// Those of the attributes that every Gaussian has, in that order.
+    /// The attributes that every Gaussian has, in the same order.
     #[must_use]
     pub fn common_columns(&self) -> [Column<'_>; 5] {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
@@ -90,14 +89,14 @@ impl HostGaussians {
         ]
     }
 
-    /// N Gaussians of K coefficients, every number 0, without a shading or an embedding.
+    /// N Gaussians with K coefficients, all numbers 0, without shading or embedding.
     #[must_use]
     pub fn zeros(n: usize, sh_stride: usize) -> Self {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(sh_stride).map(|width| vec![0.0; n * width]);
         Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, shading: None, embedding: None }
     }
 
-    /// One Gaussian with the attributes that a model's have: a place for those of a file.
+    /// One Gaussian with the attributes of a model's Gaussians: a placeholder for those of a file.
     #[must_use]
     pub fn one(model: &ModelConfig) -> Self {
         let shading = HostShading::first(model, 1, 0);
@@ -105,11 +104,11 @@ impl HostGaussians {
         Self { shading, embedding, ..Self::zeros(1, (model.sh_degree + 1).pow(2)) }
     }
 
-    /// New Gaussians with the same attributes, each made by `f` from the old one.
+    /// New Gaussians with the same attributes, each column computed by `f` from the old one.
     #[must_use]
     pub fn map(&self, f: impl FnMut(Column<'_>) -> Vec<f32>) -> Self {
         let mut columns = self.columns().map(f);
-        // in the order of `columns`, which gives as many
+        // in the order of `columns`, which yields as many
         let mut next = || columns.next().unwrap_or_default();
         Self {
             means: next(),
@@ -129,19 +128,19 @@ impl HostGaussians {
         self.opacity_logits.len()
     }
 
-    /// True without any Gaussian.
+    /// True if there are no Gaussians.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.opacity_logits.is_empty()
     }
 
-    /// Spherical-harmonics degree that K stands for, 0 to 3.
+    /// Spherical-harmonics degree that corresponds to K, 0 to 3.
     #[must_use]
     pub fn sh_degree(&self) -> usize {
         self.sh_stride.isqrt().saturating_sub(1)
     }
 
-    /// The first attribute that does not hold N rows of its width, as `(column, numbers it should hold)`.
+    /// The first attribute that does not hold N rows of its width, as `(column, expected number of values)`.
     #[must_use]
     pub fn misshapen(&self) -> Option<(Column<'_>, usize)> {
         let n = self.len();
@@ -172,14 +171,14 @@ impl HostGaussians {
         sigmoid(self.opacity_logits[i])
     }
 
-    /// Means `[M, 3]` of what can be seen: opacity above 1 / 255.
+    /// Means `[M, 3]` of the visible Gaussians: opacity above 1 / 255.
     #[must_use]
     pub fn visible_means(&self) -> Vec<f32> {
         let rows = self.means.chunks_exact(3).zip(self.opacity()).filter(|(_, o)| *o > 1.0 / 255.0);
         rows.flat_map(|(m, _)| m).copied().collect()
     }
 
-    /// Rows of `members` alone, in their order.
+    /// The rows of `members` alone, in their order.
     ///
     /// # Panics
     /// If a member is not below N.
@@ -188,7 +187,7 @@ impl HostGaussians {
         self.map(|column| column.gather(members.iter().map(|&i| i as usize)))
     }
 
-    /// The same with quaternions of length 1, as other programs expect them; one of length 0 becomes no rotation.
+    /// The same with unit quaternions, as other programs expect; a zero quaternion becomes the identity.
     #[must_use]
     pub fn with_unit_rotations(mut self) -> Self {
         for q in self.rotations.chunks_exact_mut(4) {
@@ -202,16 +201,16 @@ impl HostGaussians {
         self
     }
 
-    /// All of it on a device, as splatting takes it.
+    /// Copies them to a device, as input for splatting.
     ///
     /// # Panics
-    /// If the arrays disagree about N.
+    /// If the arrays disagree on N.
     #[must_use]
     pub fn to_splat(&self, device: &Device) -> SplatInputs {
         self.clone().into_splat(device)
     }
 
-    /// The same Gaussians, all of them black.
+    /// The same Gaussians, all of the same grey.
     #[must_use]
     pub fn without_colours(&self) -> Self {
         Self {
@@ -229,7 +228,7 @@ impl HostGaussians {
     /// [`HostGaussians::to_splat`] without a copy on the host.
     ///
     /// # Panics
-    /// If the arrays disagree about N.
+    /// If the arrays disagree on N.
     #[must_use]
     pub fn into_splat(self, device: &Device) -> SplatInputs {
         let (n, k) = (self.len(), self.sh_stride);
@@ -246,7 +245,7 @@ impl HostGaussians {
         }
     }
 
-    /// Copies Gaussians from a device; offsets on the screen are no attribute and stay behind.
+    /// Copies Gaussians from a device; screen offsets are not an attribute and are dropped.
     #[must_use]
     pub fn from_splat(on_device: SplatInputs) -> Self {
         Self {

@@ -1,4 +1,5 @@
-//! The fully implicit encoder of the paper's ablation: a multi-layer perceptron on frequencies of point and time.
+//! The fully implicit encoder of the paper's ablation: a multi-layer perceptron on frequency encodings of point and
+//! time.
 
 use super::decoder::linear;
 use crate::config::types::ModelConfig;
@@ -16,30 +17,31 @@ pub struct Layer {
     pub bias: Param<Tensor<1>>,
 }
 
-/// A multi-layer perceptron in the place of planes, lines and temporal vectors.
+/// A multi-layer perceptron in place of planes, lines and temporal vectors.
 ///
 /// The paper does not describe the network of its ablation, so this is the deformation network of D3DGS (Yang et al.,
-/// CVPR 2024, which the paper follows), as its authors' code has it: eight layers, 256 wide, with ReLU between them; the encoded
-/// input goes in again beside the output of the fifth. A value v is encoded as v, sin(2^k v) and cos(2^k v), without a factor
-/// of pi: 10 octaves of the point, 6 of time. No gradient goes back to the points.
+/// CVPR 2024, which the paper follows), as in its authors' code: eight layers, 256 wide, with ReLU between them; the
+/// encoded input is concatenated again with the output of the fifth. A value v is encoded as v, sin(2^k v) and
+/// cos(2^k v), without a factor of pi: 10 octaves for the point, 6 for time. No gradient flows back to the points.
 ///
-/// What differs from D3DGS:
+/// Differences from D3DGS:
 ///
-/// - The eighth layer gives the features, as many as the factorised encoder has and like them of either sign, so that the
-///   decoder is the same behind both.
-/// - Weights start as He et al. (2015) start layers before a ReLU, uniform within sqrt(6 / inputs) of zero, biases at zero.
-///   PyTorch's own start, which D3DGS keeps, is within 1 / sqrt(inputs): eight such layers tell places apart by a
-///   thousandth of their input at first, and learn more slowly (20.8 dB against 21.5 after 600 steps on `vortex` at 100x100,
-///   3,000 Gaussians, one seed, a ReLU behind the eighth layer besides).
-/// - Points are those of the field's box in [-1, 1], not in world units. Time, in [0, 1], goes in as it is encoded, without
-///   the small network before it that D3DGS has for synthetic data.
+/// - The eighth layer outputs the features, as many as those of the factorised encoder and likewise of either sign, so
+///   that the decoder is the same behind both.
+/// - Weights start as He et al. (2015) initialise layers before a ReLU, uniform within sqrt(6 / inputs) of zero, biases
+///   at zero. PyTorch's default, which D3DGS keeps, is within 1 / sqrt(inputs): eight such layers initially shrink
+///   differences between positions to a thousandth of those of their input, and learn more slowly (20.8 dB against 21.5
+///   after 600 steps on `vortex` at 100x100, 3,000 Gaussians, one seed, with a ReLU after the eighth layer as well).
+/// - Points are relative to the field's box, in [-1, 1], not in world units. The encoding of time, in [0, 1], is used
+///   directly, without the small network before it that D3DGS has for synthetic data.
 ///
-/// The default has 450,368 parameters. The paper's sizes (37.36 MiB with the implicit network, 43.48 with the hybrid one; 62
-/// floats a Gaussian) leave it 382,000 to 472,000, for as many Gaussians as the hybrid model has and for 150,000, the number
-/// at which none are added any more. With an eighth layer of 256 and one more to the decoder it would be 516,160.
+/// The default has 450,368 parameters. The paper's sizes (37.36 MiB with the implicit network, 43.48 with the hybrid
+/// one; 62 floats per Gaussian) leave it 382,000 to 472,000, for as many Gaussians as the hybrid model has and for
+/// 150,000, the number beyond which none are added. With an eighth layer of 256 and one more to the decoder it would be
+/// 516,160.
 #[derive(Module, Debug)]
 pub struct ImplicitEncoder {
-    /// The layers in their order.
+    /// The layers in order.
     pub layers: Vec<Layer>,
     octaves: usize,
     time_octaves: usize,
@@ -69,7 +71,7 @@ impl ImplicitEncoder {
 
     /// Features `[N, levels * channels]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1].
     pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
-        // as in D3DGS: the highest octaves would shake the means with slopes of several hundred
+        // as in D3DGS: the highest octaves would jitter the means with slopes of several hundred
         let encoded = self.encode(points.detach(), time);
         let mut x = encoded.clone();
         for (i, layer) in self.layers.iter().enumerate() {
@@ -91,7 +93,7 @@ impl ImplicitEncoder {
     }
 }
 
-/// Points `[N, 3]` with sine and cosine of 2^k of them, k below `octaves`: `[N, 3 + 6 * octaves]`.
+/// Points `[N, 3]` with sine and cosine of 2^k times them, k below `octaves`: `[N, 3 + 6 * octaves]`.
 pub(super) fn encode_points(points: Tensor<2>, octaves: usize) -> Tensor<2> {
     if octaves == 0 {
         return points;
@@ -100,7 +102,7 @@ pub(super) fn encode_points(points: Tensor<2>, octaves: usize) -> Tensor<2> {
     Tensor::cat(vec![points, angles.clone().sin(), angles.cos()], 1)
 }
 
-/// The same of a time, `[1, 1 + 2 * octaves]`.
+/// The same encoding of a time, `[1, 1 + 2 * octaves]`.
 pub(super) fn encode_time(time: f32, octaves: usize, device: &Device) -> Tensor<2> {
     let angles = (0..octaves).map(|k| time * octave(k));
     let times: Vec<f32> = std::iter::once(time).chain(angles.flat_map(|a| [a.sin(), a.cos()])).collect();
@@ -226,7 +228,7 @@ mod tests {
         let whole = [256, 256];
         assert_eq!(shapes, [first, whole, whole, whole, whole, again, whole, [256, 64]]);
 
-        // the paper's table of network structures: MiB of a PLY of 62 floats a Gaussian and the network
+        // the paper's table of network structures: MiB of a PLY of 62 floats per Gaussian and the network
         let floats = |mib: f64| mib * f64::from(1 << 20) / 4.0;
         let config = ModelConfig { embedding: 0, ..config };
         let decoder = (field_parameters(&config) - encoder_parameters(&config)) as f64;

@@ -1,6 +1,6 @@
-//! What is trained: burn modules for the Gaussians and their deformation over time.
+//! The trained model: burn modules for the Gaussians and their deformation over time.
 //!
-//! Knows the kernels and the configuration's types; nothing of images, losses or files of datasets.
+//! Depends on the kernels and the configuration's types; knows nothing of images, losses or dataset files.
 
 pub mod appearance;
 pub mod at;

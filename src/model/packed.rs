@@ -1,9 +1,10 @@
-//! Tensors in 8 and 16 bits, for scenes that are kept or passed on: about a third of the bytes, and pictures that hardly differ.
+//! Tensors in 8 and 16 bits, for scenes to archive or share: about a third of the bytes, and images that hardly differ.
 //!
-//! Attributes of single Gaussians are in fixed point, each number of an attribute (each coefficient of the harmonics) with a range
-//! of its own: means in 16 bits, as half a pixel would be seen, the others in 8. A tensor `NAME` of type U8 or U16 has beside
-//! it `NAME.range`, f32 `[2, C]`: the least value and the step of each of the C numbers, so that a value is `least + step * q`.
-//! Everything else (the field, the decoder) is in half precision. What rounding cannot hold stays f32.
+//! Per-Gaussian attributes are in fixed point, each component of an attribute (each harmonics coefficient) with its own
+//! range: means in 16 bits, as an error of half a pixel would be visible, the others in 8. A tensor `NAME` of type U8
+//! or U16 is accompanied by `NAME.range`, f32 `[2, C]`: the lowest value and the step of each of the C components, so
+//! that a value is `least + step * q`. Everything else (the field, the decoder) is in half precision. Tensors with
+//! values that neither form can hold stay f32.
 
 use super::appearance::MATERIAL_NAME;
 use super::params::HostTensor;
@@ -11,9 +12,9 @@ use half::f16;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
 use std::collections::BTreeMap;
 
-/// Ending of the name of the tensor that holds another one's ranges.
+/// Suffix of the name of the tensor that holds another one's ranges.
 pub(super) const RANGE: &str = ".range";
-/// A tensor as it is in the file.
+/// A tensor as stored in the file.
 #[derive(Debug)]
 pub(super) struct Stored {
     pub name: String,
@@ -27,7 +28,7 @@ impl Stored {
         TensorView::new(self.dtype, self.shape.clone(), &self.bytes)
     }
 
-    /// As it is.
+    /// Stores a tensor unchanged.
     pub fn full(name: &str, tensor: &HostTensor) -> Self {
         let bytes = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name: name.to_owned(), dtype: Dtype::F32, shape: tensor.shape.clone(), bytes }
@@ -39,7 +40,7 @@ impl Stored {
     }
 }
 
-/// The tensors of a scene in as few bits as pictures allow.
+/// Packs the tensors of a scene into as few bits as image quality allows.
 pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Stored> {
     let mut all = Vec::new();
     for (name, tensor) in tensors {
@@ -57,7 +58,7 @@ pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Stored> {
     all
 }
 
-/// Fixed point of so many bits, and the ranges.
+/// A tensor in fixed point of `bits` bits, and its ranges.
 fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Stored, Stored) {
     let rows = tensor.shape.first().copied().unwrap_or(1).max(1);
     let columns = tensor.values.len() / rows;
@@ -75,7 +76,7 @@ fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Stored, Stored) {
     (values, Stored::full(&format!("{name}{RANGE}"), &range))
 }
 
-/// The numbers that steps stand for.
+/// The mapping from fixed-point steps to values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Range {
     least: f32,
@@ -84,25 +85,26 @@ struct Range {
 }
 
 impl Range {
-    /// From the least to the largest value. To leave outliers out would make the others finer, and cost more than it gives: in
-    /// squared error one that is cut off by D weighs as much as rounding by D / 255 does in 780,000 others.
+    /// Spans the lowest to the highest value. Excluding outliers would make the steps of the others finer, but cost
+    /// more than it gains: in squared error a value clipped by D weighs as much as rounding to steps of D / 255 does in
+    /// 780,000 others.
     fn of(values: impl Iterator<Item = f32>, most: u32) -> Self {
         let ends = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(least, last), v| (least.min(v), last.max(v)));
-        // divided first: the difference of two large numbers could be none
+        // divided first: the difference of two large numbers could overflow
         Self { least: ends.0, step: (ends.1 / most as f32) - (ends.0 / most as f32), most }
     }
 
     fn step_of(&self, value: f32) -> u32 {
         let place = if self.step > 0.0 { (value - self.least) / self.step } else { 0.0 };
-        // a cast of a float saturates
+        // a cast from float saturates
         (place.round() as u32).min(self.most)
     }
 }
 
-/// The values of a tensor of a file, by its ranges if it is in fixed point.
+/// Decodes the values of a tensor of a file, by its ranges if it is in fixed point.
 ///
 /// # Errors
-/// What is wrong with it, or a type that no file of ours has.
+/// What is wrong with it, or a type that this program never writes.
 pub(super) fn unpack(view: &TensorView<'_>, range: Option<&TensorView<'_>>) -> Result<Vec<f32>, String> {
     let bytes = view.data();
     match view.dtype() {
@@ -117,7 +119,7 @@ pub(super) fn unpack(view: &TensorView<'_>, range: Option<&TensorView<'_>>) -> R
     }
 }
 
-/// What step `q` stands for.
+/// The value of step `q`.
 fn value(least: f32, step: f32, q: u32) -> f32 {
     least + step * q as f32
 }
@@ -152,7 +154,7 @@ mod tests {
         HostTensor { shape: shape.to_vec(), values }
     }
 
-    /// What comes back of one tensor, with its type.
+    /// The type and values of one tensor after a round trip.
     fn there_and_back(name: &str, values: &HostTensor) -> (Dtype, Vec<f32>) {
         let packed = pack(&[(name.to_owned(), values.clone())].into());
         let views: Vec<TensorView<'_>> = packed.iter().map(|p| p.view().unwrap()).collect();
@@ -162,7 +164,7 @@ mod tests {
 
     #[test]
     fn each_number_of_an_attribute_has_its_own_range() {
-        // one column of a thousandth's size of the other
+        // one column a thousandth the size of the other
         let values: Vec<f32> = (0..400).map(|i| (i as f32).sin() * if i % 2 == 0 { 1.0 } else { 1e-3 }).collect();
         let all = tensor(&[200, 2], values.clone());
         for (name, dtype, steps) in [("gaussians.means", Dtype::U16, 65_535.0), ("gaussians.sh", Dtype::U8, 255.0)] {

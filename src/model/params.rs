@@ -25,16 +25,16 @@ pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     }
 }
 
-/// Joins the names that a visitor has entered.
+/// The path of module names that a visitor has entered.
 #[derive(Default)]
 pub struct Path(Vec<String>);
 
 impl Path {
-    /// Goes down.
+    /// Enters a module.
     pub fn enter(&mut self, name: &str) {
         self.0.push(name.to_owned());
     }
-    /// Goes up.
+    /// Leaves a module.
     pub fn exit(&mut self) {
         self.0.pop();
     }
@@ -67,7 +67,7 @@ pub fn collect<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
     collector.out
 }
 
-/// Numbers of values of the float parameters of a module, by name.
+/// Number of values of each float parameter of a module, by name.
 pub fn sizes<M: Module>(module: &M) -> BTreeMap<String, usize> {
     struct Sizes {
         path: Path,
@@ -92,7 +92,7 @@ pub fn sizes<M: Module>(module: &M) -> BTreeMap<String, usize> {
 /// Why named tensors do not fit a module.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FitError {
-    /// A parameter of the module is not there.
+    /// A parameter of the module is missing.
     #[error("tensor {0} is missing")]
     Missing(String),
     /// A shape differs.
@@ -100,15 +100,15 @@ pub enum FitError {
     Shape {
         /// The parameter.
         name: String,
-        /// Shape that was found.
+        /// Shape found.
         found: Vec<usize>,
         /// Shape of the module's parameter.
         expected: Vec<usize>,
     },
 }
 
-/// Replaces every float parameter of `module` by the tensor of its name; leading extents (the number of
-/// Gaussians) may differ for names starting with `gaussians.`, but for the material, which is one for all.
+/// Replaces every float parameter of `module` by the tensor of its name; the leading extent (the number of Gaussians)
+/// may differ for names starting with `gaussians.`, except for the material, which is shared by all.
 ///
 /// # Errors
 /// A missing tensor or a shape that does not fit.

@@ -1,5 +1,5 @@
-//! A scene: what training makes and everything after reads. Gaussians, their field, and where they lie. Its file is in
-//! [`super::scene_file`].
+//! A scene: the result of training and the input of everything after it. Gaussians, their field, and where they lie.
+//! Its file format is in [`super::scene_file`].
 
 use super::embedding::HostEmbedding;
 use super::host::HostGaussians;
@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::{SplatInputs, splat};
 
-/// What cannot be read off the tensors.
+/// The properties of a scene that its tensors do not show.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneSpec {
     /// The model's configuration.
@@ -31,11 +31,11 @@ pub struct SceneSpec {
     pub deformed: bool,
     /// Spherical-harmonics degree in use.
     pub sh_degree: usize,
-    /// The network of D3DGS, in the place of the model's field.
+    /// The network of D3DGS, in place of the model's field.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub d3dgs: Option<D3dgsConfig>,
-    /// Fingerprint of the scene whose numbers were rounded to make this one: it has the same Gaussians in the same order, so
-    /// that segments of that one are segments of this.
+    /// Fingerprint of the scene that was rounded to make this one: both have the same Gaussians in the same order, so
+    /// segments of that scene are valid for this one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub packed_from: Option<String>,
 }
@@ -47,7 +47,7 @@ impl SceneSpec {
         DVec3::from_array(self.centre.map(f64::from))
     }
 
-    /// What its Gaussians are drawn with.
+    /// How its Gaussians are drawn.
     #[must_use]
     pub fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, .. } = *self;
@@ -77,8 +77,8 @@ pub struct View {
 }
 
 impl Scene {
-    /// A scene from canonical Gaussians, with a new field. Gaussians without an embedding get one of zeros if the model asks for
-    /// it.
+    /// A scene from canonical Gaussians, with a new field. Gaussians without an embedding get one of zeros if the model
+    /// uses embeddings.
     pub fn new(mut gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
         if spec.d3dgs.is_none() && gaussians.embedding.is_none() {
             gaussians.embedding = HostEmbedding::first(spec.model.embedding, gaussians.len());
@@ -90,13 +90,13 @@ impl Scene {
         Self { gaussians: Gaussians::from_host(gaussians, device), field, spec }
     }
 
-    /// A scene whose parameters, by name, are these, as [`params::collect`] gives them.
+    /// A scene with these parameters, by name, as returned by [`params::collect`].
     ///
     /// # Errors
-    /// If one is missing, or does not fit the spec.
+    /// If one is missing or does not fit the spec.
     ///
     /// # Panics
-    /// As [`DeformationField::new`].
+    /// As for [`DeformationField::new`].
     pub fn of(spec: SceneSpec, tensors: &BTreeMap<String, HostTensor>, device: &Device) -> Result<Self, FitError> {
         let one = HostGaussians::one(&spec.model);
         params::load(Self::new(one, spec, 0, device), tensors)
@@ -107,7 +107,7 @@ impl Scene {
         self.at_without(time, None)
     }
 
-    /// The Gaussians at `time`, those that are `culled` `[N]` left out: they come out transparent.
+    /// The Gaussians at `time`; those marked in `culled` `[N]` are skipped and come out transparent.
     pub fn at_without(&self, time: f32, culled: Option<&[bool]>) -> SplatInputs {
         if !self.spec.deformed {
             return self.gaussians.val();
@@ -115,15 +115,15 @@ impl Scene {
         self.field.deform(&self.gaussians, time, culled)
     }
 
-    /// Draws Gaussians that are already at their time.
+    /// Draws Gaussians already evaluated at their time.
     pub fn draw(&self, at: SplatInputs, camera: Camera, background: [f32; 3], offsets: Option<Tensor<2>>) -> View {
         let inputs = SplatInputs { screen_offsets: offsets, ..at };
         let out = splat(inputs, Rendering { background, ..self.spec.rendering() }.seen_by(camera));
         View { image: out.image, radii: out.radii }
     }
 
-    /// The Gaussians at `time` in [0, 1] as splatting takes them, without gradients: their tape would hold the hidden
-    /// layers of every view that is rendered until the next step of the training.
+    /// The Gaussians at `time` in [0, 1] as input for splatting, without gradients: an autodiff tape would hold the
+    /// hidden layers of every rendered view until the next training step.
     pub fn inputs_at(&self, time: f32) -> SplatInputs {
         if self.gaussians.means.val().device().is_autodiff() { self.valid().at(time) } else { self.at(time) }
     }
@@ -133,13 +133,13 @@ impl Scene {
         params::to_vec(self.drawn(camera, time))
     }
 
-    /// What [`Scene::render`] shows, on the device.
+    /// The image of [`Scene::render`], on the device.
     pub(super) fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
         splat(self.inputs_at(time), self.spec.rendering().seen_by(camera)).image
     }
 
-    /// 16 hexadecimal digits that tell this state of the scene from others: a 64-bit FNV-1a hash of the canonical means,
-    /// in their order; of a packed scene that of the scene it was packed from.
+    /// 16 hexadecimal digits that distinguish this state of the scene from others: a 64-bit FNV-1a hash of the
+    /// canonical means, in their order; for a packed scene that of the scene it was packed from.
     pub fn fingerprint(&self) -> String {
         if let Some(fingerprint) = &self.spec.packed_from {
             return fingerprint.clone();
@@ -158,7 +158,7 @@ pub(crate) mod tests {
     use crate::data::paths::{Lens, training_cameras};
     use crate::device::DeviceName;
 
-    /// A spec of this model: a box of half size 1, white, harmonics of degree 0.
+    /// A spec for this model: a box of half size 1, white, harmonics of degree 0.
     pub fn spec(model: ModelConfig) -> SceneSpec {
         SceneSpec {
             model,

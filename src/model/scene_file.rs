@@ -1,4 +1,4 @@
-//! The file of a scene, and files of named f32 tensors, which checkpoints and affinity fields are too.
+//! The file format of a scene, and files of named f32 tensors, which checkpoints and affinity fields use too.
 
 use super::d3dgs;
 use super::extra_encoder::ExtraEncoder;
@@ -20,7 +20,7 @@ pub enum SceneError {
     /// The file cannot be read or written, or is damaged.
     #[error(transparent)]
     File(#[from] TensorFileError),
-    /// The file is not what it should be.
+    /// The content of the file is not as expected.
     #[error("{path}: {reason}")]
     Format {
         /// The file.
@@ -28,7 +28,7 @@ pub enum SceneError {
         /// What is wrong.
         reason: String,
     },
-    /// A number that is none.
+    /// A value is not finite.
     #[error(
         "{path}: tensor {tensor}, row {row}: {value} is no finite number; the scene is damaged, go back to an older checkpoint or \
          train again"
@@ -38,7 +38,7 @@ pub enum SceneError {
         path: PathBuf,
         /// The tensor.
         tensor: String,
-        /// Its row, from 0; a Gaussian for tensors called `gaussians.*`.
+        /// Its row, from 0; a Gaussian for tensors named `gaussians.*`.
         row: usize,
         /// The value.
         value: f32,
@@ -54,7 +54,7 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// Whether the bytes are not those that were written, or numbers in them are none: another copy of the file, or an
+    /// Whether the bytes are not those that were written, or hold non-finite values: another copy of the file, or an
     /// older checkpoint, helps.
     #[must_use]
     pub fn is_damage(&self) -> bool {
@@ -73,7 +73,7 @@ impl Scene {
         write_tensors(path, &params::collect(self), Some(("volseggs", spec)))
     }
 
-    /// Writes the scene in 8 and 16 bits, as `model/packed.rs` says, with the fingerprint of this one.
+    /// Writes the scene in 8 and 16 bits, as described in `model/packed.rs`, with the fingerprint of this one.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -87,8 +87,8 @@ impl Scene {
     /// Reads what [`Scene::save`] or [`Scene::save_packed`] wrote.
     ///
     /// # Errors
-    /// If the file is missing, damaged or does not fit its own spec, holds a NaN or an infinity, or was trained with an encoder that is not
-    /// registered in this program.
+    /// If the file is missing, damaged or does not fit its own spec, holds a NaN or an infinity, or was trained with an
+    /// encoder not registered in this program.
     pub fn load(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let (tensors, metadata) = read_tensors(path)?;
         refuse_not_finite(path, &tensors)?;
@@ -112,11 +112,11 @@ impl Scene {
     }
 }
 
-/// A tensor that only the first implicit encoder had.
+/// A tensor that only the first version of the implicit encoder had.
 const OLD_IMPLICIT: &str = "field.encoder.Implicit.first_weight";
 
-/// Refuses a spec that no scene has, or that asks for a larger field than the file holds: the field is made as the spec
-/// says before the tensors are put into it.
+/// Rejects a spec that no scene has, or that asks for a larger field than the file holds: the field is allocated from
+/// the spec before the tensors are loaded.
 fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
     if tensors.contains_key(OLD_IMPLICIT) {
         return Err(
@@ -148,13 +148,13 @@ fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Resul
     Ok(())
 }
 
-/// Refuses a scene of no Gaussians: not every backend can hold an empty tensor.
+/// Rejects a scene without Gaussians: not every backend can hold an empty tensor.
 fn refuse_empty(tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
     let empty = |(name, tensor): (&String, &HostTensor)| name.starts_with("gaussians.") && tensor.values.is_empty();
     if tensors.iter().any(empty) { Err("holds no Gaussian".to_owned()) } else { Ok(()) }
 }
 
-/// Writes named tensors as safetensors with one entry of the header and a digest, atomically.
+/// Writes named tensors as safetensors with an optional header entry and a digest, atomically.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -182,7 +182,7 @@ pub type TensorFile = (BTreeMap<String, HostTensor>, BTreeMap<String, String>);
 /// Reads what [`write_tensors`] wrote.
 ///
 /// # Errors
-/// If the file is missing, damaged, or holds anything but f32 and what packed scenes hold.
+/// If the file is missing, damaged, or holds types other than f32 and those of packed scenes.
 pub fn read_tensors(path: &Path) -> Result<TensorFile, SceneError> {
     tensors::read_while(path, |bytes| parse(path, bytes))?
 }
@@ -209,7 +209,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<TensorFile, SceneError> {
     Ok((tensors, metadata))
 }
 
-/// Names the first value that is no finite number.
+/// Rejects non-finite values, naming the first.
 ///
 /// # Errors
 /// [`SceneError::NotFinite`].
@@ -283,7 +283,7 @@ mod tests {
         let means = |scene: &Scene| params::to_vec(scene.at(0.3).means);
         assert_eq!(means(&read), means(&scene));
 
-        // as early versions wrote it: other tensors, and none of the keys that came later
+        // as early versions wrote it: other tensors, and none of the later keys
         let mut tensors = params::collect(&scene);
         tensors.retain(|name, _| !name.starts_with("field.encoder"));
         tensors.insert(OLD_IMPLICIT.into(), HostTensor { shape: vec![25, 8], values: vec![0.1; 200] });
@@ -294,7 +294,7 @@ mod tests {
         let error = Scene::load(&path, &device).unwrap_err().to_string();
         assert!(error.contains("early versions") && error.contains("train again"), "{error}");
 
-        // a factorised one of that time is read as ever
+        // a factorised one of that time still reads
         let old = scene_of(EncoderKind::Factorised);
         let mut spec = serde_json::to_value(&old.spec).unwrap();
         let model = spec["model"].as_object_mut().unwrap();

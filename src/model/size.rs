@@ -1,4 +1,4 @@
-//! How large a model is, from its configuration alone: asked before anything of it is allocated. Nothing here overflows,
+//! The size of a model, computed from its configuration alone before anything is allocated. Nothing here overflows,
 //! whatever the configuration says.
 
 use super::encoder_definition::find_encoder;
@@ -8,15 +8,15 @@ use crate::memory::product;
 
 use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 
-/// Octaves of the positional encoding beyond which single precision says nothing about a position.
+/// Octaves of the positional encoding beyond which single precision carries no information about a position.
 pub(super) const MAX_OCTAVES: usize = 24;
 /// Layers of the implicit encoder beyond which gradients hardly reach the first ones.
 pub(super) const MAX_DEPTH: usize = 64;
 
-/// Refuses sizes that no model can have, by key.
+/// Rejects sizes that no model can have, naming the key.
 ///
 /// # Errors
-/// The first such key with its value, and what it may be.
+/// The first such key with its value and the allowed range.
 pub fn check_model(config: &ModelConfig) -> Result<(), String> {
     if config.sh_degree > 3 {
         return Err(format!("model.sh_degree = {}: at most 3", config.sh_degree));
@@ -61,7 +61,7 @@ fn check_implicit(config: &ModelConfig) -> Result<(), String> {
     Ok(())
 }
 
-/// Values of the spherical harmonics, the embedding and the other attributes of one Gaussian.
+/// Number of values per Gaussian: spherical harmonics, embedding and the other attributes.
 #[must_use]
 pub fn attributes(config: &ModelConfig) -> u128 {
     let coefficients = (config.sh_degree as u128).saturating_add(1).saturating_pow(2);
@@ -70,7 +70,7 @@ pub fn attributes(config: &ModelConfig) -> u128 {
     coefficients.saturating_mul(3).saturating_add(others)
 }
 
-/// Features that the encoder gives for each Gaussian.
+/// Number of features that the encoder outputs per Gaussian.
 #[must_use]
 pub fn features(config: &ModelConfig) -> u128 {
     match config.encoder {
@@ -81,13 +81,13 @@ pub fn features(config: &ModelConfig) -> u128 {
     }
 }
 
-/// Numbers that the decoder sees of each Gaussian: the features and its embedding.
+/// Number of inputs of the decoder per Gaussian: the features and the embedding.
 #[must_use]
 pub fn inputs(config: &ModelConfig) -> u128 {
     features(config).saturating_add(config.embedding as u128)
 }
 
-/// Hidden values of the decoder for each Gaussian: of the trunk and of each head.
+/// Number of hidden values of the decoder per Gaussian, of the trunk and of each head.
 #[must_use]
 pub fn hidden(config: &ModelConfig) -> u128 {
     product(&[1 + heads(config), config.width])
@@ -100,14 +100,15 @@ fn heads(config: &ModelConfig) -> usize {
     }
 }
 
-/// Values of a point and a time as the implicit encoder sees them.
+/// Number of values that encode a point and a time in the implicit encoder.
 fn encoded(config: &ModelConfig) -> u128 {
     let waves = |octaves: usize| (octaves as u128).saturating_mul(2).saturating_add(1);
     waves(config.implicit_octaves).saturating_mul(3).saturating_add(waves(config.implicit_time_octaves))
 }
 
-/// Values that a step keeps for each Gaussian until the gradients of the implicit encoder are found: its input, once
-/// more beside the layer that it joins, and each layer but the last before and after its ReLU. 0 for other encoders.
+/// Number of values that a step keeps per Gaussian until the gradients of the implicit encoder are computed: its input,
+/// the concatenated input of the skip layer, and each layer but the last before and after its ReLU. 0 for other
+/// encoders.
 #[must_use]
 pub fn encoder_values(config: &ModelConfig) -> u128 {
     if config.encoder != EncoderKind::Implicit {
@@ -119,7 +120,7 @@ pub fn encoder_values(config: &ModelConfig) -> u128 {
     inputs.saturating_add(joined).saturating_add(layers.saturating_mul(2))
 }
 
-/// Values of the widest tensor of the implicit encoder for each Gaussian. 0 for other encoders.
+/// Number of values per Gaussian in the widest tensor of the implicit encoder. 0 for other encoders.
 #[must_use]
 pub fn widest_layer(config: &ModelConfig) -> u128 {
     if config.encoder != EncoderKind::Implicit {
@@ -129,18 +130,18 @@ pub fn widest_layer(config: &ModelConfig) -> u128 {
     if config.implicit_skip > 0 { inputs.saturating_add(width) } else { inputs.max(width) }
 }
 
-/// Parameters of a layer.
+/// Number of parameters of a layer.
 pub(super) fn layer(inputs: u128, outputs: u128) -> u128 {
     inputs.saturating_add(1).saturating_mul(outputs)
 }
 
-/// Parameters of the encoder. Of a registered one they are not known, and count as none.
+/// Number of parameters of the encoder. Those of a registered one are not known and count as 0.
 #[must_use]
 pub fn encoder_parameters(config: &ModelConfig) -> u128 {
     match config.encoder {
         EncoderKind::Factorised | EncoderKind::HexPlane => {
             let (levels, nodes) = (config.levels as u128, config.resolution as u128);
-            // level m has m * resolution nodes an axis: sums of m and of m * m over the levels
+            // level m has m * resolution nodes per axis: sums of m and of m * m over the levels
             let next = levels.saturating_add(1);
             let sum = levels.saturating_mul(next) / 2;
             let squares = levels.saturating_mul(next).saturating_mul(levels.saturating_mul(2).saturating_add(1)) / 6;
@@ -168,7 +169,7 @@ pub fn encoder_parameters(config: &ModelConfig) -> u128 {
     }
 }
 
-/// Parameters of the deformation field: of the encoder, as [`encoder_parameters`] says, and of the decoder.
+/// Number of parameters of the deformation field: the encoder's, by [`encoder_parameters`], and the decoder's.
 #[must_use]
 pub fn field_parameters(config: &ModelConfig) -> u128 {
     let width = config.width as u128;

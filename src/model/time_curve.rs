@@ -1,8 +1,8 @@
 //! Curves through the knots of the temporal vectors.
 //!
-//! The paper's temporal vectors are interpolated linearly, as planes and lines are: what moves then turns sharply at
-//! every knot and goes straight between. A cubic curve has no corners; it is that of Catmull and Rom, which goes through its
-//! knots and depends on four of them at a time.
+//! The paper's temporal vectors are interpolated linearly, like planes and lines: a moving object then turns sharply at
+//! every knot and moves straight in between. A cubic curve has no corners; this one is that of Catmull and Rom, which
+//! passes through its knots and depends on four of them at a time.
 
 use crate::config::types::TimeCurve;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -16,7 +16,7 @@ pub fn weights(curve: TimeCurve, knots: usize, time: f32) -> Vec<f32> {
     }
 }
 
-/// Where `time` lies: the knot before it that is not the last one, and how far after that, in [0, 1].
+/// Locates `time`: the knot before it (never the last one) and the position after that knot, in [0, 1].
 fn place(knots: usize, time: f32) -> (usize, f32) {
     let last = (knots - 1) as f32;
     let place = (time * last).clamp(0.0, last);
@@ -24,7 +24,7 @@ fn place(knots: usize, time: f32) -> (usize, f32) {
     (from, place - from as f32)
 }
 
-/// Those of a straight line between two knots.
+/// Weights of a straight line between two knots.
 fn linear_weights(knots: usize, time: f32) -> Vec<f32> {
     if knots < 2 {
         return vec![1.0; knots];
@@ -34,8 +34,8 @@ fn linear_weights(knots: usize, time: f32) -> Vec<f32> {
     weights
 }
 
-/// Those of a curve of Catmull and Rom. They sum to one, are one at a knot, and
-/// give back what is linear in time; between inner knots what is quadratic, too.
+/// Weights of a Catmull-Rom curve. They sum to one, are one at a knot, and reproduce functions linear in time; between
+/// inner knots quadratic ones, too.
 fn cubic_weights(knots: usize, time: f32) -> Vec<f32> {
     if knots < 2 {
         return vec![1.0; knots];
@@ -51,7 +51,7 @@ fn cubic_weights(knots: usize, time: f32) -> Vec<f32> {
     for (k, weight) in around.into_iter().enumerate() {
         // the first of the four is one before `from`
         match from + k {
-            // beyond an end the curve goes on straight: twice the last knot less the one before
+            // beyond an end the curve continues straight: twice the last knot minus the one before
             0 => {
                 weights[0] += 2.0 * weight;
                 weights[1] -= weight;
@@ -66,7 +66,8 @@ fn cubic_weights(knots: usize, time: f32) -> Vec<f32> {
     weights
 }
 
-/// The temporal vectors `[levels * R]` at `time` on a cubic curve through those at the knots, flat `[levels, knots, R]`.
+/// The temporal vectors `[levels * R]` at `time` on a cubic curve through those at the knots, flat
+/// `[levels, knots, R]`.
 pub(super) fn cubic(times: Tensor<1>, levels: usize, knots: usize, time: f32, device: &Device) -> Tensor<1> {
     let channels = times.dims()[0] / (levels * knots);
     let weights = Tensor::<3>::from_data(TensorData::new(cubic_weights(knots, time), [1, knots, 1]), device);

@@ -1,10 +1,10 @@
 //! Work over fixed chunks: chunk borders never depend on the thread count, so results merged in chunk order are
-//! the same bits on any machine. No algorithm lives here.
+//! bit-identical on any machine. No algorithm lives here.
 
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Elements of one chunk; a constant, never a share of the threads.
+/// Number of elements in a chunk; a constant, independent of the number of threads.
 pub(crate) const CHUNK: usize = 4096;
 
 /// Runs `work` on every chunk of `0..count` in parallel and returns the results in chunk order.

@@ -1,5 +1,5 @@
-//! Connected components of points: under one radius, or of Gaussians that touch. Neighbour cells come from
-//! `neighbours`, the sets from `union_find`; components over time are joined in `track`.
+//! Connected components of points within one radius, or of Gaussians that touch. The neighbour grid lives in
+//! `neighbours`, the sets in `union_find`; `track` joins components over time.
 
 use super::chunks::{finite, point};
 use super::error::{PointsError, check_len, check_positive, rows};
@@ -7,15 +7,15 @@ use super::neighbours::{Grid, squared};
 use super::union_find::UnionFind;
 use rayon::prelude::*;
 
-/// Radii below this share of the largest are raised to it, which bounds the number of grid levels.
+/// Radii below this fraction of the largest are raised to it, which bounds the number of grid levels.
 const SMALLEST_SHARE: f32 = 1.0 / (1u32 << 20) as f32;
 
-/// Which components are too small to keep.
+/// Minimum size of the components to keep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ComponentFilter {
-    /// Points a component must have.
+    /// Minimum number of points.
     pub min_count: usize,
-    /// Total weight (opacity) a component must have.
+    /// Minimum total weight (opacity).
     pub min_weight: f64,
 }
 
@@ -29,18 +29,18 @@ impl Default for ComponentFilter {
 /// Connected components, largest first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Components {
-    /// `[M]`: 1 is the component of most points, and so on (the lowest member decides among equals); 0 for points left
-    /// out or in a component too small.
+    /// `[M]`: 1 for the component with the most points, and so on (lowest member first among equals); 0 for points
+    /// skipped or in a component too small.
     pub labels: Vec<u32>,
-    /// `[C]`: points of each component.
+    /// `[C]`: number of points in each component.
     pub counts: Vec<u32>,
     /// `[C]`: total weight of each component.
     pub weights: Vec<f64>,
 }
 
-/// Joins points of `points` `[M, 3]` that lie within `radius` of each other (bound included, world units).
+/// Joins `points` `[M, 3]` that lie within `radius` of each other (inclusive, world units).
 ///
-/// `weights` `[M]` (empty for 1 each) serve the filter alone. Non-finite points get label 0.
+/// `weights` `[M]` (empty for 1 each) affect the filter alone. Non-finite points get label 0.
 ///
 /// # Errors
 /// Slices of the wrong length; a radius that is not positive and finite; points spread over more than 2^30 radii.
@@ -52,15 +52,15 @@ pub fn components_within(
 ) -> Result<Components, PointsError> {
     let count = check(points, weights)?;
     check_positive("radius", radius)?;
-    // Every point a ball of half the radius.
+    // each point is a ball of half the radius
     join(points, &vec![0.5 * radius; count], 1.0, weights, filter)
 }
 
 /// Joins Gaussians that touch: `distance <= factor * (radius_i + radius_j)`.
 ///
-/// `points` `[M, 3]` are the means and `radii` `[M]` their reach in world units, for instance [`largest_scales`].
-/// `factor` is in those radii: with standard deviations 1 to 2 is usual. Points that are not finite, or whose radius is
-/// not positive and finite, get label 0. `weights` `[M]` (empty for 1 each) serve the filter alone.
+/// `points` `[M, 3]` are the means and `radii` `[M]` their extents in world units, for instance [`largest_scales`].
+/// `factor` multiplies those radii: with standard deviations, 1 to 2 is usual. Points that are not finite, or whose
+/// radius is not positive and finite, get label 0. `weights` `[M]` (empty for 1 each) affect the filter alone.
 ///
 /// # Errors
 /// Slices of the wrong length; a factor that is not positive and finite; points too far apart for the radii.
@@ -77,7 +77,7 @@ pub fn components_touching(
     join(points, radii, factor, weights, filter)
 }
 
-/// The largest standard deviation of each Gaussian `[N]` in world units, from `log_scales` `[N, 3]`.
+/// Returns the largest standard deviation of each Gaussian `[N]` in world units, from `log_scales` `[N, 3]`.
 ///
 /// # Errors
 /// `log_scales` not a whole number of rows.
@@ -95,7 +95,7 @@ fn check(points: &[f32], weights: &[f32]) -> Result<usize, PointsError> {
     Ok(count)
 }
 
-/// Points whose radii differ by less than a factor of two, in a grid so fine that all points of a cell touch.
+/// Points whose radii differ by less than a factor of two, in a grid fine enough that all points of a cell touch.
 struct Level {
     grid: Grid,
     largest: f64,
@@ -125,7 +125,7 @@ fn join(
         }
         let smallest = now.iter().map(|&i| reach[i as usize]).fold(f32::INFINITY, f32::min);
         let biggest = now.iter().map(|&i| reach[i as usize]).fold(0.0, f32::max);
-        // Slightly below 2 r / sqrt(3), so that rounding never parts two points of one cell.
+        // slightly below 2 r / sqrt(3), so that rounding never separates two points of one cell
         let cell = f64::from(factor) * 2.0 * f64::from(smallest) / 3f64.sqrt() * 0.999_99;
         let grid = Grid::of(points, &now, cell);
         if grid.clamped() {
@@ -145,7 +145,7 @@ fn join(
     Ok(number(radii.len(), &members, weights, filter, &sets))
 }
 
-/// Joins one cell with itself and with the cells of `other` it may touch.
+/// Joins the points of one cell with each other and with the cells of `other` they may touch.
 fn link_cell(level: &Level, cell: usize, other: &Level, same: bool, reach: &[f32], factor: f32, sets: &UnionFind) {
     let slots = level.grid.slots(cell);
     let first = level.grid.id(slots.start);
@@ -185,7 +185,7 @@ fn link_cell(level: &Level, cell: usize, other: &Level, same: bool, reach: &[f32
     });
 }
 
-/// Turns sets into labels by descending count, leaving out what the filter refuses.
+/// Turns sets into labels by descending count, without those the filter rejects.
 fn number(count: usize, members: &[u32], weights: &[f32], filter: &ComponentFilter, sets: &UnionFind) -> Components {
     let mut counts = vec![0u32; count];
     let mut totals = vec![0f64; count];

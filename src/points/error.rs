@@ -1,5 +1,4 @@
-//! What can go wrong when segmenting or tracking: wrong lengths and settings out of range. Only the error type and
-//! its small checks live here.
+//! Errors of segmentation and tracking: wrong lengths and settings out of range, with the small checks that raise them.
 
 use thiserror::Error;
 
@@ -17,7 +16,7 @@ pub enum PointsError {
         got: usize,
         /// Values needed.
         want: usize,
-        /// Its shape in words, such as `[N, 3]`.
+        /// Its expected shape, such as `[N, 3]`.
         shape: &'static str,
     },
     /// A setting is out of range.
@@ -37,7 +36,7 @@ pub enum PointsError {
         field: &'static str,
         /// The index given.
         index: u32,
-        /// Gaussians there are.
+        /// Number of Gaussians in the scene.
         count: usize,
     },
     /// Points are too far apart for the radius used.
@@ -50,15 +49,15 @@ pub enum PointsError {
         /// Radius asked for.
         radius: f64,
     },
-    /// Whoever asked for it does not want it any more.
+    /// The caller asked to stop.
     #[error("stopped")]
     Stopped,
-    /// The density clustering refused its input.
+    /// Density clustering rejected its input.
     #[error("density clustering of {samples} sampled features failed: {reason}")]
     Clustering {
         /// Features sampled.
         samples: usize,
-        /// What the clustering said.
+        /// The reason given by the clustering.
         reason: String,
     },
 }

@@ -1,7 +1,7 @@
-//! Hills of a landscape of cells, filled from its highest cell downwards; which of them stay apart is for the caller to
-//! say. What the heights are lives elsewhere: densities in `modes`, depths inside a body in `segment`.
+//! Peaks of a landscape of cells, filled from its highest cell downwards; the caller decides which of them stay
+//! separate. The heights are defined elsewhere: densities in `modes`, depths inside a body in `segment`.
 
-/// A summit with what lies around it so far.
+/// A peak: its summit and the cells assigned to it so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hill {
     /// Its highest cell.
@@ -10,13 +10,13 @@ pub(crate) struct Hill {
     pub(crate) mass: f64,
 }
 
-/// The hill of each cell, `usize::MAX` for none, and the hills, the one of the highest summit first; those that became
-/// part of another are not told of, and no cell points to them.
+/// Returns the peak of each cell (`usize::MAX` for none) and the peaks, highest summit first. Peaks merged into another
+/// are not listed, and no cell refers to them.
 ///
-/// `order` lists the cells that are looked at, highest first. Each cell joins the highest of the hills that it touches
-/// (`around` adds the cells about one to a list), or starts one. Where hills meet in a cell, each lower one becomes part
-/// of the highest unless `parted(lower, highest, cell)` (mode seeking by persistence: Chazal, Guibas, Oudot and Skraba,
-/// *Persistence-based clustering in Riemannian manifolds*, 2013).
+/// `order` lists the cells to visit, highest first. Each cell joins the highest of the peaks it touches (`around`
+/// appends the neighbours of a cell to a list), or starts a new one. Where peaks meet in a cell, each lower one is
+/// merged into the highest unless `parted(lower, highest, cell)` (mode seeking by persistence: Chazal, Guibas, Oudot
+/// and Skraba, *Persistence-based clustering in Riemannian manifolds*, 2013).
 pub(crate) fn flood(
     order: &[usize],
     cells: usize,
@@ -24,7 +24,7 @@ pub(crate) fn flood(
     mut around: impl FnMut(usize, &mut Vec<usize>),
     parted: impl Fn(&Hill, &Hill, usize) -> bool,
 ) -> (Vec<usize>, Vec<Hill>) {
-    // hills in the order of their summits; one that became part of another points there
+    // peaks in the order of their summits; `part_of` of a merged one is the peak it was merged into
     let (mut part_of, mut hills): (Vec<usize>, Vec<Hill>) = (Vec::new(), Vec::new());
     let mut of_cell = vec![usize::MAX; cells];
     let (mut near, mut met) = (Vec::new(), Vec::new());

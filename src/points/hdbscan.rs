@@ -1,5 +1,5 @@
 //! Density clustering of per-Gaussian features: HDBSCAN on a seeded sample, the rest assigned by cosine. The clustering
-//! itself is the `hdbscan` crate's.
+//! itself is done by the `hdbscan` crate.
 
 use super::chunks::map_chunks;
 use super::error::{PointsError, rows};
@@ -8,29 +8,29 @@ use hdbscan::{DistanceMetric, Hdbscan, HdbscanHyperParams, NnAlgorithm};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-/// Length of the random nudge of each sampled feature. Without it equal features lie at distance 0, where HDBSCAN's
-/// density is infinite and its cluster stabilities undefined.
+/// Length of the random offset added to each sampled feature. Without it equal features lie at distance 0, where
+/// HDBSCAN's density is infinite and its cluster stabilities are undefined.
 const NUDGE: f32 = 1e-3;
-/// How often whoever waits is asked whether to go on.
+/// Interval at which `goes_on` is called while waiting.
 const PAUSE: Duration = Duration::from_millis(20);
 
-/// To what a Gaussian outside the sample is compared.
+/// What a Gaussian outside the sample is compared to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Assignment {
-    /// To the mean direction of each cluster: quick, right for round clusters.
+    /// The mean direction of each cluster: fast, suited to round clusters.
     Centre,
-    /// To every labelled sample: follows clusters of any shape, costs `N * sample * D`.
+    /// Every labelled sample: handles clusters of any shape, costs `N * sample * D`.
     Sample,
 }
 
 /// Settings of [`cluster_features`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DensityConfig {
-    /// Features that HDBSCAN sees; its time grows with the square.
+    /// Number of features given to HDBSCAN; its time grows with the square.
     pub sample: usize,
-    /// Sampled features a cluster must have, at least 2.
+    /// Minimum number of sampled features in a cluster, at least 2.
     pub min_cluster_size: usize,
-    /// Neighbours that define density, at least 1; higher calls more features noise.
+    /// Neighbours that define density, at least 1; higher values label more features as noise.
     pub min_samples: usize,
     /// Whether all features may form one cluster.
     pub single_cluster: bool,
@@ -38,7 +38,7 @@ pub struct DensityConfig {
     pub assignment: Assignment,
     /// Cosine below which a feature outside the sample is noise; -1 assigns all.
     pub min_similarity: f32,
-    /// Whether sampled features that HDBSCAN calls noise stay noise, rather than being assigned like the rest.
+    /// Whether sampled features that HDBSCAN labels as noise stay noise, rather than being assigned like the rest.
     pub keep_noise: bool,
 }
 
@@ -59,11 +59,11 @@ impl Default for DensityConfig {
 /// The outcome of [`cluster_features`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct DensityClusters {
-    /// `[N]`: 0 for noise and unusable features; clusters from 1, the one of most Gaussians first.
+    /// `[N]`: 0 for noise and unusable features; clusters from 1, the one with the most Gaussians first.
     pub labels: Vec<u32>,
     /// `[C, D]`: unit mean direction of each cluster's samples.
     pub centres: Vec<f32>,
-    /// `[C]`: Gaussians of each cluster.
+    /// `[C]`: number of Gaussians in each cluster.
     pub counts: Vec<u32>,
 }
 
@@ -73,10 +73,11 @@ pub struct DensityClusters {
 /// and the rest is assigned by cosine. Features that are zero or not finite get label 0. Where HDBSCAN finds no
 /// cluster, or there are too few features for one, all labels are 0.
 ///
-/// It goes on as long as `goes_on`, which is asked again and again.
+/// Stops when `goes_on`, which is called repeatedly, returns false.
 ///
 /// # Errors
-/// `features` not a whole number of rows; `min_cluster_size` below 2 or `min_samples` below 1; [`PointsError::Stopped`].
+/// `features` not a whole number of rows; `min_cluster_size` below 2 or `min_samples` below 1;
+/// [`PointsError::Stopped`].
 pub fn cluster_features(
     features: &[f32],
     dimensions: usize,
@@ -142,8 +143,9 @@ pub fn cluster_features(
     Ok(by_size(labels, &centres, dimensions, clusters))
 }
 
-/// HDBSCAN on the sample: -1 for noise, else a cluster from 0. One thread: the crate's parallel tree does not promise
-/// the same choice among equal distances. Nor can the crate be stopped: its thread is waited for, or left to end by itself.
+/// Runs HDBSCAN on the sample: -1 for noise, else a cluster from 0. Single-threaded, because the crate's parallel tree
+/// does not guarantee the same choice among equal distances. The crate cannot be stopped, so once stopped its thread is
+/// left to finish on its own.
 fn run(vectors: Vec<Vec<f32>>, config: &DensityConfig, goes_on: &dyn Fn() -> bool) -> Result<Vec<i32>, PointsError> {
     let samples = vectors.len();
     if samples < config.min_cluster_size.max(3) {
@@ -160,7 +162,7 @@ fn run(vectors: Vec<Vec<f32>>, config: &DensityConfig, goes_on: &dyn Fn() -> boo
     let (out, found) = channel();
     let work = move || {
         let labels = Hdbscan::new(&vectors, settings).cluster().map_err(|e| e.to_string());
-        // nobody listens any more if it was stopped
+        // if stopped, nobody is listening any more
         let _ = out.send(labels);
     };
     std::thread::Builder::new().name("clusters".into()).spawn(work).map_err(|e| failed(e.to_string()))?;
@@ -189,7 +191,7 @@ fn normalised(features: &[f32], dimensions: usize) -> Vec<f32> {
     .concat()
 }
 
-/// The reference of largest cosine, the first of equals; `None` for a NaN row.
+/// Returns the reference of largest cosine, the first among equals; `None` for a NaN row.
 fn most_similar(row: &[f32], references: &[f32], dimensions: usize) -> Option<(usize, f32)> {
     let mut best = None;
     for (r, reference) in references.chunks_exact(dimensions).enumerate() {
@@ -214,7 +216,7 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     rest + sums.iter().sum::<f32>()
 }
 
-/// Renumbers clusters by the Gaussians they hold.
+/// Renumbers clusters by the number of Gaussians they hold.
 fn by_size(mut labels: Vec<u32>, centres: &[f32], dimensions: usize, clusters: usize) -> DensityClusters {
     let mut counts = vec![0u32; clusters + 1];
     labels.iter().for_each(|&l| counts[l as usize] += 1);

@@ -1,4 +1,4 @@
-//! Weighted k-means with k-means++ seeding for points of any dimension. How many clusters to ask for is judged in
+//! Weighted k-means with k-means++ seeding for points of any dimension. Choosing the number of clusters lives in
 //! `suggest`; colours and names live elsewhere.
 
 use super::chunks::CHUNK;
@@ -12,11 +12,11 @@ use rayon::prelude::*;
 pub struct KMeansConfig {
     /// Clusters wanted, at least 1.
     pub clusters: usize,
-    /// Independent seedings of which the one of least distortion is kept, at least 1.
+    /// Independent seedings, at least 1; the one of lowest distortion is kept.
     pub restarts: usize,
-    /// Most Lloyd iterations of one seeding.
+    /// Maximum number of Lloyd iterations per seeding.
     pub max_iterations: usize,
-    /// Stops when an iteration lowers the distortion by less than this share; 0 goes on until no label changes.
+    /// Stops when an iteration lowers the distortion by less than this fraction; 0 continues until no label changes.
     pub tolerance: f64,
 }
 
@@ -30,11 +30,12 @@ impl KMeansConfig {
 /// The outcome of [`kmeans`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct KMeans {
-    /// Columns of a point.
+    /// Number of columns of a point.
     pub dimensions: usize,
-    /// `[K, D]`, heaviest cluster first; K may be below the number asked for where the points hold fewer places.
+    /// `[K, D]`, heaviest cluster first; K is below the requested number where the points hold fewer distinct
+    /// positions.
     pub centroids: Vec<f32>,
-    /// `[N]`: 1 + row of the nearest centroid, 0 for points with a non-finite coordinate.
+    /// `[N]`: 1 + row of the nearest centroid; 0 for points with a non-finite coordinate.
     pub labels: Vec<u32>,
     /// `[K]`: total weight of each cluster.
     pub weights: Vec<f64>,
@@ -49,7 +50,7 @@ impl KMeans {
     }
 }
 
-/// Bytes that [`kmeans`] needs beside its input, for `count` points: the sums of each chunk above all.
+/// Bytes that [`kmeans`] needs beside its input for `count` points; the per-chunk sums dominate.
 #[must_use]
 pub fn memory(count: usize, dimensions: usize, clusters: usize) -> u128 {
     let sums = product(&[count.div_ceil(CHUNK), clusters, dimensions + 1, size_of::<f64>()]);
@@ -57,12 +58,12 @@ pub fn memory(count: usize, dimensions: usize, clusters: usize) -> u128 {
     sums.saturating_add(product(&[count.max(clusters), dimensions + 6, size_of::<f32>()]))
 }
 
-/// Clusters `points` `[N, dimensions]` with weights `[N]` (opacity; empty for all equal).
+/// Clusters `points` `[N, dimensions]` with weights `[N]` (opacity; empty for equal weights).
 ///
 /// Seeding draws in proportion to weight times squared distance (k-means++). A cluster that loses all its weight is
-/// put on the point of largest weighted squared distance. Sums run in double precision over fixed chunks merged in
-/// order, so the result has the same bits for any number of threads. Weights that are negative or not finite count as
-/// 0; if all are 0, all points weigh the same. Points of weight 0 get a label but pull nothing.
+/// moved to the point of largest weighted squared distance. Sums run in double precision over fixed chunks merged in
+/// order, so the result is bit-identical for any number of threads. Weights that are negative or not finite count as 0;
+/// if all are 0, all points weigh the same. Points of weight 0 get a label but do not affect the centroids.
 ///
 /// # Errors
 /// Slices of the wrong length; `clusters` or `restarts` of 0.
@@ -76,10 +77,10 @@ pub fn kmeans(
     kmeans_while(points, dimensions, weights, config, uniform, &|| true)
 }
 
-/// As [`kmeans`], as long as `goes_on`, which is asked again and again.
+/// Like [`kmeans`], but stops when `goes_on`, which is called repeatedly, returns false.
 ///
 /// # Errors
-/// As there; [`PointsError::Stopped`].
+/// As for [`kmeans`], and [`PointsError::Stopped`].
 pub fn kmeans_while(
     points: &[f32],
     dimensions: usize,
@@ -109,7 +110,7 @@ pub fn kmeans_while(
     Ok(data.finish(fit, count))
 }
 
-/// Whether to go on.
+/// Returns an error once `goes_on` returns false.
 fn check(goes_on: &dyn Fn() -> bool) -> Result<(), PointsError> {
     if goes_on() { Ok(()) } else { Err(PointsError::Stopped) }
 }
@@ -122,7 +123,7 @@ struct Data {
     rows: Vec<u32>,
 }
 
-/// One seeding's end: centroids (of clusters that hold weight), labels from 0, cluster weights.
+/// The result of one seeding: centroids, labels from 0, cluster weights.
 #[derive(Default)]
 struct Fit {
     centroids: Vec<f32>,
@@ -131,7 +132,7 @@ struct Fit {
     distortion: f64,
 }
 
-/// What one pass over the points adds up.
+/// The sums of one pass over the points.
 struct Pass {
     sums: Vec<f64>,
     weights: Vec<f64>,
@@ -192,7 +193,7 @@ impl Data {
         Ok(Fit { centroids, labels, weights: pass.weights, distortion: pass.distortion })
     }
 
-    /// k-means++: fewer centroids come back where the points hold fewer different places.
+    /// k-means++ seeding; returns fewer centroids where the points hold fewer distinct positions.
     fn seed(
         &self,
         clusters: usize,
@@ -201,7 +202,7 @@ impl Data {
     ) -> Result<Vec<f32>, PointsError> {
         let mut costs: Vec<f64> = self.weights.iter().map(|&w| f64::from(w)).collect();
         let mut nearest = vec![f64::INFINITY; self.rows.len()];
-        // no more are found than there are points
+        // no more centroids can be found than there are points
         let mut centroids: Vec<f32> = Vec::with_capacity(clusters.min(self.rows.len()) * self.dimensions);
         for _ in 0..clusters {
             check(goes_on)?;
@@ -285,7 +286,7 @@ impl Data {
         let mut labels = vec![0u32; count];
         for (i, (&row, &old)) in self.rows.iter().zip(&fit.labels).enumerate() {
             let label = new_label[old as usize];
-            // A weightless point may sit in a dropped cluster.
+            // a point without weight may sit in a dropped cluster
             labels[row as usize] = if label > 0 { label } else { nearest(self.row(i), &centroids, d).0 as u32 + 1 };
         }
         let weights = order.iter().map(|&k| fit.weights[k]).collect();
@@ -299,7 +300,8 @@ impl Pass {
     }
 }
 
-/// The index at which the running sum of `costs` passes `share` of the total; `None` if the total is 0.
+/// Returns the index at which the running sum of `costs` passes the fraction `share` of the total; `None` if the total
+/// is 0.
 fn draw(costs: &[f64], share: f64) -> Option<usize> {
     let total: f64 = costs.iter().sum();
     if total <= 0.0 {
@@ -316,7 +318,7 @@ fn draw(costs: &[f64], share: f64) -> Option<usize> {
     last
 }
 
-/// Row of the nearest centroid and its squared distance; the first of equals.
+/// Returns the row of the nearest centroid and its squared distance; the first among equals.
 pub(crate) fn nearest(row: &[f32], centroids: &[f32], dimensions: usize) -> (usize, f32) {
     let mut best = (0, f32::INFINITY);
     for (k, centre) in centroids.chunks_exact(dimensions).enumerate() {

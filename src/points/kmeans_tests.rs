@@ -1,10 +1,10 @@
-//! Tests of `kmeans` on synthetic blobs and poison input.
+//! Tests of `kmeans` on synthetic blobs and non-finite input.
 
 use super::*;
 use crate::points::sampling::tests::generator;
 use proptest::prelude::*;
 
-/// `per` points around each centre within a cube of half side `spread`, centres in turn.
+/// Generates `per` points around each centre within a cube of half side `spread`, cycling through the centres.
 pub(crate) fn blobs(centres: &[Vec<f32>], per: usize, spread: f32, seed: u64) -> Vec<f32> {
     let mut u = generator(seed);
     let mut points = Vec::new();
@@ -75,7 +75,7 @@ fn fewer_places_than_clusters_give_fewer_clusters() {
     assert!(same.labels.iter().all(|&l| l == 1));
     let one = kmeans(&[1.0, 2.0], 2, &[0.0], &KMeansConfig::new(3), &mut generator(1)).unwrap();
     assert_eq!(one.centroids, [1.0, 2.0]);
-    // memory is asked for by the points, not by the clusters wanted
+    // memory is allocated by the number of points, not by the number of clusters requested
     let many = kmeans(&[1.0, 2.0, 4.0], 1, &[], &KMeansConfig::new(usize::MAX), &mut generator(1)).unwrap();
     assert_eq!(many.clusters(), 3);
     assert!(memory(1_000_000, 3, 1_000_000) > 1 << 30 && memory(3, 1, usize::MAX) > 1 << 60);

@@ -1,5 +1,5 @@
-//! Clouds of points: clustering, neighbours, outliers, connected components. Deterministic whatever the threads. Nothing
-//! here reads files, renders images, or knows what the points stand for.
+//! Point clouds: clustering, neighbours, outliers, connected components. Results do not depend on the number of
+//! threads. Nothing here reads files, renders images, or knows what the points stand for.
 
 pub(crate) mod chunks;
 pub mod components;

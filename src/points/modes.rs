@@ -1,6 +1,5 @@
-//! Where weighted points crowd: the hills of their density in a plane, and the valleys of their density on a line.
-//! Unlike k-means this finds groups of very unequal size, and how many there are. What the points stand for lives
-//! elsewhere.
+//! Modes of weighted points: the peaks of their density in a plane, and the valleys of their density on a line. Unlike
+//! k-means this finds groups of very unequal size, and their number. What the points stand for lives elsewhere.
 
 use super::error::{PointsError, check_len, check_positive, rows};
 use super::flood::{Hill, flood};
@@ -9,32 +8,32 @@ use super::flood::{Hill, flood};
 const SIDE: usize = 72;
 /// Cells of the density along the line.
 const LINE: usize = 96;
-/// Cells less dense than this share of the densest belong to no hill.
+/// Cells less dense than this fraction of the densest belong to no mode.
 const FLOOR: f64 = 1e-5;
 
 /// Settings of [`hills`] and [`valleys`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModeConfig {
-    /// Lowest and highest coordinate; points beyond count at the border. In the plane of both axes.
+    /// Lowest and highest coordinate, for both axes of the plane; points outside count at the border.
     pub range: [f32; 2],
-    /// Standard deviation of the kernel of the density, in the unit of the points.
+    /// Standard deviation of the density kernel, in the unit of the points.
     pub bandwidth: f32,
-    /// Share of all weight that a hill has at least, or that lies on each side of a valley.
+    /// Minimum fraction of the total weight in a mode, or on each side of a valley.
     pub smallest: f64,
 }
 
 /// The outcome of [`hills`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hills {
-    /// `[K, 2]`: middle of the densest cell of each, the one of highest density first.
+    /// `[K, 2]`: centre of the densest cell of each mode, highest density first.
     pub peaks: Vec<[f32; 2]>,
-    /// `[N]`: 1 + row of the hill that a point is on; 0 for those on none, which are few, and for non-finite ones.
+    /// `[N]`: 1 + row of the point's mode; 0 for non-finite points and for the few that belong to none.
     pub labels: Vec<u32>,
 }
 
-/// The hills of the density of `points` `[N, 2]` with weights `[N]`: a grid filled from its densest cell downwards, where
-/// each new summit starts a hill, and two that meet become one unless the pass between them is lower than
-/// `pass(lower summit, higher summit)` of the lower one's density. Weights that are negative or not finite
+/// Finds the modes of the density of `points` `[N, 2]` with weights `[N]`: a grid is filled from its densest cell
+/// downwards, each new summit starts a mode, and two that meet are merged unless the pass between them is lower than
+/// `pass(lower summit, higher summit)` times the density of the lower one. Weights that are negative or not finite
 /// count as 0.
 ///
 /// # Errors
@@ -69,7 +68,7 @@ pub fn hills(
     Ok(Hills { peaks: summits.into_iter().map(middle).collect(), labels })
 }
 
-/// The hill of each cell (from 1, 0 for none) and the cells of their summits, highest first.
+/// Returns the mode of each cell (from 1, 0 for none) and the summit cells, highest first.
 fn of_density(
     density: &[f64],
     masses: &[f64],
@@ -99,8 +98,9 @@ fn of_density(
     (of_cell.into_iter().map(|h| if h == usize::MAX { 0 } else { names[h] }).collect(), kept)
 }
 
-/// Where the density of `values` `[N]` with weights `[N]` has clear valleys, ascending: less dense than `pass` times the
-/// lower of the summits on its two sides. Non-finite values, and weights that are negative or not finite, count as 0.
+/// Returns the clear valleys of the density of `values` `[N]` with weights `[N]`, ascending: cells less dense than
+/// `pass` times the lower of the summits on either side. Non-finite values are skipped; weights that are negative or
+/// not finite count as 0.
 ///
 /// # Errors
 /// Slices of different lengths; an empty range, or a bandwidth that is not positive.
@@ -147,7 +147,7 @@ impl ModeConfig {
         ((share * cells as f32).max(0.0) as usize).min(cells - 1)
     }
 
-    /// Half of a symmetric kernel, its middle first, of sum 1 as a whole.
+    /// Half of a symmetric kernel, starting at its centre; the whole kernel sums to 1.
     fn kernel(&self, cell: f32) -> Vec<f64> {
         let spread = f64::from(self.bandwidth / cell);
         let reach = (4.0 * spread).ceil().min(LINE as f64) as usize;

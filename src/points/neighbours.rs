@@ -6,12 +6,12 @@ use super::error::{PointsError, check_positive, rows};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Cells along one axis at most; beyond, points share the outermost cell (slower, still right).
+/// Maximum number of cells along one axis; points beyond share the outermost cell (slower, still correct).
 const MOST_CELLS: f64 = (1u32 << 31) as f64;
 
-/// A grid of cubic cells over points `[M, 3]`; non-finite points are left out.
+/// A grid of cubic cells over points `[M, 3]`; non-finite points are skipped.
 ///
-/// Points are sorted by cell with x running fastest, so the cells of one row that a query meets are one slice.
+/// Points are sorted by cell with x running fastest, so the cells of one row that a query covers form one slice.
 #[derive(Debug, Clone)]
 pub struct Grid {
     count: usize,
@@ -33,7 +33,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Sorts `points` `[M, 3]` into cells of side `cell` (world units; about the radius of the queries to come).
+    /// Sorts `points` `[M, 3]` into cells of side `cell` (world units; ideally about the radius of the later queries).
     ///
     /// # Errors
     /// `points` not a whole number of rows; `cell` not positive and finite.
@@ -44,8 +44,8 @@ impl Grid {
         Ok(Self::of(points, &keep, f64::from(cell)))
     }
 
-    /// A grid whose cells hold about 2 to 8 points each where the points are, whatever their extent: for queries of
-    /// nearest neighbours rather than of a known radius.
+    /// A grid whose occupied cells hold about 2 to 8 points each, whatever the extent: for nearest-neighbour queries
+    /// rather than queries of a known radius.
     ///
     /// # Errors
     /// `points` not a whole number of rows.
@@ -60,7 +60,7 @@ impl Grid {
         let mut cell = side / (count as f64).cbrt().max(1.0);
         loop {
             let grid = Self::of(points, &keep, cell);
-            // Mean number of points that a point shares its cell with; far outliers hardly move it.
+            // Mean number of points that share a point's cell; distant outliers hardly change it.
             let crowd: f64 = (0..grid.cells()).map(|c| (grid.slots(c).len() as f64).powi(2)).sum();
             if crowd <= 8.0 * grid.len() as f64 || side / cell > 1e6 {
                 return Ok(grid);
@@ -146,17 +146,17 @@ impl Grid {
         }
     }
 
-    /// Monotone in `value`, which is what makes range look-ups complete.
+    /// Monotone in `value`, so that range look-ups are complete.
     fn coordinate(&self, value: f64, axis: usize) -> u32 {
         ((value - self.low[axis]) / self.cell).floor().clamp(0.0, MOST_CELLS - 1.0) as u32
     }
 
-    /// Points in the grid (finite ones).
+    /// Number of points in the grid (the finite ones).
     pub fn len(&self) -> usize {
         self.ids.len()
     }
 
-    /// Whether no point is in the grid.
+    /// Whether the grid holds no points.
     pub fn is_empty(&self) -> bool {
         self.ids.is_empty()
     }
@@ -166,7 +166,7 @@ impl Grid {
         self.cell
     }
 
-    /// Whether the extent was too large for the cell side, so that outermost cells are larger than they should be.
+    /// Whether the extent was too large for the cell side, so that the outermost cells are larger than `cell`.
     pub(crate) fn clamped(&self) -> bool {
         self.clamped
     }
@@ -188,7 +188,7 @@ impl Grid {
         self.places[slot]
     }
 
-    /// Calls `each` with runs of occupied cells that together cover the box `low..=high`, until it returns false.
+    /// Calls `each` with runs of occupied cells that together cover the box `low..=high`, until `each` returns false.
     pub(crate) fn cells_in(&self, low: [f64; 3], high: [f64; 3], mut each: impl FnMut(Range<usize>) -> bool) {
         if self.is_empty() {
             return;
@@ -226,13 +226,13 @@ impl Grid {
         }
     }
 
-    /// Calls `each(index, squared distance)` for every point within `radius` of `query` (bound included), in an order
-    /// that depends on the points alone, until `each` returns false.
+    /// Calls `each(index, squared distance)` for every point within `radius` of `query` (inclusive), in an order that
+    /// depends on the points alone, until `each` returns false.
     pub fn visit(&self, query: [f32; 3], radius: f32, mut each: impl FnMut(u32, f32) -> bool) {
         if !finite(query) || radius.is_nan() || radius < 0.0 {
             return;
         }
-        // A little more than the radius, for the rounding of the squared distances.
+        // Slightly more than the radius, to allow for rounding of the squared distances.
         let reach = f64::from(radius) * 1.000_01;
         let low = query.map(|v| f64::from(v) - reach);
         let high = query.map(|v| f64::from(v) + reach);
@@ -248,8 +248,8 @@ impl Grid {
         });
     }
 
-    /// The `k` points nearest to `query` other than `skip`, as `(index, squared distance)` from near to far (smaller
-    /// index first among equals); fewer where there are fewer.
+    /// Returns the `k` points nearest to `query` other than `skip`, as `(index, squared distance)` from near to far
+    /// (smaller index first among equals); fewer if the grid holds fewer.
     pub fn nearest(&self, query: [f32; 3], k: usize, skip: Option<u32>) -> Vec<(u32, f32)> {
         let mut found: Vec<(u32, f32)> = Vec::with_capacity(k + 1);
         if !finite(query) || self.is_empty() || k == 0 {
@@ -281,8 +281,8 @@ impl Grid {
         }
     }
 
-    /// For each of the `M` points the number of other points within `radius`, counted up to `cap` `[M]`; 0 for those
-    /// left out.
+    /// Returns, for each of the `M` points, the number of other points within `radius`, counted up to `cap` `[M]`; 0
+    /// for skipped points.
     pub fn count_within(&self, radius: f32, cap: u32) -> Vec<u32> {
         self.per_point(0, |slot| {
             let (id, mut count) = (self.ids[slot], 0);
@@ -294,8 +294,8 @@ impl Grid {
         })
     }
 
-    /// For each of the `M` points the indices of the `K` others nearest to it, from near to far, `[M]`; its own where there
-    /// are too few, and for those left out.
+    /// Returns, for each of the `M` points, the indices of the `K` nearest other points, from near to far `[M][K]`. The
+    /// point's own index fills missing places and the rows of skipped points.
     pub fn nearest_of_each<const K: usize>(&self) -> Vec<[u32; K]> {
         let mut out = self.per_point([u32::MAX; K], |slot| {
             let mut row = [self.ids[slot]; K];
@@ -309,15 +309,15 @@ impl Grid {
         out
     }
 
-    /// For each of the `M` points the distance to its nearest other point `[M]`; NaN for those left out and for a
-    /// single point.
+    /// Returns, for each of the `M` points, the distance to its nearest other point `[M]`; NaN for skipped points and
+    /// for a single point.
     pub fn nearest_distances(&self) -> Vec<f32> {
         self.per_point(f32::NAN, |slot| {
             self.nearest(self.places[slot], 1, Some(self.ids[slot])).first().map_or(f32::NAN, |n| n.1.sqrt())
         })
     }
 
-    /// `work` of each sorted point, in the original order, `blank` where no point is.
+    /// Runs `work` on each sorted point; the results are in the original order, with `blank` for skipped points.
     fn per_point<T: Copy + Send>(&self, blank: T, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
         let sorted = map_chunks(self.len(), |range| range.map(&work).collect::<Vec<T>>()).concat();
         let mut out = vec![blank; self.count];

@@ -52,7 +52,7 @@ proptest! {
 
     #[test]
     fn counts_do_not_move_with_the_points(seed in 0u64..1000, shift in -8i32..8) {
-        // Coordinates on a binary lattice, so that a shift changes no distance by rounding.
+        // coordinates on a binary lattice, so that rounding changes no distance after a shift
         let points: Vec<f32> = cloud(150, seed, false).iter().map(|v| (v * 64.0).round() / 64.0).collect();
         let moved: Vec<f32> = points.iter().map(|v| v + shift as f32).collect();
         let count = |p: &[f32]| Grid::new(p, 0.3).unwrap().count_within(0.3, u32::MAX);

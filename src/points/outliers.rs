@@ -1,24 +1,24 @@
-//! Which points have company: the mask that drops lone floaters before components are formed. The neighbour search
-//! lives in `neighbours`.
+//! The mask that drops isolated floaters before components are formed. The neighbour search lives in `neighbours`.
 
 use super::error::{PointsError, check_positive};
 use super::neighbours::Grid;
 
-/// Default search radius in median distances to the nearest neighbour. Points strewn at random on a surface have about
-/// 25 others within 6 of them (half as many at a rim), but only 11 within 4, where 8 would cost a tenth of the surface.
+/// Default search radius in median nearest-neighbour distances. Points scattered at random on a surface have about 25
+/// others within 6 of them (half as many at a rim), but only 11 within 4, where requiring 8 would lose a tenth of the
+/// surface.
 pub const SPACINGS: f32 = 6.0;
 
 /// Settings of [`keep_mask`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlierConfig {
-    /// Search radius in world units; `None` for [`SPACINGS`] times the median distance to the nearest neighbour.
+    /// Search radius in world units; `None` for [`SPACINGS`] times the median nearest-neighbour distance.
     pub radius: Option<f32>,
-    /// Other points that must lie within the radius.
+    /// Minimum number of other points within the radius.
     pub min_neighbours: u32,
 }
 
 impl Default for OutlierConfig {
-    /// The radius from the points themselves and 8 neighbours.
+    /// The radius is derived from the points; 8 neighbours are required.
     fn default() -> Self {
         Self { radius: None, min_neighbours: 8 }
     }
@@ -27,7 +27,7 @@ impl Default for OutlierConfig {
 /// The outcome of [`keep_mask`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutlierMask {
-    /// `[M]`: true where the point stays; always false for non-finite points.
+    /// `[M]`: true where the point is kept; always false for non-finite points.
     pub keep: Vec<bool>,
     /// The radius used in world units; 0 where all points with a neighbour coincide.
     pub radius: f32,
@@ -35,8 +35,8 @@ pub struct OutlierMask {
 
 /// Keeps the points of `points` `[M, 3]` that have at least `min_neighbours` others within the radius.
 ///
-/// The median of the default radius is over positive nearest distances, so duplicates do not make it 0. A set smaller
-/// than `min_neighbours + 1` loses all its points: lower the number for tiny segments.
+/// The median for the default radius is taken over positive nearest-neighbour distances, so duplicates do not make it
+/// 0. A set of at most `min_neighbours` points loses all of them: lower the number for tiny segments.
 ///
 /// # Errors
 /// `points` not a whole number of rows; a given radius that is not positive and finite.
@@ -60,7 +60,7 @@ pub fn keep_mask(points: &[f32], config: &OutlierConfig) -> Result<OutlierMask, 
     Ok(OutlierMask { keep, radius })
 }
 
-/// Median over the points of the positive distances to the nearest neighbour; 0 where there is none.
+/// Median of the positive nearest-neighbour distances; 0 where there are none.
 pub fn median_spacing(grid: &Grid) -> f32 {
     let mut distances: Vec<f32> = grid.nearest_distances().into_iter().filter(|d| d.is_finite() && *d > 0.0).collect();
     if distances.is_empty() {

@@ -1,12 +1,13 @@
 //! Principal components of rows of numbers.
 
-/// Rounds of the orthogonal iteration; components that are still apart by then are hardly told from one another.
+/// Rounds of the orthogonal iteration; components not separated by then are nearly indistinguishable.
 const ROUNDS: usize = 200;
 
-/// The directions of the largest spreads of `rows` `[N, D]` around their mean, `[count][D]`, orthonormal, the largest first;
-/// each points to where its largest entry is above 0. With fewer rows or dimensions than that, the last ones are arbitrary.
+/// Returns the mean of `rows` `[N, D]` and their `count` principal axes `[count][D]`: orthonormal, largest spread
+/// first, the entry of largest magnitude of each positive. Where the rows span fewer than `count` dimensions, the last
+/// axes are arbitrary.
 ///
-/// Rows with entries that are not finite do not count.
+/// Rows with non-finite entries are skipped.
 ///
 /// # Panics
 /// If `dims` is 0 or below `count`.
@@ -25,7 +26,7 @@ pub fn principal(rows: &[f32], dims: usize, count: usize) -> (Vec<f64>, Vec<Vec<
         }
     }
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    // axes that no data is orthogonal to by accident
+    // start axes unlikely to be orthogonal to any data
     let mut axes: Vec<Vec<f64>> = (0..count)
         .map(|k| {
             (0..dims).map(|d| 1.0 / ((d * (k + 2)) % 7 + k + d + 1) as f64 + f64::from(u8::from(d == k))).collect()
@@ -35,7 +36,7 @@ pub fn principal(rows: &[f32], dims: usize, count: usize) -> (Vec<f64>, Vec<Vec<
         for k in 0..count {
             let mut next: Vec<f64> = covariance.iter().map(|line| dot(line, &axes[k])).collect();
             if dot(&next, &next) < 1e-280 {
-                // nothing spreads there: whatever stands at right angles to the others
+                // no spread along this axis: keep any direction orthogonal to the others
                 next.clone_from(&axes[k]);
             }
             for before in &axes[..k] {

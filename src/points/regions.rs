@@ -1,15 +1,17 @@
-//! Regions of a weighted graph joined until what parts them is narrow: the pair with the largest normalised cut first.
+//! Joins regions of a weighted graph until the borders between them are narrow: the pair with the largest normalised
+//! cut first.
 //!
-//! The cut of two regions is the weight of the edges between them, over that of all edges at the one that has less.
+//! The normalised cut of two regions is the weight of the edges between them, divided by the smaller of the two volumes
+//! (the total weight of the edges at a region).
 
 use std::collections::BTreeMap;
 
-/// An edge between two nodes, and its weight, at least 0.
+/// Two nodes and the weight of the edge between them, at least 0.
 pub type Edge = (u32, u32, f64);
 
-/// Joins the regions `of` nodes `[N]` (any numbers): first those of fewer than `tiny` nodes with the neighbour that they
-/// have most weight in common with, then the pair with the largest normalised cut as long as that is at least `cut`. Gives a
-/// label of each node `[N]` from 1, the largest region first.
+/// Joins regions of nodes, given as `of` `[N]` (any numbers): first each region of fewer than `tiny` nodes with the
+/// neighbour to which it has the most edge weight, then repeatedly the pair with the largest normalised cut as long as
+/// that is at least `cut`. Returns a label for each node `[N]` from 1, the largest region first.
 ///
 /// # Panics
 /// If an edge names a node that is not below N.
@@ -26,12 +28,12 @@ pub fn join(of: &[u32], edges: &[Edge], tiny: usize, cut: f64) -> Vec<u32> {
 struct Regions {
     /// Region of each node.
     of: Vec<usize>,
-    /// Where each region went; itself while it is one.
+    /// The region each was merged into; itself if it was not.
     into: Vec<usize>,
     sizes: Vec<usize>,
-    /// Weight of the edges to each neighbour, both ways; to itself, twice that within.
+    /// Weight of the edges to each neighbour, in both directions; to itself, twice the weight of the edges within.
     near: Vec<BTreeMap<usize, f64>>,
-    /// Weight of all edges at each, those within counted twice.
+    /// Total weight of the edges at each region, edges within counted twice.
     volumes: Vec<f64>,
 }
 
@@ -61,7 +63,7 @@ impl Regions {
         self.into[region] == region
     }
 
-    /// Makes `b` a part of `a`.
+    /// Merges `b` into `a`.
     fn merge(&mut self, a: usize, b: usize) {
         let of_b = std::mem::take(&mut self.near[b]);
         let between = self.near[a].remove(&b).unwrap_or(0.0);
@@ -76,7 +78,7 @@ impl Regions {
         self.into[b] = a;
     }
 
-    /// From the smallest on; one without a neighbour stays.
+    /// Joins the regions below `tiny`, smallest first; a region without neighbours stays.
     fn join_tiny(&mut self, tiny: usize) {
         let mut order: Vec<usize> = (0..self.sizes.len()).collect();
         order.sort_by_key(|&region| self.sizes[region]);
@@ -92,7 +94,7 @@ impl Regions {
         }
     }
 
-    /// The pair with the largest normalised cut, if that is at least `cut`; of equals the first.
+    /// Returns the pair with the largest normalised cut, if that is at least `cut`; the first among equals.
     fn widest(&self, cut: f64) -> Option<(usize, usize)> {
         let mut best: Option<(f64, (usize, usize))> = None;
         for (a, near) in self.near.iter().enumerate() {
@@ -126,8 +128,8 @@ impl Regions {
 mod tests {
     use super::*;
 
-    /// A strip of `length` by four nodes; edges to the right and down, of weight 1 but for those between the columns `at` and
-    /// `at + 1`, of which only the first `wide` rows have one, of weight `weak`.
+    /// A strip of `length` columns of four nodes, with edges to the right and down of weight 1. Between the columns
+    /// `at` and `at + 1` only the first `wide` rows have an edge, of weight `weak`.
     fn strip(length: u32, at: u32, wide: u32, weak: f64) -> Vec<Edge> {
         let mut edges = Vec::new();
         for (x, y) in (0..length).flat_map(|x| (0..4).map(move |y| (x, y))) {
@@ -148,7 +150,7 @@ mod tests {
 
     #[test]
     fn what_a_narrow_place_parts_stays_apart_and_patches_of_one_become_one() {
-        // patches of five columns; the narrow place is between two of them
+        // patches of five columns; the narrow place lies between two of them
         let of: Vec<u32> = (0..160).map(|node| 7 + node / 20).collect();
         let parted = join(&of, &strip(40, 19, 1, 0.5), 0, 0.01);
         assert_eq!(pieces(&parted), [80, 80]);

@@ -1,8 +1,8 @@
-//! Seeded choice of a subset without replacement. The random numbers come from the caller.
+//! Seeded random subsets without replacement. The random numbers come from the caller.
 
-/// `wanted` different numbers out of `0..count`, ascending (all of them where `wanted >= count`).
+/// Returns `wanted` distinct numbers from `0..count`, ascending (all of them where `wanted >= count`).
 ///
-/// `uniform` gives numbers in `[0, 1)`; the same sequence gives the same subset.
+/// `uniform` returns numbers in `[0, 1)`; the same sequence gives the same subset.
 pub fn sample_indices(count: usize, wanted: usize, uniform: &mut impl FnMut() -> f32) -> Vec<u32> {
     let mut pool: Vec<u32> = (0..count as u32).collect();
     if wanted >= count {
@@ -29,7 +29,7 @@ pub(crate) fn fine_uniform(uniform: &mut impl FnMut() -> f32) -> f64 {
 pub(crate) mod tests {
     use super::*;
 
-    /// A small generator for tests: splitmix64 cut to 24 bits.
+    /// A small generator for tests: splitmix64 truncated to 24 bits.
     pub(crate) fn generator(seed: u64) -> impl FnMut() -> f32 {
         let mut state = seed;
         move || {

@@ -1,29 +1,29 @@
-//! How many clusters the points seem to have. The clustering itself lives in `kmeans`.
+//! Estimates the number of clusters. The clustering itself lives in `kmeans`.
 
 use super::error::{PointsError, check_len, rows};
 use super::kmeans::{KMeans, KMeansConfig, kmeans, squared};
 use super::sampling::sample_indices;
 use std::ops::RangeInclusive;
 
-/// Points that are judged; more are sampled down to this many.
+/// Maximum number of points judged; larger sets are sampled down to this many.
 const SAMPLE: usize = 8000;
 
-/// The number of clusters with the score of each candidate.
+/// The suggested number of clusters, with the score of each candidate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClusterSuggestion {
-    /// The number suggested.
+    /// The suggested number.
     pub clusters: usize,
-    /// Each candidate number with its score in -1..=1; higher is better.
+    /// Each candidate number and its score in -1..=1; higher is better.
     pub scores: Vec<(usize, f64)>,
 }
 
-/// Suggests how many clusters `points` `[N, dimensions]` with weights `[N]` (empty for equal) have, by the simplified
-/// weighted silhouette.
+/// Suggests the number of clusters in `points` `[N, dimensions]` with weights `[N]` (empty for equal weights), by the
+/// simplified weighted silhouette.
 ///
 /// Each candidate (2..=10 is a good range) is clustered on a seeded sample of at most 8,000 points; a point at distance
-/// `a` from its own centroid and `b` from the next one scores `(b - a) / b`, and the candidate scores the weighted mean.
-/// The best score wins, the smaller number among equals. A silhouette cannot judge a single cluster: 1 is suggested
-/// only where no candidate splits the points (all at one place, one point, none).
+/// `a` from its own centroid and `b` from the next one scores `(b - a) / b`, and the candidate scores the weighted
+/// mean. The best score wins, the smaller number among equals. A silhouette cannot judge a single cluster: 1 is
+/// suggested only where no candidate splits the points (all at one position, one point, none).
 ///
 /// # Errors
 /// Slices of the wrong length; an empty range or one that starts at 0.

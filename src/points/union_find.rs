@@ -1,4 +1,4 @@
-//! A union-find that many threads may use at once. Which sets come out depends on the unions alone, never on their
+//! A union-find that several threads may use at once. The resulting sets depend on the unions alone, never on their
 //! order, so a parallel caller stays deterministic.
 
 use std::sync::atomic::{AtomicU32, Ordering};

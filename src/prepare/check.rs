@@ -1,4 +1,4 @@
-//! What can be known to be wrong with a dataset before anything is rendered.
+//! Checks that find what is wrong with a dataset before anything is rendered.
 
 use super::{FOLDER, FileLabels, PrepareError, PrepareOptions, Source, image_count, views};
 use crate::memory::{Budget, product};
@@ -11,19 +11,21 @@ use std::collections::BTreeSet;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// Bytes of the plan of an image: its camera, its entry in the JSON file, its job.
+/// Bytes of the plan per image: its camera, its entry in the JSON file, its job.
 const VIEW_BYTES: usize = 2048;
-/// Bytes of a pixel of an image that a thread renders: colours, label, the eight bits that are written.
+/// Bytes per pixel of an image that a thread renders: colours, label, the eight bits that are written.
 const PIXEL_BYTES: usize = 32;
-/// Bytes of a pixel of the contact sheet's images, which are read back together.
+/// Bytes per pixel of the contact sheet's images, which are read back together.
 const SHEET_BYTES: usize = 120;
-/// Bytes of a voxel: as it was read, laid out for rays with its border, its label, the bricks.
+/// Bytes per voxel: as read, laid out for rays with its border, its label, the bricks.
 const VOXEL_BYTES: usize = 11;
-/// Lengths in scene units that make sense.
+/// Accepted lengths in scene units.
 pub const LENGTHS: RangeInclusive<f64> = 1e-6..=1e6;
 
+/// Checks the options, the source and the place of the dataset.
+///
 /// # Errors
-/// The first thing that is wrong, by its flag or in words.
+/// The first problem, named by its flag or in words.
 pub(super) fn check(
     source: &Source,
     transfer: &TransferFunction,
@@ -80,7 +82,7 @@ pub(super) fn check(
     Ok(())
 }
 
-/// Segments become folders: their names must be fit for it, and differ.
+/// Segments become folders: their names must be valid for that, and distinct.
 fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareError> {
     let wrong = |text: String| Err(PrepareError::Options(text));
     for segment in &transfer.segments {
@@ -94,7 +96,7 @@ fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareErro
             if !ids.insert(id) || !known.insert(name) {
                 return wrong(format!("label {id}={name}: give each label one name, and each name to one label"));
             }
-            // what a label without a name is called
+            // the name of a label that was given none
             let other = name.strip_prefix("segment-").and_then(|n| n.parse::<u16>().ok());
             if other.is_some_and(|n| n != *id && !names.iter().any(|(i, _)| *i == n)) {
                 return wrong(format!("label {id}={name}: is what another label is called; choose another name"));
@@ -104,7 +106,7 @@ fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareErro
     Ok(())
 }
 
-/// Whether the plan, the images that are rendered at a time and a step of the series fit into memory.
+/// Checks that the plan, the images rendered at a time and a step of the series fit into memory.
 fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError> {
     let (views, free) = (&options.views, Budget::now());
     let [w, h] = views.size.map(|n| n as usize);
@@ -123,7 +125,7 @@ fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError>
     Ok(())
 }
 
-/// The files that the dataset is made from.
+/// The files from which the dataset is made.
 pub(super) fn needed<'a>(source: &'a Source, options: &'a PrepareOptions) -> Vec<&'a Path> {
     source.files().into_iter().chain(options.needed.iter().map(PathBuf::as_path)).collect()
 }

@@ -1,5 +1,5 @@
-//! From a time series of volumes to a dataset: images, cameras, and the truth about segments where labels are
-//! known. The volumes are held one step at a time; the folder appears when all of it is there.
+//! Turns a time series of volumes into a dataset: images, cameras, and the ground truth of segments where labels are
+//! known. One step of the volumes is held at a time; the folder appears once it is complete.
 
 mod check;
 mod record;
@@ -40,28 +40,29 @@ use thiserror::Error;
 use views::{View, ViewOptions, test_views, training_views};
 use write::{write_gray, write_picture, write_sheet};
 
-/// Grows with every change of what the same options make images and cameras of; who keys results by options adds it.
+/// Grows with every change to the images and cameras that the same options produce; whatever is keyed by the options
+/// includes it.
 pub const IMAGES: u32 = 1;
-/// The same of the truth about segments.
+/// The same for the ground truth of segments.
 pub const TRUTH: u32 = 2;
 
-/// Least alpha of a pixel that belongs to a segment, in masks and label images: what shows at all on white.
+/// Minimum alpha of a pixel that belongs to a segment, in masks and label images: what is just visible on white.
 pub const MASK_ALPHA: f32 = 0.05;
 
-/// What to make.
+/// Options of [`prepare`].
 #[derive(Clone, Debug)]
 pub struct PrepareOptions {
     /// Cameras and sampled steps.
     pub views: ViewOptions,
     /// Length of the volume's longest side, scene units.
     pub side: f64,
-    /// Distance of samples along a ray, in units of the smallest voxel spacing.
+    /// Distance between samples along a ray, in units of the smallest voxel spacing.
     pub step: f64,
     /// Segments shown alone, and label images.
     pub segments: SegmentOptions,
-    /// Replace a dataset that stands at the same place.
+    /// Replace a dataset at the same place.
     pub replace: bool,
-    /// Files that are read beside the volumes: no folder that holds one is replaced.
+    /// Files read beside the volumes: a folder that holds one is not replaced.
     pub needed: Vec<PathBuf>,
 }
 
@@ -74,13 +75,13 @@ pub enum PrepareError {
     /// The dataset cannot be written.
     #[error(transparent)]
     Data(#[from] DataError),
-    /// Something else stands where the dataset should go.
+    /// Something other than a dataset is at its place.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
     /// The options do not fit the data.
     #[error("{0}")]
     Options(String),
-    /// Something stands where the dataset should go, and is not to be replaced.
+    /// Something is at the place of the dataset, and is not to be replaced.
     #[error("{}: already there; choose another name", .0.display())]
     Exists(PathBuf),
     /// It does not fit into memory.
@@ -100,7 +101,7 @@ pub enum PrepareError {
         /// Data values at its two ends.
         span: [f64; 2],
     },
-    /// The file system said no.
+    /// A file system error.
     #[error("{}: {reason}", path.display())]
     Write {
         /// The file.
@@ -132,7 +133,7 @@ pub const FOLDER: FolderKind = FolderKind {
     ],
 };
 
-/// One image to be made, with its place.
+/// One image to be made, with its split and index.
 struct Job {
     split: SplitName,
     index: usize,
@@ -157,10 +158,11 @@ fn uneven_times(source: &Source) -> Option<Vec<f64>> {
     (!even).then_some(times)
 }
 
-/// Renders a dataset into `out`. `progress` is told after each image how many are done; `stop` ends it early.
+/// Renders a dataset into `out`. `progress` is called after each image with the number done; setting `stop` ends it
+/// early.
 ///
 /// # Errors
-/// As [`PrepareError`]; nothing is then left at `out`.
+/// See [`PrepareError`]; nothing is then left at `out`.
 pub fn prepare(
     source: &Source,
     transfer: &TransferFunction,
@@ -274,7 +276,7 @@ fn jobs_of_test(jobs: &[Job]) -> Vec<View> {
     jobs.iter().filter(|j| j.split == SplitName::Test).map(|j| j.view.clone()).collect()
 }
 
-/// Renders one image, with its label image if it is to be `labelled`, and says whether it shows anything.
+/// Renders one image, with its label image if `labelled`, and returns whether it shows anything.
 fn render(caster: &RayCaster, job: &Job, root: &Path, labelled: bool, stop: &AtomicBool) -> Result<bool, PrepareError> {
     let name = format!("r_{}.png", job.index);
     let path = root.join(job.split.as_str()).join(&name);

@@ -1,5 +1,5 @@
-//! The truth about segments: each rendered alone with its mask (`segments/NAME/`), label images (`labels/SPLIT/`),
-//! volumes of ids (`volumes/`), and `segments.json`, which says what there is.
+//! The ground truth of segments: each rendered alone with its mask (`segments/NAME/`), label images (`labels/SPLIT/`),
+//! volumes of ids (`volumes/`), and `segments.json`, which lists them.
 
 pub use super::shots::{EVEN_STEPS, SegmentSteps};
 use super::shots::{Shot, shots, volume_steps};
@@ -17,13 +17,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Most cells along the longest side of a volume of ids.
+/// Maximum number of cells along the longest side of a volume of ids.
 pub const VOLUME_CELLS: usize = 96;
 
-/// Which truth to render.
+/// Which ground truth to render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentOptions {
-    /// Test views, evenly spaced, in which each segment is rendered alone; 0 for none, and for no volume of ids.
+    /// Number of test views, evenly spaced, in which each segment is rendered alone; 0 for none, and for no volume of
+    /// ids.
     pub views: usize,
     /// Steps at which they are rendered.
     pub steps: SegmentSteps,
@@ -50,13 +51,13 @@ pub(super) struct SegmentWriter<'a> {
     volumes: Vec<VolumeEntry>,
     camera_angle_x: f64,
     size: [u32; 2],
-    /// All ids that were met, and those of the step that was met last.
+    /// All ids met so far, and those of the step met last.
     ids: BTreeSet<u16>,
     here: BTreeSet<u16>,
     entries: Vec<SegmentEntry>,
 }
 
-/// Path of what `shot` shows of a segment, from the dataset's root.
+/// Path of a segment's image in `shot`, from the dataset's root.
 fn file_path(segment: &str, shot: &Shot, end: &str) -> String {
     format!("./segments/{segment}/{}{end}.png", shot.name)
 }
@@ -95,7 +96,7 @@ impl<'a> SegmentWriter<'a> {
         }
     }
 
-    /// Makes the folders of label images.
+    /// Creates the folders of label images.
     pub fn make_folders(&self, splits: &[SplitName]) -> std::io::Result<()> {
         if self.known && self.options.label_images {
             for split in splits {
@@ -110,7 +111,7 @@ impl<'a> SegmentWriter<'a> {
         self.volume_steps.contains(&step) || self.shots.iter().any(|s| s.view.step == step)
     }
 
-    /// Notes which ids a step has.
+    /// Records which ids a step has.
     pub fn meet(&mut self, labels: &Labels) {
         let mut seen = vec![false; usize::from(u16::MAX) + 1];
         labels.ids.iter().for_each(|id| seen[usize::from(*id)] = true);
@@ -125,7 +126,7 @@ impl<'a> SegmentWriter<'a> {
         self.transfer.segments[usize::from(id) - 1].name.clone()
     }
 
-    /// Renders every segment that a step has in its views; what it has not shows nothing there, see [`Self::complete`].
+    /// Renders every segment of a step in its views; a segment it lacks shows nothing there, see [`Self::complete`].
     pub fn render(&mut self, step: usize, caster: &RayCaster, stop: &AtomicBool) -> Result<(), PrepareError> {
         if self.volume_steps.contains(&step) {
             self.write_volume(step, caster)?;
@@ -175,8 +176,8 @@ impl<'a> SegmentWriter<'a> {
         })
     }
 
-    /// The frames of every segment, in the order of steps and views: where a segment was not known yet, as it appears later,
-    /// or is not there any more, it shows nothing, and what is selected there in its place is wrong.
+    /// Completes the frames of every segment, in the order of steps and views: where a segment does not exist yet, or
+    /// no longer exists, it shows nothing, and anything selected there in its place is wrong.
     fn complete(&mut self, stop: &AtomicBool) -> Result<(), PrepareError> {
         let mut shots: Vec<&Shot> = self.shots.iter().collect();
         shots.sort_by_key(|shot| shot.view.step);
@@ -220,7 +221,7 @@ impl<'a> SegmentWriter<'a> {
         Ok(())
     }
 
-    /// Writes `segments.json` if anything is known, and gives the names of the segments.
+    /// Writes `segments.json` if anything is known, and returns the names of the segments.
     pub fn finish(mut self, stop: &AtomicBool) -> Result<Vec<String>, PrepareError> {
         if !self.known {
             return Ok(Vec::new());

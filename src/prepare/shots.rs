@@ -3,18 +3,19 @@
 use super::views::View;
 use std::collections::BTreeSet;
 
-/// Steps at which the truth is rendered by default, and of which volumes are written if each view has its own.
+/// Number of steps at which the ground truth is rendered by default, and of volumes written if each view has its own
+/// step.
 pub const EVEN_STEPS: usize = 5;
 
 /// The steps at which segments are rendered alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SegmentSteps {
-    /// So many, evenly spread over the series, in every view. For each, the nearest step that training sees is taken if
-    /// it is within half the distance of two of them.
+    /// This many, evenly spread over the series, in every view. Each is replaced by the nearest step that training sees
+    /// if that is within half the distance between two of them.
     Even(usize),
-    /// These, from 0, in every view.
+    /// The given steps, counted from 0, in every view.
     These(Vec<usize>),
-    /// In each view the step that the test image of that view shows.
+    /// In each view, the step that the test image of that view shows.
     OfViews,
 }
 
@@ -25,7 +26,7 @@ impl Default for SegmentSteps {
 }
 
 impl SegmentSteps {
-    /// The steps of every view, ascending; none if each view has its own.
+    /// The steps of every view, ascending; `None` if each view has its own.
     fn common(&self, steps: usize, trained: &BTreeSet<usize>) -> Option<BTreeSet<usize>> {
         match self {
             Self::Even(n) => Some(even_steps(*n, steps, trained)),
@@ -38,13 +39,13 @@ impl SegmentSteps {
 /// A view of a step in which every segment is shown.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Shot {
-    /// Name of its image, without ending.
+    /// Name of its image, without extension.
     pub name: String,
-    /// From where, and which step.
+    /// Its camera and step.
     pub view: View,
 }
 
-/// `n` steps of a series of `steps`, evenly spread and moved to the steps that training sees where one is near.
+/// `n` steps of a series of `steps`, evenly spread, each moved to a step that training sees if one is near.
 fn even_steps(n: usize, steps: usize, trained: &BTreeSet<usize>) -> BTreeSet<usize> {
     let last = steps.saturating_sub(1) as f64;
     let apart = last / n.saturating_sub(1).max(1) as f64;

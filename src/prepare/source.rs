@@ -1,4 +1,4 @@
-//! Where the steps of a series come from: volume files, or a synthetic scene.
+//! The source of the steps of a series: volume files, or a synthetic scene.
 
 use crate::data::lineage::{Change, Turn};
 use crate::name::Name;
@@ -16,12 +16,12 @@ pub enum Source {
     Files {
         /// The values.
         series: Box<Series>,
-        /// What is known of segments.
+        /// The segments, where known.
         labels: FileLabels,
     },
     /// A synthetic scene.
     Synthetic {
-        /// Which.
+        /// Which scene.
         scene: Synthetic,
         /// Voxels along x, y, z.
         dims: [usize; 3],
@@ -33,9 +33,9 @@ pub enum Source {
 /// The segments of volume files.
 #[derive(Debug)]
 pub enum FileLabels {
-    /// Not known.
+    /// Unknown.
     None,
-    /// In label volumes.
+    /// From label volumes.
     Files {
         /// The labels, of the same grid and number of steps as the values.
         series: Box<Series>,
@@ -50,7 +50,7 @@ impl FileLabels {
     /// The connected parts of a series; reads every step of it once.
     ///
     /// # Errors
-    /// As [`Parts::follow`].
+    /// As for [`Parts::follow`].
     pub fn parts(series: &Series, options: PartOptions) -> Result<Self, PartsError> {
         Parts::follow(series.grid(), series.len(), options, |step| series.load(step)).map(Self::Parts)
     }
@@ -60,7 +60,7 @@ impl FileLabels {
         series.iter()
     }
 
-    /// Where a dataset says that its segments come from.
+    /// The source of the segments as named in a dataset.
     fn kind(&self) -> Option<&'static str> {
         match self {
             Self::None => None,
@@ -88,7 +88,7 @@ impl Source {
         }
     }
 
-    /// True without any step.
+    /// True if there are no steps.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -134,8 +134,8 @@ impl Source {
         }
     }
 
-    /// What tells the segment of each voxel, as `segments.json` names it: `labels` or `components`; none where nothing
-    /// does.
+    /// The source of each voxel's segment, as named in `segments.json`: `labels` or `components`; `None` if there is
+    /// none.
     #[must_use]
     pub fn label_kind(&self) -> Option<&'static str> {
         match self {
@@ -144,7 +144,7 @@ impl Source {
         }
     }
 
-    /// The ends and beginnings of connected parts, by time; none of segments that are given.
+    /// The ends and beginnings of connected parts, by time; empty for segments that are given.
     #[must_use]
     pub fn lineage(&self) -> Vec<Turn> {
         let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
@@ -186,7 +186,7 @@ impl Source {
         }
     }
 
-    /// What it is, for the record and the terminal.
+    /// A description for the record and the terminal.
     #[must_use]
     pub fn describe(&self) -> String {
         let [x, y, z] = self.grid().dims;

@@ -1,4 +1,4 @@
-//! The truth that a dataset carries: when and from where segments are shown alone, and their volumes of ids.
+//! The ground truth of a dataset: when and from where segments are shown alone, and their volumes of ids.
 
 use super::tests::{make_with, options};
 use super::*;
@@ -7,7 +7,7 @@ use crate::data::{Camera, Truth};
 use crate::volume::synthetic::Synthetic;
 use glam::{DMat4, DVec3};
 
-/// The pixel that a point falls on.
+/// The pixel onto which a point projects.
 fn pixel(camera: &Camera, p: DVec3) -> Option<usize> {
     let (rotation, translation) = camera.world_to_camera_opencv();
     let q = rotation * p + translation;
@@ -60,7 +60,7 @@ fn volumes_of_ids_lie_where_the_pictures_show_the_segments() {
                         segment.name,
                         own.len()
                     );
-                    // and all of the mask is of these cells: none larger than three pixels across
+                    // and all of the mask belongs to these cells: none is larger than three pixels across
                     let mut covered = vec![false; 96 * 96];
                     for at in own.iter().filter_map(|p| pixel(&camera, *p)) {
                         for (dx, dy) in (0..25).map(|k| (k % 5, k / 5)) {

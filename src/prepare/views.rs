@@ -3,7 +3,7 @@
 use crate::data::Camera;
 use crate::data::paths::{Axis, FOV_X, Lens, RADIUS, biased, deal_times, test_spiral, time_indices, training_cameras};
 
-/// How training and test views are laid out; the defaults are the published datasets'.
+/// The layout of training and test views; the defaults are those of the published datasets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewOptions {
     /// Width and height of the images in pixels.
@@ -14,22 +14,22 @@ pub struct ViewOptions {
     pub radius: f64,
     /// Steps of the series that training sees.
     pub times: Times,
-    /// Training views of each of these steps.
+    /// Number of training views of each of these steps.
     pub views_per_time: usize,
     /// Test views along the spiral.
     pub test_views: usize,
-    /// Take training views within this angle (radians) of an axis, in place of the whole sphere.
+    /// Take training views within this angle (radians) of an axis, instead of from the whole sphere.
     pub bias: Option<(Axis, f64)>,
-    /// Seed of the deal of views to times.
+    /// Seed of the assignment of views to times.
     pub seed: u64,
 }
 
 /// Which steps training sees.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Times {
-    /// So many, evenly spread, first and last among them (at most those there are).
+    /// This many, evenly spread, including the first and the last (at most all of them).
     Count(usize),
-    /// These, from 0.
+    /// The given steps, counted from 0.
     Steps(Vec<usize>),
 }
 
@@ -51,13 +51,13 @@ impl Default for ViewOptions {
 /// One image to be made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// From where.
+    /// Its camera.
     pub camera: Camera,
-    /// Of which step of the series.
+    /// Its step of the series.
     pub step: usize,
 }
 
-/// The training views of a series of `steps` steps: a spherical Fibonacci set, dealt over the sampled steps.
+/// The training views of a series of `steps` steps: a spherical Fibonacci set, assigned to the sampled steps.
 #[must_use]
 pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<View> {
     let sampled = match &options.times {
@@ -74,7 +74,7 @@ pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<View> {
     cameras.into_iter().zip(deal).map(|(camera, t)| View { camera, step: sampled[t] }).collect()
 }
 
-/// The test views: the spiral from pole to pole while all steps pass by.
+/// The test views: the spiral from pole to pole while time runs through all steps.
 #[must_use]
 pub fn test_views(options: &ViewOptions, steps: usize) -> Vec<View> {
     let last = steps.saturating_sub(1) as f64;

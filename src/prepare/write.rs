@@ -1,4 +1,4 @@
-//! PNG files of a dataset that is being made. Plain writes: the folder as a whole is published at once.
+//! Writes the PNG files of a dataset in the making. Plain writes: the folder is published as a whole.
 
 use super::PrepareError;
 use crate::volume::raycast::Picture;
@@ -17,30 +17,30 @@ fn encode(path: &Path, [width, height]: [u32; 2], kind: ExtendedColorType, bytes
     file.flush().map_err(|e| error(&e))
 }
 
-/// An image with straight alpha.
+/// Writes an image with straight alpha.
 pub(super) fn write_picture(path: &Path, picture: &Picture) -> Result<(), PrepareError> {
     let image = picture.to_rgba8();
     encode(path, [image.width(), image.height()], ExtendedColorType::Rgba8, image.as_raw())
 }
 
-/// Segment ids as grey levels, `[H, W]`; ids above 255 need 16 bits.
+/// Writes segment ids as grey levels, `[H, W]`; ids above 255 need 16 bits.
 pub(super) fn write_gray(path: &Path, size: [u32; 2], ids: &[u16]) -> Result<(), PrepareError> {
     if ids.iter().all(|id| *id < 256) {
         let bytes: Vec<u8> = ids.iter().map(|id| *id as u8).collect();
         encode(path, size, ExtendedColorType::L8, &bytes)
     } else {
-        // `image` takes 16-bit samples in the machine's order
+        // `image` expects 16-bit samples in native byte order
         let bytes: Vec<u8> = ids.iter().flat_map(|id| id.to_ne_bytes()).collect();
         encode(path, size, ExtendedColorType::L16, &bytes)
     }
 }
 
-/// A binary mask, `[H, W]`, 0 or 255.
+/// Writes a binary mask, `[H, W]`, 0 or 255.
 pub(super) fn write_mask(path: &Path, size: [u32; 2], mask: &[u8]) -> Result<(), PrepareError> {
     encode(path, size, ExtendedColorType::L8, mask)
 }
 
-/// A sheet of pictures to look at.
+/// Writes a sheet of pictures.
 pub(super) fn write_sheet(path: &Path, sheet: &RgbImage) -> Result<(), PrepareError> {
     encode(path, [sheet.width(), sheet.height()], ExtendedColorType::Rgb8, sheet.as_raw())
 }

@@ -1,4 +1,4 @@
-//! The HTML of each kind of block. The page around them is in `page`, their looks in `report.css`, their motion in
+//! The HTML of each kind of block. The page around them is in `page`, their styles in `report.css`, their behaviour in
 //! `report.js`.
 
 use super::page::escape;
@@ -7,7 +7,7 @@ use crate::durations::exact_duration;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-/// Frames per second where the wanted number makes no sense.
+/// Frames per second if the requested number is out of range.
 const DEFAULT_FPS: f32 = 8.0;
 const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 
@@ -39,7 +39,7 @@ fn paragraphs(text: &str) -> String {
     parts.map(|part| format!("<p>{}</p>\n", escape(part.trim()))).collect()
 }
 
-/// Width and height in pixels, from the header; `None` if this is no PNG.
+/// Width and height in pixels, from the header; `None` if this is not a PNG.
 fn png_size(png: &[u8]) -> Option<(u32, u32)> {
     let rest = png.strip_prefix(&PNG_SIGNATURE)?;
     let number = |at: usize| rest.get(at..at + 4)?.try_into().ok().map(u32::from_be_bytes);
@@ -47,7 +47,7 @@ fn png_size(png: &[u8]) -> Option<(u32, u32)> {
     Some((number(8)?, number(12)?)).filter(|(width, height)| *width > 0 && *height > 0)
 }
 
-/// The picture's own width for the style sheet, which does not blow small pictures up without limit.
+/// The picture's own width for the style sheet, which limits the enlargement of small pictures.
 fn size_style(png: &[u8]) -> String {
     png_size(png).map_or_else(String::new, |(width, _)| format!(" style=\"--w:{width}px\""))
 }
@@ -135,7 +135,7 @@ fn plot(svg: &str, caption: &str) -> String {
     figure("plots", "", &card, caption)
 }
 
-/// True for `12`, `-0.5`, `30.1 dB`, `98 %`, and for what stands where there is no number.
+/// True for `12`, `-0.5`, `30.1 dB`, `98 %`, and for what is shown in place of a missing number.
 fn numeric(cell: &str) -> bool {
     let first = bold(cell).unwrap_or(cell).split_whitespace().next().unwrap_or("");
     let number = first.trim_end_matches(['%', '×', 'x']).replace(['−', '–', '—'], "-").replace(',', "");
@@ -143,7 +143,7 @@ fn numeric(cell: &str) -> bool {
         || number.trim_start_matches(['±', '<', '>', '≈']).parse::<f64>().is_ok()
 }
 
-/// What stands between `**` and `**`, if the cell is marked so.
+/// The text enclosed in `**`, if the cell is marked in this way.
 fn bold(cell: &str) -> Option<&str> {
     let inner = cell.trim().strip_prefix("**")?.strip_suffix("**")?.trim();
     (!inner.is_empty() && !inner.contains("**")).then_some(inner)

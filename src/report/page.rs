@@ -1,15 +1,14 @@
-//! The skeleton of the page: head, heading, table of contents, sections, script. What a block looks like is in
-//! `blocks`.
+//! The skeleton of the page: head, heading, table of contents, sections, script. The HTML of a block is in `blocks`.
 
 use super::{Report, Section, blocks};
 use std::collections::BTreeSet;
 
 const CSS: &str = include_str!("report.css");
 const JS: &str = include_str!("report.js");
-/// Lets the browser refuse whatever is not in the file itself.
+/// Makes the browser refuse whatever is not in the file itself.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
-/// The page as HTML; every tag is closed.
+/// Renders the page as HTML; every tag is closed.
 pub(super) fn render(report: &Report) -> String {
     let ids = anchors(&report.sections);
     let title = escape(&report.title);
@@ -58,9 +57,9 @@ fn paragraph(out: &mut String, class: &str, text: &str) {
     }
 }
 
-/// One anchor for each section: of ASCII letters, digits and `-`, none of them twice.
+/// One anchor for each section, all different, of lower-case ASCII letters, digits and `-`.
 fn anchors(sections: &[Section]) -> Vec<String> {
-    // The page's own.
+    // the page's own ids
     let mut used = BTreeSet::from(["top", "main", "status"].map(String::from));
     let clean = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
     let mut ids = Vec::with_capacity(sections.len());
@@ -81,7 +80,7 @@ fn anchors(sections: &[Section]) -> Vec<String> {
     ids
 }
 
-/// Text as it may stand between tags and in quoted attributes.
+/// Escapes text for use between tags and in quoted attributes.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -92,7 +91,7 @@ pub(super) fn escape(text: &str) -> String {
             '"' => out += "&quot;",
             '\'' => out += "&#39;",
             '\n' | '\t' => out.push(c),
-            // Neither HTML nor XML may hold these.
+            // neither HTML nor XML may contain these
             c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => out.push(' '),
             c => out.push(c),
         }

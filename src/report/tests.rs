@@ -1,4 +1,4 @@
-//! Behaviour of the page: nothing escapes from texts, nothing is fetched, every block is there, tags balance.
+//! Behaviour of the page: texts are escaped, nothing is fetched, every block is present, tags balance.
 
 use super::*;
 use crate::draw::plot::{Series, line_plot};

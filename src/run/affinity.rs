@@ -17,47 +17,47 @@ use std::time::Instant;
 /// Mask scale at which features are shown.
 const SCALE: f32 = 0.5;
 
-/// What training is at.
+/// Progress of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stage {
-    /// So many of all views of masks are read.
+    /// Views with masks are being read.
     Read {
-        /// Views read.
+        /// Views read so far.
         done: usize,
-        /// All of them.
+        /// Number of views in total.
         all: usize,
     },
-    /// All are read.
+    /// All views have been read and training begins.
     Begins {
         /// Views of segments.
         views: usize,
         /// Masks in them.
         masks: usize,
-        /// Seconds that it took to read them.
+        /// Seconds spent reading them.
         seconds: f64,
     },
-    /// So many steps are taken; the loss is a running mean.
+    /// A training step was taken.
     Step {
-        /// Steps taken.
+        /// Steps taken so far.
         done: usize,
-        /// Loss, smoothed.
+        /// Running mean of the loss.
         loss: f64,
     },
 }
 
-/// How training ended.
+/// Outcome of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trained {
-    /// Loss, smoothed.
+    /// Running mean of the loss at the end.
     pub loss: f64,
-    /// Seconds of the steps alone.
+    /// Seconds spent on the steps alone.
     pub seconds: f64,
 }
 
-/// The run's affinity field.
+/// Opens the run's affinity field.
 ///
 /// # Errors
-/// If there is none, it is damaged, or was trained on another state of the scene.
+/// If the field is missing, damaged, or was trained on another state of the scene.
 pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySpec), RunError> {
     let path = run.paths().affinity();
     if !path.exists() {
@@ -73,11 +73,11 @@ pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySp
     Ok((field, spec))
 }
 
-/// Colours of the scene's N Gaussians by the run's affinity field, `[N]`: the first three principal components of their
-/// features at [`SCALE`], each from the 1st to the 99th of a hundred.
+/// Returns a colour for each of the scene's N Gaussians, `[N]`: the first three principal components of their affinity
+/// features at [`SCALE`], each scaled from its 1st to its 99th percentile.
 ///
 /// # Errors
-/// As [`open`].
+/// As for [`open`].
 pub(super) fn colours(run: &OpenRun) -> Result<Vec<[f32; 3]>, RunError> {
     let (field, spec) = open(run, &run.scene.gaussians.means.val().device())?;
     let at = run.scene.host_at(spec.time as f32);
@@ -98,11 +98,11 @@ pub(super) fn colours(run: &OpenRun) -> Result<Vec<[f32; 3]>, RunError> {
     Ok(colours)
 }
 
-/// Trains the field on the masks of the run and writes it; `None` if `goes_on` stopped it, with the field of before, if
-/// any, as it was.
+/// Trains the field on the run's masks and writes it to the run. Returns `None` if `goes_on` stopped the training; an
+/// earlier field is then unchanged.
 ///
 /// # Errors
-/// If there are no masks, they do not fit the run's segments, or the field cannot be written.
+/// If there are no masks, they do not match the run's segments, or the field cannot be written.
 pub fn fit(
     run: &OpenRun,
     options: &FineOptions,
@@ -128,7 +128,7 @@ pub fn fit(
     let frame = Frame::around(&at.visible_means());
     let again = format!("run `volseggs segment masks {} --replace`", shell::path(&run.path));
     let of = |(i, name): (usize, &String)| {
-        // one that has another name by now still has its Gaussians
+        // a renamed segment is recognised by its Gaussians
         let renamed = || {
             let key = header.members.get(i)?;
             all.segments.iter().find(|s| members_key(&s.members) == *key)

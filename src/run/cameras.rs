@@ -1,5 +1,4 @@
-//! Cameras of a run: where those of its dataset stand, where a person may place one, and how large a picture memory
-//! allows.
+//! Cameras of a run: those of its dataset, those a user may place, and how large a picture memory allows.
 
 use super::saved::SavedView;
 use super::{OpenRun, RunError, Trained};
@@ -14,33 +13,33 @@ use image::RgbImage;
 use serde::Serialize;
 use std::fmt;
 
-/// How far above the equator an orbit stands, radians.
+/// Elevation of an orbit above the equator, radians.
 const ABOVE: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
-/// Bytes that drawing takes for a pixel: the image in floats on the device and on the host, the working space of
-/// splatting, and its eight bits.
+/// Bytes needed to draw one pixel: the image in floats on the device and on the host, the workspace of splatting, and
+/// the 8-bit image.
 const PIXEL_BYTES: usize = 64;
 
-/// Largest side of a picture that may be asked for, pixels.
+/// Largest side of a picture that may be requested, pixels.
 pub const SIDE: u32 = 16_384;
 
-/// A camera may stand from so near to the centre to so far from it, in half sizes of the scene: nearer it looks nowhere,
-/// farther the scene is less than a pixel.
+/// Smallest and largest distance of a camera from the centre, in half sizes of the scene: any nearer, it has no viewing
+/// direction; any farther, the scene is smaller than a pixel.
 const DISTANCES: [f64; 2] = [1e-6, 1e5];
 
-/// The lens of a run's dataset, and where its cameras stand.
+/// The lens and the camera positions of a run's dataset.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surroundings {
     /// The lens.
     pub lens: Lens,
-    /// Where its cameras stand around the scene's centre.
+    /// Sphere around the scene's centre on which its cameras stand.
     pub sphere: Sphere,
-    /// What a person is to be told: that these are those of the published data, as the run's own cannot be read.
+    /// Note for the user if the dataset cannot be read, so that lens and sphere are those of the published data.
     pub note: Option<String>,
 }
 
 impl Surroundings {
-    /// The same with pictures of this width in pixels, as tall as their shape asks for.
+    /// Returns these surroundings for pictures `width` pixels wide, with the same aspect ratio.
     #[must_use]
     pub fn sized(mut self, width: u32) -> Self {
         let full = self.lens;
@@ -49,21 +48,21 @@ impl Surroundings {
         self
     }
 
-    /// `frames` cameras in a circle around the scene, a little above its equator.
+    /// Returns `frames` cameras on a circle around the scene, a little above its equator.
     #[must_use]
     pub fn orbit(&self, frames: usize) -> Vec<Camera> {
         orbit(frames, self.sphere, ABOVE, self.lens)
     }
 }
 
-/// Which camera looks.
+/// Choice of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ViewChoice {
-    /// One at this point, world units, that looks at the centre.
+    /// A camera at this point, world units, that looks at the centre.
     At(DVec3),
-    /// That of this test view of the dataset, from 0.
+    /// The camera of this test view of the dataset, counted from 0.
     Test(usize),
-    /// That of a view that was saved.
+    /// The camera of a saved view.
     Saved {
         /// Name of its file.
         name: String,
@@ -72,7 +71,7 @@ pub enum ViewChoice {
     },
 }
 
-/// As it is typed, `--view 12`; the point of a camera alone.
+/// Formats the choice as the option that makes it, such as `--view 12`.
 impl fmt::Display for ViewChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -83,31 +82,31 @@ impl fmt::Display for ViewChoice {
     }
 }
 
-/// Where a view of the dataset is.
+/// Camera pose and time of a view of the dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Placed {
-    /// Where the camera stands, world units.
+    /// Position of the camera, world units.
     pub eye: [f64; 3],
-    /// What it looks at: the point of its axis that is as far away as the scene's centre.
+    /// Point it looks at: on its axis, as far away as the scene's centre.
     pub target: [f64; 3],
-    /// What is up.
+    /// Up direction.
     pub up: [f64; 3],
-    /// Whole horizontal field of view, radians.
+    /// Full horizontal field of view, radians.
     pub fov: f64,
     /// Time in [0, 1].
     pub time: f64,
 }
 
-/// Refuses pictures that do not fit into memory; `flag` is what says so, such as `--size 9000`.
+/// Checks that a picture fits into memory; `flag` is the option that set its size, such as `--size 9000`.
 ///
 /// # Errors
-/// The flag, and how much there is.
+/// If it does not fit; the error names the flag and the available memory.
 pub fn check_lens(flag: &str, lens: Lens) -> Result<(), RunError> {
     let bytes = product(&[lens.width as usize, lens.height as usize, PIXEL_BYTES]);
     Budget::now().check(flag, bytes).map_err(RunError::input)
 }
 
-/// Refuses distances from the centre at which nothing can be seen of a scene of this half size.
+/// Checks that a scene of this half size is visible from this distance to its centre.
 fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunError> {
     let [near, far] = DISTANCES.map(|d| d * half_size);
     if (near..=far).contains(&distance) {
@@ -118,8 +117,8 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
 }
 
 impl<S: Trained> OpenRun<S> {
-    /// The lens of the run's dataset, and where its cameras stand around the scene; those of the published data, which
-    /// [`Surroundings::note`] says, where the dataset is not there any more.
+    /// Returns the lens of the run's dataset and the sphere on which its cameras stand. If the dataset is no longer
+    /// there, those of the published data are returned, and [`Surroundings::note`] says so.
     #[must_use]
     pub fn surroundings(&self) -> Surroundings {
         let first = self.split(SplitName::Train, None, Some(1)).ok();
@@ -138,11 +137,12 @@ impl<S: Trained> OpenRun<S> {
         Surroundings { lens: Lens { fov_x, width, height }, sphere, note }
     }
 
-    /// The camera of `choice` and, for a test view or a saved one, its time. `lens` is that of [`OpenRun::surroundings`]; a
-    /// saved view has its own.
+    /// Returns the camera of `choice` and, for a test view or a saved view, its time. `lens` is that of
+    /// [`OpenRun::surroundings`]; a saved view has its own.
     ///
     /// # Errors
-    /// As [`OpenRun::camera_at`] and [`OpenRun::test_view`]; a saved view whose picture does not fit into memory.
+    /// As for [`OpenRun::camera_at`] and [`OpenRun::test_view`], or if the picture of a saved view does not fit into
+    /// memory.
     pub fn view(&self, choice: &ViewChoice, lens: Lens) -> Result<(Camera, Option<f64>), RunError> {
         match choice {
             ViewChoice::At(eye) => Ok((self.camera_at(*eye, lens)?, None)),
@@ -156,20 +156,20 @@ impl<S: Trained> OpenRun<S> {
         }
     }
 
-    /// The camera at `eye` (the value of `--camera`), looking at the centre.
+    /// Returns the camera at `eye` (the value of `--camera`) that looks at the centre.
     ///
     /// # Errors
-    /// If it stands at the centre, or too far away to see anything.
+    /// If it is at the centre, or too far away to see anything.
     pub fn camera_at(&self, eye: DVec3, lens: Lens) -> Result<Camera, RunError> {
         let ((centre, half_size), DVec3 { x, y, z }) = (self.model().place(), eye);
         check_distance(&format!("--camera {x},{y},{z}"), eye.distance(centre), half_size)?;
         Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height))
     }
 
-    /// The camera of test view `n` of the dataset (the value of `--view`) and its time; no picture is read.
+    /// Returns the camera of test view `n` of the dataset (the value of `--view`) and its time; no image is read.
     ///
     /// # Errors
-    /// If the dataset's file of test views cannot be read, or has fewer.
+    /// If the dataset's file of test views cannot be read, or has no view `n`.
     pub fn test_view(&self, n: usize, lens: Lens) -> Result<(Camera, f64), RunError> {
         let path = SplitName::Test.json_path(&self.record.dataset);
         let json = Transforms::read(&path)?;
@@ -180,7 +180,7 @@ impl<S: Trained> OpenRun<S> {
         Ok((json.intrinsics.camera(lens.width, lens.height, frame.camera_to_world), frame.time))
     }
 
-    /// Where the test views of the dataset are.
+    /// Returns the camera poses and times of the dataset's test views.
     ///
     /// # Errors
     /// If the dataset's file of test views cannot be read.
@@ -199,10 +199,10 @@ impl<S: Trained> OpenRun<S> {
         Ok(json.frames.iter().map(placed).collect())
     }
 
-    /// The dataset's image of test view `n`, over the scene's background, made smaller as for training.
+    /// Returns the dataset's image of test view `n`, over the scene's background and downscaled as for training.
     ///
     /// # Errors
-    /// If the file of test views has fewer, or the image cannot be read.
+    /// If the file of test views cannot be read or has no view `n`, or the image cannot be read.
     pub fn test_image(&self, n: usize) -> Result<RgbImage, RunError> {
         let root = self.dataset(None)?;
         let path = SplitName::Test.json_path(root);
@@ -216,10 +216,10 @@ impl<S: Trained> OpenRun<S> {
         Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }
 
-    /// Checks the distance of cameras on a path (the value of `--radius`).
+    /// Checks the distance from the centre of the cameras on a path (the value of `--radius`).
     ///
     /// # Errors
-    /// As [`OpenRun::camera_at`].
+    /// As for [`OpenRun::camera_at`].
     pub fn check_radius(&self, radius: f64) -> Result<(), RunError> {
         check_distance(&format!("--radius {radius}"), radius, self.model().place().1)
     }

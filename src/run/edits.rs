@@ -1,4 +1,4 @@
-//! Changes of a run's edits. A change that is refused leaves them as they were.
+//! Changes to a run's edits. A change that is refused leaves them unchanged.
 
 use super::segments::{Towards, check_count};
 use super::selection::check_edits;
@@ -6,19 +6,19 @@ use super::{OpenRun, RunError};
 use crate::edit::{Edit, EditError, EditStack};
 use crate::segment::segmentation::Segmentation;
 
-/// Adds an edit and writes the file.
+/// Adds an edit and writes the file of edits.
 ///
 /// # Errors
-/// If it names what no segment is, has a value out of range (named as the option is), or cannot be written; if an edit
-/// before it cannot be applied any more.
+/// If the edit names a segment that does not exist, has a value out of range (the error names the option of that name),
+/// or cannot be written, or if an earlier edit can no longer be applied.
 pub fn push(run: &OpenRun, edit: Edit) -> Result<EditStack, RunError> {
     let mut stack = run.edits()?;
     let all = run.segments()?;
     check_names(&all, &edit)?;
-    // an edit on top of one that cannot be applied would bury it
+    // adding an edit after one that cannot be applied would bury the problem
     check_edits(run, &stack, &all)?;
     stack.push(edit).map_err(|e| match e {
-        // the fields of an edit are called as the options are
+        // fields of an edit have the names of the options
         EditError::Value { field, problem } => {
             RunError::input(format!("--{}: {problem}", field.rsplit('.').next().unwrap_or(&field)))
         }
@@ -30,7 +30,7 @@ pub fn push(run: &OpenRun, edit: Edit) -> Result<EditStack, RunError> {
 /// Undoes or redoes `count` edits, all of them or none, and writes the file.
 ///
 /// # Errors
-/// If there are fewer, or one to be redone names what no segment is any more.
+/// If there are fewer, or an edit to be redone names a segment that no longer exists.
 pub fn step(run: &OpenRun, towards: Towards, count: usize) -> Result<EditStack, RunError> {
     let mut stack = run.edits()?;
     let there = match towards {
@@ -52,7 +52,7 @@ pub fn step(run: &OpenRun, towards: Towards, count: usize) -> Result<EditStack, 
     save(run, stack)
 }
 
-/// Forgets all edits, also those of a file that cannot be read.
+/// Removes all edits, including those of a file that cannot be read.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -65,10 +65,10 @@ fn save(run: &OpenRun, stack: EditStack) -> Result<EditStack, RunError> {
     Ok(stack)
 }
 
-/// Refuses names that no segment has, and segments without Gaussians.
+/// Checks that the segments an edit names exist and have Gaussians.
 ///
 /// # Errors
-/// The first of them.
+/// The first segment that does not.
 pub(super) fn check_names(all: &Segmentation, edit: &Edit) -> Result<(), RunError> {
     for name in &edit.segments {
         let segment = all.get(name).map_err(|e| RunError::input(format!("cannot {edit}: {e}")))?;

@@ -1,41 +1,41 @@
-//! Why something cannot be done with a run.
+//! Errors of operations on a run.
 
 use crate::data::DataError;
 use crate::files::{LockError, ReplaceError};
 use std::fmt::Display;
 
-/// Why something cannot be done with a run. The texts name the file or what was asked for, and what to do.
+/// Why an operation on a run failed. The messages name the file or the request, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// Whoever asked can mend it: what was asked for does not fit the run, or a file of it is damaged or missing.
+    /// The user can fix it: the request does not match the run, or one of its files is damaged or missing.
     #[error("{0}")]
     Input(String),
     /// The system refused, or the program is at fault.
     #[error("{0}")]
     Failure(String),
-    /// Another process writes into the run, or the lock cannot be taken.
+    /// Another process is writing to the run, or the lock cannot be taken.
     #[error(transparent)]
     Lock(#[from] LockError),
-    /// The dataset.
+    /// The dataset cannot be used.
     #[error(transparent)]
     Data(#[from] DataError),
-    /// Something stands where results go that may not be replaced, or they cannot be written.
+    /// Something that may not be replaced is where results go, or they cannot be written.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
 }
 
 impl RunError {
-    /// [`RunError::Input`] with this text.
+    /// Creates a [`RunError::Input`] with this message.
     pub fn input(error: impl Display) -> Self {
         Self::Input(error.to_string())
     }
 
-    /// [`RunError::Failure`] with this text.
+    /// Creates a [`RunError::Failure`] with this message.
     pub fn failure(error: impl Display) -> Self {
         Self::Failure(error.to_string())
     }
 
-    /// Whether whoever asked can mend it.
+    /// Returns whether the user can fix it.
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {

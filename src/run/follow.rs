@@ -1,4 +1,4 @@
-//! Segments of a run through time: statistics, events, and pictures of each alone.
+//! Tracking of a run's segments through time: statistics, events, and pictures of each segment alone.
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
@@ -11,31 +11,31 @@ use crate::track::report::{PictureOptions, ReportError, ReportFolder};
 use burn::tensor::Device;
 use rayon::prelude::*;
 
-/// Pictures in the sheet of a segment.
+/// Maximum number of pictures in the sheet of a segment.
 pub const SHEET: usize = 8;
-/// Bytes that a time takes for each segment: its statistics, its events, and their rows in the tables.
+/// Bytes per time and segment: its statistics, its events, and their rows in the tables.
 const ROW_BYTES: usize = 4096;
-/// Bytes that a time takes for each Gaussian of a segment.
+/// Bytes per time and Gaussian of a segment.
 const MEMBER_BYTES: usize = 8;
 
-/// Times in [0, 1], in the order in which segments are followed. Listed when it is known that memory has room for them.
+/// Times in [0, 1], in the order in which segments are tracked. They are listed only once memory is known to suffice.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Times {
-    /// Evenly spaced; backward if `to` is before `from`.
+    /// Evenly spaced times, backward if `to` is before `from`.
     Even {
-        /// The first.
+        /// First time.
         from: f64,
-        /// The last.
+        /// Last time.
         to: f64,
-        /// How many; at least 2.
+        /// Number of times, at least 2.
         frames: usize,
     },
-    /// These, whatever their order; each once.
+    /// These times, in any order; they are sorted, and duplicates removed.
     At(Vec<f64>),
 }
 
 impl Times {
-    /// How many there are at most.
+    /// Returns an upper bound on the number of times.
     #[must_use]
     pub fn count(&self) -> usize {
         match self {
@@ -44,7 +44,7 @@ impl Times {
         }
     }
 
-    /// All of them.
+    /// Lists all times.
     #[must_use]
     pub fn list(&self) -> Vec<f64> {
         match self {
@@ -62,40 +62,40 @@ impl Times {
     }
 }
 
-/// What is followed, and how it is shown.
+/// What to track, and how to show it.
 #[derive(Clone, Copy, Debug)]
 pub struct FollowRequest<'a> {
     /// Names of segments.
     pub segments: &'a [String],
-    /// Follow them as one, under this name.
+    /// Track them as one segment of this name.
     pub group: Option<&'a Name>,
-    /// When.
+    /// When to track them.
     pub times: &'a Times,
-    /// What set the number of times, such as `--frames 51`: named if memory has no room for them.
+    /// The option that set the number of times, such as `--frames 51`, for the error if they do not fit into memory.
     pub asked: &'a str,
     /// Camera of the pictures.
     pub camera: &'a Camera,
-    /// Whether the run's edits apply to the pictures; all else is measured on the scene as trained.
+    /// Whether the run's edits apply to the pictures; everything else is measured on the scene as trained.
     pub edited: bool,
-    /// Which pictures are kept.
+    /// Which pictures to keep.
     pub pictures: PictureOptions,
 }
 
-/// What is being done, time by time.
+/// Progress, reported for each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Another time was followed.
+    /// Segments were tracked at another time.
     Followed,
-    /// Another time was drawn.
+    /// Segments were drawn at another time.
     Drawn,
 }
 
-/// What a segment, or several as one, is like at `times`, and its events, on the scene as trained; nothing is written.
-/// `asked` is what set the number of times, see [`FollowRequest::asked`]. `None` if `goes_on`, asked at each time, stopped
-/// it.
+/// Measures segments, separately or as one, at `times` and finds their events, on the scene as trained; nothing is
+/// written. `asked` is what set the number of times, see [`FollowRequest::asked`]. Returns `None` if `goes_on`, called
+/// at each time, stopped it.
 ///
 /// # Errors
-/// A name that no segment has, or an empty segment.
+/// If a name is unknown, a segment is empty, or the times do not fit into memory.
 pub fn measure(
     run: &OpenRun,
     segments: &[String],
@@ -108,11 +108,11 @@ pub fn measure(
     follow_all(run, &wanted, &times.list(), goes_on)
 }
 
-/// Follows segments, and writes a folder of each into the run's folder of tracks; `None` if `goes_on`, asked at each time,
-/// stopped it, with the folders of before as they were.
+/// Tracks segments and writes a folder for each into the run's folder of tracks. Returns `None` if `goes_on`, called at
+/// each time, stopped it; earlier folders are then unchanged.
 ///
 /// # Errors
-/// A name that no segment has, an empty segment, or results that cannot be written.
+/// If a name is unknown, a segment is empty, the times do not fit into memory, or results cannot be written.
 pub fn follow(
     run: &OpenRun,
     request: &FollowRequest<'_>,
@@ -124,7 +124,7 @@ pub fn follow(
     let times = &request.times.list()[..];
     let shown = Selection::open(run, &[], request.edited)?;
 
-    // begun before the work, so that what cannot be replaced is told of at once
+    // created before the work, so that a folder that cannot be replaced is reported at once
     let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.paths().tracks(), name, request.pictures);
     let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
     let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
@@ -133,7 +133,7 @@ pub fn follow(
     let (camera, rendering) = (request.camera, run.scene.spec.rendering());
     for (i, &time) in times.iter().enumerate() {
         let at = shown.edited(&run.scene, time as f32)?;
-        // one after the other: drawing one picture takes all threads
+        // one after the other: drawing a single picture uses all threads
         let alone =
             |(_, members): &(Name, Vec<u32>)| draw(&at.subset(members), rendering.seen_by(camera.to_kernel()), device);
         let pictures: Vec<Vec<f32>> = wanted.iter().map(alone).collect();
@@ -151,10 +151,10 @@ pub fn follow(
     Ok(Some(found))
 }
 
-/// Refuses more times than memory has room for.
+/// Checks that the times fit into memory.
 fn check_memory(wanted: &[(Name, Vec<u32>)], times: &Times, asked: &str) -> Result<(), RunError> {
     let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
-    // at each time every Gaussian of a segment has a part and an opacity
+    // at each time, every Gaussian of a segment has a part and an opacity
     Budget::now().check(asked, product(&[times.count(), bytes])).map_err(RunError::input)
 }
 
@@ -170,7 +170,7 @@ fn follow_all(
     track::follow(scene, &segments, times, &options).map_err(RunError::input)
 }
 
-/// Names and members of what is followed.
+/// Returns the names and members of the segments to track.
 fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Vec<(Name, Vec<u32>)>, RunError> {
     let all = run.segments()?;
     let mut wanted: Vec<(Name, Vec<u32>)> = Vec::new();
@@ -200,7 +200,7 @@ fn report_error(error: ReportError) -> RunError {
     }
 }
 
-/// Whether the picture of time `i` of `n` is one of those in the sheet, which are spread evenly.
+/// Returns whether the picture of time `i` of `n` is in the sheet, whose pictures are evenly spread.
 fn in_sheet(i: usize, n: usize) -> bool {
     let count = n.min(SHEET);
     (0..count).any(|k| i == k * (n - 1) / (count - 1).max(1))

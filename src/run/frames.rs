@@ -1,5 +1,5 @@
-//! The folder of a render: frames as they are drawn, their animation, and the record of what they show; or a film in one
-//! file.
+//! The folder of a render: frames, written as they are drawn, their animation, and the record of what they show; or a
+//! film in a single file.
 
 use super::RunError;
 use crate::data::Camera;
@@ -18,7 +18,7 @@ const RECORD: &str = "frames.json";
 /// Name of the animation.
 const ANIMATION: &str = "animation.png";
 
-/// The folder of a render, which the next one may replace.
+/// Kind of a render's folder, which the next render may replace.
 const KIND: FolderKind = FolderKind {
     what: "a folder of rendered frames",
     markers: &[RECORD],
@@ -32,9 +32,9 @@ pub struct Record {
     pub version: &'static str,
     /// Folder of the run.
     pub run: String,
-    /// The camera path, or the place of the one camera.
+    /// The camera path, or the position of the single camera.
     pub path: String,
-    /// How many there are.
+    /// Number of frames.
     pub frames: usize,
     /// Width and height in pixels.
     pub size: [u32; 2],
@@ -42,19 +42,20 @@ pub struct Record {
     pub times: Vec<f64>,
     /// What the colours stand for.
     pub show: String,
-    /// Direction to the light, world axes; absent with the light that the scene was trained in.
+    /// Direction to the light, world axes; absent if the light is the one used in training.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light: Option<[f64; 3]>,
-    /// The segments shown alone; all of the scene if empty.
+    /// Segments shown alone; the whole scene if empty.
     pub segments: Vec<String>,
-    /// Edits that are applied.
+    /// Number of edits applied.
     pub edits: usize,
 }
 
-/// What draws a frame: a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a model does.
+/// Function that draws a frame from a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a
+/// model does.
 pub type Draw<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
 
-/// A frame, whose drawing adds to the `seconds`.
+/// Draws a frame and adds the time taken to `seconds`.
 fn picture(
     draw: &mut Draw<'_>,
     (camera, time): (&Camera, f64),
@@ -80,17 +81,18 @@ fn of_animation(error: AnimationError) -> RunError {
     }
 }
 
-/// Whether `out` names a film in one file, `.png` or `.mp4`, and not a folder of frames.
+/// Returns whether `out` names a film in a single file, `.png` or `.mp4`, rather than a folder of frames.
 #[must_use]
 pub fn is_film(out: &Path) -> bool {
     let named = |e: &str| out.extension().is_some_and(|found| found.eq_ignore_ascii_case(e));
     (named("png") || named("mp4")) && !out.is_dir()
 }
 
-/// Draws each view to one film, [`is_film`]: an animated PNG, or MP4 by `ffmpeg`. Gives the seconds of drawing alone.
+/// Draws all views into a single film (see [`is_film`]): an animated PNG, or an MP4 written by `ffmpeg`. Returns the
+/// seconds spent on drawing alone.
 ///
 /// # Errors
-/// A frame that cannot be drawn or written, no `ffmpeg`, something else at `out`; `stop` was raised.
+/// If a frame cannot be drawn or written, `ffmpeg` is missing, something else is at `out`, or `stop` was set.
 pub fn film(
     out: &Path,
     draw: &mut Draw<'_>,
@@ -118,29 +120,29 @@ pub fn film(
     Ok(seconds)
 }
 
-/// Frames that are being drawn, one at a time, into a folder that appears when all of them are there.
+/// Frames drawn one at a time into a folder that appears once all of them are there.
 #[derive(Debug)]
 pub struct Frames {
     out: PathBuf,
     folder: AtomicDir,
-    /// Seconds of drawing alone.
+    /// Seconds spent on drawing alone.
     pub seconds: f64,
 }
 
 impl Frames {
-    /// Checks that `out` is free or holds an older render, and begins. Its parents are made.
+    /// Checks that `out` is free or holds an older render, and begins a new one. Missing parent folders are created.
     ///
     /// # Errors
-    /// Something else stands there, or the file system says no.
+    /// If something else is there, or the file system reports an error.
     pub fn create(out: &Path, needed: &[&Path]) -> Result<Self, RunError> {
         Ok(Self { out: out.to_owned(), folder: AtomicDir::create_replacing(out, &KIND, needed)?, seconds: 0.0 })
     }
 
-    /// Draws each view to a file, and more than one to an animation of `fps` frames a second as well. Two frames are in
-    /// memory at most, however many there are.
+    /// Draws each view to a file and, if there is more than one, also to an animation at `fps` frames per second. At
+    /// most two frames are in memory at any time.
     ///
     /// # Errors
-    /// A frame that cannot be drawn or written; `stop` was raised.
+    /// If a frame cannot be drawn or written, or `stop` was set.
     pub fn draw(
         &mut self,
         draw: &mut Draw<'_>,
@@ -171,10 +173,10 @@ impl Frames {
         Ok(image.into_raw())
     }
 
-    /// Writes the record and publishes the folder, in place of an older render.
+    /// Writes the record and publishes the folder, replacing an older render.
     ///
     /// # Errors
-    /// Something else stands there by now, or the file system says no.
+    /// If something else is there by now, or the file system reports an error.
     pub fn finish(self, record: &Record, run: &Path) -> Result<(), RunError> {
         let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;
         let path = self.folder.dir().join(RECORD);

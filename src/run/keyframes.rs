@@ -1,10 +1,10 @@
-//! Camera paths through keyframes, and the files that hold them: a saved view ([`super::saved`]), which says what is shown,
-//! with `keys`.
+//! Camera paths through keyframes, and the files that hold them: a saved view ([`super::saved`]), which says what is
+//! shown, with additional `keys`.
 //!
-//! Between two keyframes the shown time runs at constant speed. The target, the logarithms of the distance and of the lens
-//! follow monotone cubics (Fritsch and Carlson 1980), which hold still where two keyframes are equal, and the orientation a
-//! cubic Bezier curve on the sphere of rotations (Shoemake 1985), so that a camera that circles the target stays at its
-//! distance. Velocities of the camera are continuous.
+//! Between two keyframes, the scene time advances at constant speed. The target and the logarithms of the distance and
+//! of the lens follow monotone cubics (Fritsch and Carlson 1980), which stay constant between equal keyframes. The
+//! orientation follows a cubic Bezier curve on the sphere of rotations (Shoemake 1985), so that a camera circling the
+//! target keeps its distance. Camera velocities are continuous.
 
 use super::saved::{SavedView, command};
 use super::view::{View, check_pose};
@@ -17,31 +17,31 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Display;
 
-/// Most keyframes of a path.
+/// Maximum number of keyframes in a path.
 const MOST: usize = 150;
-/// Longest path, seconds.
+/// Maximum length of a path, seconds.
 const LONGEST: f64 = 24.0 * 3600.0;
 
-/// A camera and the time that it sees, at a moment of the path.
+/// A camera and the scene time it shows, at a moment of the path.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Key {
-    /// When, seconds of the path.
+    /// Moment on the path, seconds.
     pub seconds: f64,
     /// Time of the scene in [0, 1].
     pub time: f64,
-    /// Where the camera stands, world units.
+    /// Position of the camera, world units.
     pub eye: [f64; 3],
-    /// What it looks at.
+    /// Point it looks at.
     pub target: [f64; 3],
-    /// What is up.
+    /// Up direction.
     pub up: [f64; 3],
-    /// Whole horizontal field of view, radians.
+    /// Full horizontal field of view, radians.
     pub fov: f64,
 }
 
 impl Key {
-    /// `shown` from this camera at this time.
+    /// Returns `shown` seen by this camera at this time.
     #[must_use]
     pub fn view(&self, shown: &View) -> View {
         let Self { time, eye, target, up, fov, .. } = *self;
@@ -49,11 +49,11 @@ impl Key {
     }
 }
 
-/// What of a keyframe is interpolated.
+/// The interpolated quantities of a keyframe.
 #[derive(Clone, Copy, Debug)]
 struct Rig {
     target: DVec3,
-    /// Logarithms of the distance to it, and of half the tangent of the field of view.
+    /// Logarithms of the distance to the target and of the tangent of half the field of view.
     logs: [f64; 2],
     rotation: DQuat,
 }
@@ -68,20 +68,21 @@ impl From<&Key> for Rig {
     }
 }
 
-/// A path through two keyframes or more.
+/// A camera path through two or more keyframes.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     keys: Vec<Key>,
     rigs: Vec<Rig>,
-    /// Angular velocity at each keyframe, radians a second about the camera's own axes.
+    /// Angular velocity at each keyframe, radians per second about the camera's own axes.
     turns: Vec<DVec3>,
 }
 
 impl CameraPath {
-    /// Through these keyframes.
+    /// Creates a path through these keyframes.
     ///
     /// # Errors
-    /// Fewer than two, too many, seconds that do not ascend, or a camera that cannot stand there.
+    /// If there are fewer than two or too many, their seconds do not ascend, a value is out of range, or a camera pose
+    /// is invalid.
     pub fn new(keys: Vec<Key>) -> Result<Self, String> {
         if !(2..=MOST).contains(&keys.len()) {
             return Err(format!("keys: {} keyframes; a path has 2 to {MOST}", keys.len()));
@@ -100,7 +101,7 @@ impl CameraPath {
         }
         let mut rigs: Vec<Rig> = keys.iter().map(Rig::from).collect();
         for i in 1..rigs.len() {
-            // of the two quaternions of a rotation the one that is nearer
+            // of the two quaternions of a rotation, choose the nearer one
             if rigs[i].rotation.dot(rigs[i - 1].rotation) < 0.0 {
                 rigs[i].rotation = -rigs[i].rotation;
             }
@@ -113,7 +114,7 @@ impl CameraPath {
             .collect();
         let inner = |i: usize| {
             let (before, after) = (steps[i - 1], steps[i]);
-            // stands still on one side: no turning at the keyframe
+            // at rest on one side: no rotation at the keyframe
             let still = before.length() < 1e-12 || after.length() < 1e-12;
             if still { DVec3::ZERO } else { (before * spans[i] + after * spans[i - 1]) / (spans[i] + spans[i - 1]) }
         };
@@ -128,13 +129,13 @@ impl CameraPath {
         Ok(Self { keys, rigs, turns })
     }
 
-    /// Its length in seconds.
+    /// Returns the length of the path in seconds.
     #[must_use]
     pub fn seconds(&self) -> f64 {
         self.keys[self.keys.len() - 1].seconds - self.keys[0].seconds
     }
 
-    /// The camera and time at a moment; the first and the last hold before and after the path.
+    /// Returns the camera and time at a moment; before and after the path, those of its first and last keyframe.
     #[must_use]
     pub fn at(&self, seconds: f64) -> Key {
         let next = self.keys.partition_point(|k| k.seconds <= seconds);
@@ -166,7 +167,7 @@ impl CameraPath {
         Key { seconds, time, eye: eye.to_array(), target: target.to_array(), up, fov: 2.0 * lens.atan() }
     }
 
-    /// `n` cameras at equal steps, the first and the last keyframe among them; the first alone if `n` is 1.
+    /// Returns `n` cameras at equal steps, including the first and the last keyframe; only the first if `n` is 1.
     pub fn frames(&self, n: usize) -> impl Iterator<Item = Key> + '_ {
         let (from, step) = (self.keys[0].seconds, self.seconds() / (n.max(2) - 1) as f64);
         (0..n).map(move |i| match i + 1 == n && n > 1 {
@@ -175,7 +176,7 @@ impl CameraPath {
         })
     }
 
-    /// The monotone cubic through a number of each keyframe, at part `s` of the span after keyframe `i`.
+    /// Evaluates the monotone cubic through a value of each keyframe, at fraction `s` of the span after keyframe `i`.
     fn cubic(&self, of: &dyn Fn(&Rig) -> f64, i: usize, s: f64) -> f64 {
         let [v0, v1] = [i, i + 1].map(|k| of(&self.rigs[k]));
         let h = self.keys[i + 1].seconds - self.keys[i].seconds;
@@ -184,7 +185,8 @@ impl CameraPath {
         (2.0 * s3 - 3.0 * s2 + 1.0) * v0 + (s3 - 2.0 * s2 + s) * m0 + (3.0 * s2 - 2.0 * s3) * v1 + (s3 - s2) * m1
     }
 
-    /// Its slope at keyframe `k`: the weighted harmonic mean of those of the spans beside it, 0 where they differ in sign.
+    /// Returns its slope at keyframe `k`: the weighted harmonic mean of the slopes of the adjacent spans, 0 if their
+    /// signs differ.
     fn slope(&self, of: &dyn Fn(&Rig) -> f64, k: usize) -> f64 {
         let span = |i: usize| {
             let h = self.keys[i + 1].seconds - self.keys[i].seconds;
@@ -209,10 +211,10 @@ fn spans(keys: &[Key]) -> Vec<f64> {
     keys.windows(2).map(|w| w[1].seconds - w[0].seconds).collect()
 }
 
-/// A path in a file.
+/// A camera path as stored in a file.
 #[derive(Clone, Debug, Serialize)]
 pub struct SavedPath {
-    /// What is shown along it; its camera and time are those of no frame.
+    /// What is shown along the path; its own camera and time are not those of any frame.
     #[serde(flatten)]
     pub shown: SavedView,
     /// The keyframes.
@@ -220,7 +222,7 @@ pub struct SavedPath {
 }
 
 impl SavedPath {
-    /// Of a run, for a file of this name.
+    /// Creates a path of a run, for a file of this name.
     #[must_use]
     pub fn new(run: &OpenRun, shown: View, keys: Vec<Key>, file: &str) -> Self {
         let mut shown = SavedView::new(run, shown, file);
@@ -228,17 +230,17 @@ impl SavedPath {
         Self { shown, keys }
     }
 
-    /// Whether a JSON text is a path of this kind, and not a dataset's list of cameras.
+    /// Returns whether a JSON text is a path of this kind rather than a dataset's list of cameras.
     #[must_use]
     pub fn is_in(text: &str) -> bool {
-        // one that has its keys twice is one too, as it is read
+        // a text with duplicate `keys` counts too, as it can be read
         serde_json::from_str::<BTreeMap<String, IgnoredAny>>(text).is_ok_and(|all| all.contains_key("keys"))
     }
 
-    /// Reads the text of a file; `name` is only for messages.
+    /// Parses the text of a file; `name` is used only in messages.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// If the text holds no valid path; the error says why.
     pub fn parse(name: impl Display, text: &str) -> Result<(SavedView, CameraPath), RunError> {
         let wrong = |e: String| RunError::input(format!("{name}: no path of keyframes: {e}"));
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
@@ -320,7 +322,7 @@ mod tests {
             let distance = eye(&at).distance(DVec3::from_array(at.target));
             assert!((2.0 - 1e-9..=5.0 + 1e-9).contains(&distance), "never beyond its keyframes: {distance}");
         }
-        // equal keyframes hold still
+        // the camera rests between equal keyframes
         let held = CameraPath::new(vec![
             key(0.0, 0.0, 0.0, 3.0),
             key(1.0, 0.0, 50.0, 4.0),

@@ -22,20 +22,20 @@ use volseggs_kernels::splat::{SplatInputs, splat};
 /// What the colours of a picture stand for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Show {
-    /// What the Gaussians look like.
+    /// The Gaussians' own colours.
     Colour,
     /// Distance from the camera.
     Depth,
-    /// How fast the trained deformation moves each Gaussian, edits aside.
+    /// Velocity of each Gaussian under the trained deformation, regardless of edits.
     Velocity(Component),
-    /// The colour of the segment each Gaussian belongs to; grey and faint in none.
+    /// The colour of the segment each Gaussian belongs to; grey and faint if it belongs to none.
     Segments,
-    /// What the affinity field says of each Gaussian: the first three principal components of all features as red, green and
-    /// blue, so that alike colours are alike parts.
+    /// Affinity features of each Gaussian: the first three principal components of all features as red, green and blue,
+    /// so that similar parts have similar colours.
     Affinity,
 }
 
-/// As it is written in views: `colour`, `depth`, `segments`, `velocity x`, ...
+/// Parses the name used in saved views: `colour`, `depth`, `segments`, `velocity x`, ...
 impl FromStr for Show {
     type Err = String;
 
@@ -59,25 +59,25 @@ impl FromStr for Show {
     }
 }
 
-/// The key to the colours of a picture.
+/// Legend for the colours of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Legend {
-    /// In words.
+    /// Description in words.
     pub legend: String,
-    /// The values at the ends of the scale.
+    /// Values at the ends of the scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f32; 2]>,
-    /// Colours of the scale at even steps from its low to its high end, 8 bits each.
+    /// Colours of the scale at even steps from its low to its high end, 8 bits per channel.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scale: Vec<[u8; 3]>,
 }
 
-/// Draws frames; what sets the scale of the first holds for all.
+/// Draws frames; the first frame sets the colour scale for all of them.
 #[derive(Debug)]
 pub struct Look {
     selection: Selection,
     kind: Kind,
-    /// The Gaussians at the time of the last preview without any edit: a drag asks for the same again and again.
+    /// The unedited Gaussians at the time of the last preview, kept because a drag requests the same ones repeatedly.
     still: Option<(f32, HostGaussians)>,
     light: Light,
 }
@@ -99,26 +99,27 @@ enum Kind {
     Affinity(Vec<[f32; 3]>),
 }
 
-/// What a [`Look`] shows of one time, ready to be drawn from any camera.
+/// What a [`Look`] shows at one time, ready to be drawn from any camera.
 #[derive(Clone, Debug)]
 pub struct Prepared(Shown);
 
 #[derive(Clone, Debug)]
 enum Shown {
-    /// In their colours; nothing if there are none. Whether the colours are the scene's own, which hold memory once.
+    /// Drawn in colour; `inputs` is `None` if there are no Gaussians. `shared` says whether the colours are the scene's
+    /// own, which take memory only once.
     Colours { inputs: Option<Box<SplatInputs>>, degree: usize, shared: bool },
-    /// By depth, which no camera shares with another.
+    /// Drawn by depth, which differs from camera to camera.
     Depth(HostGaussians),
 }
 
 impl Prepared {
-    /// Of Gaussians that are ready to be drawn.
+    /// Prepares Gaussians to be drawn in colour.
     pub(crate) fn of(at: &HostGaussians, degree: usize, device: &Device) -> Self {
         // not every backend can hold an empty tensor
         Self(Shown::Colours { inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))), degree, shared: false })
     }
 
-    /// Bytes of its arrays, without those that it shares with the scene.
+    /// Returns the size of its arrays in bytes, without those it shares with the scene.
     #[must_use]
     pub fn bytes(&self) -> usize {
         match &self.0 {
@@ -134,10 +135,10 @@ impl Prepared {
 }
 
 impl Look {
-    /// Prepares to draw `show` of what is selected, numbers in the palette that was asked for.
+    /// Prepares to draw `show` for the selection, with numbers in the requested palette.
     ///
     /// # Errors
-    /// If there are no segments or no affinity field to show, or the palette is for other values.
+    /// If there are no segments or no affinity field to show, or the palette does not suit the values.
     pub fn open(run: &OpenRun, selection: Selection, show: Show, palette: Option<Palette>) -> Result<Self, RunError> {
         let palette = Palette::choose(palette, show).map_err(RunError::input)?.unwrap_or(Palette::Viridis);
         let kind = match show {
@@ -159,10 +160,12 @@ impl Look {
         Ok(Self { selection, kind, still: None, light: Light::Head })
     }
 
-    /// The same in light from far away in `direction` (world axes, of any length but 0), in place of the headlight.
+    /// Returns this look lit from far away in `direction` (world axes, of any length but 0) instead of by the
+    /// headlight.
     ///
     /// # Errors
-    /// If the scene's colours are not made by shading, or something else than colours is shown.
+    /// If the scene's colours are not made by shading, something other than colours is shown, or the direction is zero
+    /// or not finite.
     pub fn lit_from(mut self, run: &OpenRun, direction: [f32; 3]) -> Result<Self, RunError> {
         if run.scene.gaussians.headlight.is_none() {
             return Err(RunError::input(format!(
@@ -183,15 +186,16 @@ impl Look {
         Ok(self)
     }
 
-    /// As [`Selection::preview`].
+    /// Calls [`Selection::preview`].
     ///
     /// # Errors
-    /// As there.
+    /// As for [`Selection::preview`].
     pub fn preview(&mut self, run: &OpenRun, edits: Vec<Edit>) -> Result<(), RunError> {
         self.selection.preview(run, edits)
     }
 
-    /// The same with the values at the ends of the scale, where it has one: they no longer follow from the first frame.
+    /// Returns this look with the values at the ends of its scale, if it has one, fixed instead of set by the first
+    /// frame.
     #[must_use]
     pub fn with_range(mut self, [low, high]: [f32; 2]) -> Self {
         match &mut self.kind {
@@ -202,13 +206,13 @@ impl Look {
         self
     }
 
-    /// What of the scene it draws.
+    /// Returns the part of the scene that it draws.
     #[must_use]
     pub fn selection(&self) -> &Selection {
         &self.selection
     }
 
-    /// What is shown at `time` in [0, 1].
+    /// Prepares what is shown at `time` in [0, 1].
     ///
     /// # Errors
     /// If an edit cannot be applied.
@@ -249,8 +253,8 @@ impl Look {
         Ok(prepared)
     }
 
-    /// What this look prepared, with all but the `members` (indices below N, ascending) faint. Only opacities change, so it
-    /// costs next to nothing.
+    /// Returns what this look prepared, with all Gaussians but the `members` (indices below N, ascending) made faint.
+    /// Only opacities change, so this is cheap.
     #[must_use]
     pub fn highlight(&self, prepared: &Prepared, members: &[u32], device: &Device) -> Prepared {
         let shown = self.selection.members();
@@ -272,10 +276,10 @@ impl Look {
         out
     }
 
-    /// One frame `[H, W, 4]`: what [`Look::prepare`] and [`Look::draw`] make of a time and a camera.
+    /// Draws one frame `[H, W, 4]` with [`Look::prepare`] and [`Look::draw`].
     ///
     /// # Errors
-    /// As [`Look::prepare`].
+    /// As for [`Look::prepare`].
     pub fn frame(
         &mut self,
         scene: &Scene,
@@ -286,7 +290,7 @@ impl Look {
         Ok(self.draw(scene, &prepared, camera, device))
     }
 
-    /// One frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
+    /// Draws one frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
     pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera, device: &Device) -> Vec<f32> {
         let background = scene.spec.background;
         match &prepared.0 {
@@ -307,7 +311,7 @@ impl Look {
         }
     }
 
-    /// What the colours of the frames drawn so far stand for, where that is not what things look like.
+    /// Returns what the colours of the frames drawn so far stand for, unless they are the Gaussians' own.
     #[must_use]
     pub fn legend(&self) -> Option<Legend> {
         const SPEED: &str = "world units per unit of time";
@@ -347,7 +351,7 @@ impl Look {
     }
 }
 
-/// As [`Selection::edited`], with the scene at the time of a preview from `still` or kept there.
+/// Like [`Selection::edited`]; during a preview, the unedited scene is taken from `still` or kept there.
 fn edited(
     shown: &Selection,
     still: &mut Option<(f32, HostGaussians)>,
@@ -367,7 +371,7 @@ fn edited(
     edited
 }
 
-/// A number above 0 with four digits that count.
+/// Formats a positive number with four significant digits, or all digits of its integer part if these are more.
 fn short(v: f32) -> String {
     let decimals = (3.0 - v.log10().floor()).clamp(0.0, 12.0);
     format!("{v:.*}", decimals as usize)

@@ -1,4 +1,4 @@
-//! Masks of a run's segments: which segments are drawn from where, and what finds their masks.
+//! Masks of a run's segments: which segments are drawn, from which views, and what finds their masks.
 
 use super::cameras::Surroundings;
 use super::segments::write_picture;
@@ -24,55 +24,57 @@ use burn::tensor::Device;
 use image::RgbImage;
 use std::path::Path;
 
-/// Views if not told otherwise.
+/// Default number of views.
 pub const VIEWS: usize = 30;
 
-/// Segments that the picture of masks shows at most.
+/// Maximum number of segments in the picture of masks.
 const SHOWN: usize = 20;
-/// Bytes of a view in memory and in the header of the file of masks.
+/// Bytes per view in memory and in the header of the mask file.
 const VIEW: usize = 1000;
-/// Bytes of a pixel of a picture that is drawn and asked for masks.
+/// Bytes per pixel of a picture that is drawn and searched for masks.
 const PIXEL: usize = 100;
-/// Pictures at once, and those kept to look at.
+/// Maximum number of such pictures in memory at once.
 const AT_ONCE: usize = 8;
-/// Bytes of a point of the grid that the network is asked at.
+/// Bytes per point of the grid at which the network is queried.
 const POINT: usize = 64;
 
-/// What masks are asked for.
+/// A request for masks.
 #[derive(Clone, Copy, Debug)]
 pub struct MaskRequest<'a> {
-    /// Names of segments; all that are no part of another if empty.
+    /// Names of segments; if empty, those of the pictures written for [`MaskKind::Dir`], else all that are not parts of
+    /// another.
     pub segments: &'a [String],
     /// What finds the masks.
     pub kind: &'a MaskKind,
-    /// Views on a Fibonacci sphere, [`VIEWS`] if not given; for labels: so many of the dataset's views of the time.
+    /// Number of views on a Fibonacci sphere, [`VIEWS`] if `None`; for labels, the maximum number of the dataset's
+    /// views at that time.
     pub views: Option<usize>,
-    /// Time in [0, 1]; that at which the segments were found if not given.
+    /// Time in [0, 1]; if `None`, the one at which the segments were found.
     pub time: Option<f64>,
-    /// For labels: the dataset, if it is not where the run says.
+    /// For labels: the dataset, if it is not where the run's record says.
     pub data: Option<&'a Path>,
 }
 
-/// What is drawn.
+/// What to draw.
 #[derive(Clone, Debug)]
 pub struct MaskPlan {
     /// The segments.
     pub groups: Vec<Group>,
-    /// From where.
+    /// The views.
     pub shots: Vec<Shot>,
     /// Time in [0, 1].
     pub time: f64,
-    /// What a person is to be told.
+    /// Note for the user.
     pub note: Option<String>,
     /// What finds the masks.
     origin: MaskOrigin,
 }
 
 impl MaskPlan {
-    /// Finds out what is drawn, and checks that memory has room for it.
+    /// Determines what to draw, and checks that it fits into memory.
     ///
     /// # Errors
-    /// A name that no segment has, no segments at all, or pictures, labels or a dataset that do not fit the run.
+    /// If a name is unknown, there are no segments at all, or pictures, labels or the dataset do not match the run.
     pub fn new(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
         let plan = Self::drawn(run, around, request)?;
         let budget = Budget::now();
@@ -136,7 +138,7 @@ impl MaskPlan {
         Ok(Self { groups, shots, time, note, origin })
     }
 
-    /// How many pictures are drawn.
+    /// Returns the number of pictures to draw.
     #[must_use]
     pub fn pictures(&self) -> usize {
         self.shots.len() * self.groups.len()
@@ -154,17 +156,17 @@ impl MaskPlan {
     }
 }
 
-/// Masks that were made.
+/// Outcome of making masks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Made {
-    /// How many.
+    /// Number of masks.
     pub masks: u64,
-    /// What found them, in words.
+    /// Name of the source that found them.
     pub source: String,
 }
 
-/// Finds the masks, and writes them and a picture of some into the run; `None` if `goes_on`, asked
-/// after each picture, stopped it with the masks of before as they were.
+/// Finds the masks and writes them, with a picture of some, into the run. Returns `None` if `goes_on`, called after
+/// each picture, stopped it; earlier masks are then unchanged.
 ///
 /// # Errors
 /// If the source cannot be opened or fails, or a file cannot be written.
@@ -195,11 +197,11 @@ pub fn make(
     Ok(Some(Made { masks, source: source.name().to_owned() }))
 }
 
-/// Writes the pictures for another program into the run; `None` if `goes_on`, asked after each, stopped it: nothing was
-/// written then.
+/// Writes the pictures for another program into the run. Returns `None` if `goes_on`, called after each picture,
+/// stopped it; nothing is then written.
 ///
 /// # Errors
-/// If pictures are there already, or cannot be written.
+/// If there are pictures already, or they cannot be written.
 pub fn hand_out(
     run: &OpenRun,
     plan: &MaskPlan,
@@ -225,7 +227,7 @@ pub fn hand_out(
     Ok(Some(()))
 }
 
-/// The dataset's known segments, and its views with a label image of the time nearest to `time`.
+/// Returns the dataset's known segments, and its views with a label image at the time nearest to `time`.
 fn labels(run: &OpenRun, request: &MaskRequest<'_>, time: f64) -> Result<(Truth, Vec<LabelledView>), RunError> {
     let root = run.dataset(request.data)?;
     let truth = Truth::read(root)?;
@@ -237,8 +239,8 @@ fn labels(run: &OpenRun, request: &MaskRequest<'_>, time: f64) -> Result<(Truth,
     Ok((truth, views))
 }
 
-/// Refuses a dataset that the run was not trained on: masks of one scene on the Gaussians of another look right to
-/// everything that comes after.
+/// Checks that the run was trained on this dataset: no later step would notice masks of one scene on the Gaussians of
+/// another.
 fn check_dataset(run: &OpenRun, root: &Path) -> Result<(), RunError> {
     let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: Some(1) };
     if Dataset::open(root, &options)?.fingerprint() == run.record.fingerprint {
@@ -264,7 +266,7 @@ fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
     Handout::read(&folder).map_err(RunError::input)
 }
 
-/// Whether the pictures still show these segments.
+/// Checks that the pictures still show these segments.
 fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), RunError> {
     let path = run.paths().mask_pictures().join(FILE);
     let again = "remove the folder, write them again with --pictures and make new masks";

@@ -1,4 +1,4 @@
-//! A run measured: on which data, into which folder, and with what it cost.
+//! Evaluation of a run: on which data, into which folder, and at what cost.
 
 use super::{AnyRun, OpenRun, RunError, Trained};
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
@@ -9,25 +9,25 @@ use crate::metrics::lpips::Lpips;
 use crate::train::{open_trained, trained_times};
 use std::path::{Path, PathBuf};
 
-/// Training views that are measured beside those of another split, at most.
+/// Maximum number of training views measured in addition to those of another split.
 const TRAINING_VIEWS: usize = 40;
 
-/// What a run is measured on.
+/// The data that a run is measured on.
 #[derive(Clone, Debug)]
 pub struct MeasuredOn {
-    /// Which data.
+    /// Identity of the data.
     pub data: DataId,
-    /// The times that were trained on; none for other data than the run's.
+    /// Times that were trained on; empty for data other than the run's.
     pub trained_times: Vec<f64>,
-    /// What a person is to be told.
+    /// Note for the user.
     pub note: Option<String>,
 }
 
 impl MeasuredOn {
-    /// The data in the folder `given`, or the run's own.
+    /// Identifies the data in the folder `given`, or the run's own.
     ///
     /// # Errors
-    /// If the training views of another dataset, by which it is known, are there and cannot be read.
+    /// If the training views of another dataset, which identify it, exist and cannot be read.
     pub fn open<S: Trained>(run: &OpenRun<S>, given: Option<&Path>) -> Result<Self, RunError> {
         let folder = given.unwrap_or(&run.record.dataset);
         let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
@@ -46,28 +46,28 @@ impl MeasuredOn {
                 ));
                 run.record.fingerprint.clone()
             }
-            // one without training views has no fingerprint, and is not what the run was trained on
+            // a dataset without training views has no fingerprint, and is not what the run was trained on
             Err(_) if !SplitName::Train.json_path(folder).exists() => String::new(),
             Err(error) => return Err(error.into()),
         };
         Ok(Self { data: DataId { dataset, fingerprint }, trained_times: trained, note })
     }
 
-    /// The run's own data, as it was when the run was trained.
+    /// Returns the run's own data, as it was when the run was trained.
     #[must_use]
     pub fn own<S: Trained>(run: &OpenRun<S>, trained_times: Vec<f64>) -> Self {
         let (dataset, fingerprint) = (run.record.dataset.clone(), run.record.fingerprint.clone());
         Self { data: DataId { dataset, fingerprint }, trained_times, note: None }
     }
 
-    /// Whether it is what the run was trained on.
+    /// Returns whether the run was trained on this data.
     #[must_use]
     pub fn is_own<S: Trained>(&self, run: &OpenRun<S>) -> bool {
         self.data.fingerprint == run.record.fingerprint
     }
 
-    /// The folder of results called `what`, which holds such results alone if it is there. Asked for before anything is
-    /// measured.
+    /// Returns the folder of results called `what`, which holds only such results if it exists. To be called before
+    /// anything is measured.
     ///
     /// # Errors
     /// If something else is there.
@@ -81,12 +81,12 @@ impl MeasuredOn {
     }
 }
 
-/// Evaluates the run on `split` and, where that is not the training views themselves, on a sample of those; writes the
-/// results into `folder`. `progress` hears of each view: how many are done,
-/// and the PSNR of the last in decibels.
+/// Evaluates the run on `split` and, if `split` is not the training views and the data is the run's own, on a sample of
+/// the training views; writes the results into `folder`. `progress` receives the number of views done and the PSNR of
+/// the last one in decibels.
 ///
 /// # Errors
-/// If images are too small for a metric, or weights do not fit them; if the results cannot be written.
+/// If images are too small for a metric, weights do not match them, or the results cannot be written.
 pub fn measure(
     run: &AnyRun,
     split: &Split,

@@ -1,12 +1,14 @@
-//! What can be done with a trained run, by a command or a viewer alike: opened, looked at, segmented, followed, edited,
-//! measured. Everything here reads and writes the files of the run folder, and prints nothing.
+//! Operations on a trained run, shared by commands and viewers: opening, viewing, segmenting, tracking, editing and
+//! measuring it. Everything here reads and writes the files of the run folder, and prints nothing.
 //!
-//! [`OpenRun`] is the run ([`AnyRun`] one of any method, which can be drawn and measured); [`cameras`] chooses who looks at it, [`selection`] what of it, [`look`] what the colours stand
-//! for (numbers in a [`palette`]), [`frames`] writes pictures; [`view`] is all of that for one picture, which [`saved`] keeps in files; [`keyframes`] are
-//! paths of cameras through such pictures. [`status`] is how its training stands. [`segments`] changes the segments, [`split`] and [`pick`] find new ones by the field
-//! that [`affinity`] trains on [`masks`], [`labels`] puts them on voxels, [`edits`] changes the edits, [`follow`] tracks
-//! segments, [`export`] writes files of other programs, [`pack`] a small copy of the run, and [`measure`] evaluates the run. `files::RunPaths` says where
-//! everything lies.
+//! [`OpenRun`] is a run with Gaussians, [`AnyRun`] one of any method, which can be drawn and measured. [`cameras`]
+//! chooses the camera, [`selection`] the part of the scene, [`look`] what the colours stand for (numbers use a
+//! [`palette`]), and [`frames`] writes pictures; [`view`] combines these for one picture, [`saved`] keeps it in files,
+//! and [`keyframes`] are camera paths through such pictures. [`status`] is the state of training. [`segments`] changes
+//! the segments; [`split`] and [`pick`] find new ones with the field that [`affinity`] trains on [`masks`]; [`labels`]
+//! transfers them to voxels. [`edits`] changes the edits, [`follow`] tracks segments, [`export`] writes files for other
+//! programs, [`pack`] a small copy of the run, and [`measure`] evaluates the run. `files::RunPaths` gives the location
+//! of every file.
 
 pub mod affinity;
 pub mod cameras;

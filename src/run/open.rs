@@ -1,4 +1,4 @@
-//! A run folder as whatever comes after training sees it.
+//! A run folder, as used by everything that follows training.
 
 use super::RunError;
 use crate::config::PRESETS;
@@ -18,9 +18,9 @@ use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What a run was opened as: Gaussians, or whatever draws.
+/// The model of an opened run: Gaussians, or anything that can be drawn.
 pub trait Trained {
-    /// It as something that draws.
+    /// Returns it as a model that can be drawn.
     fn model(&self) -> &dyn Model;
 }
 
@@ -36,43 +36,45 @@ impl Trained for Box<dyn Model> {
     }
 }
 
-/// A run of any method: what can be drawn and measured.
+/// A run of any method, which can be drawn and measured.
 pub type AnyRun = OpenRun<Box<dyn Model>>;
 
-/// A trained run: its newest scene, its record and its configuration. Without a parameter it is one of a method with
-/// Gaussians that persist, as segments, tracks, edits and exports need them; an [`AnyRun`] may be of any method.
+/// A trained run: its newest scene, its record and its configuration. Without a parameter, its method has persistent
+/// Gaussians, as segments, tracks, edits and exports need them; an [`AnyRun`] may be of any method.
 #[derive(Debug)]
 pub struct OpenRun<S = Scene> {
     /// Folder of the run.
     pub path: PathBuf,
-    /// Held while something is written into the run.
+    /// Held while the run is being written to.
     _lock: Option<RunLock>,
-    /// What was trained, on the device that the run was opened with.
+    /// The trained model, on the device that the run was opened with.
     pub scene: S,
-    /// The file that it was read from, or, while it is trained here, where a checkpoint of it lies if there is one.
+    /// The file that it was read from or, while it is trained in this process, the path of its checkpoint, if there is
+    /// one.
     pub scene_path: PathBuf,
-    /// What training left behind.
+    /// The record that training wrote.
     pub record: RunRecord,
     /// The resolved configuration.
     pub config: Config,
 }
 
 impl OpenRun {
-    /// Opens a run, or one of its checkpoints in place of the newest, to look at it.
+    /// Opens a run, or one of its checkpoints instead of the newest, for reading.
     ///
     /// # Errors
-    /// If there is no checkpoint, a file of the run is damaged, or its method has no Gaussians that persist.
+    /// If there is no checkpoint, a file of the run is damaged, or its method has no persistent Gaussians.
     pub fn open(path: &Path, device: &Device) -> Result<Self, RunError> {
         AnyRun::open_any(path, device)?.gaussians()
     }
 
-    /// Opens a run to write into it: nobody else can until this is dropped. What others wrote before is then read.
+    /// Opens a run for writing: nobody else can write to it until this is dropped. It includes all that others wrote
+    /// before.
     ///
-    /// What is written belongs to the newest checkpoint: an older one is refused. `command` is what others are told of who
-    /// holds the run.
+    /// What is written belongs to the newest checkpoint, so an older one is refused. `command` is shown to others as
+    /// the holder of the run.
     ///
     /// # Errors
-    /// As [`OpenRun::open`]; if another process writes into the run, or `path` is an older checkpoint.
+    /// As for [`OpenRun::open`], or if another process is writing to the run or `path` is an older checkpoint.
     pub fn open_to_write(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
         let run = AnyRun::open_locked(path, device, command, work)?.gaussians()?;
         match run.older_step() {
@@ -86,7 +88,8 @@ impl OpenRun {
         }
     }
 
-    /// The same run once more, for work on another thread: the scene is shared and nothing is read. It holds no lock.
+    /// Returns the same run again, for work on another thread: the scene is shared and nothing is read. It holds no
+    /// lock.
     #[must_use]
     pub fn share(&self) -> Self {
         let Self { path, scene, scene_path, record, config, .. } = self;
@@ -94,23 +97,23 @@ impl OpenRun {
         Self { path, _lock: None, scene: scene.clone(), scene_path, record, config }
     }
 
-    /// A run that this process trains, with its scene after `step` steps, which no file may hold; `record` is the one that
-    /// was written last.
+    /// Creates a run that this process is training, with its scene after `step` steps, which may not be in any file;
+    /// `record` is the last one written.
     #[must_use]
     pub fn in_training(path: &Path, scene: Scene, step: usize, record: RunRecord, config: Config) -> Self {
         let scene_path = scene_at(path, step);
         Self { path: path.to_owned(), _lock: None, scene, scene_path, record, config }
     }
 
-    /// Puts the scene after `step` steps in the place of the one before.
+    /// Replaces the scene with the one after `step` steps.
     pub fn advance(&mut self, scene: Scene, step: usize) {
         (self.scene, self.scene_path) = (scene, scene_at(&self.path, step));
     }
 
-    /// The run's segments; none if there is no file yet.
+    /// Returns the run's segments; none if there is no file yet.
     ///
     /// # Errors
-    /// If the file is damaged, or of another scene.
+    /// If the file is damaged, or belongs to another scene.
     pub fn segments(&self) -> Result<Segmentation, RunError> {
         let path = self.paths().segments();
         let there = path.try_exists().map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;
@@ -122,16 +125,16 @@ impl OpenRun {
         Ok(found)
     }
 
-    /// Segments of the run's scene, of which there are none yet.
+    /// Returns an empty segmentation of the run's scene.
     #[must_use]
     pub fn no_segments(&self) -> Segmentation {
         Segmentation::new(self.scene.gaussians.count(), self.scene.fingerprint())
     }
 
-    /// Refuses segments of another scene than the run's.
+    /// Checks that segments belong to the run's scene.
     ///
     /// # Errors
-    /// What to do about them.
+    /// If they do not; the error says what to do.
     pub(super) fn check_segments(&self, found: &Segmentation) -> Result<(), RunError> {
         if found.scene == self.scene.fingerprint() && found.gaussians == self.scene.gaussians.count() {
             return Ok(());
@@ -146,7 +149,7 @@ impl OpenRun {
 }
 
 impl AnyRun {
-    /// Opens a run of whatever method, or one of its checkpoints in place of the newest, to look at it.
+    /// Opens a run of any method, or one of its checkpoints instead of the newest, for reading.
     ///
     /// # Errors
     /// If there is no checkpoint, or a file of the run is damaged.
@@ -154,22 +157,22 @@ impl AnyRun {
         Self::open_with(path, device, None)
     }
 
-    /// The same for work that writes into the run, and keeps what it writes about an older checkpoint apart, see
-    /// [`OpenRun::older_step`]: nobody else can write until this is dropped. `command` is what others are told of who holds
-    /// the run.
+    /// Like [`OpenRun::open_any`], for work that writes to the run and keeps results of an older checkpoint apart (see
+    /// [`OpenRun::older_step`]): nobody else can write until this is dropped. `command` is shown to others as the
+    /// holder of the run.
     ///
     /// # Errors
-    /// As [`OpenRun::open_any`]; if another process writes into the run.
+    /// As for [`OpenRun::open_any`], or if another process is writing to the run.
     pub fn open_locked(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
         let (run, checkpoint) = checkpoint::locate(path);
-        // asked first, so that no lock file is left in a folder that is no run
+        // checked first, so that no lock file is left in a folder that is not a run
         check_newest(path)?;
         checkpoint.ok_or_else(|| no_checkpoint(path))?;
         let lock = RunLock::acquire(&run, command, work)?;
         Self::open_with(path, device, Some(lock))
     }
 
-    /// The same run for what needs Gaussians that persist.
+    /// Converts the run for operations that need persistent Gaussians.
     ///
     /// # Errors
     /// If its method has none.
@@ -206,7 +209,7 @@ impl AnyRun {
                 file.display()
             )));
         }
-        // through the layers, so that a run from before a key existed still opens
+        // resolved through the layers, so that a run from before a key existed still opens
         let source = file.to_string_lossy().into_owned();
         let config = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value;
         Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
@@ -214,17 +217,17 @@ impl AnyRun {
 }
 
 impl<S: Trained> OpenRun<S> {
-    /// What was trained, as something that draws.
+    /// Returns the trained model as one that can be drawn.
     #[must_use]
     pub fn model(&self) -> &dyn Model {
         self.scene.model()
     }
 
-    /// Takes the lock of a run that is open to be looked at, for one change: what others wrote since is to be read anew. Waits
-    /// for short work of others as long as `patience`.
+    /// Takes the lock of a run that is open for reading, for one change; what others wrote in the meantime must be read
+    /// again. Waits for short work of others for up to `patience`.
     ///
     /// # Errors
-    /// If another process writes into the run, or the run was trained on since it was opened.
+    /// If another process is writing to the run, or the run was trained further since it was opened.
     pub fn lock(&self, command: &str, work: Work, patience: Duration) -> Result<RunLock, RunError> {
         let lock = RunLock::acquire_within(patience, &self.path, command, work)?;
         match self.older_step() {
@@ -236,13 +239,13 @@ impl<S: Trained> OpenRun<S> {
         }
     }
 
-    /// Steps that the scene was trained for.
+    /// Returns the number of steps that the scene was trained for.
     #[must_use]
     pub fn step(&self) -> Option<usize> {
         checkpoint::step_of(self.scene_path.parent()?)
     }
 
-    /// Name of the checkpoint that was opened, where it is not the newest of the run.
+    /// Returns the name of the opened checkpoint if it is not the newest of the run.
     #[must_use]
     pub fn older_step(&self) -> Option<String> {
         let opened = self.scene_path.parent()?.file_name()?;
@@ -251,32 +254,32 @@ impl<S: Trained> OpenRun<S> {
         (!is_newest).then(|| opened.to_string_lossy().into_owned())
     }
 
-    /// Seconds of training until the checkpoint that was opened.
+    /// Returns the seconds of training up to the opened checkpoint.
     #[must_use]
     pub fn training_seconds(&self) -> f64 {
-        // the record is of the last steps of the run, or of those before a training that was killed
+        // the record describes the last steps of the run, or those before a training that was killed
         let of_checkpoint = (self.step() != Some(self.record.steps)).then(|| self.checkpoint_state()).flatten();
         of_checkpoint.map_or(self.record.training_seconds, |state| state.seconds)
     }
 
-    /// Whether the numbers of the checkpoint that was opened were rounded, see [`pack`](super::pack).
+    /// Returns whether the numbers of the opened checkpoint were rounded, see [`pack`](super::pack).
     #[must_use]
     pub fn is_packed(&self) -> bool {
         self.checkpoint_state().is_some_and(|state| state.packed)
     }
 
-    /// What the checkpoint says beside its tensors, if there is one.
+    /// Returns what the checkpoint holds besides its tensors, if there is one.
     fn checkpoint_state(&self) -> Option<checkpoint::State> {
         checkpoint::read_state(self.scene_path.parent()?).ok()
     }
 
-    /// Where everything of it lies.
+    /// Returns the paths of the run's files.
     #[must_use]
     pub fn paths(&self) -> RunPaths<'_> {
         RunPaths(&self.path)
     }
 
-    /// The run's edits; none if there is no file yet.
+    /// Returns the run's edits; none if there is no file yet.
     ///
     /// # Errors
     /// If the file is damaged.
@@ -285,26 +288,26 @@ impl<S: Trained> OpenRun<S> {
         if path.exists() { EditStack::load(&path).map_err(RunError::input) } else { Ok(EditStack::default()) }
     }
 
-    /// Reads a split of the run's dataset, or of `data` in its place.
+    /// Reads a split of the run's dataset, or of `data` instead.
     ///
     /// # Errors
-    /// If the dataset is not there any more, or cannot be read.
+    /// If the dataset is no longer there, or cannot be read.
     pub fn split(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
         Ok(read_split(self.dataset(data)?, name, self.config.data.downscale, max_views)?)
     }
 
-    /// The views of it that the run is measured on, see [`open_measured`].
+    /// Reads the views of a split that the run is measured on, see [`open_measured`].
     ///
     /// # Errors
-    /// As [`OpenRun::split`].
+    /// As for [`OpenRun::split`].
     pub fn measured(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
         Ok(open_measured(self.dataset(data)?, name, &self.config, max_views)?)
     }
 
-    /// The run's dataset, or `data` in its place, which must be there.
+    /// Returns the folder of the run's dataset, or `data` instead, which must exist.
     ///
     /// # Errors
-    /// If it is not there.
+    /// If it does not exist.
     pub fn dataset<'a>(&'a self, data: Option<&'a Path>) -> Result<&'a Path, RunError> {
         let root = data.unwrap_or(&self.record.dataset);
         if !root.is_dir() {
@@ -317,7 +320,7 @@ impl<S: Trained> OpenRun<S> {
     }
 }
 
-/// The method of the run that `path` stands for. A record that cannot be read is told of later, with what is missing.
+/// Returns the method of the run at `path`. A record that cannot be read is reported later, with what is missing.
 fn method_of(path: &Path) -> Result<method::Found, RunError> {
     let record = RunPaths(&checkpoint::locate(path).0).record();
     let read = std::fs::read_to_string(&record).ok().and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
@@ -325,7 +328,7 @@ fn method_of(path: &Path) -> Result<method::Found, RunError> {
     method::find(&name).map_err(|e| RunError::input(format!("{}: {e}", record.display())))
 }
 
-/// Says of a run that what was asked for needs Gaussians, and its method has none.
+/// Creates the error for a request that needs Gaussians on a run whose method has none.
 fn no_gaussians(run: &Path, method: &str) -> RunError {
     RunError::input(format!(
         "{}: trained with the method {method}, which has no Gaussians that stay the same over time, and this needs them; \
@@ -334,7 +337,7 @@ fn no_gaussians(run: &Path, method: &str) -> RunError {
     ))
 }
 
-/// The file of the scene after `step` steps, if there is such a checkpoint.
+/// Returns the path of the scene after `step` steps, where it is if there is such a checkpoint.
 fn scene_at(run: &Path, step: usize) -> PathBuf {
     scene_of(&RunPaths(run).checkpoints().join(checkpoint::folder_name(step)))
 }
@@ -343,8 +346,8 @@ fn scene_of(checkpoint: &Path) -> PathBuf {
     checkpoint.join(RunPaths::SCENE)
 }
 
-/// A newest checkpoint that lost a file must not be passed over for an older one without a word. Where a checkpoint is
-/// given, the others do not matter.
+/// Checks that the newest checkpoint is complete, so that one that lost a file is not silently passed over for an older
+/// one. If `path` is a checkpoint, the others do not matter.
 fn check_newest(path: &Path) -> Result<(), RunError> {
     if checkpoint::locate(path).0 == path {
         checkpoint::newest(path).map_err(RunError::input)?;

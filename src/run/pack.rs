@@ -1,4 +1,5 @@
-//! A small copy of a run: its newest scene in 8 and 16 bits, with what was made of it, to be kept or passed on.
+//! A small copy of a run, to be kept or passed on: its newest scene in 8 and 16 bits, with its segments, affinity field
+//! and edits.
 
 use super::{OpenRun, RunError};
 use crate::files::{AtomicDir, FolderKind, RunPaths};
@@ -6,7 +7,7 @@ use crate::train::checkpoint;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// A folder that the next one may replace.
+/// Kind of a packed run's folder, which the next one may replace.
 const KIND: FolderKind = FolderKind {
     what: "a packed run",
     markers: &["run.json"],
@@ -27,19 +28,19 @@ pub struct PackedRun {
     pub run: PathBuf,
     /// Gaussians of the scene.
     pub gaussians: usize,
-    /// Bytes of its scene.
+    /// Bytes of its scene file.
     pub scene_bytes: u64,
-    /// Bytes of the scene that it was packed from.
+    /// Bytes of the scene file that it was packed from.
     pub scene_bytes_before: u64,
 }
 
-/// Writes `out`, a run that can be drawn, measured, segmented, followed and edited as `run` can, and not trained on: the
-/// newest scene packed, and, where there are, segments, affinity field and edits. Masks, tracks, pictures, measurements and
-/// logs stay behind.
+/// Writes a packed copy of `run` to `out`, which can be drawn, measured, segmented, tracked and edited like `run`, but
+/// not trained further. It holds the packed newest scene and the segments, affinity field and edits, if any. Masks,
+/// tracks, pictures, measurements and logs are omitted.
 ///
 /// # Errors
-/// If `run` is an older checkpoint, something other than an older packed run stands at `out`, or a file cannot be read
-/// or written; `out` is then as it was.
+/// If `run` is an older checkpoint, something other than an older packed run is at `out`, or a file cannot be read or
+/// written; `out` is then unchanged.
 pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
     if let Some(step) = run.older_step() {
         return Err(RunError::input(format!(
@@ -74,7 +75,7 @@ pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
     })
 }
 
-/// Copies a file into a folder that is made if need be.
+/// Copies a file, creating the folder of the copy if needed.
 fn copy(from: &Path, to: &Path) -> Result<(), RunError> {
     let failed = |e: std::io::Error| RunError::failure(format!("{}: {e}", from.display()));
     if let Some(folder) = to.parent() {

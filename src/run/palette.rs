@@ -1,4 +1,4 @@
-//! Colours that numbers become: maps for sizes, which run from dark to light, and for values with a sign.
+//! Colours for numbers: maps for magnitudes, which run from dark to light, and for signed values.
 
 use super::look::Show;
 use crate::segment::paint::{depth_colours, diverging, signed, sizes};
@@ -7,29 +7,29 @@ use crate::track::velocity::Component;
 use crate::volume::transfer::colormap::{at, named};
 use std::str::FromStr;
 
-/// Colours of a scale in a legend.
+/// Number of colours of a scale in a legend.
 const STEPS: usize = 33;
 
-/// A map. All but [`Palette::RedGreen`] can be read with any kind of colour blindness.
+/// A colour map. All but [`Palette::RedGreen`] can be read with any kind of colour blindness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Palette {
-    /// Dark blue by green to yellow, for sizes.
+    /// Dark blue through green to yellow, for magnitudes.
     Viridis,
-    /// Dark blue by grey to yellow, made for colour blindness, for sizes.
+    /// Dark blue through grey to yellow, made for colour blindness, for magnitudes.
     Cividis,
-    /// Black by red to light yellow, for sizes.
+    /// Black through red to light yellow, for magnitudes.
     Inferno,
-    /// Blue by light grey to red, for values with a sign.
+    /// Blue through light grey to red, for signed values.
     CoolWarm,
-    /// Green by black to red, as in the paper, for values with a sign.
+    /// Green through black to red, as in the paper, for signed values.
     RedGreen,
 }
 
 impl Palette {
-    /// All of them.
+    /// All palettes.
     pub const ALL: [Self; 5] = [Self::Viridis, Self::Cividis, Self::Inferno, Self::CoolWarm, Self::RedGreen];
 
-    /// As it is written.
+    /// Returns the name that it is parsed from.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl Palette {
         }
     }
 
-    /// The colours at its low and its high end, in words.
+    /// Returns the colours at its low and its high end, in words.
     #[must_use]
     pub fn ends(self) -> [&'static str; 2] {
         match self {
@@ -52,13 +52,13 @@ impl Palette {
         }
     }
 
-    /// The colour of 0 in a map for values with a sign, in words.
+    /// Returns the colour of 0 in a map for signed values, in words.
     #[must_use]
     pub fn middle(self) -> &'static str {
         if self == Self::RedGreen { "black" } else { "light grey" }
     }
 
-    /// What `show` is drawn in if nothing else is asked for; `None` where colours stand for no numbers.
+    /// Returns the default palette for `show`; `None` if its colours stand for no numbers.
     #[must_use]
     pub fn of(show: Show) -> Option<Self> {
         match show {
@@ -69,15 +69,15 @@ impl Palette {
         }
     }
 
-    /// Whether it is for values with a sign.
+    /// Returns whether it is for signed values.
     fn is_signed(self) -> bool {
         matches!(self, Self::CoolWarm | Self::RedGreen)
     }
 
-    /// The one that was asked for, or that of `show`.
+    /// Returns the requested palette, or the default for `show`.
     ///
     /// # Errors
-    /// If it is for other values than those of `show`.
+    /// If the requested palette is for other values than those of `show`.
     pub fn choose(asked: Option<Self>, show: Show) -> Result<Option<Self>, String> {
         let usual = Self::of(show);
         match (asked, usual) {
@@ -92,7 +92,7 @@ impl Palette {
         }
     }
 
-    /// Values `[N]` as colours; the ends of the scale are at `full` and, of those with a sign, at `-full`.
+    /// Maps values `[N]` to colours; the ends of the scale are at `full` and, for signed values, at `-full`.
     #[must_use]
     pub fn colours(self, values: &[f32], full: f32) -> Vec<[f32; 3]> {
         match self {
@@ -102,13 +102,14 @@ impl Palette {
         }
     }
 
-    /// A picture's depth as colours `[H, W, 4]`, near ones light.
+    /// Maps the depth of a picture to colours `[H, W, 4]`, near ones light.
     #[must_use]
     pub fn depth(self, picture: &Picture, range: [f32; 2], background: [f32; 3]) -> Vec<f32> {
         depth_colours(picture, range, background, self.name())
     }
 
-    /// Colours of the scale at even steps from its low to its high end, 8 bits each; `far` if high is dark.
+    /// Returns the colours of the scale at even steps from its low to its high end, 8 bits each; `far` if high values
+    /// are dark.
     #[must_use]
     pub fn scale(self, far: bool) -> Vec<[u8; 3]> {
         let map = named(self.name()).unwrap_or_default();

@@ -1,7 +1,7 @@
-//! Clicks: what is under a pixel of a picture, and the segment that a click there means.
+//! Clicks: what is under a pixel of a picture, and the segment that a click there selects.
 //!
-//! A viewer opens a [`Clicking`] once for a time, asks it for the [`Hit`] of each click and for what that selects as often
-//! as its sliders move, and commits one; `volseggs segment pick` does the same once.
+//! A viewer opens a [`Clicking`] once per time, asks it for the [`Hit`] of each click and, as often as its sliders
+//! move, for what that selects, and commits one selection; `volseggs segment pick` does the same once.
 
 use super::segments::RunSegments;
 use super::{OpenRun, RunError};
@@ -23,13 +23,13 @@ use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-/// Segments of which is kept what was found out about them.
+/// Number of segments whose findings are kept.
 const KNOWN: usize = 32;
 
 /// Why a click selects nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum ClickError {
-    /// The pixel is not in the picture.
+    /// The pixel is outside the picture.
     #[error("the picture has {width}x{height}")]
     Outside {
         /// Width of the picture in pixels.
@@ -43,10 +43,10 @@ pub enum ClickError {
         /// The time.
         time: f64,
     },
-    /// There is no affinity field to ask.
+    /// There is no affinity field.
     #[error("the run has no affinity field; run `volseggs segment fine`")]
     NoField,
-    /// Anything else.
+    /// Any other error.
     #[error(transparent)]
     Run(#[from] RunError),
 }
@@ -62,28 +62,28 @@ pub struct Clicking {
     field: Option<(AffinityField, AffinitySpec)>,
     /// Positions `[N, 3]` at the time that the field was trained at.
     places: Vec<f32>,
-    /// What was found out about the segments that were looked in.
+    /// What was found out about the segments searched so far.
     known: RefCell<BTreeMap<Option<Name>, Found>>,
     device: Device,
 }
 
-/// What was hit.
+/// What a click hit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hit {
-    /// The Gaussian.
+    /// Index of the Gaussian.
     pub gaussian: u32,
-    /// Its part of the pixel's colour.
+    /// Its share of the pixel's colour.
     pub weight: f32,
-    /// Where it is, world units.
+    /// Its position, world units.
     pub mean: [f32; 3],
-    /// Segments that hold it, wholes before their parts.
+    /// Segments that contain it, wholes before their parts.
     pub segments: Vec<Name>,
-    /// The segment that is looked in: the one that was named, or else the whole that holds the Gaussian.
+    /// The segment to search: the one that was named, or else the whole that contains the Gaussian.
     pub within: Option<Name>,
 }
 
 impl Clicking {
-    /// Prepares the scene at `time`. With a `field` clicks can select.
+    /// Prepares the scene at `time`. Clicks can select only if there is a `field`.
     #[must_use]
     pub fn new(
         run: &OpenRun,
@@ -93,7 +93,7 @@ impl Clicking {
         device: &Device,
     ) -> Self {
         let at = run.scene.host_at(time as f32);
-        // the field knows the places of the time that it was trained at
+        // the field is evaluated at the positions of the time it was trained at
         let places = match field {
             Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
@@ -103,15 +103,16 @@ impl Clicking {
         Self { at, rendering, time, segments, field, places, known: RefCell::default(), device }
     }
 
-    /// The same with what `before` found out that holds at any time. `before` is to be of the same segments and field.
+    /// Returns this with the findings of `before` that hold at any time. `before` must have the same segments and
+    /// field.
     #[must_use]
     pub fn recalling(self, before: Self) -> Self {
         let known = before.known.into_inner().into_iter().map(|(name, found)| (name, found.at_another_time()));
         Self { known: RefCell::new(known.collect()), ..self }
     }
 
-    /// Finds out what the first click on any of the wholes would have to, or on the scene where there are none, so that it is
-    /// answered at once. What cannot be found out is left to that click, which says why.
+    /// Computes what the first click on any of the wholes, or on the scene if there are none, would have to compute, so
+    /// that the click is answered at once. What fails is left to the click, which reports why.
     pub fn prepare(&self) {
         let Some((field, spec)) = &self.field else { return };
         let ready = |name: Option<Name>, members: &[u32]| {
@@ -128,18 +129,19 @@ impl Clicking {
         }
     }
 
-    /// The time of the scene.
+    /// Returns the time of the scene.
     #[must_use]
     pub fn time(&self) -> f64 {
         self.time
     }
 
-    /// What the pixel (column, row) of the camera's picture shows; in the segment `within` alone, as if the others were
-    /// hidden, if one is named. Where a field is there, so that a click can become a segment, that of most of the pixel is
-    /// meant, see [`meant`]; else the Gaussian that makes up most of it.
+    /// Returns what the pixel (column, row) of the camera's picture shows. If a segment `within` is named, only this
+    /// segment is visible, and the Gaussian that contributes most to the pixel is hit. Otherwise, if there is a field,
+    /// so that a click can become a segment, it is a Gaussian of the segment that covers most of the pixel, see
+    /// [`meant`]; without a field, the Gaussian that contributes most.
     ///
     /// # Errors
-    /// [`ClickError::Outside`], [`ClickError::Nothing`], or a name that no segment has.
+    /// [`ClickError::Outside`], [`ClickError::Nothing`], or an unknown name.
     pub fn hit(&self, camera: &Camera, pixel: [u32; 2], within: Option<&str>) -> Result<Hit, ClickError> {
         let within = within.map(|name| self.segments.get(name)).transpose().map_err(RunError::input)?;
         let shown = within.map(|s| self.at.subset(&s.members));
@@ -164,10 +166,10 @@ impl Clicking {
         Ok(Hit { gaussian, weight, mean, segments, within })
     }
 
-    /// What a click on `hit` selects of the segment that is looked in, or of the whole scene.
+    /// Returns what a click on `hit` selects in the segment to search, or in the whole scene.
     ///
     /// # Errors
-    /// [`ClickError::NoField`], or a segment that is not there any more.
+    /// [`ClickError::NoField`], or a segment that no longer exists.
     pub fn select(&self, hit: &Hit, options: &PickOptions) -> Result<Picked, ClickError> {
         let Some((field, spec)) = &self.field else { return Err(ClickError::NoField) };
         let candidates = match &hit.within {
@@ -186,8 +188,8 @@ impl Clicking {
     }
 }
 
-/// Where the surface is that a pixel (column, row) of the camera's picture shows of the Gaussians at a `time`: on the
-/// pixel's ray, as deep as the Gaussian that makes up most of the pixel. World units.
+/// Returns the point, in world units, of the surface that a pixel (column, row) of the camera's picture shows of the
+/// Gaussians at a `time`: on the pixel's ray, at the depth of the Gaussian that contributes most to the pixel.
 ///
 /// # Errors
 /// [`ClickError::Outside`] or [`ClickError::Nothing`].
@@ -211,19 +213,19 @@ pub fn place(
     Ok(camera.unproject(middle, depth).to_array())
 }
 
-/// A segment that a click made.
+/// A segment made by a click.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Made {
-    /// Its Gaussians.
+    /// Number of its Gaussians.
     pub gaussians: usize,
-    /// Those of them that the click did not select: they are seen at other times.
+    /// Number of those that the click did not select, as they are visible at other times.
     pub from_other_times: usize,
 }
 
-/// Makes a segment `name` of what a click at `time` selected, carried to the other times, see [`carry`].
+/// Creates a segment `name` from what a click at `time` selected, propagated to the other times, see [`carry`].
 ///
 /// # Errors
-/// If nothing was selected, the name is taken, or the segment that was looked in is not there any more.
+/// If nothing was selected, the name is taken, or the segment that was searched no longer exists.
 pub fn commit(
     run: &OpenRun,
     segments: &mut RunSegments,

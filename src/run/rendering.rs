@@ -1,7 +1,7 @@
-//! What drawing costs: the volumes of a run's dataset, ray by ray, and the run in their place. The paper's table of direct
-//! volume rendering beside splatting, from measured times.
+//! Cost of drawing: ray casting the volumes of a run's dataset, compared with drawing the run instead. This is the
+//! paper's table of direct volume rendering and splatting, from measured times.
 //!
-//! Either side is to be measured in a process of its own, as the peak of memory is the process's.
+//! Each side should be measured in a process of its own, as peak memory is a property of the process.
 
 use super::{AnyRun, RunError};
 use crate::data::Split;
@@ -19,10 +19,10 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Bytes that a voxel takes while it is read and laid out.
+/// Bytes per voxel while a volume is read and laid out.
 const VOXEL_BYTES: usize = 16;
 
-/// A dataset that `prepare` made, as far as its volumes are to be drawn again as they were.
+/// A dataset made by `prepare`, with what is needed to draw its volumes again as they were.
 #[derive(Debug)]
 pub struct Prepared {
     folder: PathBuf,
@@ -30,47 +30,47 @@ pub struct Prepared {
     transfer: TransferFunction,
 }
 
-/// What the volumes cost.
+/// Cost of drawing the volumes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VolumeCosts {
-    /// Steps of the series.
+    /// Number of steps in the series.
     pub steps: usize,
     /// Bytes of its files.
     pub raw_bytes: u64,
-    /// Steps that were loaded, evenly spread.
+    /// Number of steps loaded, evenly spread.
     pub loaded: usize,
-    /// Views that were drawn, over all of these.
+    /// Number of views drawn, over all of these steps.
     pub views: usize,
-    /// Seconds until a step can be drawn: read from the disk where the system lets go of what it has read before, and laid out.
+    /// Seconds until a step can be drawn: reading it, from disk where the system can drop its cache, and laying it out.
     pub load_seconds: f64,
-    /// Seconds of a view.
+    /// Seconds per view.
     pub view_seconds: f64,
-    /// Peak memory of a process that does nothing else, bytes; 0 where unknown.
+    /// Peak memory of a process that does nothing else, bytes; 0 if unknown.
     pub peak_memory_bytes: u64,
 }
 
-/// What the run costs.
+/// Cost of drawing the run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunCosts {
-    /// Bytes of the file of the model, which holds all times.
+    /// Bytes of the model file, which covers all times.
     pub model_bytes: u64,
-    /// Seconds of opening it.
+    /// Seconds to open it.
     pub load_seconds: f64,
-    /// Seconds of a view with the copy of the image to the host, at any time.
+    /// Seconds per view at any time, including the copy of the image to the host.
     pub view_seconds: f64,
-    /// Peak memory of the process without that of a GPU, bytes; 0 where unknown.
+    /// Peak memory of the process, without that of a GPU, bytes; 0 if unknown.
     pub peak_memory_bytes: u64,
-    /// Seconds in which the images were made; none of images from elsewhere.
+    /// Seconds spent making the images; `None` for images from elsewhere.
     pub preparation_seconds: Option<f64>,
     /// Seconds of training.
     pub training_seconds: f64,
 }
 
 impl Prepared {
-    /// The dataset in `folder`.
+    /// Opens the dataset in `folder`.
     ///
     /// # Errors
-    /// If it was not made by `prepare`, or a file of it is damaged.
+    /// If it was not made by `prepare`, or one of its files is damaged.
     pub fn open(folder: &Path) -> Result<Self, RunError> {
         let record = PrepareRecord::read(folder).map_err(RunError::input)?.ok_or_else(|| {
             RunError::input(format!(
@@ -84,10 +84,10 @@ impl Prepared {
         Ok(Self { folder: folder.to_owned(), record, transfer })
     }
 
-    /// Loads `steps` steps of `series`, evenly spread, and draws `views` dealt to them.
+    /// Loads `steps` evenly spread steps of `series`, and draws `views`, distributed over them.
     ///
     /// # Errors
-    /// As [`Prepared::check`], or if a step cannot be read.
+    /// As for [`Prepared::check`], or if a step cannot be read.
     pub fn draw_volumes(&self, series: &Series, views: &Split, steps: usize) -> Result<VolumeCosts, RunError> {
         self.check(series)?;
         let steps = steps.clamp(1, series.len());
@@ -119,10 +119,10 @@ impl Prepared {
         })
     }
 
-    /// Refuses volumes that the dataset was not made of, as far as can be told, and those that do not fit into memory.
+    /// Checks, as far as possible, that the dataset was made from these volumes, and that they fit into memory.
     ///
     /// # Errors
-    /// What the dataset was made of, or how much memory there is.
+    /// If not; the error says what the dataset was made from, or how much memory there is.
     pub fn check(&self, series: &Series) -> Result<(), RunError> {
         let (dims, made) = (series.grid().dims, &self.record);
         if (dims, series.len()) != (made.dims, made.steps) {
@@ -139,22 +139,22 @@ impl Prepared {
     }
 }
 
-/// Asks the system to let go of what it has read of a file, so that reading it again goes to the disk; where it does not, a
-/// file that was read before loads faster.
+/// Asks the system to drop its cache of a file, so that the next read goes to the disk; where it does not, a file that
+/// was read before loads faster.
 fn forget(file: &Path) {
     #[cfg(target_os = "linux")]
     if let Ok(file) = std::fs::File::open(file) {
-        // a hint, no more
+        // only a hint
         let _ = rustix::fs::fadvise(&file, 0, None, rustix::fs::Advice::DontNeed);
     }
     #[cfg(not(target_os = "linux"))]
     let _ = file;
 }
 
-/// Measures how a run is drawn that took `load_seconds` to open, and was trained on the dataset in `data`.
+/// Measures the cost of drawing a run that took `load_seconds` to open and was trained on the dataset in `data`.
 ///
 /// # Errors
-/// If there is no view, the device fails, or the file of the model is gone.
+/// If there is no view, the device fails, or the model file is missing.
 pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> Result<RunCosts, RunError> {
     let speed = speed::measure(run.model(), views).map_err(RunError::failure)?;
     let model = std::fs::metadata(&run.scene_path);
@@ -169,7 +169,7 @@ pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> 
     })
 }
 
-/// The folder of the dataset that a run says it was trained on.
+/// Returns the folder of the dataset that a run was trained on, according to its record.
 ///
 /// # Errors
 /// If the run's record is missing or damaged.
@@ -184,7 +184,7 @@ pub fn dataset_of(run: &Path) -> Result<PathBuf, RunError> {
     Ok(record.dataset)
 }
 
-/// Both sides as a Markdown table.
+/// Formats both sides as a Markdown table.
 #[must_use]
 pub fn table(volumes: &VolumeCosts, run: &RunCosts) -> String {
     let gigabytes = |bytes: u64| if bytes == 0 { "unknown".to_owned() } else { format!("{:.2}", bytes as f64 / 1e9) };

@@ -1,7 +1,7 @@
-//! Views in files: a picture that says what it shows, so that it can be drawn again, and the same as JSON.
+//! Views in files: a picture that records what it shows, so that it can be drawn again, or the same record as JSON.
 //!
-//! A picture has the JSON in a text chunk before its pixels. Reading takes at most [`LONGEST`] bytes of text and looks for
-//! it in the first megabyte, whatever the file claims.
+//! A picture holds the JSON in a text chunk before its pixels. Reading accepts at most [`LONGEST`] bytes of text and
+//! searches only the first megabyte, whatever the file claims.
 
 use super::cameras::SIDE;
 use super::view::View;
@@ -18,22 +18,22 @@ use std::fmt::Display;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Longest text of a view, bytes.
+/// Maximum length of a view's text, bytes.
 pub const LONGEST: usize = 64 * 1024;
-/// Where a picture's text is looked for, bytes.
+/// How much of a picture is searched for the text, bytes.
 const HEAD: u64 = 1 << 20;
-/// The text's keyword in a picture.
+/// Keyword of the text in a picture.
 pub const KEYWORD: &str = "volseggs view";
-/// Version of the files.
+/// Version of the file format.
 const FORMAT: u32 = 1;
 /// The first bytes of a PNG.
 const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 
-/// A view, and where it comes from.
+/// A view and its origin.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedView {
-    /// Version of the file, 1.
+    /// Version of the file format, 1.
     pub format: u32,
     /// Version of the program that wrote it.
     pub version: String,
@@ -48,7 +48,7 @@ pub struct SavedView {
 }
 
 impl SavedView {
-    /// Of a run, for a file of this name.
+    /// Creates a view of a run, for a file of this name.
     #[must_use]
     pub fn new(run: &OpenRun, view: View, file: &str) -> Self {
         let command = command(run, "--view", file, "still");
@@ -56,8 +56,8 @@ impl SavedView {
         Self { format: FORMAT, version, run: run.path.display().to_string(), scene, command, view }
     }
 
-    /// Draws `view` of the run as a PNG that says what it shows, to be saved as `file`. The scale of its colours, where
-    /// the view has none, is the one that suits it, and is kept.
+    /// Draws `view` of the run as a PNG that records what it shows, to be saved as `file`. If the view has no colour
+    /// scale, a suitable one is chosen and recorded.
     ///
     /// # Errors
     /// If it cannot be drawn.
@@ -75,7 +75,7 @@ impl SavedView {
     /// Reads a picture or JSON file.
     ///
     /// # Errors
-    /// The file, and why it holds no view.
+    /// If the file holds no view; the error names the file and the reason.
     pub fn read(path: &Path) -> Result<Self, RunError> {
         let name = path.display();
         let found = open_regular(path).and_then(|file| text(file.take(HEAD)));
@@ -87,10 +87,10 @@ impl SavedView {
         }
     }
 
-    /// Reads the JSON text of a file, or of a view alone; `name` is only for messages.
+    /// Parses the JSON text of a file, or of a view alone; `name` is used only in messages.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// If the text holds no valid view; the error says why.
     pub fn parse(name: impl Display, text: &str) -> Result<Self, RunError> {
         let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
         if text.len() > LONGEST {
@@ -100,10 +100,10 @@ impl SavedView {
         Self::from_value(&name, serde_json::from_str(text).map_err(json)?)
     }
 
-    /// The same of parsed JSON.
+    /// Like [`SavedView::parse`], for parsed JSON.
     ///
     /// # Errors
-    /// As [`SavedView::parse`].
+    /// As for [`SavedView::parse`].
     pub fn from_value(name: impl Display, value: Value) -> Result<Self, RunError> {
         let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
@@ -127,7 +127,7 @@ impl SavedView {
         Ok(saved)
     }
 
-    /// The same at another width in pixels (the value of `--size`), of the same shape.
+    /// Returns this view at another width in pixels (the value of `--size`), with the same aspect ratio.
     ///
     /// # Errors
     /// If it would be taller than [`SIDE`].
@@ -145,20 +145,21 @@ impl SavedView {
         Ok(self)
     }
 
-    /// Whether it was saved of another scene than this run's.
+    /// Returns whether it was saved from another scene than this run's.
     #[must_use]
     pub fn is_of_another(&self, run: &OpenRun) -> bool {
         !self.scene.is_empty() && self.scene != run.scene.fingerprint()
     }
 }
 
-/// The command that renders the run with an option that says what; `value` is the name of a file, or of a view the JSON itself.
+/// Returns the command that renders what an option of the run selects; `value` is the name of a file, or the JSON of a
+/// view itself.
 #[must_use]
 pub fn command(run: &OpenRun, option: &str, value: &str, out: &str) -> String {
     format!("volseggs render {} {option} {} --out {out}", shell::path(&run.path), shell::quote(value))
 }
 
-/// The text of a view in a PNG, or all of another file; `None` if it is a PNG that has none.
+/// Returns the text of a view in a PNG, or all of another file; `None` for a PNG without such a text.
 fn text(mut file: impl Read) -> io::Result<Option<String>> {
     let mut start = Vec::new();
     file.by_ref().take(8).read_to_end(&mut start)?;
@@ -170,7 +171,7 @@ fn text(mut file: impl Read) -> io::Result<Option<String>> {
     text.map(Some).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "neither a PNG nor text"))
 }
 
-/// The text in the chunks before the pixels.
+/// Returns the text in the chunks before the pixels.
 fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
     let damaged = || io::Error::new(io::ErrorKind::InvalidData, "the text in the picture is damaged");
     loop {
@@ -180,7 +181,7 @@ fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
         }
         let [a, b, c, d, kind @ ..] = head;
         let length = u64::from(u32::from_be_bytes([a, b, c, d]));
-        // the keyword and five bytes of what is said about the text
+        // the keyword and the five bytes between it and the text
         let most = (LONGEST + KEYWORD.len() + 5) as u64;
         if &kind != b"iTXt" || length > most {
             io::copy(&mut file.by_ref().take(length + 4), &mut io::sink())?;
@@ -188,7 +189,7 @@ fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
         }
         let (mut data, mut sum) = (vec![0; length as usize], [0; 4]);
         file.read_exact(&mut data).and_then(|()| file.read_exact(&mut sum)).map_err(|_| damaged())?;
-        // keyword, 0; not compressed, 0; no language, 0; no keyword in it, 0; the text
+        // keyword, 0; compression flag and method, both 0; no language, 0; no translated keyword, 0; the text
         let Some(text) = data.strip_prefix(KEYWORD.as_bytes()).and_then(|d| d.strip_prefix(&[0; 5])) else { continue };
         let mut crc = Crc::new();
         crc.update(&kind);
@@ -264,7 +265,7 @@ mod tests {
             let error = reads(&bytes).unwrap_err();
             assert!(error.contains(word), "{error}: {word}");
         }
-        // no byte of the text can change without a word, and no damage is a panic
+        // no changed byte of the text goes unnoticed, and no damage causes a panic
         for at in 0..good.len() {
             let mut bad = good.clone();
             bad[at] ^= 0x10;

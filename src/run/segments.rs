@@ -1,4 +1,4 @@
-//! Changes of a run's segments: by colour, groups, removals, and each taken back.
+//! Changes to a run's segments: finding them by colour, grouping, renaming, removing, and undoing each of these.
 
 use super::cameras::Surroundings;
 use super::{OpenRun, RunError};
@@ -18,10 +18,10 @@ use burn::tensor::Device;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 
-/// Segments that a picture shows at most, those of most opacity.
+/// Maximum number of segments in a picture, those with the most opacity.
 pub const SHOWN: usize = 40;
 
-/// Which way through the changes.
+/// Direction through the history of changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Towards {
     /// Back.
@@ -31,7 +31,7 @@ pub enum Towards {
 }
 
 impl Towards {
-    /// The command that does it.
+    /// Returns the command that does it.
     #[must_use]
     pub fn verb(self) -> &'static str {
         match self {
@@ -41,22 +41,22 @@ impl Towards {
     }
 }
 
-/// The segments of a run with what was done to them. A change holds from [`RunSegments::save`] on.
+/// The segments of a run with their history. A change takes effect with [`RunSegments::save`].
 #[derive(Clone, Debug)]
 pub struct RunSegments {
     path: PathBuf,
     found: History,
-    /// The file of edits, whose names follow.
+    /// The file of edits, in which segments are renamed too.
     edits: PathBuf,
-    /// Old and new names that the edits do not know yet, in turn.
+    /// Old and new names that the edits do not reflect yet, in order.
     renamed: Vec<[Name; 2]>,
 }
 
 impl RunSegments {
-    /// Reads them; none if there is no file yet.
+    /// Reads the segments; none if there is no file yet.
     ///
     /// # Errors
-    /// If the file is damaged, or of another scene.
+    /// If the file is damaged, or belongs to another scene.
     pub fn open(run: &OpenRun) -> Result<Self, RunError> {
         let path = run.paths().segments();
         if !path.exists() {
@@ -67,7 +67,8 @@ impl RunSegments {
         Ok(Self::of(run, found))
     }
 
-    /// The same to put others in their place: a file that cannot be used is no reason to stop, but is told.
+    /// Reads the segments in order to replace them: a file that cannot be used is no obstacle, but its error is
+    /// returned.
     #[must_use]
     pub fn replacing(run: &OpenRun) -> (Self, Option<RunError>) {
         match Self::open(run) {
@@ -76,7 +77,7 @@ impl RunSegments {
         }
     }
 
-    /// None, whatever the file says: of a run whose scene is still being trained.
+    /// Returns no segments, whatever the file holds: for a run whose scene is still being trained.
     #[must_use]
     pub fn none(run: &OpenRun) -> Self {
         Self::of(run, History::new(run.no_segments()))
@@ -86,22 +87,22 @@ impl RunSegments {
         Self { path: run.paths().segments(), found, edits: run.paths().edits(), renamed: Vec::new() }
     }
 
-    /// The segments of now.
+    /// Returns the current segments.
     #[must_use]
     pub fn now(&self) -> &Segmentation {
         self.found.now()
     }
 
-    /// Puts segments in the place of those of now; `change` says what was done.
+    /// Replaces the current segments; `change` describes what was done.
     pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
         self.found.change(change, segments);
     }
 
-    /// Writes the file, and that of the edits where those name a segment that has another name now.
+    /// Writes the file and, if the edits name a renamed segment, the file of edits.
     ///
     /// # Errors
-    /// If it cannot be written; it is then as it was. If the edits cannot be read, or not be written: in the last case
-    /// [`RunSegments::step`] back gives the segment the name by which they know it.
+    /// If the file cannot be written, in which case it is unchanged, or the edits cannot be read or written. In the
+    /// last case, [`RunSegments::step`] back restores the name by which the edits know the segment.
     pub fn save(&mut self) -> Result<(), RunError> {
         let mut edits = None;
         if !self.renamed.is_empty() && self.edits.exists() {
@@ -117,7 +118,7 @@ impl RunSegments {
         Ok(())
     }
 
-    /// Changes that can be undone or redone, the next one first.
+    /// Returns the changes that can be undone or redone, the next one first.
     #[must_use]
     pub fn steps(&self, towards: Towards) -> Vec<&str> {
         match towards {
@@ -126,10 +127,10 @@ impl RunSegments {
         }
     }
 
-    /// Undoes or redoes `count` changes, all of them or none; gives what they were.
+    /// Undoes or redoes `count` changes, all of them or none; returns what they were.
     ///
     /// # Errors
-    /// If there are fewer.
+    /// If there are fewer than `count`.
     pub fn step(&mut self, towards: Towards, count: usize) -> Result<Vec<String>, RunError> {
         check_count(towards, count, self.steps(towards).len(), &self.path)?;
         let mut done = Vec::with_capacity(count);
@@ -144,12 +145,12 @@ impl RunSegments {
         Ok(done)
     }
 
-    /// Calls the segment `old` `new`. Its parts stay its parts, and edits of it follow when this is saved; masks know it by
-    /// its Gaussians.
+    /// Renames the segment `old` to `new`. Its parts remain its parts, and edits of it are renamed when this is saved;
+    /// masks identify it by its Gaussians.
     ///
     /// # Errors
-    /// If there is no such segment, the name is taken, edits of a segment that was removed have it, or a track is called
-    /// after the segment.
+    /// If there is no such segment, the name is taken, edits of a removed segment or undone edits use the name, or a
+    /// track is named after the segment.
     pub fn rename(&mut self, run: &OpenRun, old: &str, new: &Name) -> Result<(), RunError> {
         let old = self.now().get(old).map_err(RunError::input)?.name.clone();
         let track = run.paths().tracks().join(&old);
@@ -170,10 +171,10 @@ impl RunSegments {
         Ok(())
     }
 
-    /// Several segments as one under a name of its own; they stay as they are.
+    /// Groups several segments into a new one with its own name; they remain unchanged.
     ///
     /// # Errors
-    /// A name that no segment has or that is taken, or segments without Gaussians.
+    /// If a name is unknown, the new name is taken, or the segments have no Gaussians.
     pub fn group(&mut self, name: &Name, segments: &[String]) -> Result<(), RunError> {
         let mut all = self.now().clone();
         let found = segments.iter().map(|s| all.get(s)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
@@ -188,10 +189,10 @@ impl RunSegments {
         Ok(())
     }
 
-    /// Removes segments with their parts; gives how many went.
+    /// Removes segments and their parts; returns how many were removed.
     ///
     /// # Errors
-    /// A name that no segment has.
+    /// If a name is unknown.
     pub fn remove(&mut self, segments: &[String]) -> Result<usize, RunError> {
         let mut all = self.now().clone();
         for name in segments {
@@ -204,10 +205,11 @@ impl RunSegments {
         Ok(removed)
     }
 
-    /// Finds segments by colour in the Gaussians `at` a `time`, and puts them in the place of those of now.
+    /// Finds segments by colour in the Gaussians `at` a `time`, and replaces the current ones with them. If none are
+    /// found, the current ones remain, and the result says where the Gaussians went.
     ///
     /// # Errors
-    /// An option out of range, or colours that nothing has: the result then says where the Gaussians went.
+    /// If an option is out of range.
     pub fn coarse(
         &mut self,
         run: &OpenRun,
@@ -235,10 +237,10 @@ impl RunSegments {
     }
 }
 
-/// Refuses to take more steps than `there` are; `file` holds them.
+/// Checks that `count` steps can be taken; `file` holds `there` of them.
 ///
 /// # Errors
-/// How many there are.
+/// If not; the error says how many there are.
 pub(super) fn check_count(towards: Towards, count: usize, there: usize, file: &Path) -> Result<(), RunError> {
     let verb = towards.verb();
     if there == 0 {
@@ -250,10 +252,10 @@ pub(super) fn check_count(towards: Towards, count: usize, there: usize, file: &P
     Ok(())
 }
 
-/// Refuses more clusters than `points`, or more than memory has room for; `of` says what has the points.
+/// Checks that there are no more clusters than `points`, and that they fit into memory; `of` names what has the points.
 ///
 /// # Errors
-/// How many points there are, or how much memory.
+/// If not; the error says how many points, or how much memory, there are.
 pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimensions: usize) -> Result<(), RunError> {
     if clusters > points {
         return Err(RunError::input(format!("--clusters {clusters}: {of} only {points} Gaussians")));
@@ -262,7 +264,7 @@ pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimension
     Budget::now().check(format!("--clusters {clusters}"), needed).map_err(RunError::input)
 }
 
-/// The first [`SHOWN`] of the `segments` alone, each from three sides: a picture of each row by row.
+/// Draws the first [`SHOWN`] of the `segments`, each alone from three sides, one row per segment.
 #[must_use]
 pub fn sheet(
     run: &OpenRun,

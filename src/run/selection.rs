@@ -7,22 +7,22 @@ use crate::model::{HostGaussians, Scene};
 use crate::segment::segmentation::Segmentation;
 use crate::shell;
 
-/// What of a scene is shown, with its files read and its names checked.
+/// The part of a scene that is shown, with its files read and its names checked.
 #[derive(Debug, Clone)]
 pub struct Selection {
     segments: Segmentation,
     edits: EditStack,
-    /// Edits after those, which no file holds.
+    /// Edits to apply after those, not in any file.
     preview: Vec<Edit>,
     members: Option<Vec<u32>>,
-    /// Left out, whatever the edits say.
+    /// Hidden, whatever the edits say.
     hidden: Vec<u32>,
 }
 
-/// Refuses edits of segments that are not there any more.
+/// Checks that the segments of all edits still exist.
 ///
 /// # Errors
-/// The first such edit, and the way out.
+/// The first edit whose segment does not, and what to do about it.
 pub(super) fn check_edits(run: &OpenRun, edits: &EditStack, segments: &Segmentation) -> Result<(), RunError> {
     let known = |name: &str| segments.get(name).is_ok();
     edits.validate(&known).map_err(|e| {
@@ -42,18 +42,19 @@ pub(super) fn check_edits(run: &OpenRun, edits: &EditStack, segments: &Segmentat
 }
 
 impl Selection {
-    /// The segments of these names alone, or all of the scene if there is none; with the run's edits if they are `edited`.
+    /// Selects the segments of these names alone, or the whole scene if there are none; applies the run's edits if
+    /// `edited`.
     ///
     /// # Errors
-    /// A name that no segment has, an edit of a segment that is not there any more, or a file that is damaged.
+    /// If a name is unknown, the segment of an edit no longer exists, or a file is damaged.
     pub fn open(run: &OpenRun, names: &[String], edited: bool) -> Result<Self, RunError> {
         Self::of(run, names, edited, false)
     }
 
-    /// The same where the names are those of another run: of segments that this one has not, nothing is shown.
+    /// Like [`Selection::open`], for names from another run: those that this run does not have select nothing.
     ///
     /// # Errors
-    /// As [`Selection::open`], but for names.
+    /// As for [`Selection::open`], except for names.
     pub fn open_known(run: &OpenRun, names: &[String], edited: bool) -> Result<Self, RunError> {
         Self::of(run, names, edited, true)
     }
@@ -61,7 +62,7 @@ impl Selection {
     fn of(run: &OpenRun, names: &[String], edited: bool, lenient: bool) -> Result<Self, RunError> {
         let edits = if edited { run.edits()? } else { EditStack::default() };
         let segments = if names.is_empty() && edits.operations.is_empty() {
-            // nothing to look up: a file of segments that does not fit the scene must not stop a plain render
+            // nothing to look up: a file of segments that does not match the scene must not stop a plain render
             run.no_segments()
         } else {
             run.segments()?
@@ -85,18 +86,18 @@ impl Selection {
         Ok(Self { segments, edits, preview: Vec::new(), members, hidden: Vec::new() })
     }
 
-    /// The same without these Gaussians: not an edit, but how one looks at it.
+    /// Returns this selection without these Gaussians; this is not an edit, only a way of viewing the scene.
     #[must_use]
     pub fn hiding(mut self, members: Vec<u32>) -> Self {
         self.hidden = members;
         self
     }
 
-    /// Applies `edits` too, after those of the run and in the place of an earlier preview: to see what they would do. No file
+    /// Applies `edits` after those of the run, instead of an earlier preview, to show what they would do. No file
     /// changes.
     ///
     /// # Errors
-    /// A value out of range, a name that no segment has, or a segment without Gaussians.
+    /// If a value is out of range, a name is unknown, or a segment has no Gaussians.
     pub fn preview(&mut self, run: &OpenRun, edits: Vec<Edit>) -> Result<(), RunError> {
         if self.segments.segments.is_empty() && !edits.is_empty() {
             self.segments = run.segments()?;
@@ -109,31 +110,31 @@ impl Selection {
         Ok(())
     }
 
-    /// Whether there is a preview.
+    /// Returns whether there is a preview.
     #[must_use]
     pub fn has_preview(&self) -> bool {
         !self.preview.is_empty()
     }
 
-    /// How many edits are applied.
+    /// Returns how many of the run's edits are applied.
     #[must_use]
     pub fn edits(&self) -> usize {
         self.edits.operations.len()
     }
 
-    /// True if it is the whole scene as trained.
+    /// Returns whether this is the whole scene as trained.
     #[must_use]
     pub fn is_plain(&self) -> bool {
         self.members.is_none() && self.edits.operations.is_empty() && self.preview.is_empty() && self.hidden.is_empty()
     }
 
-    /// The indices shown, if not all.
+    /// Returns the indices shown, or `None` for all.
     #[must_use]
     pub fn members(&self) -> Option<&[u32]> {
         self.members.as_deref()
     }
 
-    /// All N Gaussians at `time` in [0, 1] with the edits applied; nothing is left out, though some may be hidden.
+    /// Returns all N Gaussians at `time` in [0, 1] with the edits applied; none are removed, though some may be hidden.
     ///
     /// # Errors
     /// If an edit cannot be applied.
@@ -141,7 +142,7 @@ impl Selection {
         self.edit(scene.host_at(time))
     }
 
-    /// The same of the Gaussians `at` a time, as no edit changed them yet.
+    /// Like [`Selection::edited`], for Gaussians `at` a time to which no edit was applied yet.
     ///
     /// # Errors
     /// If an edit cannot be applied.
@@ -156,7 +157,7 @@ impl Selection {
         Ok(at)
     }
 
-    /// The Gaussians shown at `time` in [0, 1]: edited, then those of the segments alone.
+    /// Returns the Gaussians shown at `time` in [0, 1]: edited, then reduced to the selected segments.
     ///
     /// # Errors
     /// If an edit cannot be applied.
@@ -164,8 +165,8 @@ impl Selection {
         Ok(self.cut(self.edited(scene, time)?))
     }
 
-    /// The opacity-weighted centre of what is selected at `time` in [0, 1], edits applied, in world units: about it an edit
-    /// turns and scales a segment. None if nothing is selected.
+    /// Returns the opacity-weighted centre of the selection at `time` in [0, 1], with edits applied, in world units: an
+    /// edit rotates and scales a segment about it. `None` if nothing is selected.
     ///
     /// # Errors
     /// If an edit cannot be applied.
@@ -178,7 +179,7 @@ impl Selection {
         })
     }
 
-    /// Of all N Gaussians those of the segments alone.
+    /// Reduces all N Gaussians to those of the selected segments.
     #[must_use]
     pub fn cut(&self, all: HostGaussians) -> HostGaussians {
         match &self.members {
@@ -187,7 +188,7 @@ impl Selection {
         }
     }
 
-    /// As [`Selection::at`], without the Gaussians that edits hide: for files, whose readers would keep them.
+    /// Like [`Selection::at`], without the Gaussians that edits hide: for files, whose readers would keep them.
     ///
     /// # Errors
     /// If an edit cannot be applied.

@@ -1,4 +1,4 @@
-//! Parts of a segment, by its affinity features.
+//! Splitting a segment into parts by its affinity features.
 
 use super::cameras::Surroundings;
 use super::segments::{RunSegments, check_clusters};
@@ -18,40 +18,41 @@ use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
 use image::RgbImage;
 
-/// Colour in the picture of what is in no part.
+/// Colour, in the picture, of Gaussians that are in no part.
 const NO_PART: [f32; 3] = [0.5; 3];
 
-/// How a segment is parted.
+/// How to split a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplitOptions {
     /// Mask scale in [0, 1], from small parts to large ones.
     pub scale: f32,
-    /// Into so many parts; as many as the density of the features shows if not given.
+    /// Number of parts; if `None`, it follows from the density of the features.
     pub clusters: Option<usize>,
-    /// Whether small pieces that do not touch the rest of their part stay.
+    /// Whether to keep small pieces that do not touch the rest of their part.
     pub keep_strays: bool,
     /// Seed of the clustering.
     pub seed: u64,
-    /// Whether segments that were picked in the parts of an earlier split may go.
+    /// Whether segments picked in the parts of an earlier split may be removed.
     pub replace: bool,
 }
 
 /// The parts of a segment.
 #[derive(Clone, Debug)]
 pub struct Parts {
-    /// Their names, from the largest.
+    /// Their names, largest part first.
     pub names: Vec<Name>,
-    /// The Gaussians of the whole, at the time of the field.
+    /// The Gaussians of the whole segment, at the time of the field.
     alone: HostGaussians,
-    /// The colour of the part of each; `None` for strays.
+    /// Colour of the part that each Gaussian was clustered into; `None` if that cluster did not become a part.
     shades: Vec<Option<[f32; 3]>>,
 }
 
-/// Parts a segment in the place of an earlier split of it; the parts are called `WHOLE.1`, `WHOLE.2` and so on. `goes_on` is
-/// asked again and again; `None` if it says no, and `segments` are then as they were.
+/// Splits a segment, replacing an earlier split of it; the parts are called `WHOLE.1`, `WHOLE.2` and so on. Returns
+/// `None` if `goes_on`, called repeatedly, stopped it; `segments` are then unchanged.
 ///
 /// # Errors
-/// If there is no such segment or no affinity field, no parts show, or something that a person made would go.
+/// If there is no such segment or no affinity field, no parts are found, or something that the user made would be
+/// removed.
 pub fn split(
     run: &OpenRun,
     segments: &mut RunSegments,
@@ -112,7 +113,7 @@ pub fn split(
     Ok(Some(Parts { names, alone, shades }))
 }
 
-/// The whole from four sides, as it is and by its parts.
+/// Draws the whole segment from four sides, as it is and coloured by part.
 #[must_use]
 pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Device) -> RgbImage {
     let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
@@ -130,7 +131,7 @@ pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Devic
     view_sheet(&pictures, 4, 400)
 }
 
-/// Removes the parts of an earlier split, unless something that a person made would go with them.
+/// Removes the parts of an earlier split, unless something that the user made would be removed with them.
 fn make_room(all: &mut Segmentation, segment: &str, replace: bool) -> Result<(), RunError> {
     let made: Vec<&str> = all.made_below_parts(segment).iter().map(|s| s.name.as_str()).collect();
     if !made.is_empty() && !replace {

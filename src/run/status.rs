@@ -1,15 +1,16 @@
-//! How the training of a run stands.
+//! Training status of a run.
 
 use crate::files::RunLock;
 use std::path::Path;
 
-/// As records say it of a training that goes on.
+/// Status that records give to a training in progress.
 pub const RUNNING: &str = "running";
-/// It does not go on, and could not say so: its process was killed, or its machine stopped.
+/// Status of a training that stopped without recording it: its process was killed, or its machine stopped.
 pub const BROKEN_OFF: &str = "broken off";
 
-/// How the training of the run in folder `run` stands, whose record says `recorded`: that, or [`BROKEN_OFF`] where it says
-/// [`RUNNING`] and nobody holds the run's lock. Where the system does not tell of locks, the record is believed.
+/// Returns the training status of the run in folder `run` whose record says `recorded`: that, or [`BROKEN_OFF`] if it
+/// says [`RUNNING`] but nobody holds the run's lock. If the system gives no information about locks, the record is
+/// trusted.
 #[must_use]
 pub fn status<'r>(run: &Path, recorded: &'r str) -> &'r str {
     match RunLock::is_held(run) {

@@ -1,5 +1,5 @@
-//! What one picture of a run shows: camera, time, look, and what is left out. A viewer asks for pictures by it, and files
-//! keep it ([`super::saved`]).
+//! What one picture of a run shows: camera, time, look, and what is hidden. A viewer requests pictures by it, and files
+//! store it ([`super::saved`]).
 
 use super::look::{Look, Show};
 use super::palette::Palette;
@@ -16,41 +16,41 @@ const SIDE: u32 = 4096;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct View {
-    /// Where the camera stands, world units.
+    /// Position of the camera, world units.
     pub eye: [f64; 3],
-    /// What it looks at.
+    /// Point it looks at.
     pub target: [f64; 3],
-    /// What is up.
+    /// Up direction.
     pub up: [f64; 3],
-    /// Whole horizontal field of view, radians.
+    /// Full horizontal field of view, radians.
     pub fov: f64,
     /// Width and height in pixels.
     pub size: [u32; 2],
     /// Time in [0, 1].
     pub time: f64,
-    /// What the colours stand for, as [`Show`] is written.
+    /// What the colours stand for, by the name that [`Show`] parses.
     pub look: String,
-    /// Segments shown alone; all of the scene if empty.
+    /// Segments shown alone; the whole scene if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub alone: Vec<String>,
-    /// Segments left out.
+    /// Segments that are hidden.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub hidden: Vec<String>,
     /// Whether the edits apply.
     pub edits: bool,
-    /// Colours of numbers, as [`Palette`] is written; those that `render` takes if not given.
+    /// Palette for numbers, by the name that [`Palette`] parses; the one that `render` uses if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub palette: Option<String>,
-    /// Values at the ends of the colours' scale; those that suit the first picture if not given.
+    /// Values at the ends of the colour scale; those that suit the first picture if not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f32; 2]>,
 }
 
 impl View {
-    /// Refuses what no picture can be drawn of.
+    /// Checks that a picture can be drawn of it.
     ///
     /// # Errors
-    /// What is wrong with it.
+    /// If not; the error says why.
     pub fn check(&self) -> Result<(), String> {
         check_pose(self.eye, self.target, self.up, self.fov)?;
         if !self.size.iter().all(|n| (1..=SIDE).contains(n)) {
@@ -66,7 +66,7 @@ impl View {
         Ok(())
     }
 
-    /// What the colours stand for.
+    /// Returns what the colours stand for, and the palette if one is given.
     fn shows(&self) -> Result<(Show, Option<Palette>), String> {
         let show = self.look.parse()?;
         let palette = self.palette.as_deref().map(str::parse).transpose()?;
@@ -74,7 +74,7 @@ impl View {
         Ok((show, palette))
     }
 
-    /// The camera for `part` of the full size.
+    /// Returns the camera for the fraction `part` of the full size.
     #[must_use]
     pub fn camera(&self, part: f64) -> Camera {
         let side = |n: u32| ((f64::from(n) * part).round() as u32).max(1);
@@ -82,18 +82,18 @@ impl View {
         Camera::look_at(eye, target, up, self.fov, side(self.size[0]), side(self.size[1]))
     }
 
-    /// What draws it.
+    /// Creates the look that draws it.
     ///
     /// # Errors
-    /// A look or segment that nobody knows, or a file of the run that is damaged.
+    /// If the look or a segment is unknown, or a file of the run is damaged.
     pub fn look(&self, run: &OpenRun) -> Result<Look, RunError> {
         self.look_at(run, Selection::open(run, &self.alone, self.edits)?)
     }
 
-    /// The same of a view of another run: segments that this one has not are not shown.
+    /// Like [`View::look`], for a view of another run: segments that this run does not have are not shown.
     ///
     /// # Errors
-    /// As [`View::look`], but for names of segments.
+    /// As for [`View::look`], except for names of segments.
     pub fn look_of_another(&self, run: &OpenRun) -> Result<Look, RunError> {
         self.look_at(run, Selection::open_known(run, &self.alone, self.edits)?)
     }
@@ -104,7 +104,7 @@ impl View {
         if !self.hidden.is_empty() {
             let all = run.segments()?;
             for name in &self.hidden {
-                // one that is gone hides nothing
+                // a segment that no longer exists hides nothing
                 away.extend(all.get(name).map(|s| s.members.clone()).unwrap_or_default());
             }
         }
@@ -116,10 +116,10 @@ impl View {
     }
 }
 
-/// Refuses where no camera can stand.
+/// Checks that a camera pose is valid.
 ///
 /// # Errors
-/// What is wrong with it.
+/// If not; the error says why.
 pub(super) fn check_pose(eye: [f64; 3], target: [f64; 3], up: [f64; 3], fov: f64) -> Result<(), String> {
     let far = |v: &[f64; 3]| v.iter().any(|x| !x.is_finite() || x.abs() > 1e12);
     if far(&eye) || far(&target) || far(&up) {

@@ -1,4 +1,4 @@
-//! Two balls of Gaussians on the x axis and cameras around them, for the tests.
+//! Test fixtures: two balls of Gaussians on the x axis, and cameras around them.
 
 use crate::data::Camera;
 use crate::device::DeviceName;
@@ -11,23 +11,23 @@ use crate::segment::masks::Mask;
 use glam::DVec3;
 use volseggs_kernels::splat::DILATION;
 
-/// Gaussians of a ball.
+/// Gaussians in a ball.
 pub(crate) const COUNT: usize = 60;
 const RADIUS: f64 = 0.35;
 const SIZE: u32 = 40;
 
-/// Where the balls are, and of how many Gaussians.
+/// Positions of the balls and their numbers of Gaussians.
 #[derive(Clone, Copy)]
 pub(crate) struct Balls {
     /// Distance of each centre from the origin.
     pub(crate) apart: f64,
-    /// Gaussians of each.
+    /// Gaussians in each ball.
     pub(crate) count: usize,
 }
 
-/// With a gap between them.
+/// Balls with a gap between them.
 pub(crate) const APART: Balls = Balls { apart: 0.5, count: COUNT };
-/// With one point in common.
+/// Balls that touch in one point.
 pub(crate) const TOUCHING: Balls = Balls { apart: RADIUS, count: COUNT };
 
 impl Balls {
@@ -49,8 +49,8 @@ impl Balls {
         out
     }
 
-    /// Views from around, where neither ball hides the other, with the masks of the first ball, of the second, and of
-    /// both.
+    /// Views from all around in which neither ball hides the other, each with the masks of the first ball, of the
+    /// second, and of both.
     pub(crate) fn views(self) -> Vec<(volseggs_kernels::Camera, Vec<Mask>)> {
         let eyes =
             [[0.0, -4.0, 0.5], [1.0, -3.8, 1.5], [0.5, 3.9, -0.5], [-1.0, 3.5, 1.5], [0.3, 0.5, 4.0], [0.0, 0.8, -4.0]];
@@ -76,7 +76,7 @@ impl Balls {
         (camera.to_kernel(), masks)
     }
 
-    /// The views as training takes them, of all of `at`.
+    /// The views prepared for training, each of all Gaussians `at`.
     pub(crate) fn prepared(self, at: &HostGaussians) -> Vec<FineView> {
         let device = DeviceName::all()[0].open().unwrap();
         let members: Vec<u32> = (0..at.len() as u32).collect();
@@ -94,12 +94,12 @@ impl Balls {
     }
 }
 
-/// What the balls are drawn with.
+/// Rendering settings for the balls.
 pub(crate) fn rendering() -> Rendering {
     Rendering { background: [0.0; 3], sh_degree: 0, dilation: DILATION }
 }
 
-/// Adds an unturned Gaussian.
+/// Adds a Gaussian with the identity rotation.
 pub(crate) fn add(to: &mut HostGaussians, mean: [f32; 3], log_scales: [f32; 3]) {
     to.means.extend(mean);
     to.rotations.extend([1.0, 0.0, 0.0, 0.0]);
@@ -108,8 +108,8 @@ pub(crate) fn add(to: &mut HostGaussians, mean: [f32; 3], log_scales: [f32; 3]) 
     to.sh.extend([0.3; 3]);
 }
 
-/// Gaussians on the surfaces of balls along x, those inside another ball left out: centre and radius of each. With the
-/// ball that each is of.
+/// Gaussians on the surfaces of `balls` along x, given as centre and radius, without those inside another ball; and the
+/// ball of each Gaussian.
 pub(crate) fn surfaces(balls: &[(f32, f32)]) -> (HostGaussians, Vec<usize>) {
     let (mut out, mut of) = (HostGaussians { sh_stride: 1, ..HostGaussians::default() }, Vec::new());
     for (ball, &(centre, radius)) in balls.iter().enumerate() {
@@ -125,7 +125,7 @@ pub(crate) fn surfaces(balls: &[(f32, f32)]) -> (HostGaussians, Vec<usize>) {
     (out, of)
 }
 
-/// `work` on so many threads.
+/// Runs `work` on a pool of `threads` threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
 }

@@ -1,9 +1,9 @@
-//! Bodies that show several materials: a transfer function gives a thing of high values a skin in the colours of the lower
-//! ones that it passes on its flank, and training mixes these in the Gaussians of its surface. By colour alone such a skin
-//! is a segment of its own, or goes with other things of its hue far away.
+//! Bodies that show several materials: a transfer function gives an object of high values a surface layer in the
+//! colours of the lower values along its flank, and training mixes these in the Gaussians of its surface. By colour
+//! alone, such a layer is a segment of its own or is grouped with distant objects of its hue.
 //!
-//! Pieces of a material that hang together are looked at, and which pieces of other materials they touch. A skin touches
-//! what it covers nearly everywhere, and nothing holds it together with the rest of its material.
+//! The connected pieces of each material are compared with the pieces of other materials that they touch. A surface
+//! layer touches what it covers nearly everywhere and is not connected to the rest of its material.
 
 use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
@@ -13,23 +13,28 @@ use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
 use std::collections::BTreeMap;
 
-/// Neighbours that are looked at.
+/// Neighbours searched for contacts.
 const NEIGHBOURS: usize = 12;
-/// Two Gaussians are in contact within the sum of their largest standard deviations, times this.
+/// Contact distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
 const REACH: f32 = 1.0;
-/// Share of a piece, by opacity, that is in contact with another if it is a part of that one's body. Skins of trained scenes have
-/// 0.87 to 0.94, a body in a shell, or a core in a body, 0.37 at most: see the results of 2026-11-25 in `benches/results`.
+/// Minimum fraction of a piece, by opacity, in contact with another piece for it to join that one's body. Surface
+/// layers of trained scenes have 0.87 to 0.94; a body in a shell, or a core in a body, at most 0.37: see the results of
+/// 2026-11-25 in `benches/results`.
 const CONTACT: f64 = 0.7;
-/// Share of its material, by opacity, up to which a piece may be a skin without being covered in turn.
+/// Fraction of its material, by opacity, up to which a piece may be a surface layer even if less than [`CONTACT`] of
+/// the piece that it covers touches it in turn.
 const MINOR: f64 = 0.5;
-/// Share of a material, by opacity, that is skins if all of it is: crumbs of it go with the skin nearest to them.
+/// Fraction of a material, by opacity, that must be surface layers for all of it to be treated as such: its remaining
+/// Gaussians then join the nearest layer.
 const ALL: f64 = 0.9;
-/// Ratio of the opacity of a body's second material to that of its first, from which on it is chance which of the two is first.
+/// Ratio of the opacity of a body's second material to that of its first from which the order of the two counts as
+/// chance.
 const MIXED: f64 = 0.5;
 
-/// Joins skins to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`, indices into `at`, which
-/// are all finite), become those of the bodies, each the material of its piece of most opacity. Bodies of the same two materials in
-/// about equal parts get one material, the one that has more of all of them.
+/// Joins surface layers to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`,
+/// indices into `at`, all finite), are replaced by those of the bodies, each the material of its piece of highest
+/// opacity. Bodies of the same two materials in about equal parts get one material, the one with more opacity over all
+/// of them.
 ///
 /// # Errors
 /// If the arrays of `at` disagree.
@@ -41,7 +46,7 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
     let pieces = Pieces::of(at, shown, labels, &opacity)?;
     let contacts = pieces.contacts(at, shown, &opacity)?;
     let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
-    // what each is a skin of: of those that it touches so, the one of most opacity
+    // the body that each piece covers: the one of highest opacity among those that qualify
     let mut covers: Vec<Option<usize>> = vec![None; pieces.weights.len()];
     for &(skin, body) in contacts.keys() {
         let less = (pieces.weights[skin], skin) < (pieces.weights[body], body);
@@ -53,7 +58,7 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
         }
     }
     let body_of = |mut piece: usize| {
-        // each is lighter than what it covers, so that this ends
+        // each piece is lighter than what it covers, so this terminates
         while let Some(next) = covers[piece] {
             piece = next;
         }
@@ -82,8 +87,8 @@ pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Resu
     Ok(())
 }
 
-/// Gives the label that the nearest of those `known` has to a Gaussian of `at`: indices, with a label each; `None` where the
-/// Gaussian, or all that is known, is nowhere.
+/// Returns a function that maps a Gaussian of `at` to the label of the nearest of those `known` (index and label of
+/// each); `None` if the Gaussian, or every known one, has a non-finite position.
 ///
 /// # Errors
 /// If the means are not rows of three.
@@ -96,15 +101,15 @@ pub(super) fn label_of_nearest(
     Ok(move |i| grid.nearest(place(i), 1, None).first().map(|(n, _)| known[*n as usize].1))
 }
 
-/// What hangs together of one material.
+/// The connected pieces of every material.
 struct Pieces {
-    /// `[M]`: the piece of each; none for what has no material.
+    /// `[M]`: the piece of each Gaussian; `None` without a material, if too transparent, or without a finite position.
     labels: Vec<Option<usize>>,
-    /// `[P]`: the material of each.
+    /// `[P]`: the material of each piece.
     materials: Vec<u32>,
-    /// `[P]`: the opacity of each.
+    /// `[P]`: the total opacity of each piece.
     weights: Vec<f64>,
-    /// The opacity of each material.
+    /// The total opacity of each material.
     of_material: BTreeMap<u32, f64>,
 }
 
@@ -131,7 +136,8 @@ impl Pieces {
         Ok(out)
     }
 
-    /// `[P]`: the material of the body that each piece is a part of; `bodies` `[P]` is that body's piece of most opacity.
+    /// Returns the material of each piece's body, `[P]`; `bodies` `[P]` holds for each piece the piece of highest
+    /// opacity of its body.
     fn materials_by_body(&self, bodies: &[usize]) -> Vec<u32> {
         let mut parts: BTreeMap<usize, BTreeMap<u32, f64>> = BTreeMap::new();
         for (piece, &body) in bodies.iter().enumerate() {
@@ -139,7 +145,7 @@ impl Pieces {
         }
         let pairs: BTreeMap<usize, [u32; 2]> =
             parts.iter().filter_map(|(&body, parts)| Some((body, mixed(parts)?))).collect();
-        // what all bodies of a pair have of its two materials
+        // opacity of both materials of a pair, over all bodies of that pair
         let mut together: BTreeMap<[u32; 2], [f64; 2]> = BTreeMap::new();
         for (body, pair) in &pairs {
             let sums = together.entry(*pair).or_default();
@@ -149,7 +155,7 @@ impl Pieces {
         bodies.iter().map(|body| pairs.get(body).map_or(self.materials[*body], of_pair)).collect()
     }
 
-    /// By two pieces, the opacity of what of the first is in contact with the second.
+    /// Returns, by pair of pieces, the opacity of the first's Gaussians in contact with the second.
     fn contacts(
         &self,
         at: &HostGaussians,
@@ -177,7 +183,8 @@ impl Pieces {
     }
 }
 
-/// The two materials of most opacity, by number, if a body has them in about equal parts; `parts`: the opacity of each.
+/// Returns the two materials of highest opacity, ascending, if a body has them in about equal parts; `parts` holds the
+/// opacity of each material.
 fn mixed(parts: &BTreeMap<u32, f64>) -> Option<[u32; 2]> {
     let mut by_weight: Vec<(u32, f64)> = parts.iter().map(|(&material, &weight)| (material, weight)).collect();
     by_weight.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
@@ -191,7 +198,7 @@ mod tests {
     use crate::segment::balls::{add, on_threads};
     use crate::segment::colour::fibonacci_sphere;
 
-    /// Adds a sphere of Gaussians whose neighbours are 0.083 radii apart, and gives their labels, by number.
+    /// Adds a sphere of Gaussians whose neighbours are 0.083 radii apart, and returns the `label` of each.
     fn sphere(to: &mut HostGaussians, x: f32, radius: f32, label: impl Fn(usize) -> u32) -> Vec<u32> {
         let places = fibonacci_sphere(1800);
         places.iter().for_each(|p| add(to, [x + radius * p[0], radius * p[1], radius * p[2]], [-3.0; 3]));
@@ -213,7 +220,7 @@ mod tests {
         let found = joined(&at, &labels);
         assert!(found[..1800].iter().all(|l| *l == 1) && found[1800..].iter().all(|l| *l == 2));
         assert_eq!(found, on_threads(1, || joined(&at, &labels)));
-        // so it does where all of its material is skin, as it is covered in turn, and a crumb of it goes along
+        // the same if all of its material is surface layer, as both cover each other; a stray bit of it follows
         let mut alone = at.subset(&(0..1800).collect::<Vec<u32>>());
         add(&mut alone, [-3.0, 0.0, 1.5], [-3.0; 3]);
         labels[1800] = 2;
@@ -223,13 +230,14 @@ mod tests {
     #[test]
     fn bodies_of_the_same_two_materials_are_of_one() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        // two have five ninths of the first material, the third has as much of the second, after which it alone would be named
+        // two spheres are five ninths of the first material, the third is five ninths of the second and would get that
+        // label on its own
         let mut labels = Vec::new();
         for (x, more, less) in [(-3.0, 1, 2), (3.0, 1, 2), (9.0, 2, 1)] {
             labels.extend(sphere(&mut at, x, 1.0, |i| if i % 9 < 5 { more } else { less }));
         }
         assert!(joined(&at, &labels).iter().all(|l| *l == 1));
-        // one that is of a material as good as alone is not named after the others
+        // a sphere of one material alone does not take the label of the others
         labels.extend(sphere(&mut at, 15.0, 1.0, |_| 2));
         let found = joined(&at, &labels);
         assert!(found[..5400].iter().all(|l| *l == 1) && found[5400..].iter().all(|l| *l == 2));
@@ -238,7 +246,7 @@ mod tests {
     #[test]
     fn shells_around_things_and_patches_on_them_stay() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        // a core, a shell well away from it, and one whose half is painted
+        // a core, a shell well away from it, and a sphere with one half painted
         let mut labels = sphere(&mut at, 0.0, 1.0, |_| 1);
         labels.extend(sphere(&mut at, 0.0, 1.3, |_| 2));
         labels.extend(sphere(&mut at, 5.0, 1.0, |i| if i < 900 { 3 } else { 4 }));

@@ -1,5 +1,5 @@
-//! The Gaussians that a click may select, with what all clicks on them need: found when it is first needed, and kept, so
-//! that the next click and each move of a slider are answered at once.
+//! The Gaussians that a click may select, with the results that all clicks on them need: computed on first use and
+//! cached, so that the next click and each move of a slider are answered at once.
 
 use super::fine::AffinityField;
 use super::fine::extract::cosines;
@@ -18,25 +18,25 @@ use std::sync::Arc;
 use volseggs_kernels::activation::sigmoid_f64;
 use volseggs_kernels::contrast::FEATURES;
 
-/// Scales whose features are kept: those at which levels are looked for, that of wholes, and that of a slider.
+/// Number of scales whose features are cached: those at which levels are sought, that of wholes, and that of a slider.
 const KEPT: usize = 7;
 
-/// What was found out about candidates, see [`Candidates::knowing`].
+/// Cached results about candidates, see [`Candidates::knowing`].
 #[derive(Debug, Default)]
 pub struct Found {
     /// Encoded positions `[M, 24]`.
     encoded: OnceCell<Vec<f32>>,
-    /// What each shows `[M]`.
+    /// What each candidate shows, `[M]`, see [`Candidates::shown`].
     shown: OnceCell<Vec<f64>>,
-    /// Unit features `[M, 16]` by scale, the latest last.
+    /// Unit features `[M, 16]` by scale, the most recently used last.
     features: RefCell<Vec<(f32, Arc<Vec<f32>>)>>,
     pieces: OnceCell<Components>,
-    /// By piece, the part of each of its Gaussians.
+    /// The part of each Gaussian, by piece.
     parts: RefCell<BTreeMap<u32, Arc<Vec<u32>>>>,
 }
 
 impl Found {
-    /// What of it holds for the same candidates at another time: what the field says of them.
+    /// Keeps what also holds for the same candidates at another time: encoded positions and features.
     #[must_use]
     pub fn at_another_time(self) -> Self {
         Self { encoded: self.encoded, features: self.features, ..Self::default() }
@@ -50,7 +50,7 @@ pub struct Candidates<'a> {
     frame: &'a Frame,
     /// `[N, 3]`
     places: &'a [f32],
-    /// All Gaussians `[N]` at the time that is looked at.
+    /// All Gaussians `[N]` at the current time.
     pub at: &'a HostGaussians,
     /// Indices of the candidates `[M]`, ascending.
     pub within: &'a [u32],
@@ -58,9 +58,9 @@ pub struct Candidates<'a> {
 }
 
 impl<'a> Candidates<'a> {
-    /// Those of the Gaussians `at` (`[N]`, at the time that is looked at) that `within` lists: indices `[M]`, ascending,
-    /// below N. The `field` is asked about `places` `[N, 3]`, world units, of the time that it was trained at; `frame` is
-    /// its box.
+    /// Candidates among the Gaussians `at` (`[N]`, at the current time): `within` lists their indices `[M]`, ascending,
+    /// below N. The `field` is evaluated at `places` `[N, 3]`, world units, the positions at the time that it was
+    /// trained at; `frame` is its box.
     #[must_use]
     pub fn new(
         field: &'a AffinityField,
@@ -72,28 +72,29 @@ impl<'a> Candidates<'a> {
         Self { field, frame, places, at, within, found: Found::default() }
     }
 
-    /// The same with what [`Self::into_found`] gave for the very same arguments.
+    /// Reuses what [`Self::into_found`] returned for exactly the same arguments.
     #[must_use]
     pub fn knowing(mut self, found: Found) -> Self {
         self.found = found;
         self
     }
 
-    /// What was found out meanwhile.
+    /// Returns the results computed so far.
     #[must_use]
     pub fn into_found(self) -> Found {
         self.found
     }
 
-    /// Where the Gaussian `clicked` stands among them.
+    /// Returns the position of the Gaussian `clicked` among the candidates.
     ///
     /// # Errors
-    /// If it does not.
+    /// If it is not among them.
     pub fn position(&self, clicked: u32) -> Result<usize, PickError> {
         self.within.binary_search(&clicked).map_err(|_| PickError::Outside { clicked, count: self.within.len() })
     }
 
-    /// Cosines `[M]` of the features with that of the candidate at `position`, at the mask `scale` in [0, 1].
+    /// Returns the cosines `[M]` of the features with that of the candidate at `position`, at the mask `scale` in
+    /// [0, 1].
     ///
     /// # Panics
     /// If `position` is not below M, or an index not below N.
@@ -101,8 +102,8 @@ impl<'a> Candidates<'a> {
         cosines(&self.features(scale), position)
     }
 
-    /// Which candidates `[M]` have a feature whose cosine with that at `position` is at least `threshold`. That one always
-    /// is among them: rounding must not part it from itself.
+    /// Returns which candidates `[M]` have a feature whose cosine with that at `position` is at least `threshold`. The
+    /// candidate at `position` is always among them, whatever the rounding.
     ///
     /// # Panics
     /// As [`Self::cosines`].
@@ -112,12 +113,14 @@ impl<'a> Candidates<'a> {
         like
     }
 
-    /// What each shows, `[M]`: opacity times the product of the two larger standard deviations; 0 for what is not finite.
+    /// What each candidate shows, `[M]`: opacity times the product of its two larger standard deviations; 0 if not
+    /// finite.
     pub fn shown(&self) -> &[f64] {
         self.found.shown.get_or_init(|| self.within.par_iter().map(|&i| shown(self.at, i as usize)).collect())
     }
 
-    /// What of the seen hangs together in space; labels `[M]` from 1, 0 for what is nowhere or not seen at the time.
+    /// Returns the connected pieces of the visible candidates; labels `[M]` from 1, 0 for those without a finite
+    /// position or not visible at the current time.
     ///
     /// # Errors
     /// If the arrays of `at` disagree, or points are too far apart.
@@ -129,11 +132,11 @@ impl<'a> Candidates<'a> {
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
-    /// What the Gaussians `members` of the piece `piece` are parts of, as many labels from 1: of the [`things()`] that the
-    /// affinity tells apart, or, of one thing, of its parts between [`necks`].
+    /// Returns for each of the Gaussians `members` of the piece `piece` the label, from 1, of its object among the
+    /// [`things()`] that the affinity distinguishes or, if there is only one, of its part between [`necks`].
     ///
     /// # Errors
-    /// If one of them is not among the candidates, or the arrays of `at` disagree.
+    /// If a member is not among the candidates, or the arrays of `at` disagree.
     pub fn parts(&self, piece: u32, members: &[u32]) -> Result<Arc<Vec<u32>>, PickError> {
         if let Some(known) = self.found.parts.borrow().get(&piece) {
             return Ok(known.clone());
@@ -154,7 +157,7 @@ impl<'a> Candidates<'a> {
         Ok(found)
     }
 
-    /// Unit features `[M, 16]` at the mask `scale` in [0, 1].
+    /// Returns the unit features `[M, 16]` at the mask `scale` in [0, 1].
     ///
     /// # Panics
     /// If an index is not below N.
@@ -200,7 +203,7 @@ mod tests {
         let within: Vec<u32> = (0..at.len() as u32).filter(|i| i % 3 > 0).collect();
         let new = || Candidates::new(&field, &frame, &at.means, &at, &within);
         let mut found = Found::default();
-        // more scales than are kept
+        // more scales than are cached
         for n in 0..20 {
             let scale = 0.1 * (n % 8) as f32;
             let kept = new().knowing(found);
@@ -210,7 +213,7 @@ mod tests {
             found = kept.into_found();
         }
         assert_eq!(found.features.borrow().len(), KEPT);
-        // of what was found at a time, what holds at another answers as there
+        // results kept for another time are those computed afresh there
         let mut later = at.clone();
         later.opacity_logits.iter_mut().step_by(2).for_each(|logit| *logit = -9.0);
         let new = || Candidates::new(&field, &frame, &at.means, &later, &within);

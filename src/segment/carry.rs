@@ -1,11 +1,11 @@
-//! A selection made at one time, carried to the others: Gaussians that are not seen at the time of a click and come up
-//! at another belong to what they come up in.
+//! Propagates a selection made at one time to all others: Gaussians that are invisible at the time of a click and
+//! appear at another belong to the object in which they appear.
 //!
-//! Training may learn a motion as fading: some Gaussians go out where a thing was, others come up where it is. A click
-//! then selects what the thing consists of at its time, and nothing of what it consists of later. In between both are
-//! seen, as they overlap: at each of many times, from that of the click outwards, what has come up joins those that it
-//! overlaps with and is nearest to, whether they are selected or not. What comes up on its own, as a new thing does, joins
-//! none.
+//! Training may learn a motion as fading: some Gaussians fade out where an object was, others fade in where it is. A
+//! click then selects the Gaussians that the object consists of at that time, and none of those that it consists of
+//! later. In between, both are visible and overlap: at each of many times, from that of the click outwards, Gaussians
+//! that have appeared join the nearest ones that they overlap, whether these are selected or not. Gaussians that appear
+//! on their own, as a new object does, join none.
 
 use super::pieces::SEEN;
 use crate::model::{HostGaussians, Scene};
@@ -15,16 +15,18 @@ use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
 use rayon::prelude::*;
 
-/// Step between the times that are looked at, about that between 15 training times.
+/// Step between the times visited, about that between 15 training times.
 const STEP: f64 = 1.0 / 15.0;
-/// Largest standard deviations, those of both together, within which two Gaussians overlap. From 0.7 to 1.5 it makes no
-/// difference; at 2.5, what comes up beside a thing joins it too: see the results of 2026-11-23 in `benches/results`.
+/// Distance up to which two Gaussians overlap, as a multiple of the sum of their largest standard deviations. Values
+/// from 0.7 to 1.5 make no difference; at 2.5, Gaussians that appear beside an object join it too: see the results of
+/// 2026-11-23 in `benches/results`.
 const OVERLAP: f32 = 1.0;
-/// Neighbours that vote.
+/// Number of neighbours that vote.
 const VOTERS: usize = 6;
 
-/// What was `selected` at `time` in [0, 1] of the Gaussians `within`, at all times: of those not seen at that time, the
-/// ones that come up in it. Both lists and the result are ascending. In a scene whose opacities stay, what was selected.
+/// Extends what was `selected` at `time` in [0, 1] among the Gaussians `within` to all times: adds those invisible at
+/// that time that appear in it at another. Both lists and the result are ascending. Where opacities do not change over
+/// time, the result is `selected`.
 ///
 /// # Errors
 /// If arrays of the scene disagree.
@@ -38,7 +40,7 @@ pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Resu
     Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
 }
 
-/// The same of M Gaussians `at` a time: whether each belongs to what `was` selected, `[M]`.
+/// The same for M Gaussians, given `at` any time: whether each belongs to what `was` selected, `[M]`.
 fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
     let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
     let first = at(time);
@@ -54,7 +56,7 @@ fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result
     Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
 }
 
-/// The times from one on to the end, then from it back to the beginning, itself left out.
+/// Returns the times from `time` to the end, then from `time` back to the beginning, without `time` itself.
 fn outwards(time: f64) -> Vec<f64> {
     let steps = |to: f64| {
         let count = ((to - time).abs() / STEP).ceil() as usize;
@@ -63,8 +65,8 @@ fn outwards(time: f64) -> Vec<f64> {
     steps(1.0).chain(steps(0.0)).collect()
 }
 
-/// Which of the `open` overlap with any of those `there` that are nearest, and whether most of the opacity of these is
-/// selected, as is `known` of them.
+/// Returns which of the `open` Gaussians overlap any of their nearest among those `there`, and whether most of the
+/// opacity of the overlapped ones is `known` to be selected.
 fn joining(
     at: &HostGaussians,
     there: &[u32],
@@ -99,8 +101,8 @@ mod tests {
     const ALONG: usize = 12;
     const STAGES: usize = 8;
 
-    /// Two rods side by side that rise by fading: of each, a row of Gaussians at each of some heights is seen while the rod
-    /// is about there. Rows of the first rod, then of the second; and one that is never seen.
+    /// Two rods side by side that rise by fading: each has a row of Gaussians at each of several heights, visible while
+    /// the rod is near it. Rows of the first rod, then of the second, then one Gaussian that is never visible.
     fn rods(time: f64) -> HostGaussians {
         let mut out = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         for (rod, stage) in (0..2).flat_map(|rod| (0..STAGES).map(move |s| (rod, s))) {

@@ -1,19 +1,20 @@
-//! From a clicked pixel to the Gaussian seen there.
+//! Finds the Gaussian visible at a clicked pixel.
 
 use crate::model::HostGaussians;
 use burn::tensor::Device;
 use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
-/// A pixel of which Gaussians make up less than this shows nothing that a person would click on.
+/// Minimum total weight of the Gaussians in a pixel for it to show anything that a user would click on.
 const FAINT: f32 = 0.05;
-/// How far beside a thin thing a click still means it: a part of the picture's width, and at least two pixels.
+/// Maximum distance between a click and the thin object that it means, as a fraction of the image width.
 const REACH: f32 = 0.01;
+/// Lower bound of that distance in pixels.
 const LEAST_REACH: f32 = 2.0;
 
-/// What a click on column `x` and row `y` is on: indices of Gaussians and their weights, nearest first. It is what that pixel is
-/// made of, or, where the pixel shows nothing, the nearest one that shows something, up to a hundredth of the picture's width
-/// away and at least up to two pixels.
+/// Returns the Gaussians under a click on column `x` and row `y`, as indices and weights, nearest first. They are those
+/// that contribute to that pixel or, where it shows nothing, to the nearest pixel that shows something, up to a
+/// hundredth of the image width away and at least up to two pixels.
 ///
 /// # Errors
 /// If the camera has no such pixel.
@@ -42,7 +43,7 @@ fn shows(found: &Contributors, row: usize) -> bool {
     found.row(row).1.iter().sum::<f32>() >= FAINT
 }
 
-/// The pixels within reach of one, nearest first.
+/// The pixels within reach of a pixel, without itself, nearest first.
 fn around([x, y]: [u32; 2], [width, height]: [usize; 2]) -> Vec<u32> {
     let reach = (REACH * width as f32).max(LEAST_REACH);
     let (x, y, steps) = (i64::from(x), i64::from(y), reach as i64);
@@ -58,7 +59,7 @@ fn around([x, y]: [u32; 2], [width, height]: [usize; 2]) -> Vec<u32> {
     found.into_iter().map(|(_, pixel)| pixel).collect()
 }
 
-/// What some pixels (`y * width + x`) are made of.
+/// Lists the Gaussians that contribute to each of `pixels` (`y * width + x`).
 ///
 /// # Errors
 /// If the camera has no such pixel.
@@ -68,12 +69,12 @@ pub fn seen(
     pixels: &[u32],
     device: &Device,
 ) -> Result<Contributors, ContributorsError> {
-    // colours do not change what a pixel is made of, and are most of what there is to copy
+    // colours do not affect the weights, and are most of the data to copy
     let settings = SplatSettings { sh_degree: 0, ..settings };
     contributors(&gaussians.without_colours().into_splat(device), &settings, pixels)
 }
 
-/// The heaviest of them for which `wanted` holds, the nearest of equals.
+/// Returns the heaviest Gaussian `under` a click for which `wanted` holds, the nearest of equals.
 #[must_use]
 pub fn heaviest(under: &[(u32, f32)], wanted: impl Fn(u32) -> bool) -> Option<u32> {
     let mut best: Option<(u32, f32)> = None;
@@ -92,7 +93,7 @@ mod tests {
     use crate::segment::balls::rendering;
     use glam::DVec3;
 
-    /// A faint red ball before a solid one, seen along the y axis; a third far to the side.
+    /// A faint Gaussian in front of a solid one, seen along the y axis, and a third far to the side.
     fn three() -> (HostGaussians, SplatSettings) {
         let at = HostGaussians {
             means: vec![0.0, -0.5, 0.0, 0.0, 0.5, 0.0, 9.0, 0.0, 0.0],

@@ -1,5 +1,5 @@
-//! Coarse segmentation: Gaussians by the colour of their material, or by their mean colour as in the paper's section on
-//! colours, without outliers.
+//! Coarse segmentation: groups Gaussians by the colour of their material, or by their mean colour as in the paper's
+//! section on colours, and removes outliers.
 
 use super::bodies::{join_skins, label_of_nearest};
 use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
@@ -17,31 +17,33 @@ use crate::rng::{Purpose, Rng};
 /// Directions over which a colour is averaged.
 const DIRECTIONS: usize = 128;
 
-/// What makes colours near or far.
+/// Space in which colours are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColourSpace {
-    /// The material's colour: hue first, then chroma, whatever the shading; see [`material`](super::material).
+    /// The material's colour: hue first, then chroma, regardless of shading; see [`material`](super::material).
     Material,
-    /// The mean colour as displayed, the paper's: light and dark sides of one material may be two groups.
+    /// The mean colour as displayed, as in the paper: light and dark sides of one material may form two groups.
     Rgb,
-    /// The mean colour in CIE Lab: distances as people see them.
+    /// The mean colour in CIE Lab: perceptual distances.
     Lab,
 }
 
-/// How to group.
+/// Options of [`coarse`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoarseOptions {
     /// Number of colours; suggested from the data if not given.
     pub clusters: Option<usize>,
-    /// Space of the colours.
+    /// Space in which colours are compared.
     pub space: ColourSpace,
-    /// Gaussians less opaque than this at the chosen time make no colours, and those that always are belong to none.
+    /// Minimum opacity at the chosen time of the Gaussians that define the colours; those less opaque at all times get
+    /// no label.
     pub min_opacity: f32,
-    /// Whether skins stay segments of their own, or go with the things of their hue, see [`bodies`](super::bodies). They do
-    /// so anyway where the number of colours is given, and where mean colours are grouped.
+    /// Whether surface layers stay segments of their own, or go with the objects of their hue, instead of joining the
+    /// bodies that they cover, see [`bodies`](super::bodies). They always do if the number of colours is given or mean
+    /// colours are grouped.
     pub keep_skins: bool,
-    /// How outliers are found; `None` keeps them. Those with too few neighbours go unless they hang together, by
-    /// touching, with more than that number of their colour, as threads do.
+    /// How outliers are found; `None` keeps them. Gaussians with too few neighbours are removed unless they touch and
+    /// form a connected piece of more than that number of their colour, as threads do.
     pub outliers: Option<OutlierConfig>,
     /// Seed of the clustering.
     pub seed: u64,
@@ -61,34 +63,35 @@ impl Default for CoarseOptions {
 }
 
 impl CoarseOptions {
-    /// Which of `gaussians` are too transparent at their time to make colours, `[N]`: [`coarse`] asks of
-    /// these alone how opaque they are at other times.
+    /// Returns which of `gaussians` are too transparent at their time to define colours, `[N]`: [`coarse`] needs the
+    /// opacity at other times of these alone.
     #[must_use]
     pub fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
         gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
     }
 }
 
-/// Gaussians by colour.
+/// Gaussians grouped by colour.
 #[derive(Clone, Debug)]
 pub struct Coarse {
-    /// The colours that any Gaussian has, the one with most opacity first; those of materials under full light.
+    /// The colours that occur, the one with the highest total opacity first; material colours are those under full
+    /// light.
     pub palette: Vec<PaletteEntry>,
-    /// `[N]`: position in the palette + 1; 0 for Gaussians that are always transparent, and outliers.
+    /// `[N]`: position in the palette + 1; 0 for outliers and for Gaussians always transparent or not finite.
     pub labels: Vec<u32>,
-    /// Gaussians removed as outliers.
+    /// Number of Gaussians removed as outliers.
     pub outliers: usize,
-    /// Gaussians that are less opaque than [`CoarseOptions::min_opacity`] at all times.
+    /// Number of Gaussians less opaque than [`CoarseOptions::min_opacity`] at all times.
     pub transparent: usize,
-    /// Gaussians with a position or colour that is not finite. With these three numbers and the labelled ones every
-    /// Gaussian is accounted for.
+    /// Number of Gaussians with a non-finite position or colour. These three numbers and the labelled Gaussians add up
+    /// to N.
     pub not_finite: usize,
 }
 
-/// Groups Gaussians at a time by colour, each weighted by its opacity. Those that are transparent then and not always join
-/// the colour next to theirs, as they may be what a segment consists of at another time; those of a material that nothing
-/// shows at this time make a colour of their own, unless the number of colours is given, or they are mean colours.
-/// `later` `[N]` holds the opacity of each at another time, 0 for what is always transparent, and is read where
+/// Groups Gaussians at a time by colour, each weighted by its opacity. Those transparent at this time but not always
+/// join the nearest colour, as a segment may consist of them at another time; those of a material not visible at this
+/// time form a colour of their own, unless the number of colours is given or mean colours are grouped. `later` `[N]`
+/// holds the opacity of each Gaussian at another time, 0 if always transparent, and is read only for those in
 /// [`CoarseOptions::hidden`].
 ///
 /// # Errors
@@ -108,7 +111,7 @@ pub fn coarse(
     let harmonics = 3 * coefficients;
     let opacity = gaussians.opacity();
     let too_transparent = options.hidden(gaussians);
-    // of the sum, so that no colour of these overflows either
+    // tests the sum, so that no colour computed from these values overflows either
     let finite = |v: &[f32]| v.iter().map(|v| v.abs()).sum::<f32>().is_finite();
     let (hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
         .filter(|&i| {
@@ -132,7 +135,7 @@ pub fn coarse(
     }
     let mut removed = 0;
     if let Some(outliers) = &options.outliers {
-        // each colour for itself: a red Gaussian in a blue cloud is an outlier of red
+        // each colour separately: a red Gaussian in a blue cloud is an outlier of red
         for label in 1..=found.colours.len() as u32 / 3 {
             let members: Vec<u32> = (0..).zip(&labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
             let means: Vec<f32> =
@@ -141,7 +144,7 @@ pub fn coarse(
             if mask.keep.iter().all(|keep| *keep) {
                 continue;
             }
-            // thin things have few neighbours, but they hang together
+            // thin objects have few neighbours but are connected
             let found = pieces(gaussians, &members, Touch::ALL)?;
             let with_others = |n: usize| {
                 found.labels[n].checked_sub(1).is_some_and(|p| found.counts[p as usize] > outliers.min_neighbours)
@@ -170,7 +173,7 @@ pub fn coarse(
     Ok(Coarse { palette, labels, outliers: removed, transparent, not_finite })
 }
 
-/// Gaussians, and what each counts.
+/// Gaussians and their weights.
 #[derive(Default)]
 struct Weighed {
     rows: Vec<u32>,
@@ -178,14 +181,13 @@ struct Weighed {
 }
 
 impl Weighed {
-    /// `rows` with the weights that `of_all` `[N]` has for them.
+    /// Takes the weights of `rows` from `of_all` `[N]`.
     fn new(rows: Vec<u32>, of_all: &[f32]) -> Self {
         Self { weights: rows.iter().map(|&i| of_all[i as usize]).collect(), rows }
     }
 }
 
-/// Labels from 1 of the Gaussians that are shown and of those that are at another time, and the groups' colours `[K,
-/// 3]`.
+/// Labels, from 1, of the Gaussians shown now and of those shown at another time, and the groups' colours `[K, 3]`.
 struct Found {
     shown: Vec<u32>,
     later: Vec<u32>,
@@ -218,7 +220,7 @@ fn by_material(
     Ok(Found { later: found.nearest(&of_later), shown: found.labels, colours: found.colours })
 }
 
-/// The paper's grouping: k-means of the colours that [`mean_colour`] gives.
+/// Groups as in the paper: k-means of the colours from [`mean_colour`].
 fn by_mean(
     gaussians: &HostGaussians,
     shown: &Weighed,
@@ -251,8 +253,8 @@ fn by_mean(
     Ok(Found { shown: found.labels, later: of_later, colours })
 }
 
-/// Gaussians of other times go where the nearest that is seen of their material went: `before` and `after` are the labels of
-/// the rows `shown`, `labels` those of the rows `later`.
+/// Relabels Gaussians visible only at other times: each follows its nearest visible Gaussian of the same material.
+/// `before` and `after` are the labels of the rows `shown`, `labels` those of the rows `later`.
 fn follow_nearest(
     gaussians: &HostGaussians,
     [shown, later]: [&[u32]; 2],
@@ -262,7 +264,7 @@ fn follow_nearest(
     let mut moved: Vec<u32> = before.iter().zip(after).filter(|(b, a)| b != a).map(|(b, _)| *b).collect();
     moved.sort_unstable();
     moved.dedup();
-    // each goes once, by the material that it was of
+    // each is relabelled once, by its original material
     let was = labels.to_vec();
     for material in moved {
         let of_it = (0..shown.len()).filter(|&n| before[n] == material);
@@ -275,8 +277,8 @@ fn follow_nearest(
     Ok(())
 }
 
-/// The rows of `centroids` `[K, 3]` whose label, from 1, any of `labels` is; those then count in the rows that are
-/// left.
+/// Returns the rows of `centroids` `[K, 3]` whose label, from 1, occurs in `labels`, and renumbers `labels` by the
+/// remaining rows.
 fn without_empty(centroids: &[f32], labels: &mut [u32]) -> Vec<f32> {
     let mut held = vec![false; centroids.len() / 3];
     for &label in labels.iter().filter(|l| **l > 0) {

@@ -1,4 +1,4 @@
-//! Coarse segments of two balls, of a thread, and of poison.
+//! Coarse segments of two balls, of a thread, and of non-finite values.
 
 use super::*;
 use crate::model::sh::C0;
@@ -38,11 +38,11 @@ fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
         assert_eq!(names, ["blue", "red"], "{space:?}");
         let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
         assert!(wrong <= 9, "{wrong} wrong in {space:?}: at most the rim of the balls may go with the stray");
-        // a mean colour leaves it alone, a material takes what its neighbours are
+        // with mean colours it is an outlier, with materials it takes the label of its neighbours
         let stray = if space == ColourSpace::Material { 1 } else { 0 };
         assert_eq!(out.labels.last(), Some(&stray), "the stray");
     }
-    // a part of the haze that is opaque at another time joins the colour next to it
+    // haze that is opaque at another time joins the nearest colour
     let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.02 } else { 0.0 }).collect();
     for space in [ColourSpace::Rgb, ColourSpace::Material] {
         let options = CoarseOptions { space, ..CoarseOptions::default() };
@@ -75,7 +75,7 @@ fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
         assert!(space == ColourSpace::Material || out.outliers > 0, "{space:?}: the stray");
         assert!(out.transparent >= 300, "{}", out.transparent);
     }
-    // so lonely is each that none is left
+    // every Gaussian is isolated, so all are removed
     g.log_scales.fill(-20.0);
     let outliers = Some(OutlierConfig { radius: Some(1e-6), ..OutlierConfig::default() });
     let out = coarse(&g, None, &CoarseOptions { outliers, ..options }).unwrap();
@@ -120,7 +120,8 @@ fn poison_and_nothing_are_taken() {
 
 #[test]
 fn what_is_seen_later_goes_once_to_where_its_nearest_went() {
-    // on a line: two of material 1, one of which went to 2, one of 2 that went to 3, and between them what is seen later
+    // on a line: two of material 1, one of them relabelled as 2; one of material 2, relabelled as 3; near them, four
+    // that are visible later
     let x = [0.0, 1.0, 2.0, 0.1, 0.9, 2.1, 5.0];
     let at = HostGaussians { means: x.iter().flat_map(|x| [*x, 0.0, 0.0]).collect(), ..HostGaussians::default() };
     let mut later = [1, 1, 2, 3];

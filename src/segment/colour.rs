@@ -1,15 +1,15 @@
-//! One colour per Gaussian that does not depend on the view, and the way between RGB and CIE Lab. Naming colours
-//! and clustering them live elsewhere.
+//! One view-independent colour per Gaussian, and conversion between RGB and CIE Lab. Colours are named and clustered
+//! elsewhere.
 
 use crate::model::sh;
 use crate::points::chunks::map_chunks;
 use crate::points::error::{PointsError, rows};
 
-/// `sqrt((2l + 1) / 4 pi)`: what the Euclidean norm of one band's coefficients is multiplied by to bound the band's
-/// value in any direction.
+/// `sqrt((2l + 1) / 4 pi)`: the factor by which the Euclidean norm of one band's coefficients bounds the band's value
+/// in any direction.
 const BAND_BOUND: [f32; 4] = [sh::C0, sh::C1, 0.630_783_1, 0.746_352_7];
 
-/// `count` directions spread evenly over the unit sphere on a golden-angle spiral.
+/// Returns `count` directions spread evenly over the unit sphere on a golden-angle spiral.
 pub fn fibonacci_sphere(count: usize) -> Vec<[f32; 3]> {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     (0..count)
@@ -22,9 +22,9 @@ pub fn fibonacci_sphere(count: usize) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// The colour of the constant coefficient alone, `max(0, 0.5 + 0.2820948 dc)`, `[N, 3]`.
+/// Returns the colour of the constant coefficient alone, `max(0, 0.5 + 0.2820948 dc)`, `[N, 3]`.
 ///
-/// This is the mean over all directions of a Gaussian that the clamp at zero touches nowhere.
+/// This is the mean over all directions if the clamp at zero has no effect in any of them.
 ///
 /// # Errors
 /// `coefficients` not 1, 4, 9 or 16, or `sh` not a whole number of `[coefficients, 3]` blocks.
@@ -33,12 +33,13 @@ pub fn constant_colour(sh: &[f32], coefficients: usize) -> Result<Vec<f32>, Poin
     Ok((0..3 * count).map(|i| clamp(0.5 + sh::C0 * sh[i / 3 * coefficients * 3 + i % 3])).collect())
 }
 
-/// The mean colour over `directions` (unit vectors), clamp included:
+/// Returns the mean colour over `directions` (unit vectors), clamp included:
 /// `mean over d of max(0, 0.5 + sum_k Y_k(d) sh_k)`, `[N, 3]`; never negative, and above 1 where the model is.
 ///
-/// `sh` is `[N, coefficients, 3]`. Where no direction can meet the clamp - the norm of each band's coefficients bounds
-/// that band - the mean is linear in the coefficients and is taken at once, exactly. No directions mean
-/// [`constant_colour`]. A Gaussian with a non-finite coefficient gets NaN, which clustering then ignores.
+/// `sh` is `[N, coefficients, 3]`. Where the clamp cannot take effect in any direction (the norm of each band's
+/// coefficients bounds that band), the mean is linear in the coefficients and is computed exactly in one step. Without
+/// directions the result is [`constant_colour`]. A channel with a non-finite coefficient is NaN, which clustering then
+/// ignores.
 ///
 /// # Errors
 /// As [`constant_colour`].
@@ -71,8 +72,8 @@ pub fn mean_colour(sh: &[f32], coefficients: usize, directions: &[[f32; 3]]) -> 
     Ok(chunks.concat())
 }
 
-/// The mean of one channel; `c` holds its coefficients, `bases` the basis functions `[16][directions]`, and `values` is
-/// room for one value per direction.
+/// Returns the mean of one channel; `c` holds its coefficients, `bases` the basis functions `[16][directions]`, and
+/// `values` is room for one value per direction.
 fn mean_channel(c: &[f32], bases: &[Vec<f32>], mean_basis: &[f32; 16], values: &mut [f32]) -> f32 {
     if c.iter().any(|v| !v.is_finite()) {
         return f32::NAN;
@@ -92,8 +93,8 @@ fn mean_channel(c: &[f32], bases: &[Vec<f32>], mean_basis: &[f32; 16], values: &
     (sum / values.len() as f64) as f32
 }
 
-/// The most that the bands above the constant one can add or take away in any direction (Cauchy-Schwarz and the
-/// addition theorem).
+/// Returns a bound on what the bands above the constant one can add or subtract in any direction (Cauchy-Schwarz and
+/// the addition theorem).
 fn band_bound(c: &[f32]) -> f32 {
     let mut bound = 0.0;
     for degree in 1..4 {
@@ -115,10 +116,10 @@ fn check(sh: &[f32], coefficients: usize) -> Result<usize, PointsError> {
     rows("sh", sh.len(), coefficients * 3, "[N, K, 3]")
 }
 
-/// The white of D65 in XYZ, two-degree observer.
+/// D65 white point in XYZ, two-degree observer.
 const WHITE: [f64; 3] = [0.950_47, 1.0, 1.088_83];
 
-/// CIE Lab (D65; L 0..100) of one sRGB colour in `[0, 1]`, the gamma-encoded numbers that images hold.
+/// Converts one sRGB colour in `[0, 1]`, the gamma-encoded values stored in images, to CIE Lab (D65; L 0..100).
 pub fn rgb_to_lab(rgb: [f32; 3]) -> [f32; 3] {
     let [r, g, b] = rgb.map(|v| {
         let v = f64::from(v);
@@ -137,7 +138,7 @@ pub fn rgb_to_lab(rgb: [f32; 3]) -> [f32; 3] {
     [(116.0 * f[1] - 16.0) as f32, (500.0 * (f[0] - f[1])) as f32, (200.0 * (f[1] - f[2])) as f32]
 }
 
-/// sRGB of one CIE Lab colour (D65). Colours outside the gamut come out below 0 or above 1: clamp before display.
+/// Converts one CIE Lab colour (D65) to sRGB. Colours outside the gamut are below 0 or above 1: clamp before display.
 pub fn lab_to_rgb(lab: [f32; 3]) -> [f32; 3] {
     let [l, a, b] = lab.map(f64::from);
     let y = (l + 16.0) / 116.0;
@@ -155,7 +156,7 @@ pub fn lab_to_rgb(lab: [f32; 3]) -> [f32; 3] {
     .map(|v| (if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }) as f32)
 }
 
-/// [`rgb_to_lab`] of every row of `[N, 3]`; trailing values short of a row are left out.
+/// Applies [`rgb_to_lab`] to every row of `[N, 3]`; an incomplete last row is skipped.
 pub fn rgb_to_lab_all(colours: &[f32]) -> Vec<f32> {
     let count = colours.len() / 3;
     map_chunks(count, |range| {

@@ -1,9 +1,8 @@
-//! How deep the cells of a body lie inside it: the exact Euclidean distance transform of what the body's solid cells
-//! enclose.
+//! Depth of the cells inside a body: the exact Euclidean distance transform of what the body's solid cells enclose.
 
-/// Distance in cells, `[z, y, x]`, from the middle of each cell to that of the nearest one outside; 0 outside, which is
-/// what can be reached from the border of the grid across faces without entering a `solid` cell `[z, y, x]`. Solid cells
-/// must not lie in the border itself.
+/// Returns the distance in cells, `[z, y, x]`, from the centre of each cell to that of the nearest cell outside; 0
+/// outside. Outside are the cells that can be reached from the border of the grid across faces without entering a
+/// `solid` cell `[z, y, x]`. Solid cells must not lie in the border itself.
 pub(super) fn depths(solid: &[bool], dims: [usize; 3]) -> Vec<f32> {
     let mut square: Vec<f32> = outside(solid, dims).into_iter().map(|out| if out { 0.0 } else { FAR }).collect();
     let [x, y, z] = dims;
@@ -20,7 +19,7 @@ pub(super) fn depths(solid: &[bool], dims: [usize; 3]) -> Vec<f32> {
     square.iter().map(|v| v.sqrt()).collect()
 }
 
-/// Farther than any cell is, squared; sums of two are exact enough.
+/// A squared distance larger than any between cells; sums of two are exact enough.
 const FAR: f32 = 1e12;
 
 fn outside(solid: &[bool], [x, y, z]: [usize; 3]) -> Vec<bool> {
@@ -52,19 +51,19 @@ fn outside(solid: &[bool], [x, y, z]: [usize; 3]) -> Vec<bool> {
     out
 }
 
-/// The lower envelope of parabolas along a line of cells (Felzenszwalb and Huttenlocher, *Distance transforms of sampled
-/// functions*, 2012); its buffers serve all lines.
+/// The lower envelope of parabolas along a line of cells (Felzenszwalb and Huttenlocher, *Distance transforms of
+/// sampled functions*, 2012); the buffers are reused for all lines.
 #[derive(Default)]
 struct Line {
     values: Vec<f64>,
-    /// Where the parabolas of the envelope have their vertices ...
+    /// Positions of the vertices of the envelope's parabolas.
     vertices: Vec<usize>,
-    /// ... and from where on each is the lowest.
+    /// Position from which each of these is the lowest.
     from: Vec<f64>,
 }
 
 impl Line {
-    /// Replaces squared distances along a line by the least over it of squared distance plus squared step.
+    /// Replaces the squared distances along a line by the minimum over the line of squared distance plus squared step.
     fn transform(&mut self, square: &mut [f32], start: usize, length: usize, step: usize) {
         self.values.clear();
         self.values.extend((0..length).map(|q| f64::from(square[start + q * step])));
@@ -94,7 +93,7 @@ impl Line {
         }
     }
 
-    /// Where the parabola of `q` begins to be lower than that of `v`, which is before it.
+    /// Returns where the parabola of `q` falls below that of `v`, for `v` before `q`.
     fn crossing(&self, v: usize, q: usize) -> f64 {
         let height = |i: usize| self.values[i] + (i * i) as f64;
         (height(q) - height(v)) / (2.0 * (q - v) as f64)

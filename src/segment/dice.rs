@@ -1,5 +1,5 @@
-//! Agreement of two label volumes (or any two lists of labels of the same things): Dice and IoU for each label, and
-//! which predicted labels stand for which true ones. 0 is no label and takes no part.
+//! Agreement of two label volumes (or any two lists of labels of the same items): Dice and IoU for each label, and
+//! which predicted labels represent which true ones. 0 means unlabelled and is not scored.
 
 mod assign;
 #[cfg(test)]
@@ -7,7 +7,7 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-/// The lists cannot be compared.
+/// Two lists of labels cannot be compared, as their lengths differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("predicted: {predicted} labels for {truth} true ones; compare volumes on the same grid")]
 pub struct LengthError {
@@ -17,7 +17,7 @@ pub struct LengthError {
     pub predicted: usize,
 }
 
-/// How well a set of voxels covers another.
+/// Sizes of two sets of voxels and of their intersection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Overlap {
     /// Voxels in the true set.
@@ -46,14 +46,14 @@ fn ratio(part: u64, whole: u64) -> f64 {
     if whole == 0 { 1.0 } else { part as f64 / whole as f64 }
 }
 
-/// A true label and the predicted labels that stand for it.
+/// A true label and the predicted labels matched to it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Match {
     /// The true label.
     pub truth: u32,
-    /// The predicted labels, ascending; empty where none overlaps.
+    /// The predicted labels, ascending; empty if none overlaps.
     pub predicted: Vec<u32>,
-    /// How well they cover it together.
+    /// Overlap of their union with the true label.
     pub overlap: Overlap,
 }
 
@@ -75,7 +75,7 @@ impl Confusion {
             return Err(LengthError { truth: truth.len(), predicted: predicted.len() });
         }
         let mut table = Self::default();
-        // Labels come in long runs along x: one look-up for each run.
+        // Labels come in long runs along x: one look-up per run.
         let mut done = 0;
         while let (Some(&t), Some(&p)) = (truth.get(done), predicted.get(done)) {
             let rest = truth[done..].iter().zip(&predicted[done..]);
@@ -86,7 +86,7 @@ impl Confusion {
         Ok(table)
     }
 
-    /// Adds the pairs of another table, as of another time.
+    /// Adds the counts of another table, such as that of another time.
     pub fn merge(&mut self, other: &Self) {
         for (pair, n) in &other.pairs {
             *self.pairs.entry(*pair).or_default() += n;
@@ -110,7 +110,7 @@ impl Confusion {
         }
     }
 
-    /// The overlap of a true label with a predicted one.
+    /// Returns the overlap of a true label with a predicted one.
     #[must_use]
     pub fn overlap(&self, truth: u32, predicted: u32) -> Overlap {
         let get = |map: &BTreeMap<u32, u64>, label| map.get(&label).copied().unwrap_or(0);
@@ -121,10 +121,12 @@ impl Confusion {
         }
     }
 
-    /// For each true label the set of predicted labels with the highest Dice score, as when a user picks the pieces of
-    /// an over-segmented object. Each true label chooses for itself: a predicted label may serve two of them.
+    /// Finds for each true label the set of predicted labels with the highest Dice score, as when a user picks the
+    /// pieces of an over-segmented object. True labels are matched independently: a predicted label may be used by
+    /// several of them.
     ///
-    /// The labels are taken by falling share of voxels inside the true one while the score rises, which is optimal.
+    /// Predicted labels are added in descending order of the fraction of their voxels inside the true label, as long as
+    /// the score rises, which is optimal.
     #[must_use]
     pub fn match_sets(&self) -> Vec<Match> {
         self.truth.iter().map(|(&truth, &size)| self.best_set(truth, size)).collect()
@@ -133,7 +135,7 @@ impl Confusion {
     fn best_set(&self, truth: u32, size: u64) -> Match {
         let pairs = self.pairs.range((truth, 0)..=(truth, u32::MAX));
         let mut pieces: Vec<(u32, Overlap)> = pairs.map(|(&(_, p), _)| (p, self.overlap(truth, p))).collect();
-        // Shares are compared as fractions, exactly; equal ones by label.
+        // Fractions are compared exactly, by cross-multiplication; ties are broken by label.
         pieces.sort_by(|(p, a), (q, b)| {
             let (left, right) =
                 (u128::from(a.both) * u128::from(b.predicted), u128::from(b.both) * u128::from(a.predicted));
@@ -154,7 +156,7 @@ impl Confusion {
         chosen
     }
 
-    /// The one-to-one matching of true and predicted labels with the highest sum of Dice scores (the Hungarian
+    /// Finds the one-to-one matching of true and predicted labels with the highest sum of Dice scores (the Hungarian
     /// method, `O(n^3)` in the number of labels). Labels that do not overlap are never matched.
     #[must_use]
     pub fn match_one_to_one(&self) -> Vec<Match> {
@@ -175,7 +177,7 @@ impl Confusion {
     }
 }
 
-/// The mean Dice score over true labels; `None` without any.
+/// Returns the mean Dice score over true labels; `None` without any.
 #[must_use]
 pub fn mean_dice(matches: &[Match]) -> Option<f64> {
     let sum: f64 = matches.iter().map(|m| m.overlap.dice()).sum();

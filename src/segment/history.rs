@@ -1,15 +1,15 @@
-//! Changes of segments that can be taken back, as those of edits can: the segments of now with the states before and
-//! after them, kept in one file (see [`segmentation`](super::segmentation)).
+//! Undo and redo of changes to segments, as for edits: the current segments with the states before and after them, kept
+//! in one file (see [`segmentation`](super::segmentation)).
 
 use super::segmentation::file::{Past, Step, Steps, key, read, write};
 use super::segmentation::{Segment, Segmentation, SegmentationError};
 use crate::name::Name;
 use std::path::Path;
 
-/// Changes that are remembered at most.
+/// Maximum number of changes that can be undone.
 pub const MOST: usize = 50;
 
-/// Segments with what was done to them.
+/// Segments with the history of their changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct History {
     now: Segmentation,
@@ -17,13 +17,13 @@ pub struct History {
 }
 
 impl History {
-    /// Segments of which nothing is known from before.
+    /// Segments without any history.
     #[must_use]
     pub fn new(now: Segmentation) -> Self {
         Self { now, steps: Steps::default() }
     }
 
-    /// Reads what [`History::save`] wrote, or a file without history.
+    /// Reads a file written by [`History::save`], or one without history.
     ///
     /// # Errors
     /// If the file is missing or damaged.
@@ -40,17 +40,18 @@ impl History {
         write(path, &self.now, &self.steps)
     }
 
-    /// The segments of now.
+    /// The current segments.
     #[must_use]
     pub fn now(&self) -> &Segmentation {
         &self.now
     }
 
-    /// Puts `segments` in the place of those of now, which [`History::undo`] brings back. `change` says what was done,
-    /// such as `remove pair`. Changes that were taken back are forgotten, and so are those before the last [`MOST`].
+    /// Replaces the current segments by `segments`; [`History::undo`] restores them. `change` describes what was done,
+    /// such as `remove pair`. Undone changes are discarded, and so are those before the last [`MOST`]. Equal `segments`
+    /// are no change.
     pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
         if segments == self.now.segments {
-            // a step that does nothing would only puzzle whoever takes it back
+            // undoing a step that does nothing would only confuse the user
             return;
         }
         let before = std::mem::replace(&mut self.now.segments, segments);
@@ -61,7 +62,7 @@ impl History {
         self.steps.undo.drain(..over);
     }
 
-    /// Calls the segment `old` `new`, as a change that can be taken back.
+    /// Renames the segment `old` to `new`, as a change that can be undone.
     ///
     /// # Errors
     /// If there is no such segment, or the new name is taken.
@@ -75,20 +76,20 @@ impl History {
         Ok(())
     }
 
-    /// The name that the next [`History::undo`] takes from a segment, and that which it gives back.
+    /// Returns the renaming that the next [`History::undo`] performs, if any: the current name, then the restored one.
     #[must_use]
     pub fn undo_renames(&self) -> Option<[Name; 2]> {
         let [old, new] = self.steps.undo.last()?.renamed.clone()?;
         Some([new, old])
     }
 
-    /// The name that the next [`History::redo`] takes from a segment, and that which it gives.
+    /// Returns the renaming that the next [`History::redo`] performs, if any: the current name, then the new one.
     #[must_use]
     pub fn redo_renames(&self) -> Option<[Name; 2]> {
         self.steps.redo.last()?.renamed.clone()
     }
 
-    /// Takes the last change back and says what it was; `None` if there is none.
+    /// Undoes the last change and returns its description; `None` if there is none.
     pub fn undo(&mut self) -> Option<String> {
         let step = self.steps.undo.pop()?;
         let (change, step) = self.exchange(step);
@@ -96,7 +97,7 @@ impl History {
         Some(change)
     }
 
-    /// Brings the change that was taken back last into force again and says what it was; `None` if there is none.
+    /// Redoes the change undone last and returns its description; `None` if there is none.
     pub fn redo(&mut self) -> Option<String> {
         let step = self.steps.redo.pop()?;
         let (change, step) = self.exchange(step);
@@ -116,7 +117,7 @@ impl History {
         self.steps.redo.iter().rev().map(|s| s.change.as_str()).collect()
     }
 
-    /// Takes the segments of a step; the step back holds those of now.
+    /// Restores the segments of a step; the returned step holds the ones that they replace.
     fn exchange(&mut self, step: Step) -> (String, Step) {
         let members = &self.steps.members;
         let of =
@@ -245,7 +246,7 @@ mod tests {
         let bytes = std::fs::read(&path).unwrap();
         history.save(&path).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), bytes, "the same content gives the same bytes");
-        // whoever looks at the segments alone reads the same file
+        // readers of the segments alone use the same file
         assert_eq!(&Segmentation::load(&path).unwrap(), history.now());
     }
 
@@ -301,7 +302,7 @@ mod tests {
         many["gaussians"] = u64::MAX.into();
         write(many, &[1, 2]);
         refused("more than any scene has");
-        // a state of before is held to the same
+        // earlier states are validated in the same way
         let mut with = entry(&["red"]);
         let past = |name: &str, members: &str| {
             let mut segment = entry(&[name])["segments"][0].clone();

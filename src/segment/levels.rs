@@ -1,42 +1,40 @@
-//! The levels of parts and wholes at a click, and the one that is likeliest meant; no label is seen.
+//! The levels of parts and wholes at a click, and the likeliest one; no ground-truth label is used.
 //!
-//! Within a segment, such as a colour, the likeliest is all of it that hangs together with the click: what has one
-//! colour and is in one piece mostly is one thing, unless the affinity tells things apart that touch (see
-//! [`super::things`]) or it has a neck (see [`super::necks`]): then the one is meant that was clicked, and the whole piece is the next
-//! level. In a whole scene, whose things touch each other, it is a plateau of
-//! the affinity.
+//! Within a segment, such as a colour, the likeliest level is its connected piece that contains the clicked Gaussian: a
+//! connected piece of one colour is mostly one object, unless the affinity separates objects that touch (see
+//! [`super::things`]) or the piece has a neck (see [`super::necks`]). Then the clicked part is the likeliest, and the
+//! whole piece is the next level. In a whole scene, where objects touch each other, it is a plateau of the affinity.
 //!
-//! What is like the clicked Gaussian grows as the cosine that is asked for falls. Where it has reached the edge of a
-//! thing it stops growing for a while, as what belongs to one mask has like features and what belongs to another does
-//! not: such a plateau is a level. It is looked for at several mask scales, so neither scale nor cosine is a number
-//! that fits one scene and not the next. (Levels of a component tree are chosen so in images: maximally stable extremal
-//! regions.)
+//! The set of Gaussians similar to the clicked one grows as the minimum cosine falls. When it reaches the edge of an
+//! object it stops growing for a while, as features are similar within a mask and differ between masks: such a plateau
+//! is a level. Plateaus are sought at several mask scales, so neither the scale nor the cosine is a number tuned to one
+//! scene. (Levels of a component tree are chosen in the same way in images: maximally stable extremal regions.)
 
 use super::candidates::Candidates;
 use super::pick::PickError;
 
-/// Mask scales that are looked at.
+/// Mask scales at which plateaus are sought.
 const SCALES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
-/// The lowest cosine; those of other masks were trained to be below 0.5.
+/// Lowest cosine; training keeps those between different masks below 0.5.
 const LOWEST: f32 = 0.45;
 /// Step between cosines.
 const STEP: f32 = 0.025;
-/// Cosines from [`LOWEST`] on.
+/// Number of cosines, from [`LOWEST`] on.
 const COSINES: usize = 22;
-/// Steps to either side over which growth is looked at.
+/// Steps to either side over which growth is measured.
 const REACH: usize = 1;
-/// What shrinks to less than this part over that way is no level.
+/// Minimum stability of a level: the fraction of its weight that remains over these steps.
 const STABLE: f64 = 0.5;
-/// Selections that have this part of their union in common are one level.
+/// Minimum intersection over union of two selections that are one level.
 const ALIKE: f64 = 0.85;
-/// How much a larger level is preferred to a more stable one: power of its share of what is looked at ...
+/// Preference for larger levels over more stable ones: the exponent of a level's share of the weight.
 const LARGE: f64 = 0.1;
-/// ... and how much one that leaves something out is to one that takes all: power of the rest.
+/// Preference for levels that omit something over those that take everything: the exponent of the rest of the weight.
 const NOT_ALL: f64 = 0.3;
 
-/// Pieces whose parts are found before a click, see [`prepare`] ...
+/// Maximum number of pieces whose parts are found before a click, see [`prepare`].
 const PIECES: usize = 8;
-/// ... if they hold a Gaussian of so many at least.
+/// Such a piece must hold at least one in this many of the candidates.
 const SMALL: usize = 50;
 
 /// A part or whole that a click can mean.
@@ -44,22 +42,21 @@ const SMALL: usize = 50;
 pub struct Level {
     /// Mask scale in [0, 1].
     pub scale: f32,
-    /// Cosine from which a Gaussian is like the clicked one; -1 where none is asked for.
+    /// Minimum cosine with the clicked Gaussian; -1 if there is none.
     pub threshold: f32,
-    /// Whether it is what hangs together with the click, or the part of that which is one thing, whatever the cosine.
+    /// Whether it is the connected piece at the click, or the part of it that is one object, regardless of the cosine.
     pub piece: bool,
-    /// What stays of it if the cosine rises by 0.05, part of its weight in (0, 1].
+    /// Fraction of its weight, in (0, 1], that remains if the cosine rises by 0.05.
     pub stability: f64,
-    /// Its part of the weight of what is looked at, in (0, 1].
+    /// Its fraction of the candidates' total weight, in (0, 1].
     pub share: f64,
     /// Its Gaussians, ascending.
     pub members: Vec<u32>,
 }
 
-/// The levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest. There is
-/// one at least; the piece, and the part of it if it has several, are among them where the candidates are not the whole
-/// scene. Gaussians weigh what they show,
-/// see [`Candidates::shown`].
+/// Returns the levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest.
+/// There is at least one; unless the candidates are the whole scene, the piece at the click is among them, and so is
+/// the clicked part of it if it has several. Gaussians are weighted by [`Candidates::shown`].
 ///
 /// # Errors
 /// If `clicked` is not among the candidates, or the arrays of the Gaussians disagree.
@@ -82,7 +79,7 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
     Ok((found, likeliest))
 }
 
-/// The likeliest of the [`levels`], without looking for the others where it is the piece or a part of it.
+/// Returns the likeliest of the [`levels`], without computing the others where it is the piece or a part of it.
 ///
 /// # Errors
 /// As [`levels`].
@@ -97,8 +94,8 @@ pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> 
     Ok(found.swap_remove(most_likely(&found)))
 }
 
-/// Finds out what a click on any of the candidates needs, so that it is answered at once: their features, and the parts of
-/// the largest pieces. Small ones are left to the click.
+/// Computes in advance what a click on any candidate needs, so that it is answered at once: the features, and the parts
+/// of the largest pieces. Those of small pieces are left to the click.
 ///
 /// # Errors
 /// If the arrays of the Gaussians disagree.
@@ -120,12 +117,12 @@ pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
     Ok(())
 }
 
-/// Whether the candidates are the whole scene, of which no piece is meant.
+/// Whether the candidates are the whole scene, where connected pieces are no levels.
 fn is_whole(of: &Candidates<'_>) -> bool {
     of.within.len() == of.at.len()
 }
 
-/// The plateaus of the affinity, from small to large; one at least.
+/// Returns the plateaus of the affinity, from small to large; at least one.
 fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let (within, position) = (of.within, of.position(clicked)?);
     let weights = of.shown();
@@ -151,8 +148,8 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
     Ok(found)
 }
 
-/// What a click means by space: the part of the piece that is one thing if there are several, and the piece; nothing in a
-/// whole scene, or if the clicked one is nowhere.
+/// Returns the spatial levels at a click: the clicked part of the piece if it has several, then the piece; none in a
+/// whole scene, or if the clicked Gaussian is in no piece.
 fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
     if is_whole(of) {
@@ -182,7 +179,8 @@ fn cosine(k: usize) -> f32 {
     LOWEST + STEP * k as f32
 }
 
-/// The weight of what has at least each of the cosines, `[COSINES]`, falling; never below that of the clicked one.
+/// Returns the weight of the Gaussians with at least each of the cosines, `[COSINES]`, falling; never below the weight
+/// of the clicked one.
 fn sizes(cosines: &[f32], weights: &[f64], clicked: f64) -> Vec<f64> {
     let mut bins = [0.0; COSINES];
     for (&cosine, &weight) in cosines.iter().zip(weights) {
@@ -197,7 +195,8 @@ fn sizes(cosines: &[f32], weights: &[f64], clicked: f64) -> Vec<f64> {
     bins.iter().map(|size| size.max(clicked).max(f64::MIN_POSITIVE)).collect()
 }
 
-/// Where what is selected grows least: positions of the maxima of stability, with it; the best one if none is stable.
+/// Finds where the selection grows least: positions of the maxima of stability, with their stability; the best one if
+/// none is stable.
 fn plateaus(sizes: &[f64]) -> Vec<(usize, f64)> {
     let stability = |k: usize| sizes[k + REACH] / sizes[k - REACH];
     let all: Vec<(usize, f64)> = (REACH..sizes.len() - REACH).map(|k| (k, stability(k))).collect();
@@ -219,7 +218,8 @@ fn overlap(a: &[u32], b: &[u32]) -> f64 {
     if either == 0 { 1.0 } else { both as f64 / either as f64 }
 }
 
-/// The most stable level, larger ones a little before smaller ones, but not all that is looked at if it can be helped.
+/// Returns the position of the most stable level, with a slight preference for larger ones and against taking
+/// everything.
 fn most_likely(levels: &[Level]) -> usize {
     let score = |l: &Level| l.stability * l.share.powf(LARGE) * (1.0 - l.share).max(1e-6).powf(NOT_ALL);
     let mut best = 0;

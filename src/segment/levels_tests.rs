@@ -12,7 +12,7 @@ use crate::segment::pick::{Meaning, PickOptions, pick};
 fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
     let device = DeviceName::all()[0].open().unwrap();
     let at = APART.gaussians();
-    // the first few hundred steps go by before the features of the balls part
+    // the features of the balls separate only after the first few hundred steps
     let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
     let field = train(&APART.prepared(&at), &options, &device, |_, _| true).unwrap();
     let frame = Frame::around(&at.means);
@@ -71,7 +71,7 @@ fn a_click_on_one_of_two_beads_that_touch_means_it_and_the_next_level_is_both() 
 
 #[test]
 fn a_plateau_is_found_between_two_slopes() {
-    // much is like it up to 0.55, the thing itself from 0.7 to 0.9, and crumbs
+    // 100 Gaussians with cosines of 0.45 to 0.55, and the 50 of the object itself at 0.92
     let cosines: Vec<f32> = (0..100).map(|n| 0.45 + 0.001 * n as f32).chain((0..50).map(|_| 0.92)).collect();
     let sizes = sizes(&cosines, &[1.0; 150], 1.0);
     assert_eq!((sizes[0], sizes[10], sizes[COSINES - 1]), (150.0, 50.0, 1.0));

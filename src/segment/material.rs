@@ -1,44 +1,44 @@
-//! The colour of the material that a Gaussian shows, whatever the light makes of it. What is done with these colours
-//! lives in `material_groups`.
+//! The material colour of a Gaussian, independent of lighting. Grouping by these colours is in `material_groups`.
 //!
-//! The images are shaded by Blinn-Phong with a white headlight (see `volume::raycast`): in a direction a Gaussian has
+//! The images are shaded by Blinn-Phong with a white headlight (see `volume::raycast`): in any direction a Gaussian has
 //! the colour `s * base + w * white`, where the light sets `s` and the highlight `w`. All colours of one material lie
 //! in the plane through black, `base` and white, the dichromatic model (Shafer, *Using color to separate reflection
-//! components*, 1985), so their hue is that of `base`, and but for highlights also their chroma over their brightness.
+//! components*, 1985), so their hue is that of `base` and, apart from highlights, so is the ratio of chroma to
+//! brightness.
 
 use super::colour::fibonacci_sphere;
 use crate::model::sh;
 use crate::points::chunks::map_chunks;
 use crate::points::error::{PointsError, rows};
 
-/// Directions in which a Gaussian is looked at.
+/// Number of directions in which the colour of a Gaussian is sampled.
 const DIRECTIONS: usize = 48;
-/// Passes in which directions that do not fit the material lose their weight.
+/// Number of passes that lower the weight of directions that do not fit the material.
 const PASSES: usize = 2;
-/// How far a value may leave `[0, 1]` before its direction counts half: the harmonics reach beyond where no view has
-/// held them.
+/// Excess beyond `[0, 1]` at which the weight of a direction is halved: the harmonics leave that range where no view
+/// constrains them.
 const BEYOND: f32 = 0.1;
-/// How far a colour may lie off the dichromatic plane before its direction counts half.
+/// Distance of a colour from the dichromatic plane at which the weight of its direction is halved.
 const OFF_PLANE: f32 = 0.15;
-/// A brightness at which the colour is half certain: what trained harmonics have as noise is of this size.
+/// Brightness at which the certainty of a colour is one half; the noise of trained harmonics is of this size.
 const DIM: f32 = 0.1;
-/// Brightness below which chroma is no longer taken as a share of it.
+/// Lower bound on the brightness that chroma is divided by.
 const DARK: f32 = 0.05;
-/// Of the directions that count at least half, from dark to bright, how far the one lies whose brightness stands for
-/// full light, in tenths; beyond it are highlights.
+/// Quantile, in tenths, of the brightness that stands for full light, over the directions of weight at least 0.5;
+/// brighter directions show highlights.
 const FULL: usize = 9;
-/// How much of a chroma is needed for a step of chroma to count less than one of hue, see [`to_plane`].
+/// Chroma beyond which a step of chroma counts less than one of hue, see [`to_plane`].
 const KNEE: f32 = 0.12;
 
-/// The materials' colours of N Gaussians.
+/// The material colours of N Gaussians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Materials {
-    /// `[N, 2]`: opponent colours (red against green and blue, green against blue) over the brightest channel. The
-    /// angle is the hue, the length at most 0.817, and 0 for greys and for what has no finite colour.
+    /// `[N, 2]`: opponent colours (red against green and blue, green against blue) divided by the brightest channel.
+    /// The angle is the hue; the length is at most 0.817, and 0 for greys and for Gaussians without a finite colour.
     pub chroma: Vec<f32>,
     /// `[N]`: brightest channel under full light, in `[0, 1]`.
     pub full: Vec<f32>,
-    /// `[N]`: how far the chroma can be believed, in `[0, 1)`; little for dark ones, 0 for those without finite colour.
+    /// `[N]`: reliability of the chroma, in `[0, 1)`; low for dark Gaussians, 0 for those without a finite colour.
     pub certainty: Vec<f32>,
 }
 
@@ -83,7 +83,7 @@ fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
         if rgb.iter().any(|v| !v.is_finite()) {
             return ([0.0; 2], 0.0, 0.0);
         }
-        // bounded, so that some weight is left where no direction can be believed
+        // bounded, so that some weight remains where no direction is reliable
         let beyond = rgb.iter().map(|v| (-v).max(v - 1.0)).fold(0.0, f32::max).min(100.0);
         believed[d] = 1.0 / (1.0 + (beyond / BEYOND).powi(2));
         let rgb = rgb.map(|v| v.clamp(0.0, 1.0));
@@ -113,7 +113,7 @@ fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
     (along.map(|v| v / brightest.max(DARK)), full, certainty)
 }
 
-/// The brightness that stands for full light: `bright` is sorted in part.
+/// The brightness that stands for full light; partially sorts `bright`.
 fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS]) -> f32 {
     let mut count = 0;
     for d in 0..DIRECTIONS {
@@ -122,17 +122,18 @@ fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS]) -> f3
             count += 1;
         }
     }
-    // where none can be believed, what is there
+    // where no direction is reliable, all of them count
     let believed = if count > 0 { &mut bright[..count] } else { &mut bright[..] };
     *believed.select_nth_unstable_by(believed.len() * FULL / 10, f32::total_cmp).1
 }
 
-/// The two opponent colours, the projection onto the plane that white is at right angles to.
+/// The two opponent colours: the projection onto the plane perpendicular to white.
 fn to_opponent([r, g, b]: [f32; 3]) -> [f32; 2] {
     [(2.0 * r - g - b) / 6f32.sqrt(), (g - b) / 2f32.sqrt()]
 }
 
-/// The colour in `[0, 1]`, `[3]`, of chroma `[2]` as in [`Materials::chroma`] whose brightest channel is `brightest`.
+/// Returns the colour in `[0, 1]`, `[3]`, of chroma `[2]` as in [`Materials::chroma`] whose brightest channel is
+/// `brightest`.
 #[must_use]
 pub fn to_rgb(chroma: [f32; 2], brightest: f32) -> [f32; 3] {
     let (x, y) = (chroma[0] / 6f32.sqrt(), chroma[1] / 2f32.sqrt());
@@ -141,15 +142,15 @@ pub fn to_rgb(chroma: [f32; 2], brightest: f32) -> [f32; 3] {
     off.map(|v| ((v + 1.0 - most) * brightest).clamp(0.0, 1.0))
 }
 
-/// Chroma `[2]` in the plane in which materials are near or far: a step of hue counts more than one of chroma, as
-/// highlights, haze and what is seen through a shell change chroma first. The angle stays.
+/// Maps chroma `[2]` to the plane in which distances between materials are measured: a step of hue counts more than one
+/// of chroma, since highlights, haze and translucent shells in front change chroma first. The angle is preserved.
 #[must_use]
 pub fn to_plane(chroma: [f32; 2]) -> [f32; 2] {
     let root = (chroma[0].hypot(chroma[1]) + KNEE).sqrt();
     chroma.map(|v| v / root)
 }
 
-/// What [`to_plane`] made, back as chroma `[2]`.
+/// Maps the result of [`to_plane`] back to chroma `[2]`.
 #[must_use]
 pub fn from_plane(plane: [f32; 2]) -> [f32; 2] {
     let square = plane[0] * plane[0] + plane[1] * plane[1];
@@ -163,7 +164,8 @@ mod tests {
     use proptest::prelude::*;
     use volseggs_kernels::sh::C2;
 
-    /// Degree-2 harmonics of `base (ambient + diffuse n.d^2) + shine n.d^2`, even in the direction as the light is.
+    /// Degree-2 harmonics of `base (ambient + diffuse n.d^2) + shine n.d^2`, which like the light is even in the
+    /// direction.
     fn shaded(base: [f32; 3], ambient: f32, diffuse: f32, shine: f32) -> Vec<f32> {
         let mut sh = vec![0.0; 27];
         for c in 0..3 {
@@ -197,7 +199,7 @@ mod tests {
     #[test]
     fn a_side_that_no_view_held_moves_the_hue_less_than_it_moves_the_mean() {
         let plain = shaded([0.1, 0.3, 0.8], 0.5, 0.4, 0.0);
-        // red rises far beyond 1 towards +x alone: 1.2 (x + x^2), x^2 = 1/3 + (x^2 - y^2) / 2 - (3 z^2 - 1) / 6
+        // red rises far above 1 towards +x only: 1.2 (x + x^2), x^2 = 1/3 + (x^2 - y^2) / 2 - (3 z^2 - 1) / 6
         let mut wild = plain.clone();
         wild[0] += 0.4 / sh::C0;
         wild[9] -= 1.2 / sh::C1;

@@ -1,5 +1,5 @@
-//! Gaussians by material: colours of materials (see `material`) averaged with those of like neighbours, the hills of
-//! their density as groups, and a vote among neighbours. Outliers and names live elsewhere.
+//! Groups Gaussians by material: material colours (see `material`) are averaged over similar neighbours, the modes of
+//! their density become groups, and neighbours vote on each Gaussian. Outliers and names are handled elsewhere.
 
 use super::material::{Materials, from_plane, to_plane, to_rgb};
 use crate::points::PointsError;
@@ -11,51 +11,53 @@ use centre::{Centre, Members};
 mod centre;
 mod number;
 
-/// Neighbours with which a Gaussian is averaged, and that vote.
+/// Number of neighbours that a Gaussian is averaged with and that vote on it.
 const NEIGHBOURS: usize = 12;
-/// Times that colours are averaged with like neighbours.
+/// Number of times that colours are averaged over similar neighbours.
 const ROUNDS: usize = 3;
-/// Of the neighbours, from dark to bright, the one whose brightness is taken: shading only darkens, and strays are few.
+/// Rank, from dark to bright, of the neighbour whose brightness is used: shading only darkens, and outliers are few.
 const LIT: usize = NEIGHBOURS * 5 / 8;
-/// How near colours of neighbours are in the plane to be averaged (standard deviation): materials that touch stay
-/// apart.
+/// Distance in the plane within which the colours of neighbours are averaged (standard deviation); touching materials
+/// stay separate.
 const LIKE: f32 = 0.17;
-/// Share of like neighbours, by opacity, below which a Gaussian shows no material of its own, and how much more make it
-/// count in full. A tenth of trained Gaussians has a colour that is none of the material's.
+/// Fraction of similar neighbours, by opacity, below which a Gaussian shows no material of its own, and how much more
+/// make it count in full. A tenth of trained Gaussians have a colour unlike that of their material.
 const SUPPORT: [f32; 2] = [0.1, 0.3];
-/// The plane of colours, see [`to_plane`]: its extent is +-0.85.
+/// Mode search in the plane of colours, see [`to_plane`], whose extent is +-0.85.
 const PLANE: ModeConfig = ModeConfig { range: [-0.9, 0.9], bandwidth: 0.035, smallest: 0.006 };
-/// Two hues are two materials unless the pass between them is at least this high, see [`hills`].
+/// Two hues are two materials unless the pass between them is higher than this fraction of the lower mode, see
+/// [`hills`].
 const PASS: f64 = 0.5;
-/// The same for two chromas of one hue, which highlights and haze spread.
+/// The same for two chromas of one hue, which highlights and haze spread out.
 const PASS_OF_A_HUE: f64 = 0.35;
-/// Hues less apart than this are one, radians.
+/// Difference of two hues below which they are one, radians.
 const ONE_HUE: f32 = 0.35;
-/// Less chroma than this, in the plane, has no clear hue.
+/// Chroma in the plane below which there is no clear hue.
 const NO_HUE: f32 = 0.12;
-/// Below this, in the plane, colours count as grey: lightness parts them, where its density has a clear valley.
+/// Chroma in the plane below which colours count as grey; lightness separates greys where its density has a clear
+/// valley.
 const GREY: f32 = 0.2;
-/// Natural logarithms of brightness under full light.
+/// Valley search in the natural logarithm of brightness under full light.
 const LIGHT: ModeConfig = ModeConfig { range: [-3.0, 0.1], bandwidth: 0.04, smallest: 0.05 };
-/// How low a valley of lightness is beside its lower side.
+/// Maximum density in a valley of lightness, as a fraction of the lower of the peaks beside it.
 const LIGHT_PASS: f64 = 0.25;
-/// Brightness below which all is alike dark.
+/// Brightness below which all colours count as equally dark.
 const DARKEST: f32 = 0.05;
-/// How sure a vote is by distance to a material in the plane (standard deviation).
+/// Standard deviation of the weight of a vote over the distance to a material in the plane.
 const SURE: f32 = 0.12;
-/// Distance in the plane from every material beyond which a hill is none of theirs.
+/// Distance in the plane from every material beyond which a mode belongs to none of them.
 const UNKNOWN: f32 = 0.2;
-/// Share of all weight that a material has at least which nothing shows at the chosen time.
+/// Minimum fraction of the total weight for a material that no Gaussian shows at the chosen time.
 const UNSEEN: f64 = 0.05;
-/// Weight of a Gaussian's own vote beside that of all its neighbours.
+/// Weight of a Gaussian's own vote relative to that of all its neighbours.
 const OWN: f32 = 3.0;
-/// Materials that one Gaussian votes for, the nearest.
+/// Number of materials that each Gaussian votes for, the nearest ones.
 const CANDIDATES: usize = 4;
 
-/// Gaussians by material, as [`group`] found them.
+/// Gaussians grouped by material, the result of [`group`].
 #[derive(Debug, Clone)]
 pub struct MaterialGroups {
-    /// `[M]`: 1 + row of the material, the one of most opacity first; 0 for none, where there is no material at all.
+    /// `[M]`: 1 + row of the material, in descending order of total opacity; 0 if there is no material at all.
     pub labels: Vec<u32>,
     /// `[K, 3]`: each material's colour under full light, in `[0, 1]`.
     pub colours: Vec<f32>,
@@ -65,9 +67,9 @@ pub struct MaterialGroups {
 }
 
 impl MaterialGroups {
-    /// Adds the materials that only Gaussians of other times have: those of M others at `means` `[M, 3]` with the colours
-    /// `of` and an `opacity` `[M]` at a time when they are seen. Where these stand on a hill of the density of all colours
-    /// together that is far from every material, they are one.
+    /// Adds the materials that only Gaussians of other times show: M other Gaussians at `means` `[M, 3]` with the
+    /// colours `of` and the `opacity` `[M]` of a time at which they are visible. Those on a mode of the joint density
+    /// of all colours that is far from every material form a new one.
     ///
     /// # Errors
     /// Slices of the wrong length.
@@ -94,7 +96,7 @@ impl MaterialGroups {
         Ok(())
     }
 
-    /// The label of the material nearest to each of M other Gaussians `[M]`; 0 without any material.
+    /// Returns the label of the nearest material for each of M other Gaussians, `[M]`; 0 if there is no material.
     #[must_use]
     pub fn nearest(&self, of: &Materials) -> Vec<u32> {
         (0..of.full.len())
@@ -108,11 +110,12 @@ impl MaterialGroups {
 
 /// Groups M Gaussians at `means` `[M, 3]` with the colours `of` and `opacity` `[M]`, all finite, by material.
 ///
-/// Each colour is averaged with like ones among the nearest neighbours, which takes noise off and tells Gaussians that
-/// are alone with theirs. Materials are the hills of the density of colours, weighted by opacity, certainty and
-/// likeness to the neighbours; greys are parted by lightness where that leaves a clear gap. With `clusters` groups are
-/// joined or halved until there are as many. Each Gaussian then gets the material that it and its neighbours vote for.
-/// `uniform` gives numbers in `[0, 1)`, for halving alone. The same bits for any number of threads.
+/// Each colour is averaged over similar ones among the nearest neighbours, which reduces noise and identifies Gaussians
+/// whose colour their neighbours do not share. Materials are the modes of the density of colours, weighted by opacity,
+/// certainty and similarity to the neighbours; greys are separated by lightness where that leaves a clear gap. With
+/// `clusters`, groups are joined or halved until there are that many. Each Gaussian then gets the material that it and
+/// its neighbours vote for. `uniform` returns numbers in `[0, 1)` and is used only for halving. The result is
+/// bit-identical for any number of threads.
 ///
 /// # Errors
 /// Slices of the wrong length; `clusters` of 0.
@@ -131,7 +134,7 @@ pub fn group(
     let weights = smooth.weights();
     let mut parts = parts(&smooth, &weights)?;
     if parts.is_empty() && !opacity.is_empty() {
-        // nothing can be believed: all of it is one
+        // no colour is reliable: everything is one material
         parts.push(Members { rows: (0..opacity.len() as u32).collect(), light: 0.0 });
     }
     if let Some(wanted) = clusters {
@@ -140,7 +143,7 @@ pub fn group(
     let centres: Vec<Centre> = parts.iter().map(|p| Centre::of(p, &smooth, &weights)).collect();
     let mut labels = vote(&smooth, &centres, &neighbours);
     if clusters.is_some() && (1..=centres.len() as u32).any(|k| !labels.contains(&k)) {
-        // halves that lie among each other are voted away, but were asked for
+        // interleaved halves are voted away, but were requested
         labels = per_row(labels.len(), |i| nearest_label(&centres, smooth.plane[i], smooth.light[i]));
     }
     let order = by_opacity(&labels, opacity, centres.len());
@@ -152,14 +155,14 @@ pub fn group(
     Ok(MaterialGroups { labels, colours, centres, smooth, weights })
 }
 
-/// Colours averaged with those of like neighbours.
+/// Colours averaged over similar neighbours.
 #[derive(Debug, Clone)]
 struct Smooth {
     /// `[M]`, in the plane of [`to_plane`].
     plane: Vec<[f32; 2]>,
     /// `[M]`: logarithm of the brightness of the neighbours under full light.
     light: Vec<f32>,
-    /// `[M]`: share of like neighbours by opacity and certainty.
+    /// `[M]`: fraction of similar neighbours, by opacity and certainty.
     support: Vec<f32>,
     /// `[M]`
     certainty: Vec<f32>,
@@ -184,14 +187,14 @@ impl Smooth {
         Self { plane, light, support, certainty: of.certainty.clone(), strength }
     }
 
-    /// How much each counts where materials are looked for, `[M]`.
+    /// Weight of each Gaussian in the search for materials, `[M]`.
     fn weights(&self) -> Vec<f32> {
         let share = |s: f32| ((s - SUPPORT[0]) / SUPPORT[1]).clamp(0.0, 1.0);
         self.strength.iter().zip(&self.support).map(|(w, s)| w * share(*s)).collect()
     }
 }
 
-/// The mean of a colour and those of like neighbours, and the share of these.
+/// The mean of a colour and those of similar neighbours, and the fraction of neighbours that are similar.
 fn like_mean(i: usize, plane: &[[f32; 2]], strength: &[f32], neighbours: &[u32]) -> ([f32; 2], f32) {
     let own = f64::from(strength[i]);
     let (mut sum, mut like, mut all) = (plane[i].map(|v| own * f64::from(v)), 0.0, 0.0);
@@ -215,7 +218,7 @@ fn light(full: f32) -> f32 {
     full.max(DARKEST).ln()
 }
 
-/// The hills of the density of colours, greys parted by lightness.
+/// The modes of the density of colours, with greys separated by lightness.
 fn parts(smooth: &Smooth, weights: &[f32]) -> Result<Vec<Members>, PointsError> {
     let flat: Vec<f32> = smooth.plane.iter().flatten().copied().collect();
     let found = hills(&flat, weights, &PLANE, pass)?;
@@ -237,14 +240,14 @@ fn parts(smooth: &Smooth, weights: &[f32]) -> Result<Vec<Members>, PointsError> 
     Ok(parts)
 }
 
-/// How high the pass between two summits may be for them to stay two materials.
+/// Maximum height of the pass between two peaks for them to stay two materials.
 fn pass(a: [f32; 2], b: [f32; 2]) -> f64 {
     let turn = (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]).abs();
     let clear = a[0].hypot(a[1]).min(b[0].hypot(b[1])) > NO_HUE;
     if clear && turn < ONE_HUE { PASS_OF_A_HUE } else { PASS }
 }
 
-/// The nearest materials with their squared distances in the unit of [`SURE`], near to far.
+/// The nearest materials with their squared distances in units of [`SURE`], nearest first.
 fn candidates(centres: &[Centre], plane: [f32; 2], light: f32) -> impl Iterator<Item = (usize, f32)> {
     let mut nearest: Vec<(usize, f32)> = Vec::with_capacity(CANDIDATES + 1);
     for (k, centre) in centres.iter().enumerate() {
@@ -258,12 +261,12 @@ fn candidates(centres: &[Centre], plane: [f32; 2], light: f32) -> impl Iterator<
     nearest.into_iter()
 }
 
-/// The nearest material from 1; 0 if there is none.
+/// The label of the nearest material, from 1; 0 if there is none.
 fn nearest_label(centres: &[Centre], plane: [f32; 2], light: f32) -> u32 {
     candidates(centres, plane, light).next().map_or(0, |(k, _)| k as u32 + 1)
 }
 
-/// The material of each from 1, `[M]`, by its own colour and those of its neighbours.
+/// The material of each Gaussian, `[M]` from 1, by its own colour and those of its neighbours.
 fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[[u32; NEIGHBOURS]]) -> Vec<u32> {
     let votes: Vec<Vec<(usize, f32)>> = per_row(neighbours.len(), |i| {
         candidates(centres, smooth.plane[i], smooth.light[i]).map(|(k, d)| (k, (-0.5 * d).exp())).collect()
@@ -271,7 +274,7 @@ fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[[u32; NEIGHBOURS]]) -
     per_row(neighbours.len(), |i| {
         let own = OWN * smooth.certainty[i] * (smooth.support[i] / SUPPORT[1]).min(1.0);
         let all: f32 = neighbours[i].iter().map(|&j| smooth.strength[j as usize]).sum();
-        // its own nearest first: that is what remains where no vote counts
+        // its own nearest material comes first and wins where no vote counts
         let mut counts: Vec<(usize, f32)> = votes[i].iter().map(|&(k, sure)| (k, own * sure)).collect();
         for &j in neighbours[i].iter().filter(|_| all > 0.0) {
             let share = smooth.strength[j as usize] / all;
@@ -292,7 +295,7 @@ fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[[u32; NEIGHBOURS]]) -
     })
 }
 
-/// Materials by the opacity of their Gaussians, most first.
+/// Materials in descending order of the total opacity of their Gaussians.
 fn by_opacity(labels: &[u32], opacity: &[f32], count: usize) -> Vec<usize> {
     let mut total = vec![0f64; count + 1];
     labels.iter().zip(opacity).for_each(|(l, o)| total[*l as usize] += f64::from(*o));

@@ -1,11 +1,12 @@
 //! Scene -> segments: which Gaussians belong together.
 //!
-//! Coarse by the colour of the [`material`], things with their skins ([`bodies`]), or the mean colour ([`coarse`]), fine by a field trained on 2D masks
-//! ([`masks`], [`mod@fine`]); a [`segmentation`] is what the commands after it read, [`history`] takes changes of it
-//! back; [`voxels`] carries labels back to a volume, [`dice`] compares label volumes; [`pick`] is what a click selects of
-//! [`candidates`], [`levels`] are the parts and wholes there, [`pieces`] what hangs together, [`things`] and [`necks`] what
-//! parts it, and [`carry`] takes a selection to other times; [`paint`] shows them in colour. Published methods to compare with are in
-//! [`baselines`]. What segments do over time lives in `track`.
+//! Coarse segments come from the colour of the [`material`], from objects with their surface layers ([`bodies`]) or
+//! from the mean colour ([`coarse`]), fine ones from a field trained on 2D masks ([`masks`], [`mod@fine`]). A
+//! [`segmentation`] is what later commands read; [`history`] undoes changes to it. [`voxels`] transfers labels to a
+//! volume and [`dice`] compares label volumes. [`pick`] determines what a click selects among [`candidates`],
+//! [`levels`] finds the parts and wholes there, [`pieces`] the connected pieces, [`things`] and [`necks`] split them,
+//! and [`carry`] propagates a selection to other times. [`paint`] shows segments in colour. Published methods for
+//! comparison are in [`baselines`]. What segments do over time is in `track`.
 
 pub mod baselines;
 pub mod bodies;

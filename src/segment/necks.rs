@@ -1,11 +1,12 @@
-//! The parts of a body between its necks, such as beads of one colour that touch: a click on one of them means that one.
+//! Splits a body at its necks, such as touching beads of one colour, so that a click on one of them selects only that
+//! one.
 //!
-//! The Gaussians are drawn into a grid of cells, what they enclose is filled, and each cell gets its depth, the distance
-//! to the outside. Where the body is thick depth has a summit; on the way to the next it falls to the radius of the neck
-//! between. Two summits are two parts if the neck is thin beside the thinner of them: the watershed of the distance
-//! transform, by which particles that touch are parted in images (Beucher and Lantuéjoul, *Use of watersheds in contour
-//! detection*, 1979). As there, it is for round things: a plume or a ring has necks too and is one, so a body is parted
-//! only if each of its parts is round.
+//! The Gaussians are drawn into a grid of cells, what they enclose is filled, and each cell gets its depth, the
+//! distance to the outside. Depth peaks where the body is thick; on the way to the next peak it falls to the radius of
+//! the neck between them. Two peaks are two parts if the neck is thin relative to the thinner of them: the watershed of
+//! the distance transform, which separates touching particles in images (Beucher and Lantuéjoul, *Use of watersheds in
+//! contour detection*, 1979). As there, it suits round objects: a plume or a ring has necks too but is one object, so a
+//! body is split only if each of its parts is round.
 
 use super::depth::depths;
 use super::voxels::{LabelledCloud, Vote, VoxelError, label_voxels};
@@ -16,23 +17,23 @@ use crate::volume::grid::Grid;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Cells along the longest side of the body, its border left out.
+/// Cells along the longest side of the body, without its border.
 const CELLS: usize = 80;
 /// Cells of border around it.
 const BORDER: usize = 4;
-/// Radius of a neck over that of the thinner of two parts below which they are two; see the results of 2026-11-23 in
-/// `benches/results`.
+/// Ratio of the radius of a neck to that of the thinner of two parts below which they are separate; see the results of
+/// 2026-11-23 in `benches/results`.
 const NECK: f32 = 0.7;
-/// Cells that a part is deep at least: the shapes of thinner ones are those of the cells.
+/// Minimum depth of a part in cells: the shapes of thinner ones are those of the cells.
 const LEAST: f32 = 3.0;
-/// Share of a part that the ball of its greatest depth fills at least. Balls fill themselves, plumes 0.2 to 0.5, tubes and
-/// rings 0.1.
+/// Minimum fraction of a part that the ball with its maximum depth as radius fills. Balls fill themselves, plumes 0.2
+/// to 0.5, tubes and rings 0.1.
 const ROUND: f64 = 0.6;
-/// What is less deep than this beside the deepest is no part but a bump of one.
+/// Minimum depth of a part relative to the deepest one; a shallower peak is a bump on a part.
 const BUMP: f32 = 0.25;
 
-/// The part of each Gaussian of `body`, all of one piece, `[M]` from 1; all 1 where there is no neck, or a part is not round. Those in no part
-/// of their own, on the skin or on bumps, go with the nearest one.
+/// Returns the part of each Gaussian of `body`, a single connected piece, `[M]` from 1; all 1 where there is no neck or
+/// a part is not round. Gaussians in no part of their own, on the surface layer or on bumps, join the nearest one.
 ///
 /// # Errors
 /// If the arrays of `body` disagree.
@@ -93,8 +94,8 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
     Ok(joined(body, &(0..body.len()).map(own).collect::<Vec<u32>>()))
 }
 
-/// The hill that the steepest way up from each cell leads to; [`flood`] gives a cell between two hills to the higher one,
-/// by and by all that is below the pass. `of_cell` has it for the summits.
+/// Assigns each cell to the peak that the steepest ascent from it leads to; [`flood`] gives a cell between two peaks to
+/// the higher one, and gradually everything below the pass with it. `of_cell` is right for the summits.
 fn upwards(order: &[usize], of_cell: Vec<usize>, around: impl Fn(usize, &mut Vec<usize>)) -> Vec<usize> {
     let mut place = vec![u32::MAX; of_cell.len()];
     order.iter().zip(0u32..).for_each(|(&c, n)| place[c] = n);
@@ -111,7 +112,7 @@ fn upwards(order: &[usize], of_cell: Vec<usize>, around: impl Fn(usize, &mut Vec
     out
 }
 
-/// Those without a part with the nearest that have one.
+/// Assigns Gaussians without a part to that of the nearest one that has one.
 fn joined(body: &HostGaussians, own: &[u32]) -> Vec<u32> {
     let place = |i: usize| [0, 1, 2].map(|a| body.means[3 * i + a]);
     let known: Vec<f32> =
@@ -122,7 +123,7 @@ fn joined(body: &HostGaussians, own: &[u32]) -> Vec<u32> {
     (0..own.len()).into_par_iter().map(|i| if own[i] > 0 { own[i] } else { nearest(i) }).collect()
 }
 
-/// Cubic cells around the body; none if it is nowhere or has no size.
+/// Cubic cells around the body; `None` if it has no finite position or no size.
 fn grid(body: &HostGaussians) -> Option<Grid> {
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for place in body.means.chunks_exact(3).filter(|p| p.iter().all(|v| v.is_finite())) {

@@ -1,5 +1,5 @@
-//! Colours that mean something, in place of those a scene was trained in: which segment a Gaussian belongs to, how fast
-//! it moves, how far away a pixel is. What the numbers are is decided elsewhere (see `track::velocity`, `pictures`).
+//! Colours that encode a quantity, in place of the trained ones: the segment of a Gaussian, its speed, the distance of
+//! a pixel. The quantities are computed elsewhere (see `track::velocity`, `pictures`).
 
 use super::pictures::Picture;
 use super::segmentation::Segmentation;
@@ -8,25 +8,25 @@ use crate::model::sh::C0;
 use crate::volume::transfer::colormap::{at, named};
 use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
-/// Pixels with less alpha have no depth worth showing.
+/// Minimum alpha of pixels whose depth is shown.
 const MIN_ALPHA: f32 = 0.1;
 /// Colour of Gaussians in no segment.
 const NOBODY: [f32; 3] = [0.8; 3];
-/// What the opacity of Gaussians in no segment is multiplied by.
+/// Factor on the opacity of Gaussians in no segment.
 const FAINT: f64 = 0.1;
 
-/// `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
+/// Returns `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
 #[must_use]
 pub fn flat(gaussians: HostGaussians, colours: impl IntoIterator<Item = [f32; 3]>) -> HostGaussians {
     let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / C0)).collect();
     HostGaussians { sh, sh_stride: 1, shading: None, ..gaussians }
 }
 
-/// Each of the scene's N `gaussians` in the colour of its segment: of those that hold it the one deepest among parts
-/// of parts, of those equally deep the last. Gaussians in none become grey and faint.
+/// Colours each of the scene's N `gaussians` by its segment: of those that hold it the most deeply nested one, of
+/// equally deep ones the last. Gaussians in none become grey and faint.
 ///
 /// # Panics
-/// If a segment holds a Gaussian that is not below N.
+/// If a segment holds an index that is not below N.
 #[must_use]
 pub fn by_segment(mut gaussians: HostGaussians, all: &Segmentation) -> HostGaussians {
     let depths = all.depths();
@@ -47,7 +47,8 @@ fn fade(logit: &mut f32) {
     *logit = logit_f64(FAINT * sigmoid_f64(f64::from(*logit))) as f32;
 }
 
-/// Makes faint, by their `opacity_logits` `[M]`, all but those that stay, so that these stand out whatever colours there are.
+/// Fades all Gaussians except those that stay, through their `opacity_logits` `[M]`, so that these stand out whatever
+/// the colours.
 pub fn highlight(opacity_logits: &mut [f32], stays: impl Fn(usize) -> bool) {
     opacity_logits.iter_mut().enumerate().filter(|(i, _)| !stays(*i)).for_each(|(_, logit)| fade(logit));
 }
@@ -60,19 +61,19 @@ pub fn signed(values: &[f32], scale: f32) -> impl Iterator<Item = [f32; 3]> {
     })
 }
 
-/// Signed `values` `[N]` as colours of a diverging map (see [`named`]): its ends at `-scale` and less and at `scale` and more.
+/// Signed `values` `[N]` as colours of a diverging map (see [`named`]), which ends at `-scale` and at `scale`.
 pub fn diverging(values: &[f32], scale: f32, map: &str) -> impl Iterator<Item = [f32; 3]> {
     let map = named(map).unwrap_or_default();
     values.iter().map(move |v| at(&map, 0.5 + 0.5 * f64::from(share(v / scale).copysign(*v))))
 }
 
-/// Sizes `values` `[N]` as colours of a map (see [`named`]), its end from `scale` on.
+/// The magnitudes of `values` `[N]` as colours of a map (see [`named`]), which ends at `scale`.
 pub fn sizes(values: &[f32], scale: f32, map: &str) -> impl Iterator<Item = [f32; 3]> {
     let map = named(map).unwrap_or_default();
     values.iter().map(move |v| at(&map, share(v / scale).into()))
 }
 
-/// The size in [0, 1]; what is no number counts as 0.
+/// The magnitude, at most 1; NaN counts as 0.
 fn share(v: f32) -> f32 {
     if v.is_nan() { 0.0 } else { v.abs().min(1.0) }
 }
@@ -87,8 +88,8 @@ pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
     })
 }
 
-/// The depth of `picture` as colours of a map (see [`named`]), `[H, W, 4]`: its end at `near` and nearer, its beginning at `far`
-/// and farther, world units; `background` where next to nothing is.
+/// The depth of `picture` as colours of a map (see [`named`]), `[H, W, 4]`: its end at `near` and nearer, its beginning
+/// at `far` and farther, world units; `background` where next to nothing is drawn.
 #[must_use]
 pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3], map: &str) -> Vec<f32> {
     let map = named(map).unwrap_or_default();
@@ -179,7 +180,7 @@ mod tests {
         assert_eq!((pixel(0), pixel(1)), (&[1.0, 0.0, 1.0][..], &[1.0, 0.0, 1.0][..]));
         let light = |i: usize| pixel(i).iter().sum::<f32>();
         assert!(light(2) > light(3) && light(3) > light(4), "{image:?}");
-        // one depth alone is no division by zero
+        // a single depth must not divide by zero
         assert!(depth_colours(&picture, [2.0, 2.0], [0.0; 3], "viridis").iter().all(|v| v.is_finite()));
         assert_eq!(depth_range(&Picture { width: 0, height: 0, rgba: vec![], depth: vec![] }), None);
     }

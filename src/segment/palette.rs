@@ -51,34 +51,34 @@ const NAMED: [(&str, u32); 34] = [
     ("beige", 0xdcc8aa),
 ];
 
-/// The first of [`NAMED`], which have no hue.
+/// Number of leading entries of [`NAMED`] that have no hue.
 const GREYS: usize = 5;
-/// Chroma in CIE Lab from which on one sees a hue.
+/// Chroma in CIE Lab from which a hue is visible.
 const CLEAR: f32 = 10.0;
-/// A colour of less chroma has its hue compared as if it had this much.
+/// Colours of less chroma have their hue compared as if they had this much.
 const COMPARED: f32 = 40.0;
-/// How much a difference of chroma counts beside one of lightness, where a dull colour is named by its hue.
+/// Weight of a difference in chroma relative to one in lightness, where a dull colour is named by its hue.
 const DULL: f32 = 0.3;
 
-/// How far, in CIE Lab, another name may lie from a colour whose own name is taken.
+/// Maximum distance, in CIE Lab, of another name from a colour whose own name is taken.
 const ANOTHER: f32 = 30.0;
 
 /// Names the rows of `colours` `[K, 3]` (sRGB in `[0, 1]`) by the nearest named colour in CIE Lab. Where that is a grey
-/// although a hue shows, as in the dull blue of thin smoke, the nearest in hue and lightness is taken.
+/// although a hue is visible, as in the dull blue of thin smoke, the nearest in hue and lightness is used.
 ///
-/// A name met again gets `-2`, `-3`, ... in row order. Values are clamped to `[0, 1]`; a row with a non-finite value is
-/// shown black and named `unknown`. Trailing values short of a row are left out.
+/// A repeated name gets `-2`, `-3`, ... in row order. Values are clamped to `[0, 1]`; a row with a non-finite value is
+/// shown black and named `unknown`. Trailing values that do not fill a row are skipped.
 pub fn name_colours(colours: &[f32]) -> Vec<PaletteEntry> {
     named(colours, 0.0)
 }
 
-/// As [`name_colours`], but a name that is taken gives way to the next one of much the same colour: a pale and a deep
-/// blue are `light blue` and `blue`, and only those that are all but alike get numbers.
+/// Like [`name_colours`], but a name that is taken gives way to the next one of a similar colour: a pale and a deep
+/// blue are `light blue` and `blue`, and only nearly identical colours get numbers.
 pub fn name_materials(colours: &[f32]) -> Vec<PaletteEntry> {
     named(colours, ANOTHER)
 }
 
-/// Names rows of `colours`; one whose name is taken gets the nearest that is not, no farther than `another` from it.
+/// Names the rows of `colours`; one whose name is taken gets the nearest free one within `another` of it.
 fn named(colours: &[f32], another: f32) -> Vec<PaletteEntry> {
     let table: Vec<[f32; 3]> = NAMED.iter().map(|&(_, code)| rgb_to_lab(unpack(code))).collect();
     let mut used: Vec<(&str, usize)> = Vec::new();
@@ -108,7 +108,8 @@ fn named(colours: &[f32], another: f32) -> Vec<PaletteEntry> {
         .collect()
 }
 
-/// The nearest free name to a colour called `base`, a grey for a grey, nearer than `another`.
+/// The nearest free name for a colour called `base`, nearer than `another`; greys get the names of greys, others do
+/// not.
 fn next_name(
     table: &[[f32; 3]],
     base: &str,
@@ -144,7 +145,7 @@ fn nearest(table: &[[f32; 3]], rgb: [f32; 3]) -> &'static str {
     NAMED[GREYS + least(&table[GREYS..], |entry| by_hue(*entry, lab))].0
 }
 
-/// The first entry of the least distance.
+/// Index of the first entry at the smallest distance.
 fn least(table: &[[f32; 3]], distance: impl Fn(&[f32; 3]) -> f32) -> usize {
     let mut best = (f32::INFINITY, 0);
     for (i, entry) in table.iter().enumerate() {
@@ -156,8 +157,8 @@ fn least(table: &[[f32; 3]], distance: impl Fn(&[f32; 3]) -> f32) -> usize {
     best.1
 }
 
-/// Squared distance of two colours in CIE Lab, in which hue counts as much for dull colours as for others, and chroma
-/// little.
+/// Squared distance of two colours in CIE Lab, where hue counts as much for dull colours as for others, and chroma
+/// counts little.
 fn by_hue(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [ca, cb] = [a, b].map(|c| c[1].hypot(c[2]));
     let turn = a[2].atan2(a[1]) - b[2].atan2(b[1]);

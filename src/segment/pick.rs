@@ -1,8 +1,7 @@
-//! What one click selects, with the settings of a user who has not tried any: the likeliest of the levels that there
-//! are, see [`super::levels`].
+//! What a single click selects with default settings: the likeliest of the available levels, see [`super::levels`].
 //!
 //! `volseggs segment pick` and the evaluation against known segments call the same functions with the same defaults, so
-//! that what is measured is what a user gets.
+//! the evaluation measures what a user gets.
 
 use super::baselines::saga::SagaModel;
 use super::candidates::Candidates;
@@ -13,58 +12,58 @@ use super::voxels::VoxelError;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
 
-/// How much of what is around a click is meant.
+/// How much of the surroundings of a click is meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Meaning {
-    /// The likeliest of the levels that there are, see [`levels`].
+    /// The likeliest of the available levels, see [`levels`].
     #[default]
     Likeliest,
-    /// One of these levels, from 0, the smallest; the largest if there are fewer.
+    /// The level at this index, from 0, the smallest; the largest if there are fewer.
     Level(usize),
-    /// By hand.
+    /// Set by the user.
     By {
         /// Mask scale in [0, 1], from small parts to large ones.
         scale: f32,
-        /// Cosine of the affinity features from which a Gaussian is selected, in [-1, 1].
+        /// Minimum cosine of the affinity features for a Gaussian to be selected, in [-1, 1].
         threshold: f32,
     },
 }
 
 impl Meaning {
-    /// Scale and cosine of those who give only one of them, and of SAGA: the middle of the scales, and 0.8.
+    /// Scale and cosine where the user gives only one of them, and for SAGA: the middle of the scales, and 0.8.
     pub const BY_HAND: (f32, f32) = (0.5, 0.8);
 }
 
-/// What a click shall select.
+/// Options of [`pick`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PickOptions {
-    /// How much.
+    /// How much is selected.
     pub meaning: Meaning,
-    /// Whether small pieces that do not touch the rest stay.
+    /// Whether small pieces that do not touch the rest are kept.
     pub keep_strays: bool,
-    /// Whether all levels are looked for, also where what is meant is known without the others.
+    /// Whether to find all levels, even if the selection does not need them.
     pub list: bool,
 }
 
 /// What a click selected.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picked {
-    /// The Gaussians, ascending; none where nothing but strays is like the clicked one.
+    /// The Gaussians, ascending; empty where only strays are similar to the clicked one.
     pub members: Vec<u32>,
     /// The mask scale that was used.
     pub scale: f32,
     /// The threshold that was used.
     pub threshold: f32,
-    /// Whether it is what hangs together with the click, or a part of that, whatever the affinity.
+    /// Whether it is the connected piece around the click, or a part of it, regardless of affinity.
     pub piece: bool,
-    /// The levels that there are, from small to large, if they were looked for.
+    /// The available levels, from small to large, if they were computed.
     pub levels: Vec<Level>,
-    /// Which of them was taken.
+    /// Index of the level that was used.
     pub level: Option<usize>,
 }
 
 impl From<Level> for Picked {
-    /// The level alone, strays among it.
+    /// The level alone, including its strays.
     fn from(level: Level) -> Self {
         let Level { members, scale, threshold, piece, .. } = level;
         Self { members, scale, threshold, piece, levels: Vec::new(), level: None }
@@ -74,26 +73,26 @@ impl From<Level> for Picked {
 /// Why nothing can be selected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PickError {
-    /// The click is on something else.
+    /// The clicked Gaussian is not a candidate.
     #[error("Gaussian {clicked} was clicked, which is not among the {count} that are looked at; click on one of them")]
     Outside {
         /// The clicked Gaussian.
         clicked: u32,
-        /// How many are looked at.
+        /// Number of candidates.
         count: usize,
     },
-    /// What hangs together cannot be told.
+    /// The connected pieces cannot be found.
     #[error(transparent)]
     Points(#[from] PointsError),
-    /// The parts of it cannot be told.
+    /// The parts of a piece cannot be found.
     #[error(transparent)]
     Parts(#[from] VoxelError),
 }
 
-/// The Gaussian that a click on a pixel means: of what the pixel is made of (indices and weights, nearest first), the
-/// heaviest of the segment that makes up most of the pixel, whatever the heaviest Gaussian alone belongs to; haze that
-/// no segment holds is passed over. `segment` gives the segment of a Gaussian. The heaviest of all where no segment
-/// holds any; `None` where there is nothing.
+/// Returns the Gaussian that a click on a pixel means, `None` if the pixel is empty. `under` holds the Gaussians of the
+/// pixel (indices and weights, nearest first), and `segment` gives the segment of a Gaussian. The result is the
+/// heaviest Gaussian of the segment that makes up most of the pixel, whatever the heaviest Gaussian overall belongs to;
+/// haze in no segment is ignored. If no segment holds any of them, it is the heaviest of all.
 #[must_use]
 pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Option<u32> {
     let mut sums: BTreeMap<u32, f32> = BTreeMap::new();
@@ -109,7 +108,7 @@ pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Opti
     }
 }
 
-/// The candidates that are meant by a click on the Gaussian `clicked`.
+/// Selects the candidates that a click on the Gaussian `clicked` means.
 ///
 /// # Errors
 /// If it is not among them, or the arrays of the Gaussians disagree.
@@ -136,14 +135,14 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
             Picked { levels: found, level: Some(level), ..taken }
         }
     };
-    // a piece has none
+    // a piece has no strays
     if !options.keep_strays && !picked.piece {
         picked.members = without_strays(of.at, &picked.members)?;
     }
     Ok(picked)
 }
 
-/// How alike what SAGA selects is to the clicked Gaussian.
+/// How similar to the clicked Gaussian the selection of SAGA is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SagaPick {
     /// Mask scale in [0, 1], from small parts to large ones.
@@ -153,7 +152,7 @@ pub struct SagaPick {
 }
 
 impl SagaPick {
-    /// The setting at which SAGA's features are compared as the affinity field's are at a scale and a cosine.
+    /// The setting at which SAGA's features are compared like those of the affinity field at a scale and a cosine.
     #[must_use]
     pub fn like(scale: f32, cosine: f32) -> Self {
         Self { scale, threshold: 0.5 * (cosine + 1.0) }
@@ -169,7 +168,7 @@ impl Default for SagaPick {
     }
 }
 
-/// The Gaussians that SAGA selects by a click on number `clicked`, ascending.
+/// Returns the Gaussians that SAGA selects for a click on `clicked`, ascending.
 ///
 /// # Panics
 /// If `clicked` is not one of the model's Gaussians.
@@ -193,7 +192,7 @@ mod tests {
         assert_eq!(meant(&under, |i| (i >= 7).then_some(0)), Some(7));
         assert_eq!(meant(&under, |_| None), Some(4));
         assert_eq!(meant(&[], |_| Some(0)), None);
-        // the heaviest one is of a segment that has less of the pixel than another
+        // the heaviest one belongs to a segment that has less of the pixel than another
         let under = [(4, 0.3), (7, 0.2), (9, 0.25)];
         assert_eq!(meant(&under, |i| Some(u32::from(i >= 7))), Some(9));
     }

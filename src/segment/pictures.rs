@@ -1,4 +1,4 @@
-//! Pictures of some Gaussians alone: colour, alpha and depth, as mask sources see them.
+//! Renders some Gaussians alone: colour, alpha and depth, as mask sources see them.
 
 use super::paint::flat;
 use crate::model::HostGaussians;
@@ -15,11 +15,12 @@ pub struct Picture {
     pub height: usize,
     /// Colour over the background, and alpha, `[H, W, 4]`.
     pub rgba: Vec<f32>,
-    /// Mean depth of what is seen, world units, `[H, W]`; 0 where nothing is.
+    /// Mean depth of what is visible, world units, `[H, W]`; 0 where nothing is.
     pub depth: Vec<f32>,
 }
 
-/// How much of the blended colour of all `gaussians` comes from `members`, `[H, W]` in [0, 1]; 0 where nothing is.
+/// The fraction of the blended colour of all `gaussians` that comes from `members`, `[H, W]` in [0, 1]; 0 where nothing
+/// is.
 ///
 /// # Panics
 /// If a member is not below N.
@@ -59,7 +60,7 @@ pub fn draw(gaussians: &HostGaussians, settings: SplatSettings, device: &Device)
     to_vec(splat(gaussians.to_splat(device), settings).image)
 }
 
-/// The same of painted Gaussians, which look alike from everywhere, without what lies behind.
+/// The same for painted Gaussians, which look alike from every side, over black.
 fn over_nothing(settings: SplatSettings) -> SplatSettings {
     SplatSettings { background: [0.0; 3], sh_degree: 0, ..settings }
 }

@@ -1,33 +1,33 @@
-//! What hangs together in space: connected pieces of Gaussians that touch, and the strays among them.
+//! Connected pieces of Gaussians that touch in space, and the strays among them.
 
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 
-/// Opacity from which a Gaussian is seen, and so can hold things together: as that from which it has a colour.
+/// Opacity from which a Gaussian is visible and so can connect others; the same as that from which it has a colour.
 pub const SEEN: f32 = 0.02;
-/// When Gaussians hang together.
+/// When Gaussians are connected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
-    /// Part of the sum of their largest standard deviations that two are apart at most.
+    /// Maximum distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
     pub reach: f32,
-    /// Less opaque ones hold nothing together.
+    /// Minimum opacity of Gaussians that connect others.
     pub least: f32,
 }
 
 impl Touch {
-    /// What is one thing. At a reach of 2 a thread of Gaussians falls into dashes, from 3 on a thing joins what lies next to
-    /// it: see the results of 2026-11-22 in `benches/results`.
+    /// One object. At a reach of 2 a thread of Gaussians breaks into dashes, from 3 on an object merges with what lies
+    /// next to it: see the results of 2026-11-22 in `benches/results`.
     pub const SEEN: Self = Self { reach: 2.5, least: SEEN };
-    /// The same, whether it is seen or not.
+    /// The same, whether visible or not.
     pub const ALL: Self = Self { least: 0.0, ..Self::SEEN };
 }
 
-/// Part of the largest connected piece's opacity below which another piece is a stray.
+/// Fraction of the largest connected piece's opacity below which another piece is a stray.
 const STRAY: f64 = 0.05;
 
-/// The pieces of `members`: Gaussians hang together where they `touch`. Labels `[M]` from 1; 0 for those that are too
-/// transparent, and for what is nowhere.
+/// Finds the connected pieces of `members`, in which Gaussians `touch`. Labels `[M]` from 1; 0 for those that are too
+/// transparent or not finite.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
@@ -44,8 +44,8 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
     components_touching(&rows(&at.means), &radii, touch.reach, &opacity, &ComponentFilter::default())
 }
 
-/// The `members` without strays: pieces that do not touch the rest and are small beside the largest. They come of
-/// Gaussians that no mask shows, whose features are what the field makes up between those that it knows.
+/// Returns the `members` without strays: pieces that do not touch the rest and are small relative to the largest. They
+/// consist of Gaussians that no mask shows, whose features the field interpolates between those that it knows.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.

@@ -1,5 +1,5 @@
-//! Named segments of a scene, and their file in a run folder: which Gaussians each holds, whose part it is, and how it
-//! was made. How segments are found is not decided here.
+//! Named segments of a scene, and their file in a run folder: the Gaussians of each, its parent, and how it was made.
+//! Finding segments is done elsewhere.
 
 pub(super) mod file;
 
@@ -25,10 +25,10 @@ pub enum Origin {
     Pick {
         /// Mask scale in [0, 1].
         scale: f32,
-        /// Cosine similarity that a member has at least.
+        /// Minimum cosine similarity of a member.
         threshold: f32,
     },
-    /// Several segments taken together.
+    /// Several segments combined.
     Group,
 }
 
@@ -54,9 +54,9 @@ pub struct Segment {
 /// The segments of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Segmentation {
-    /// Gaussians of the scene.
+    /// Number of Gaussians in the scene.
     pub gaussians: usize,
-    /// Fingerprint of the scene that the indices count in.
+    /// Fingerprint of the scene that the indices refer to.
     pub scene: String,
     /// Parents before their parts.
     pub segments: Vec<Segment>,
@@ -68,7 +68,7 @@ pub enum SegmentationError {
     /// The file cannot be read or written, or is damaged.
     #[error(transparent)]
     File(#[from] TensorFileError),
-    /// The file is not what it should be.
+    /// The file does not have the expected format.
     #[error("{path}: {reason}")]
     Format {
         /// The file.
@@ -76,7 +76,7 @@ pub enum SegmentationError {
         /// What is wrong.
         reason: String,
     },
-    /// A name that is taken.
+    /// A name that is taken or reserved.
     #[error("segment \"{name}\": {reason}")]
     Name {
         /// The name.
@@ -89,21 +89,21 @@ pub enum SegmentationError {
     Unknown {
         /// The name.
         name: String,
-        /// Those that are there.
+        /// The existing segments.
         list: String,
     },
 }
 
 impl Segmentation {
-    /// No segments yet, of a scene with `gaussians` and the fingerprint `scene`.
+    /// Creates an empty segmentation of a scene with `gaussians` and the fingerprint `scene`.
     pub fn new(gaussians: usize, scene: String) -> Self {
         Self { gaussians, scene, segments: Vec::new() }
     }
 
-    /// Adds a segment; members are sorted and each is kept once.
+    /// Adds a segment; its members are sorted and deduplicated.
     ///
     /// # Errors
-    /// If the name is taken.
+    /// If the name is taken or reserved.
     pub fn add(&mut self, mut segment: Segment) -> Result<(), SegmentationError> {
         self.check_free(&segment.name)?;
         segment.members.sort_unstable();
@@ -112,10 +112,10 @@ impl Segmentation {
         Ok(())
     }
 
-    /// Calls the segment `old` `new`; its parts stay its parts, under their own names.
+    /// Renames the segment `old` to `new`; its parts stay its parts, under their own names.
     ///
     /// # Errors
-    /// If there is no such segment, or the new name is taken.
+    /// If there is no such segment, or the new name is taken or reserved.
     pub fn rename(&mut self, old: &str, new: &Name) -> Result<(), SegmentationError> {
         self.get(old)?;
         self.check_free(new)?;
@@ -142,10 +142,10 @@ impl Segmentation {
         Ok(())
     }
 
-    /// The segment called `name`.
+    /// Returns the segment called `name`.
     ///
     /// # Errors
-    /// If there is none; the message lists those that are there.
+    /// If there is none; the message lists the existing ones.
     pub fn get(&self, name: &str) -> Result<&Segment, SegmentationError> {
         self.segments.iter().find(|s| s.name == name).ok_or_else(|| {
             let names: Vec<&str> = self.segments.iter().map(|s| s.name.as_str()).collect();
@@ -155,20 +155,19 @@ impl Segmentation {
         })
     }
 
-    /// How many segments each is a part of, one within the other; 0 for a whole.
+    /// Returns the nesting depth of each segment; 0 for a whole.
     #[must_use]
     pub fn depths(&self) -> Vec<usize> {
         let mut depths: Vec<usize> = Vec::with_capacity(self.segments.len());
         for segment in &self.segments {
-            // wholes come before their parts, so a depth is known when it is asked for
+            // wholes come before their parts, so a depth is known when it is needed
             let whole = self.segments[..depths.len()].iter().position(|s| Some(&s.name) == segment.parent.as_ref());
             depths.push(whole.map_or(0, |i| depths[i] + 1));
         }
         depths
     }
 
-    /// All segments with their depths, each whole followed by its parts and theirs, in the order in which they were
-    /// made.
+    /// Returns all segments with their depths, each whole followed by its parts and theirs, in order of creation.
     #[must_use]
     pub fn tree(&self) -> Vec<(usize, &Segment)> {
         let place = |name: &Name| self.segments.iter().position(|s| s.name == **name);
@@ -189,8 +188,8 @@ impl Segmentation {
         tree
     }
 
-    /// Segments that people made below the parts of an earlier split of `whole`: picked in one of those, or in a part
-    /// of it.
+    /// Returns the segments that users made below the parts of an earlier split of `whole`: picked or grouped in one of
+    /// those, or in a part of it.
     #[must_use]
     pub fn made_below_parts(&self, whole: &str) -> Vec<&Segment> {
         let (mut below, mut made) = (Vec::new(), Vec::new());
@@ -208,15 +207,16 @@ impl Segmentation {
         made
     }
 
-    /// Removes the parts of an earlier split of `whole` with all below them. What was picked in `whole` itself stays.
+    /// Removes the parts of an earlier split of `whole` and everything below them. What was picked in `whole` itself
+    /// stays.
     pub fn remove_parts(&mut self, whole: &str) {
         self.remove(|s| s.parent.as_deref() == Some(whole) && matches!(s.origin, Origin::Fine { .. }));
     }
 
-    /// The first of `NAME.1`, `NAME.2`, ... from `NAME.from` on that is free, and its number.
+    /// Returns the first of `NAME.1`, `NAME.2`, ... from `NAME.from` on that is free, and its number.
     ///
     /// # Errors
-    /// If it is too long for a name.
+    /// If that name is too long.
     pub fn free_part(&self, whole: &Name, from: usize) -> Result<(Name, usize), NameError> {
         let mut number = from;
         loop {
@@ -240,14 +240,14 @@ impl Segmentation {
         });
     }
 
-    /// Names of the segments that have no parts, in their order.
+    /// Returns the names of the segments that have no parts, in order.
     #[must_use]
     pub fn leaves(&self) -> Vec<String> {
         let whole = |name: &str| self.segments.iter().any(|s| s.parent.as_deref() == Some(name));
         self.segments.iter().filter(|s| !whole(&s.name)).map(|s| s.name.to_string()).collect()
     }
 
-    /// A label for each Gaussian: the position + 1 of the last of `names` that holds it, 0 for none.
+    /// Returns a label for each Gaussian: the position + 1 of the last of `names` that holds it, 0 for none.
     ///
     /// # Errors
     /// If a name is unknown.
@@ -262,8 +262,8 @@ impl Segmentation {
     }
 }
 
-/// Old and new names of the segments that were only given other names between `before` and `after`: the name is gone, and one
-/// that was not there has the same Gaussians.
+/// Returns the old and new names of the segments that were merely renamed between `before` and `after`: the old name is
+/// gone, and a new one has the same Gaussians, time and origin.
 #[must_use]
 pub fn renamed(before: &Segmentation, after: &Segmentation) -> Vec<[String; 2]> {
     let new: Vec<&Segment> = after.segments.iter().filter(|s| before.get(&s.name).is_err()).collect();

@@ -1,12 +1,12 @@
-//! Things of one colour that touch: one piece in space, which the affinity tells apart.
+//! Separates touching objects of one colour, which form a single piece in space, by their affinity.
 //!
-//! Masks take what touches for several things where an edge is seen between them, so that wholes have unlike features
-//! at the largest mask scale. But the features of one large thing drift, too, as its sides are never seen together. What
-//! parts two things is that little touches there, and that the feature changes at once: patches of like features are
-//! joined ([`regions`]) until what is left is parted by both.
+//! Masks separate touching objects where an edge is visible between them, so that whole objects have dissimilar
+//! features at the largest mask scale. But the features of one large object drift, too, as its sides are never seen
+//! together. Two objects are separated where few Gaussians touch and the feature changes abruptly: patches of similar
+//! features are joined ([`regions`]) until both separate the remaining ones.
 //!
-//! Chosen on `jets`, `vortices` with two kinds of lighting, and five plumes drawn by VTK, whose shells touch: see the results
-//! of 2026-11-25 in `benches/results`.
+//! Tuned on `jets`, `vortices` with two kinds of lighting, and five plumes rendered by VTK, whose shells touch: see the
+//! results of 2026-11-25 in `benches/results`.
 
 use super::pieces::Touch;
 use crate::model::HostGaussians;
@@ -21,28 +21,30 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use volseggs_kernels::contrast::FEATURES;
 
-/// The mask scale at which wholes are told apart.
+/// The mask scale at which whole objects are distinguished.
 pub const SCALE: f32 = 1.0;
-/// Gaussians whose features are grouped; the others go to the group that is most like them.
+/// Number of Gaussians whose features are grouped; the others join the most similar group.
 const SAMPLE: usize = 512;
-/// Groups whose features have this mean cosine at least are one patch.
+/// Minimum mean cosine between the features of two groups for them to be one.
 const ALIKE: f32 = 0.8;
-/// Neighbours of a Gaussian that are looked at.
+/// Number of nearest neighbours of a Gaussian that are considered.
 const NEIGHBOURS: usize = 16;
-/// Patches stay apart if the weight of what touches between them is below this part of all at the smaller one. On the scenes
-/// that this was chosen on, patches of one thing had 0.022 at least, and different things 0.014 at most.
+/// Patches stay separate if the weight of the contacts between them is below this fraction of all contact weight at the
+/// smaller one. On the scenes used for tuning, patches of one object had 0.022 or more, and different objects 0.014 or
+/// less.
 const NARROW: f64 = 0.02;
-/// Part of the Gaussians that a patch has at least.
+/// Minimum patch size, as a fraction of all Gaussians.
 const TINY: f64 = 0.005;
 
-/// The thing of each Gaussian of `body`, all of one piece, `[M]` from 1, the largest first; all 1 where the affinity takes it for one.
-/// `features` are those of the affinity field at [`SCALE`], `[M, 16]`, of unit length.
+/// Returns the object of each Gaussian of `body`, a single connected piece, `[M]` from 1, the largest first; all 1
+/// where the affinity finds only one. `features` are those of the affinity field at [`SCALE`], `[M, 16]`, of unit
+/// length.
 ///
 /// # Errors
 /// If the arrays of `body` disagree.
 ///
 /// # Panics
-/// If there are not as many features as Gaussians.
+/// If `features` does not hold one feature per Gaussian.
 pub fn things(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
     assert_eq!(features.len(), FEATURES * body.len(), "features: [M, 16]");
     let groups = groups(features);
@@ -66,7 +68,7 @@ fn cosine(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Mean directions `[G][16]` of the groups of like features, by average linkage of a sample.
+/// Mean directions `[G][16]` of the groups of similar features, by average linkage of a sample.
 fn groups(features: &[f32]) -> Vec<[f32; FEATURES]> {
     let count = features.len() / FEATURES;
     let n = count.min(SAMPLE);
@@ -87,12 +89,12 @@ fn grouped(sample: &[&[f32]]) -> Vec<u32> {
     let n = sample.len();
     let of = UnionFind::new(n);
     if n > 1 {
-        // one that is not finite is like none
+        // a feature that is not finite is similar to none
         let distance =
             |a: &[f32], b: &[f32]| Some((1.0 - cosine(a, b)).max(0.0)).filter(|d| d.is_finite()).unwrap_or(2.0);
         let later = |(k, a): (usize, &&[f32])| sample[k + 1..].iter().map(|b| distance(a, b)).collect::<Vec<f32>>();
         let mut distances: Vec<f32> = sample.iter().enumerate().flat_map(later).collect();
-        // one observation of each cluster: those of one observation, then those that the steps make
+        // one observation of each cluster: first the single observations, then the clusters that the steps form
         let mut any: Vec<u32> = (0..n as u32).collect();
         for step in linkage(&mut distances, n, Method::Average).steps() {
             let (a, b) = (any[step.cluster1], any[step.cluster2]);
@@ -116,7 +118,7 @@ fn most_like(feature: &[f32], groups: &[[f32; FEATURES]]) -> u32 {
     best.0
 }
 
-/// The pairs of Gaussians that touch, of each with its nearest neighbours.
+/// The pairs of touching Gaussians, among each one and its nearest neighbours.
 fn touching(body: &HostGaussians) -> Result<Vec<(u32, u32)>, PointsError> {
     let radii = largest_scales(&body.log_scales)?;
     let near = Grid::adaptive(&body.means)?;
@@ -130,7 +132,7 @@ fn touching(body: &HostGaussians) -> Result<Vec<(u32, u32)>, PointsError> {
     Ok((0..body.len()).into_par_iter().map(of).collect::<Vec<_>>().concat())
 }
 
-/// The same with weights: the less the more the feature changes there, beside the change that half of the pairs have.
+/// The same pairs with weights: the more the feature changes, relative to the median change, the lower the weight.
 fn weighted(features: &[f32], touching: &[(u32, u32)]) -> Vec<Edge> {
     let change =
         |&(a, b): &(u32, u32)| f64::from(1.0 - cosine(row(features, a as usize), row(features, b as usize))).max(0.0);

@@ -1,8 +1,8 @@
-//! Carries the labels of Gaussians back to a voxel grid by an opacity-weighted vote.
+//! Transfers the labels of Gaussians to a voxel grid by an opacity-weighted vote.
 //!
 //! A Gaussian votes at a voxel centre `x` with its density `opacity exp(-(x - mean)^T covariance^-1 (x - mean) / 2)`,
-//! within three standard deviations. Each Gaussian is scattered into the voxels of its own box, slab by slab of z;
-//! slabs are of fixed size and their sums are made in a fixed order, so the threads do not change the result.
+//! within three standard deviations. Each Gaussian is scattered into the voxels of its own bounding box, slab by slab
+//! of z; slabs have a fixed size and their sums a fixed order, so the result does not depend on the number of threads.
 //! Nothing here reads or writes files.
 
 mod splat;
@@ -13,7 +13,7 @@ use crate::volume::grid::Grid;
 use rayon::prelude::*;
 use splat::Splat;
 
-/// Slices of z that one task works on.
+/// Slices of z per task.
 const SLAB: usize = 4;
 
 /// Gaussians at one time with their labels; flat and row-major.
@@ -34,13 +34,13 @@ pub struct LabelledCloud<'a> {
 /// How votes become labels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vote {
-    /// A voxel where the votes of all labels together are not above this gets 0.
+    /// A voxel where the total vote of all labels is not above this gets 0.
     ///
-    /// The best value is about a third of the density inside of a segment, which depends on how opaque it is: on
-    /// synthetic balls filled with Gaussians of 0.7 to 2 voxels it ranged from 0.02 (mean opacity 0.08) to 0.8 (mean
-    /// opacity 0.5). The default of 0.1 has the best mean Dice score over all of them (0.86; 0.83 at 0.05 and at 0.2).
-    /// Lower values let segments swell, since Gaussians reach past the surface they describe; higher ones wear off
-    /// faint segments.
+    /// The best value is about a third of the density inside a segment, which depends on how opaque it is: on synthetic
+    /// balls filled with Gaussians of 0.7 to 2 voxels it ranged from 0.02 (mean opacity 0.08) to 0.8 (mean opacity
+    /// 0.5). The default of 0.1 has the best mean Dice score over all of them (0.86; 0.83 at 0.05 and at 0.2). Lower
+    /// values make segments swell, since Gaussians reach past the surface they describe; higher ones erode faint
+    /// segments.
     pub threshold: f32,
     /// The smallest standard deviation a Gaussian votes with, in voxels (of the smallest spacing). With 0, flat
     /// Gaussians that lie between voxel centres leave holes: on a sphere of Gaussians a tenth of a voxel thick half of
@@ -54,7 +54,7 @@ impl Default for Vote {
     }
 }
 
-/// Why a vote cannot be held.
+/// Why voxels cannot be labelled.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VoxelError {
     /// An array is of the wrong length.
@@ -94,7 +94,7 @@ pub enum VoxelError {
 /// The label with the most votes at every voxel, `[z, y, x]` with x fastest; 0 where the votes together do not exceed
 /// the threshold. Of labels with equal votes the smaller wins.
 ///
-/// Gaussians with a value that is not finite, a quaternion of length 0, or a scale beyond single precision do not vote.
+/// Gaussians with a non-finite value, a quaternion of length 0, or a scale beyond single precision do not vote.
 ///
 /// # Errors
 /// [`VoxelError`]: arrays that disagree, a label above 65535, an impossible grid or option.
@@ -110,7 +110,7 @@ pub fn label_voxels(cloud: &LabelledCloud<'_>, grid: &Grid, vote: &Vote) -> Resu
     Ok(labels)
 }
 
-/// Checks everything and returns the number of voxels.
+/// Checks all arguments and returns the number of voxels.
 fn check(cloud: &LabelledCloud<'_>, grid: &Grid, vote: &Vote) -> Result<usize, VoxelError> {
     let n = cloud.labels.len();
     for (field, found, expected) in [
@@ -218,7 +218,7 @@ impl<'a> Ballot<'a> {
         }
     }
 
-    /// Ends the votes for `label`.
+    /// Closes the votes for `label`.
     fn count(&mut self, label: u16) {
         let [[x0, x1], [y0, y1], [z0, z1]] = std::mem::replace(&mut self.touched, NOWHERE);
         for z in z0..=z1 {

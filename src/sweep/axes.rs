@@ -1,4 +1,4 @@
-//! From a sweep file to its variants: named ones, grids, samples, and all their combinations.
+//! Expands a sweep file into its variants: named ones, grids, samples, and all their combinations.
 
 use super::SweepError;
 use super::file::{RandomSpec, RangeSpec, SampleMethod, SweepFile};
@@ -12,20 +12,20 @@ use toml::{Table, Value};
 /// Keys set by a variant, by dotted name.
 pub type Settings = BTreeMap<String, Value>;
 
-/// A variant: what its column or row is called and what it sets.
+/// A variant: its name and what it sets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variant {
     /// Name in tables.
     pub name: String,
-    /// What it starts from in the place of the sweep's configuration.
+    /// What it starts from instead of the sweep's configuration.
     pub config: Option<String>,
     /// What it sets.
     pub settings: Settings,
-    /// Its seeds in the place of the sweep's.
+    /// Its seeds instead of the sweep's.
     pub seeds: Option<Vec<u64>>,
 }
 
-/// Takes sections apart: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` say the same.
+/// Flattens sections into dotted keys: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` are equivalent.
 #[must_use]
 pub fn flatten(table: &Table) -> Settings {
     fn walk(prefix: &str, table: &Table, out: &mut Settings) {
@@ -44,10 +44,11 @@ pub fn flatten(table: &Table) -> Settings {
     out
 }
 
-/// All variants of `file`, in order; the file's path is for messages.
+/// Returns all variants of `file`, in order; the file's path is for messages.
 ///
 /// # Errors
-/// An axis without values, a range that cannot be, two variants of one name, none at all, or more than a sweep has at most.
+/// If an axis has no values, a range or the samples are invalid, a variant has no name or that of another, or there are
+/// more entries than a sweep may have.
 pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
     check_count(file, 1, 1, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
@@ -91,7 +92,7 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
     Ok(found)
 }
 
-/// The seeds that any variant has, the sweep's own first.
+/// The seeds of the sweep, followed by those that only variants have.
 pub(super) fn all_seeds(seeds: &[u64], variants: &[Variant]) -> Vec<u64> {
     let mut all: Vec<u64> = Vec::new();
     for variant in variants {
@@ -102,13 +103,13 @@ pub(super) fn all_seeds(seeds: &[u64], variants: &[Variant]) -> Vec<u64> {
     seeds.iter().copied().chain(all).collect()
 }
 
-/// Most entries of a sweep: far more than anybody can train, and planned within minutes.
+/// Maximum number of entries of a sweep: far more than anybody can train, and planned within minutes.
 const MOST: u128 = 100_000;
-/// Bytes of an entry and its run while a sweep is planned: the configuration as text, settings, names.
+/// Bytes for an entry and its run while a sweep is planned: the configuration as text, settings, names.
 const ENTRY: u128 = 16_384;
 
-/// Refuses a file of more entries than can be planned, before any is made. `places` are datasets times devices. The error
-/// is the key that counts most, and what is wrong.
+/// Refuses a file with more entries than can be planned, before any is made. `places` is the number of datasets times
+/// that of devices. The error is the key that contributes most, and what is wrong.
 pub(super) fn check_count(
     file: &SweepFile,
     seeds: usize,
@@ -134,12 +135,12 @@ pub(super) fn check_count(
 }
 
 impl Variant {
-    /// Its seeds, where the sweep's are `seeds`.
+    /// Its seeds; `seeds` are the sweep's.
     pub(super) fn seeds<'a>(&'a self, seeds: &'a [u64]) -> &'a [u64] {
         self.seeds.as_deref().unwrap_or(seeds)
     }
 
-    /// The same with more keys, of all that are `axes`; its name says what they are.
+    /// The variant with more keys set, which are added to its name, shortened as far as `axes`, all keys, allow.
     fn with(&self, more: &[(String, Value)], axes: &[String]) -> Self {
         let mut new = self.clone();
         for (key, value) in more {
@@ -156,7 +157,7 @@ impl Variant {
     }
 }
 
-/// Largest end of a range of whole numbers, 2^53: beyond it not every one is a number of double precision.
+/// Maximum end of a range of integers, 2^53: beyond it, not every integer can be represented in double precision.
 const LARGEST: f64 = 9_007_199_254_740_992.0;
 
 type Point = Vec<(String, Value)>;
@@ -180,7 +181,7 @@ fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
     let units: Vec<Vec<f64>> = (0..spec.keys.len()).map(|axis| unit_numbers(spec, axis)).collect();
     let point =
         |i: usize| spec.keys.iter().zip(&units).map(|((key, range), u)| (key.clone(), range.at(u[i]))).collect();
-    // whole numbers and choices meet again; a run twice says nothing more
+    // integers and choices can repeat; training the same run twice adds nothing
     let mut met = HashSet::new();
     let new = |point: &Point| met.insert(format!("{point:?}"));
     Ok((0..spec.count).map(point).filter(new).collect())
@@ -240,7 +241,7 @@ impl RangeSpec {
         if self.integer {
             return Value::Integer((value.floor() as i64).min(high as i64 - 1));
         }
-        // four significant digits: what a person would have written, and the run's name stays short
+        // four significant digits, as a user would have written, which keeps the run's name short
         Value::Float(format!("{value:.3e}").parse().unwrap_or(value))
     }
 }

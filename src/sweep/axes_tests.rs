@@ -62,7 +62,7 @@ proptest! {
              'c' = {{ choices = ['x', 'y'] }}"
         );
         let found = variants(&file(&text), Path::new("s.toml")).unwrap();
-        // points that are the same once rounded are taken once
+        // points that coincide after rounding are used once
         prop_assert!(!found.is_empty() && found.len() <= count);
         for v in &found {
             let a = v.settings["a"].as_float().unwrap();
@@ -98,7 +98,7 @@ fn more_runs_than_can_be_planned_are_refused_before_any_is_made() {
     let (key, problem) = check("", 50, 1_000_000).unwrap_err();
     assert!(key == "seeds" && problem.contains("--memory"), "{key}: {problem}");
     check("[grid]\n'a' = [1, 2]", 50, 8_000_000_000).unwrap();
-    // by whoever asks for variants, not for plans alone
+    // also when only variants are requested, not a plan
     let many = "[grid]\n'a' = [1, 2]\n'b' = [1, 2]\n[random]\nmethod = 'sobol'\ncount = 65536\n[random.keys]\n'c' = { low = 0, high = 1 }";
     let error = variants(&file(many), Path::new("s.toml")).unwrap_err().to_string();
     assert!(error.contains("262144 runs in all"), "{error}");

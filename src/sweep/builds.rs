@@ -1,7 +1,7 @@
-//! Runs that other builds of the program finished, and where they stand in for those of a plan.
+//! Runs that other builds of the program finished, and where they replace those of a plan.
 //!
-//! A build trains its own runs. What another one finished is told, shown where there is nothing else, and taken over
-//! only where that is asked for. Runs that another build began or that failed there stay what they are.
+//! A build trains its own runs. Runs that another build finished are reported, shown if there is nothing else, and
+//! taken over only on request. Runs that another build began or that failed there are left alone.
 
 use super::key::{is_key, key, parts};
 use super::plan::Plan;
@@ -14,15 +14,15 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::SystemTime;
 
-/// What finished runs of other builds could stand for which run of a plan.
+/// Finished runs of other builds that could replace runs of a plan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OtherBuilds {
-    /// Keys of runs of the same recipe, the newest first, by the run's place in the plan.
+    /// Keys of runs of the same recipe, newest first, by the index of the run in the plan.
     keys: BTreeMap<usize, Vec<String>>,
 }
 
 impl OtherBuilds {
-    /// Looks for them among all runs beside those of `plan`.
+    /// Searches the folder of the runs of `plan` for them.
     #[must_use]
     pub fn find(plan: &Plan) -> Self {
         let places: HashMap<&str, usize> =
@@ -44,13 +44,13 @@ impl OtherBuilds {
         Self { keys: found.into_iter().map(newest_first).collect() }
     }
 
-    /// Keys of the finished runs that could stand for run `index`, the newest first.
+    /// Returns the keys of the finished runs that could replace run `index`, newest first.
     #[must_use]
     pub fn of(&self, index: usize) -> &[String] {
         self.keys.get(&index).map_or(&[], Vec::as_slice)
     }
 
-    /// Those that stand for `runs` which the plan's own build has not finished: the newest key of each, by run.
+    /// Returns replacements for those of `runs` that the plan's build has not finished: the newest key, by run.
     #[must_use]
     pub fn instead(&self, plan: &Plan, runs: &[usize]) -> BTreeMap<usize, String> {
         let open = |i: &&usize| progress(plan, **i) != Progress::Done && trained(&plan.run_folder(**i)).is_none();
@@ -58,7 +58,7 @@ impl OtherBuilds {
     }
 }
 
-/// When the run in `folder` was trained to its end; none if it was not.
+/// When the run in `folder` was trained to its end; `None` if it was not.
 fn trained(folder: &Path) -> Option<SystemTime> {
     let path = RunPaths(folder).record();
     let record: RunRecord = read(&path)?;
@@ -67,9 +67,9 @@ fn trained(folder: &Path) -> Option<SystemTime> {
 }
 
 impl Plan {
-    /// Has the runs that `build` is to train be its own; runs that were taken over from other builds stay theirs. What a
-    /// worker does whose program is not the one that planned, as on a cluster where it was built again since, or is
-    /// another one. Says whether anything changed.
+    /// Assigns the runs of the plan's own build to `build`; runs that were taken over from other builds stay theirs. A
+    /// worker does this if its program is not the one that planned, such as on a cluster where it has been rebuilt or
+    /// is different. Returns whether anything changed.
     pub fn hand_over(&mut self, build: &str) -> bool {
         if self.build == build {
             return false;
@@ -84,7 +84,7 @@ impl Plan {
         true
     }
 
-    /// Puts runs of these keys in the place of its own, by run.
+    /// Replaces runs by those with these keys, by run.
     pub fn put(&mut self, keys: &BTreeMap<usize, String>) {
         for (run, key) in keys {
             self.runs[*run].key.clone_from(key);
@@ -92,21 +92,21 @@ impl Plan {
     }
 }
 
-/// A plan with the runs that a table shows, and what is to be said of them.
+/// A plan with the runs that a table shows, and notes on them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// The plan.
     pub plan: Plan,
-    /// Sentences.
+    /// Notes on the choice of runs.
     pub notes: Vec<String>,
 }
 
-/// What a table of `plan` shows: the runs of its own build, or where none of them has ended, those of the build that
-/// finished most; builds are mixed only if `any` is set.
+/// Returns what a table of `plan` shows: the runs of its own build or, if none of them has ended, those of the build
+/// that finished the most; builds are mixed only if `any` is set.
 #[must_use]
 pub fn view(plan: &Plan, any: bool) -> View {
     let others = OtherBuilds::find(plan);
-    // a run that failed is shown as such, not as it was before
+    // a failed run is shown as such, and not replaced
     let open: Vec<usize> = (0..plan.runs.len()).filter(|i| progress(plan, *i) == Progress::Open).collect();
     let none = open.len() == plan.runs.len();
     let measured = |i: usize, key: &&String| progress_in(plan, i, &plan.runs_folder.join(key)) == Progress::Done;
@@ -139,7 +139,7 @@ pub fn view(plan: &Plan, any: bool) -> View {
     View { plan: shown, notes }
 }
 
-/// The build that could stand for most runs.
+/// The build that could replace the most runs.
 fn most<'a>(candidates: &[(usize, Vec<&'a String>)]) -> Option<&'a str> {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for key in candidates.iter().flat_map(|(_, keys)| keys) {
@@ -148,7 +148,7 @@ fn most<'a>(candidates: &[(usize, Vec<&'a String>)]) -> Option<&'a str> {
     counts.into_iter().max_by_key(|(_, n)| *n).map(|(build, _)| build)
 }
 
-/// The builds of these keys with how many runs each has, as text.
+/// Lists the builds of these keys with the number of runs of each.
 pub fn tally<'a>(keys: impl Iterator<Item = &'a String>) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     keys.for_each(|key| *counts.entry(parts(key).1).or_default() += 1);
@@ -167,7 +167,7 @@ mod tests {
     const A: &str = "aaaaaaaaaaaaaaaa";
     const B: &str = "bbbbbbbbbbbbbbbb";
 
-    /// Two runs that build B is to train.
+    /// A plan of two runs that build B is to train.
     fn plan(root: &Path) -> Plan {
         let path = root.join("s.toml");
         let text = "config = 'demo'\nmetrics = ['psnr']\n[[variant]]\nname = 'x'\n[[variant]]\nname = 'y'\n\
@@ -213,7 +213,7 @@ mod tests {
             train(&plan, key);
             age(&plan, key, seconds);
         }
-        // what is not finished, is of another recipe, or is no run
+        // an unfinished run, one of another recipe, and a folder that is no run
         let begun = plan.runs_folder.join(of(&plan, 1, A));
         std::fs::create_dir_all(&begun).unwrap();
         write(&begun.join("run.json"), &RunRecord { status: "running".into(), ..RunRecord::default() }).unwrap();
@@ -224,11 +224,11 @@ mod tests {
         assert_eq!(tally(found.of(0).iter()), "a build that was not recorded: 1, build aaaaaaaaaaaa: 1");
         let instead = found.instead(&plan, &[0, 1]);
         assert_eq!(instead, BTreeMap::from([(0, old.clone())]));
-        // taken over, it stays what it is when another build works on the plan, and so does the plan's other run not
+        // a run that was taken over keeps its build when another build works on the plan; the plan's other run does not
         plan.put(&instead);
         assert!(plan.hand_over("cccccccccccccccc"));
         assert_eq!((&plan.runs[0].key, parts(&plan.runs[1].key).1), (&old, "cccccccccccc"));
-        // what the own build has trained needs no other
+        // a run that the plan's own build has trained needs no replacement
         train(&plan, &plan.runs[0].key);
         assert!(OtherBuilds::find(&plan).instead(&plan, &[0, 1]).is_empty());
     }
@@ -244,7 +244,7 @@ mod tests {
             (psnr, view.notes.join("\n"), set.builds())
         };
         assert_eq!(shown(false), (vec![None, None], String::new(), String::new()));
-        // nothing of its own: the older build, all of it
+        // no run of its own: the older build, all of it
         measure(&plan, &of(&plan, 0, A), 20.0);
         measure(&plan, &of(&plan, 1, A), 21.0);
         train(&plan, &of(&plan, 1, "dddddddddddddddd"));
@@ -255,13 +255,13 @@ mod tests {
             "{notes}"
         );
         assert!(builds.contains("aaaaaaaaaaaa"), "{builds}");
-        // something of its own: that alone, with a word on the other
+        // a run of its own: only that, with a note on the other build
         measure(&plan, &plan.runs[1].key, 30.0);
         let (psnr, notes, builds) = shown(false);
         assert_eq!(psnr, [None, Some(30.0)]);
         assert!(notes.contains("--any-build") && notes.contains("aaaaaaaaaaaa: 1"), "{notes}");
         assert!(builds.contains("bbbbbbbbbbbb") && !builds.contains("aaaaaaaaaaaa"), "{builds}");
-        // both, where that is asked for
+        // both, on request
         let (psnr, notes, builds) = shown(true);
         assert_eq!((psnr, notes.as_str()), (vec![Some(20.0), Some(30.0)], ""));
         assert!(builds.contains("aaaaaaaaaaaa (1 run)") && builds.contains("bbbbbbbbbbbb (1 run)"), "{builds}");
@@ -294,7 +294,7 @@ mod tests {
         let old = plan.runs[0].key.clone();
         plan.hand_over(A);
         stop(&plan, 1, 50);
-        // the same plan decides anew
+        // the same plan decides again
         stop(&plan, 0, 60);
         assert_eq!(halving::stopped(dir.path()), BTreeMap::from([(old, 40), (plan.runs[0].key.clone(), 60)]));
     }

@@ -1,4 +1,4 @@
-//! What must hold of a sweep file before its variants are resolved one by one.
+//! Checks of a sweep file before its variants are resolved one by one, and of a plan.
 
 use super::SweepError;
 use super::axes::{Variant, flatten};
@@ -12,7 +12,8 @@ use std::collections::HashSet;
 use std::path::Path;
 use toml::Table;
 
-/// Refuses lists that name something twice, devices that are not there, and weights that are no files.
+/// Refuses lists that are empty or have duplicates, devices that are not available, missing files of weights, and an
+/// evaluation on no view.
 pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewhere: bool) -> Result<(), SweepError> {
     let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
     check_seeds(seeds).map_err(|problem| bad("seeds", problem))?;
@@ -40,7 +41,7 @@ pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewher
     Ok(())
 }
 
-/// Refuses seeds that are none, or stand there twice.
+/// Refuses an empty list of seeds, and duplicates.
 fn check_seeds(seeds: &[u64]) -> Result<(), String> {
     if seeds.is_empty() {
         return Err("an empty list leaves no run; leave the key out for seed 0".into());
@@ -52,7 +53,7 @@ fn check_seeds(seeds: &[u64]) -> Result<(), String> {
     }
 }
 
-/// Refuses `seed` where keys are set: it is an axis of its own, and would be overwritten without a word.
+/// Refuses `seed` among the keys that are set: seeds are an axis of their own, and would silently overwrite it.
 pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result<(), (String, String)> {
     let set_in = |table: &Table| flatten(table).get("seed").map(ToString::to_string);
     let mut found = vec![("set.seed".to_owned(), set_in(&file.set)), ("grid.seed".to_owned(), set_in(&file.grid))];
@@ -70,7 +71,7 @@ pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result
     }
 }
 
-/// The variant that differences are taken to: the one that is named, or the first.
+/// The variant that differences are relative to: the one that is named, or the first.
 pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, String> {
     let first = variants.first().map(|v| v.name.clone()).unwrap_or_default();
     match &file.baseline {
@@ -83,7 +84,7 @@ pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String,
     }
 }
 
-/// Refuses rows of the paper's table that no variant has: the order would be judged without them.
+/// Refuses rows of the paper's table that match no variant: the order would be judged without them.
 pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), (String, String)> {
     // `VARIANT` or `VARIANT/SEGMENT`
     let is_of = |row: &str, variant: &Variant| {
@@ -99,7 +100,7 @@ pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), 
     }
 }
 
-/// Refuses early stopping at steps by which runs have nothing to be judged by.
+/// Refuses early stopping with an invalid fraction or rungs, or at a step by which a run has no live test PSNR.
 pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), String> {
     if !(halving.keep > 0.0 && halving.keep < 1.0) {
         return Err(format!("keep = {} is not between 0 and 1", halving.keep));
@@ -120,7 +121,8 @@ pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), St
     Ok(())
 }
 
-/// Refuses what no plan holds: keys of runs that are no part of a path, and places in lists that are not there.
+/// Refuses invalid plans: keys of runs that are not hashes (they become part of paths), unknown datasets,
+/// configurations that are nested too deeply, and indices out of range.
 pub(super) fn check_plan(plan: &Plan) -> Result<(), String> {
     for (i, run) in plan.runs.iter().enumerate() {
         if !is_key(&run.key) {

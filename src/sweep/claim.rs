@@ -1,9 +1,10 @@
-//! Who has a run: claims on a shared folder, with nothing but files.
+//! Who has a run: claims on a shared folder, made of files only.
 //!
-//! A claim is a file `claim-NNNN` in the run's folder, made by `create_new`, so that of two processes one has it. Its
-//! holder rewrites it with a rising beat; one that beats no more is dead, and its run is taken over by making the next
-//! number, which again only one can. The holder is whoever has the highest number and has not let go.
-//! Clocks are not compared: a beat is watched from here.
+//! A claim is a file `claim-NNNN` in the run's folder, made by `create_new`, so that only one of two processes gets it.
+//! Its holder rewrites it regularly with a rising count, its heartbeat. A holder without a heartbeat is dead, and its
+//! run is taken over by making the claim of the next number, which again only one process can. The holder is the
+//! process that has the highest number and has not released it. Clocks are not compared: each process watches
+//! heartbeats itself.
 
 use crate::process::{birth, host_name};
 use serde::{Deserialize, Serialize};
@@ -14,36 +15,36 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Time between two beats of a holder.
+/// Time between two heartbeats of a holder.
 const BEAT: Duration = Duration::from_secs(15);
-/// A holder elsewhere that has not beaten for so long is dead; longer than file systems keep attributes (60 s).
+/// Time without a heartbeat after which a holder elsewhere is dead; longer than file systems cache attributes (60 s).
 const DEAD: Duration = Duration::from_secs(150);
 
-/// Highest number of a claim; a run is not taken over more often, so a file of a higher one is none of ours.
+/// Highest number of a claim; a run is not taken over more often, so a file with a higher number is not a claim.
 const MOST: u32 = 999_999;
 
-/// Who holds a run, as the claim file says it.
+/// Who holds a run, as recorded in the claim file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
     /// Name of the machine.
     pub host: String,
-    /// What tells boots and containers of one name apart; process ids mean something only within it.
+    /// What distinguishes boots and containers of the same name; process ids are meaningful only within it.
     pub place: String,
-    /// Process.
+    /// Process id.
     pub pid: u32,
-    /// When the process began, in the system's ticks: ids are used again.
+    /// When the process began, in the system's ticks, as ids are reused.
     pub born: u64,
-    /// Slurm's array job and task, if it is one.
+    /// Slurm's array job and task, if the process belongs to one.
     pub task: Option<String>,
-    /// How often Slurm started that task before.
+    /// How often Slurm had started that task before.
     pub starts: u32,
     /// Rises while the holder lives.
     pub beat: u64,
-    /// Whether the holder let go.
+    /// Whether the holder has released the run.
     pub released: bool,
 }
 
-/// A run that is ours until this is dropped.
+/// A claim of this process on a run, until it is dropped.
 #[derive(Debug)]
 pub struct Claim {
     path: PathBuf,
@@ -52,16 +53,17 @@ pub struct Claim {
     heart: Option<JoinHandle<u64>>,
 }
 
-/// The answer to asking for a run.
+/// The result of asking for a run.
 #[derive(Debug)]
 pub enum Claimed {
-    /// It is ours.
+    /// This process has it.
     Mine(Claim),
-    /// A living process has it.
+    /// Another running process has it.
     Held(Holder),
 }
 
-/// Asks for the run in `folder`, which is made. Waits some minutes where only time can tell whether a holder lives.
+/// Asks for the run in `folder`, which is created if missing. Waits some minutes if only time can tell whether a holder
+/// is alive.
 ///
 /// # Errors
 /// Any error of the file system.
@@ -81,7 +83,7 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
                 (Some(true), _) => true,
                 (Some(false), _) => return Ok(Claimed::Held(holder)),
                 (None, Some((n, was, since))) if *n == number && *was == holder => since.elapsed() > DEAD,
-                // it beat while we watched
+                // there was a heartbeat while we watched
                 (None, Some((n, ..))) if *n == number => return Ok(Claimed::Held(holder)),
                 (None, _) => {
                     watched = Some((number, holder, Instant::now()));
@@ -89,7 +91,7 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
                 }
             },
             Some(_) => true,
-            // made a moment ago, or its maker died in that moment
+            // made a moment ago, or its maker died at that moment
             None => match &watched {
                 Some((n, _, since)) if *n == number => since.elapsed() > 2 * BEAT,
                 _ => {
@@ -113,14 +115,14 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
     }
 }
 
-/// Who has the run in `folder` as far as its files tell: none if nobody does, or its holder on this machine died.
+/// Returns who has the run in `folder` according to its files; `None` if nobody, or if the holder is known to be dead.
 #[must_use]
 pub fn holder(folder: &Path) -> Option<Holder> {
     let (_, holder) = newest(folder).ok()??;
     holder.filter(|h| !h.released && h.is_gone(&Holder::me()) != Some(true))
 }
 
-/// The claim of the highest number; its content is absent where it is not (wholly) written.
+/// The claim with the highest number; its content is `None` if it is not (completely) written.
 fn newest(folder: &Path) -> io::Result<Option<(u32, Option<Holder>)>> {
     let Some(number) = numbers(folder)?.into_iter().max() else { return Ok(None) };
     let text = match fs::read_to_string(claim_path(folder, number)) {
@@ -130,7 +132,7 @@ fn newest(folder: &Path) -> io::Result<Option<(u32, Option<Holder>)>> {
     Ok(Some((number, serde_json::from_str(&text).ok())))
 }
 
-/// The numbers of the claims that are there; files that are only called alike are left alone.
+/// The numbers of the existing claims; files with merely similar names are left alone.
 fn numbers(folder: &Path) -> io::Result<Vec<u32>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder)? {
@@ -145,7 +147,7 @@ fn claim_path(folder: &Path, number: u32) -> PathBuf {
     folder.join(format!("claim-{number:04}"))
 }
 
-/// Makes claim `number`; none if somebody else was first.
+/// Makes claim `number`; `None` if another process was first.
 fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
     let path = claim_path(folder, number);
     let mut file = match fs::File::create_new(&path) {
@@ -154,7 +156,7 @@ fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
     };
     file.write_all(&serde_json::to_vec(me).map_err(io::Error::other)?)?;
     file.sync_all()?;
-    // a slow process may make a number that others have long passed and cleared away
+    // a slow process may make a number that others have long passed and removed
     let there = numbers(folder)?;
     if there.iter().any(|n| *n > number) {
         fs::remove_file(&path)?;
@@ -172,7 +174,7 @@ fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
                 std::process::exit(75);
             }
             beating.beat += 1;
-            // a file system that is away for a while comes back, or others take over
+            // a file system that is unavailable for a while comes back, or others take over
             let _ = beating.write(&heart_path);
         }
         beating.beat
@@ -213,12 +215,12 @@ impl Holder {
         }
     }
 
-    /// Whether the holder is dead, as seen by `me`; none where that cannot be told from here.
+    /// Whether the holder is dead, as seen by `me`; `None` if that cannot be determined from here.
     fn is_gone(&self, me: &Self) -> Option<bool> {
         if !me.place.trim().is_empty() && (&self.host, &self.place) == (&me.host, &me.place) {
             return Some(birth(self.pid) != Some(self.born));
         }
-        // a task that was started again is not running any more as it was before
+        // once a task is started again, its earlier process is no longer running
         (self.task.is_some() && self.task == me.task && self.starts < me.starts).then_some(true)
     }
 
@@ -299,7 +301,7 @@ mod tests {
         before.host = "other".into();
         assert_eq!(before.is_gone(&now), None);
         (before.task, now.task) = (Some("12_3".into()), Some("12_3".into()));
-        // a process beside it in the same task
+        // another process in the same task
         assert_eq!(before.is_gone(&now), None);
         now.starts = 1;
         assert_eq!(before.is_gone(&now), Some(true));

@@ -1,4 +1,4 @@
-//! From a plan and what its runs have left so far to a set of results.
+//! Turns a plan and the files that its runs have left so far into a set of results.
 
 use super::halving;
 use super::key::parts;
@@ -10,7 +10,7 @@ use crate::compare::{Outcome, OutcomeState, ResultSet};
 use crate::program::short;
 use std::path::Path;
 
-/// What the runs of the sweep in `dir` have come to; those that are not done are there as missing, failed or stopped.
+/// Collects the outcomes of the sweep in `dir`; those that are not done are included as missing, failed or stopped.
 #[must_use]
 pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
     let stopped = plan.halving.as_ref().map(|_| halving::stopped(dir)).unwrap_or_default();
@@ -54,7 +54,7 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             continue;
         };
         match read_segments(&segments_path(plan, entry.run, &run.segments[index])) {
-            // none of the segments can be clicked at that time: not measured, rather than not there
+            // no segment can be clicked at that time: shown as not measured, rather than omitted
             Some(scores) if scores.metrics.is_empty() => outcomes.push(open(Metrics::new())),
             None => outcomes.push(open(Metrics::new())),
             Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| Outcome {
@@ -78,7 +78,7 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
     }
 }
 
-/// The plan has the seeds outermost, a table has them side by side.
+/// The entries in the order of a table, which has the seeds of a variant side by side; the plan has seeds outermost.
 fn in_table_order(plan: &Plan) -> Vec<&Entry> {
     let mut entries: Vec<&Entry> = plan.entries.iter().collect();
     let mut variants: Vec<&str> = Vec::new();

@@ -1,4 +1,4 @@
-//! The datasets of a sweep: folders that are there, and synthetic scenes that are rendered before the first run.
+//! The datasets of a sweep: existing folders, and synthetic scenes that are rendered before the first run.
 
 use super::SweepError;
 use super::file::{DataSource, SweepFile, SyntheticSpec};
@@ -19,9 +19,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-/// Time steps of a synthetic series; training sees some of them, the test views all.
+/// Time steps of a synthetic series; training uses some of them, the test views all.
 const STEPS: usize = 60;
-/// Test views that show each segment alone, where each has a time of its own.
+/// Test views that show each segment alone, if each view has a time of its own.
 const OWN_VIEWS: usize = 7;
 
 /// A dataset of the plan.
@@ -31,24 +31,24 @@ pub struct DataPlan {
     pub folder: PathBuf,
     /// Where it comes from.
     pub source: DataSource,
-    /// Training views.
+    /// Number of training views.
     pub views: usize,
-    /// Test views.
+    /// Number of test views.
     pub test_views: usize,
-    /// Width and height of the images as they lie on disk.
+    /// Width and height of the images as stored on disk.
     pub size: [u32; 2],
-    /// What tells its test views and truth from others of the same training views.
+    /// What distinguishes its test views and ground truth from others with the same training views.
     #[serde(default)]
     pub measured: String,
 }
 
-/// The last name of a folder, also where it is given as `.` or with a slash at its end.
+/// The last name in the path of a folder, even if it is given as `.` or with a trailing slash.
 fn folder_name(folder: &Path) -> String {
     let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     whole.file_name().map_or_else(|| folder.display().to_string(), |n| n.to_string_lossy().into_owned())
 }
 
-/// The datasets of `file`, or those `given` in their place; synthetic ones will lie below `out`.
+/// The datasets of `file`, or those `given` instead; synthetic ones will be below `out`.
 pub(super) fn datasets(
     file: &SweepFile,
     path: &Path,
@@ -95,7 +95,7 @@ pub(super) fn datasets(
                 }
             }
             DataSource::Synthetic(spec) => {
-                // made by another version it may be another
+                // ground truth made by another version may differ
                 let truth = if spec.segments { format!("truth {TRUTH}") } else { String::new() };
                 let text = recipe(spec).map_err(|e| bad(&e))? + &truth;
                 DataPlan {
@@ -113,7 +113,7 @@ pub(super) fn datasets(
     sources.into_iter().map(plan).collect()
 }
 
-/// Refuses datasets whose segments are not known, where segments are to be measured.
+/// Refuses datasets whose segments are not known, for sweeps that measure segments.
 pub(super) fn check_truth(data: &BTreeMap<String, DataPlan>, path: &Path) -> Result<(), SweepError> {
     for (name, data) in data {
         let bad = |problem: String| SweepError::Key { path: path.to_owned(), key: format!("data.{name}"), problem };
@@ -130,7 +130,7 @@ pub(super) fn check_truth(data: &BTreeMap<String, DataPlan>, path: &Path) -> Res
     Ok(())
 }
 
-/// What tells one dataset from another in a key.
+/// What distinguishes one dataset from another in a key.
 pub(super) fn fingerprint(data: &DataPlan, downscale: u32, path: &Path, name: &str) -> Result<String, SweepError> {
     let bad = |e: &dyn std::fmt::Display| SweepError::Key {
         path: path.to_owned(),
@@ -151,15 +151,15 @@ pub(super) fn fingerprint(data: &DataPlan, downscale: u32, path: &Path, name: &s
     }
 }
 
-/// What the images of a synthetic scene are made of.
+/// What determines the images of a synthetic scene.
 fn recipe(spec: &SyntheticSpec) -> serde_json::Result<String> {
-    // the first ones were keyed by the text alone
+    // the first version of the images was keyed by the text alone
     let images = if IMAGES > 1 { format!("images {IMAGES}") } else { String::new() };
     Ok(serde_json::to_string(spec)? + &images)
 }
 
 impl DataPlan {
-    /// Pictures of segments alone that [`DataPlan::make`] renders.
+    /// Number of pictures of single segments that [`DataPlan::make`] renders.
     pub(super) fn segment_images(&self) -> usize {
         let DataSource::Synthetic(spec) = &self.source else { return 0 };
         let segments = spec.scene().map_or(0, |scene| scene.segment_names().len());
@@ -170,7 +170,7 @@ impl DataPlan {
         }
     }
 
-    /// Renders the dataset if it is a synthetic scene that is not there yet.
+    /// Renders the dataset if it is a synthetic scene that has not been rendered yet.
     ///
     /// # Errors
     /// If it cannot be rendered, or `stop` was raised.
@@ -186,7 +186,7 @@ impl DataPlan {
 fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), SweepError> {
     let failed = |e: &dyn std::fmt::Display| SweepError::io(folder, e);
     let voxels = spec.voxels();
-    // a step of values and one of labels
+    // one step of values and one of labels
     let bytes = product(&[voxels, voxels, voxels, 8]);
     Budget::now()
         .check(format!("voxels = {voxels} of {}", spec.synthetic), bytes)

@@ -1,4 +1,4 @@
-//! The same training on several devices, step by step side by side: speed, quality, and how far parameters drift apart.
+//! Comparison of the same training on several devices, step by step: speed, quality and drift of the parameters.
 
 use crate::config::types::Config;
 use crate::data::Dataset;
@@ -10,7 +10,7 @@ use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What was seen.
+/// The result of a comparison of devices.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceComparison {
     /// Steps taken.
@@ -24,28 +24,29 @@ pub struct DeviceComparison {
 pub struct DeviceResult {
     /// Its name.
     pub device: String,
-    /// Mean milliseconds of a step, the first one left out.
+    /// Mean milliseconds per step, without the first one.
     pub step_milliseconds: f64,
-    /// PSNR on 12 test views at the end (training views where there are none), decibels.
+    /// PSNR on 12 test views at the end (training views if there are none), in decibels.
     pub psnr: f64,
     /// How far it is from the first device, at some steps.
     pub drift: Vec<Drift>,
 }
 
-/// The largest difference of any parameter between two devices after a step.
+/// The largest relative difference of any parameter between two devices after a step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {
     /// Steps taken.
     pub step: usize,
-    /// Largest difference of two numbers; none once the devices have different numbers of Gaussians.
+    /// Largest difference of two values; `None` once the devices have different numbers of Gaussians.
     pub largest: Option<f64>,
-    /// The same over the largest number of that parameter.
+    /// The same, relative to the largest magnitude of that parameter.
     pub relative: Option<f64>,
     /// The parameter.
     pub parameter: String,
 }
 
-/// Trains `config` on each of `devices` in step; `say` is told of each comparison. Ends early when `stop` is raised.
+/// Trains `config` on each of `devices`, comparing them every `every` steps and reporting each comparison to `say`.
+/// Ends early when `stop` is raised.
 ///
 /// # Errors
 /// If a device cannot start, or training fails.
@@ -68,14 +69,14 @@ pub fn compare_devices(
     let mut drifts = vec![Vec::new(); devices.len()];
     let mut done = 0;
     while done < total && !stop.load(Ordering::Relaxed) {
-        // the first step alone, as it compiles kernels; then blocks of steps, so that no device waits for another
+        // the first step separately, as it compiles kernels; then blocks of steps, so that no device waits for another
         let to = if done == 0 { 1 } else { total.min((done / every + 1) * every) };
         for (trainer, seconds) in trainers.iter_mut().zip(&mut seconds) {
             let started = Instant::now();
             for _ in done..to {
                 trainer.step(&dataset.train)?;
             }
-            // one that runs ahead of the host has not finished
+            // a device that works asynchronously may not have finished
             let _ = trainer.model().device().sync();
             if done > 0 {
                 *seconds += started.elapsed().as_secs_f64();
@@ -110,7 +111,7 @@ fn drift(step: usize, a: &Tensors, b: &Tensors) -> Drift {
         };
         let size = x.values.iter().fold(0.0f64, |m, v| m.max(f64::from(v.abs())));
         let pairs = x.values.iter().zip(&y.values);
-        // a number that is none on one device, which `max` would pass over, is as far as can be
+        // a NaN on one device only, which `max` would skip, is an infinite difference
         let apart = |x: f32, y: f32| if x.to_bits() == y.to_bits() { 0.0 } else { f64::from((x - y).abs()) };
         let apart = pairs.map(|(x, y)| apart(*x, *y)).map(|gap| if gap.is_nan() { f64::INFINITY } else { gap });
         let gap = apart.fold(0.0, f64::max);

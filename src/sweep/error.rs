@@ -1,4 +1,4 @@
-//! What can go wrong with a sweep before and beside its runs. A run that fails is no error: it is recorded.
+//! Errors of a sweep before and outside its runs. A run that fails is not an error: it is recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -28,13 +28,13 @@ pub enum SweepError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         reason: String,
     },
-    /// The sweep was stopped; the same command goes on.
+    /// The sweep was stopped; the same command continues it.
     #[error("interrupted; the same command goes on from here")]
     Interrupted,
-    /// A choice of runs that chooses none.
+    /// An input that cannot be used, such as a dataset that does not fit into memory.
     #[error("{0}")]
     Choice(String),
 }

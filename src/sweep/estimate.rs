@@ -1,6 +1,6 @@
-//! What a sweep will take, before it runs: time and memory from the sizes alone, corrected by the runs that are there.
+//! Estimates what a sweep will take before it runs: time and memory from the sizes alone, corrected by finished runs.
 //!
-//! The model was fitted to this program's own runs on two cores with AVX2; it is meant to tell minutes from hours.
+//! The model was fitted to this program's own runs on two cores with AVX2, to distinguish minutes from hours.
 
 use super::builds::OtherBuilds;
 use super::datasets::DataPlan;
@@ -14,67 +14,68 @@ use crate::model::{d3dgs, size};
 use crate::train::run::RunRecord;
 use std::path::Path;
 
-/// Seconds of CPU time that any step takes.
+/// Seconds of CPU time that every step takes.
 const PER_STEP: f64 = 0.02;
-/// More for each Gaussian of a joint step: field, decoder, their gradients, Adam.
+/// Additional seconds for each Gaussian of a joint step: field, decoder, their gradients, Adam.
 const PER_GAUSSIAN: f64 = 2.5e-6;
-/// The same in warm-up, where there is no field. Gaussians of 4DGS, which has no other stage, cost as much as one with a field.
+/// The same in warm-up, where there is no field. Gaussians of 4DGS, which has no other stage, cost as much as those
+/// with a field.
 const PER_GAUSSIAN_WARMUP: f64 = 0.9e-6;
-/// More for each pixel: splatting and losses.
+/// Additional seconds for each pixel: splatting and losses.
 const PER_PIXEL: f64 = 1.5e-7;
-/// More for each pixel while DSSIM counts.
+/// Additional seconds for each pixel while DSSIM is part of the loss.
 const PER_PIXEL_DSSIM: f64 = 2.0e-7;
-/// More for each Gaussian of a joint step and each weight of the implicit encoder: three products of matrices.
+/// Additional seconds for each Gaussian of a joint step and each weight of the implicit encoder: three matrix products.
 const PER_WEIGHT: f64 = 1.5e-10;
-/// A registered encoder beside the factorised one, for each Gaussian: a guess.
+/// Cost of a registered encoder for each Gaussian, relative to the factorised one: a guess.
 const REGISTERED: f64 = 1.6;
-/// Part of the cores that a run keeps busy.
+/// Fraction of the cores that a run keeps busy.
 const BUSY: f64 = 0.8;
-/// Seconds of CPU time until a run's first step, beside its images: the process, the plan, the visual hull.
+/// Seconds of CPU time until a run's first step, apart from its images: the process, the plan, the visual hull.
 const START: f64 = 1.5;
-/// More for each pixel of the images: decoding and carving.
+/// Additional seconds for each pixel of the images: decoding and carving.
 const PER_PIXEL_READ: f64 = 1.0e-7;
-/// For each view that is measured at the end or on the way.
+/// Seconds for each view that is measured at the end or during training.
 const PER_VIEW: f64 = 0.01;
-/// More for each of its Gaussians: field, decoder, splatting.
+/// Additional seconds for each Gaussian in such a view: field, decoder, splatting.
 const PER_GAUSSIAN_VIEW: f64 = 1.0e-6;
-/// More for each of its pixels at the end: PSNR, both SSIM.
+/// Additional seconds for each of its pixels at the end: PSNR, both SSIM.
 const PER_PIXEL_VIEW: f64 = 2.0e-6;
-/// More for each of its pixels and each network of LPIPS.
+/// Additional seconds for each of its pixels and each LPIPS network.
 const PER_PIXEL_LPIPS: f64 = 1.5e-5;
-/// For each pixel of a synthetic dataset that is still to be rendered.
+/// Seconds for each pixel of a synthetic dataset that is still to be rendered.
 const PER_PIXEL_RENDERED: f64 = 3.0e-6;
-/// Seconds of the report at the end.
+/// Seconds for the report at the end.
 const REPORT: f64 = 2.0;
 
-/// For each multiply-add of a network; the way back takes two for each of the way forward.
+/// Seconds for each multiply-add of a network; the backward pass takes two for each of the forward pass.
 const PER_PRODUCT: f64 = PER_WEIGHT / 3.0;
 
-/// What one run will take.
+/// Estimated cost of one run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cost {
-    /// Seconds of CPU time of the steps; of the device's time on a GPU it says nothing.
+    /// Seconds of CPU time of the steps; does not account for the device's time on a GPU.
     pub cpu_seconds: f64,
     /// Seconds of CPU time before and after them: start, images, evaluation.
     pub around: f64,
-    /// Peak memory, bytes.
+    /// Peak memory in bytes.
     pub memory: f64,
 }
 
-/// What a whole sweep will take.
+/// Estimated cost of a whole sweep.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
-    /// Runs that are left to do.
+    /// Number of runs left to do.
     pub open: usize,
     /// Seconds from now to the end.
     pub seconds: f64,
-    /// Memory at its peak, all processes together, bytes.
+    /// Peak memory of all processes together, in bytes.
     pub memory: f64,
-    /// Measured over modelled time in finished runs; 1 if there are none.
+    /// Ratio of measured to modelled time in finished runs; 1 if there are none.
     pub correction: f64,
 }
 
-/// What a run of `config` on `data`, measured as `eval` says, will take.
+/// Estimates the cost of a run of `config` on `data`, measured as `eval` specifies.
 #[must_use]
 pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let factor = f64::from(config.data.downscale.max(1));
@@ -102,11 +103,11 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     Cost { cpu_seconds: of.cpu_seconds.min(most), around, memory }
 }
 
-/// What a method costs, whatever the data around it.
+/// The part of the cost that depends on the method.
 struct Share {
     steps: f64,
     cpu_seconds: f64,
-    /// Seconds of CPU time of a view, without what any view takes.
+    /// Seconds of CPU time per view, without what every view takes.
     view: f64,
     memory: f64,
 }
@@ -114,7 +115,7 @@ struct Share {
 fn of_network(steps: f64, work: Work, pixels: f64) -> Share {
     Share {
         steps,
-        // the way back takes twice as long as the way forward
+        // the backward pass takes twice as long as the forward pass
         cpu_seconds: steps * (PER_STEP + 3.0 * work.step * PER_PRODUCT),
         view: pixels * work.pixel * PER_PRODUCT,
         memory: work.bytes,
@@ -135,7 +136,7 @@ fn of_gaussians(config: &Config, pixels: f64) -> Share {
     };
     let products = weights * PER_WEIGHT;
     let per_warmup = if config.fourdgs.is_some() { PER_GAUSSIAN } else { PER_GAUSSIAN_WARMUP };
-    // without a joint stage, DSSIM counts and Gaussians grow in warm-up
+    // without a joint stage, DSSIM is used and Gaussians grow in warm-up
     let (last, warm_n) = if joint > 0.0 { (joint, config.init.points as f64) } else { (warm, n) };
     let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
     let cpu_seconds = (joint + warm) * PER_STEP
@@ -156,7 +157,7 @@ fn cores() -> f64 {
     std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64)
 }
 
-/// What is left of `runs`, `jobs` at a time.
+/// Estimates what is left of `runs`, `jobs` at a time.
 #[must_use]
 pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let cores = cores();
@@ -164,10 +165,10 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
         let config: Config = toml::from_str(&run.config).ok()?;
         Some(cost(&config, plan.datasets.get(&run.dataset)?, &plan.eval))
     };
-    // processes share the cores, so that many at a time take as long as one after the other
+    // processes share the cores, so running several at a time takes as long as one after the other
     let wall = |cpu_seconds: f64| cpu_seconds / (cores * BUSY);
     let mut ratios = Vec::new();
-    // another build's times say more than none
+    // another build's times are better than none
     let others = OtherBuilds::find(plan);
     let record = |folder: &Path| read::<RunRecord>(&RunPaths(folder).record()).filter(|r| r.status == "complete");
     let (mut seconds, mut around, mut memory, mut open) = (0.0, 0.0, 0.0f64, 0);
@@ -233,7 +234,7 @@ mod tests {
             RunRecord { status: "complete".into(), threads: 2, training_seconds: 1e3, ..RunRecord::default() };
         write(&folder.join("run.json"), &record).unwrap();
         assert!(of(&[0, 1]).correction > 2.0 && of(&[0, 1]).open == 2);
-        // its own say more
+        // its own times take precedence
         let own = plan.run_folder(0);
         std::fs::create_dir_all(&own).unwrap();
         record.training_seconds = 1e4;

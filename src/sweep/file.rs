@@ -1,4 +1,4 @@
-//! A sweep file as it stands: TOML, typed, nothing resolved yet.
+//! A sweep file as written: TOML, typed, nothing resolved yet.
 
 use super::SweepError;
 use crate::compare::PaperTable;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// What a sweep file may say.
+/// The contents of a sweep file.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SweepFile {
@@ -21,19 +21,19 @@ pub struct SweepFile {
     pub note: String,
     /// Heading of the column of variants.
     pub head: String,
-    /// Configuration that all start from: a file beside this one, or a preset; the defaults if not given.
+    /// Configuration that all variants start from: a file beside this one, or a preset; the defaults if not given.
     pub config: Option<String>,
     /// Keys set in every run; dotted, or in sections.
     pub set: Table,
-    /// Seeds; each variant runs with each. 0 if not given.
+    /// Seeds; each variant runs with each of them. 0 if not given.
     pub seeds: Option<Vec<u64>>,
     /// Devices, as an axis.
     pub devices: Vec<String>,
     /// Metrics to report.
     pub metrics: Vec<String>,
-    /// Variant that differences are taken to; the first if not given.
+    /// Variant that differences are relative to; the first if not given.
     pub baseline: Option<String>,
-    /// Goes into the key of each run: change it to run again what a change of the code may have changed.
+    /// Part of the key of each run: change it to repeat runs that a change of the code may affect.
     pub tag: String,
     /// Datasets by name, as an axis: a folder, or a synthetic scene to be rendered.
     pub data: BTreeMap<String, Value>,
@@ -41,13 +41,13 @@ pub struct SweepFile {
     pub eval: EvalSpec,
     /// Named variants.
     pub variant: Vec<VariantSpec>,
-    /// Values by key; all combinations.
+    /// Values by key, in all combinations.
     pub grid: Table,
-    /// Samples of ranges.
+    /// Samples from ranges.
     pub random: Option<RandomSpec>,
-    /// Early stopping of hopeless variants.
+    /// Early stopping of unpromising variants.
     pub halving: Option<HalvingSpec>,
-    /// Measure segmentation too.
+    /// How segmentation is measured; not at all if not given.
     pub segments: Option<Table>,
     /// The paper's figures, to compare orderings with.
     pub paper: Option<PaperTable>,
@@ -69,14 +69,14 @@ pub struct EvalSpec {
 pub struct VariantSpec {
     /// Its name in the table.
     pub name: String,
-    /// Configuration that it starts from in the place of the sweep's: a file beside the sweep, or a preset, such as that of a
-    /// method.
+    /// Configuration that it starts from instead of the sweep's: a file beside the sweep, or a preset, such as that of
+    /// a method.
     #[serde(default)]
     pub config: Option<String>,
     /// Keys it sets.
     #[serde(default)]
     pub set: Table,
-    /// Seeds in the place of the sweep's: fewer of a variant that takes long, say.
+    /// Seeds instead of the sweep's, such as fewer for a variant that takes long.
     #[serde(default)]
     pub seeds: Option<Vec<u64>>,
 }
@@ -101,10 +101,10 @@ pub struct RandomSpec {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SampleMethod {
-    /// Owen-scrambled Sobol points: fill space evenly whatever their number.
+    /// Owen-scrambled Sobol points, which fill space evenly for any number of points.
     #[default]
     Sobol,
-    /// Latin hypercube: each axis is cut into as many parts as there are points, each met once.
+    /// Latin hypercube: each axis is divided into as many parts as there are points, each used once.
     LatinHypercube,
     /// Independent uniform numbers.
     Uniform,
@@ -118,11 +118,11 @@ pub struct RangeSpec {
     pub low: Option<f64>,
     /// Upper end.
     pub high: Option<f64>,
-    /// Even in the logarithm.
+    /// Whether values are spread evenly in the logarithm.
     pub log: bool,
-    /// Whole numbers, both ends among them.
+    /// Whether values are integers, both ends included.
     pub integer: bool,
-    /// Choices, in place of a range.
+    /// Choices, instead of a range.
     pub choices: Vec<Value>,
 }
 
@@ -130,9 +130,9 @@ pub struct RangeSpec {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HalvingSpec {
-    /// Steps at which the worst are stopped, rising.
+    /// Steps at which the worst variants are stopped, in rising order.
     pub rungs: Vec<usize>,
-    /// Part that goes on, in (0, 1).
+    /// Fraction of the variants that continue, in (0, 1).
     #[serde(default = "half")]
     pub keep: f64,
 }
@@ -145,30 +145,30 @@ fn half() -> f64 {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SyntheticSpec {
-    /// Which: jets, vortices, shells, layers, beads or filaments.
+    /// Which scene: jets, vortices, shells, layers, beads or filaments.
     pub synthetic: String,
     /// Width and height of images in pixels.
     #[serde(default = "side")]
     pub size: u32,
-    /// Times that training sees.
+    /// Number of times used in training.
     #[serde(default = "times")]
     pub times: usize,
-    /// Views of each.
+    /// Number of training views per time.
     #[serde(default = "views")]
     pub views: usize,
-    /// Test views.
+    /// Number of test views.
     #[serde(default = "test_views")]
     pub test_views: usize,
-    /// Voxels an axis; about one a pixel if not given.
+    /// Voxels per axis; about one per pixel if not given.
     pub voxels: Option<usize>,
-    /// Images of each segment alone and label images, for `[segments]`.
+    /// Whether to render images of each segment alone and label images, for `[segments]`.
     #[serde(default)]
     pub segments: bool,
-    /// So many test views show each segment alone at each of five times, as `prepare` has it; if not given seven, each at its own
-    /// time.
+    /// Number of test views that show each segment alone at each of five times, as in `prepare`; if not given, seven,
+    /// each at its own time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segment_views: Option<usize>,
-    /// Lighting in the place of the scene's own.
+    /// Lighting instead of the scene's own.
     #[serde(default, skip_serializing_if = "is_default")]
     pub shading: Lighting,
 }
@@ -204,7 +204,7 @@ impl SweepFile {
     /// Reads a sweep file.
     ///
     /// # Errors
-    /// If it cannot be read, is no TOML, or has an unknown key or a value of another type.
+    /// If it cannot be read, is not TOML, or has an unknown key or a value of the wrong type.
     pub fn read(path: &Path) -> Result<Self, SweepError> {
         let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
         let text = crate::files::read_text(path).map_err(|e| bad(e.to_string()))?;
@@ -244,7 +244,7 @@ impl SweepFile {
                 }
                 _ => return Err(bad("neither a folder (text) nor a table such as { synthetic = \"jets\" }".into())),
             };
-            // the folder of a rendered scene is called after it
+            // the folder of a rendered scene is named after it
             let name = Name::new(name.as_str()).map_err(|e| bad(e.to_string()))?;
             Ok((name.into(), source))
         };
@@ -253,18 +253,18 @@ impl SweepFile {
 }
 
 impl SyntheticSpec {
-    /// The scene that is named.
+    /// Returns the named scene.
     ///
     /// # Errors
-    /// A message: there is none of that name.
+    /// A message if there is no scene of that name.
     pub fn scene(&self) -> Result<Synthetic, String> {
         self.synthetic.parse().map_err(|e| format!("{e}"))
     }
 
-    /// Refuses sizes that no dataset has.
+    /// Refuses sizes that are out of range.
     ///
     /// # Errors
-    /// The first key that is too small or too large.
+    /// A message about the first invalid key.
     pub fn check(&self) -> Result<(), String> {
         let images = self.times.saturating_mul(self.views);
         for (key, value, least, most) in [
@@ -286,14 +286,14 @@ impl SyntheticSpec {
         self.shading.check().map_err(|e| format!("shading.{e}"))
     }
 
-    /// Voxels an axis: a voxel is about as large as a pixel.
+    /// Voxels per axis; by default, a voxel is about as large as a pixel.
     #[must_use]
     pub fn voxels(&self) -> usize {
         self.voxels.unwrap_or((self.size as usize * 12 / 25).clamp(24, 256))
     }
 }
 
-/// Longest name of a sweep's folder, bytes.
+/// Maximum length of the name of a sweep's folder, in bytes.
 const LONGEST: usize = 80;
 
 /// The file's name without its extension, as a [`Name`] of a folder.
@@ -304,13 +304,14 @@ pub fn name_of(path: &Path) -> String {
     let name: String = stem.chars().map(fits).take(LONGEST).collect();
     match name.trim_start_matches(['.', '-']) {
         "" => "sweep".to_owned(),
-        // where the runs and the datasets of all sweeps lie
+        // the folders of the runs and datasets of all sweeps
         taken @ ("runs" | "datasets") => format!("sweep-{taken}"),
         name => name.to_owned(),
     }
 }
 
-/// The file `name` beside the sweep file if there is one, else `name` itself: a preset, or a path from here.
+/// The file `name` beside the sweep file if there is one, else `name` itself: a preset, or a path from the working
+/// directory.
 fn beside(dir: &Path, name: &str) -> String {
     let found = [dir.join(name), dir.join(format!("{name}.toml"))].into_iter().find(|p| p.is_file());
     found.map_or_else(|| name.to_owned(), |p| p.to_string_lossy().into_owned())

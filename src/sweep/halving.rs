@@ -1,7 +1,7 @@
 //! Successive halving: at each rung the worst variants are stopped.
 //!
-//! A variant is judged by its live test PSNR at the rung, the mean over its seeds, among those of its dataset and device.
-//! Nothing is kept but the logs of the runs, so a sweep that goes on decides as before.
+//! A variant is judged by its live test PSNR at the rung, the mean over its seeds, among those of its dataset and
+//! device. Decisions depend only on the files of the runs, so a resumed sweep decides as before.
 
 use super::SweepError;
 use super::plan::{Entry, Plan};
@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 /// A variant on one dataset and device.
 type Group<'a> = (&'a str, &'a str, &'a str);
 
-/// Those of `runs` that go on beyond `rung`: of each dataset and device the best `keep` of the variants, at least one.
+/// Returns those of `runs` that continue beyond `rung`: for each dataset and device, the best fraction `keep` of the
+/// variants, at least one.
 #[must_use]
 pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usize> {
     let chosen: BTreeSet<usize> = runs.iter().copied().collect();
@@ -20,7 +21,7 @@ pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usi
     for entry in plan.entries.iter().filter(|e| chosen.contains(&e.run)) {
         let failed = matches!(progress(plan, entry.run), Progress::Failed(_));
         let psnr = live_psnr(&plan.run_folder(entry.run), rung).filter(|_| !failed);
-        // a run that failed, or has no score, counts as hopeless
+        // a run that failed or has no score counts as the worst
         let psnr = psnr.map_or(f64::NEG_INFINITY, |(_, p)| p);
         scores.entry(group(plan, entry)).or_default().push(psnr);
     }
@@ -48,11 +49,11 @@ fn file(dir: &Path) -> PathBuf {
     dir.join("halving.json")
 }
 
-/// Notes the step at which each stopped run was stopped, by key, in place of what was noted before of the runs of `plan`
-/// that were `judged`. What was noted of other runs, such as those of another build of the program, stays.
+/// Records the step at which each run was stopped, by key, replacing earlier records of the runs of `plan` that were
+/// `judged`. Records of other runs, such as those of another build of the program, are kept.
 ///
 /// # Errors
-/// If the note cannot be written.
+/// If the record cannot be written.
 pub fn save(dir: &Path, plan: &Plan, judged: &[usize], now: &BTreeMap<String, usize>) -> Result<(), SweepError> {
     let ours: BTreeSet<&str> = judged.iter().map(|run| plan.runs[*run].key.as_str()).collect();
     let mut all = stopped(dir);
@@ -61,7 +62,7 @@ pub fn save(dir: &Path, plan: &Plan, judged: &[usize], now: &BTreeMap<String, us
     write(&file(dir), &all).map_err(|e| SweepError::io(dir, e))
 }
 
-/// The step at which each stopped run of the sweep was stopped, by key.
+/// Reads the step at which each stopped run of the sweep was stopped, by key.
 #[must_use]
 pub fn stopped(dir: &Path) -> BTreeMap<String, usize> {
     read(&file(dir)).unwrap_or_default()

@@ -1,32 +1,32 @@
-//! Keys of runs: the same key, the same result.
+//! Keys of runs: runs with the same key have the same result.
 //!
-//! A key is `RECIPE-BUILD`: what is trained, and the build of the program that trains it. Runs of one recipe by two builds
-//! lie side by side.
+//! A key is `RECIPE-BUILD`: what is trained, and the build of the program that trains it. Runs of one recipe by two
+//! builds are kept side by side.
 
 use crate::program::short;
 use sha2::{Digest, Sha256};
 
-/// What is trained, 16 hexadecimal digits: a hash of the resolved configuration (TOML), the dataset's fingerprint, the
-/// device, the version of the program and the sweep's `tag`.
+/// Returns what is trained as 16 hexadecimal digits: a hash of the resolved configuration (TOML), the dataset's
+/// fingerprint, the device, the version of the program and the sweep's `tag`.
 #[must_use]
 pub fn recipe(config: &str, dataset: &str, device: &str, tag: &str) -> String {
     hash(&[env!("CARGO_PKG_VERSION"), config, dataset, device, tag])
 }
 
-/// Key of a run of `recipe` by the build of the digest `build`; the name of its folder.
+/// Returns the key of a run of `recipe` by the build with digest `build`; the name of its folder.
 #[must_use]
 pub fn key(recipe: &str, build: &str) -> String {
     format!("{recipe}-{}", short(build))
 }
 
-/// Recipe and build of a key. Early versions did not record builds, so their keys are recipes alone; the build is then
-/// empty.
+/// Splits a key into recipe and build. Early versions did not record builds, so their keys are recipes alone; the build
+/// is then empty.
 #[must_use]
 pub fn parts(key: &str) -> (&str, &str) {
     key.split_once('-').unwrap_or((key, ""))
 }
 
-/// Whether `key` can be one: two hexadecimal numbers, or a recipe alone.
+/// Whether `key` has the form of a key: two hexadecimal numbers, or a recipe alone.
 #[must_use]
 pub fn is_key(key: &str) -> bool {
     let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_hexdigit());
@@ -43,7 +43,7 @@ fn hash(texts: &[&str]) -> String {
     hex(&hash.finalize()[..8])
 }
 
-/// Eight hexadecimal digits that tell one text from another.
+/// Returns a hash of `text`, eight hexadecimal digits.
 #[must_use]
 pub fn short_hash(text: &str) -> String {
     hex(&Sha256::digest(text)[..4])
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn recipes_are_what_whole_keys_were_before_builds_were_recorded() {
-        // sha256 over length (u64, little-endian) and text of each; else runs of before are not found any more
+        // SHA-256 over length (u64, little-endian) and text of each; otherwise earlier runs would no longer be found
         assert_eq!(hash(&["0.1.0", "a", "b", "c", "d"]), "b322a87f47df7e12");
     }
 

@@ -1,8 +1,7 @@
-//! Runs of a plan as processes of this machine: so many at a time, the cores shared out evenly among them, a line for
-//! each that ends.
+//! Runs of a plan as processes on this machine: several at a time, sharing the cores evenly, a line for each that ends.
 //!
-//! Each run is a process of its own (`sweep worker`), so that one that dies of memory or of a panic takes nobody along,
-//! and a sweep that is killed leaves whole checkpoints behind. Children end when this process does.
+//! Each run is a process of its own (`sweep worker`), so that one that runs out of memory or panics does not affect the
+//! others, and a sweep that is killed leaves whole checkpoints behind. Children end when this process does.
 
 use super::SweepError;
 use super::halving;
@@ -20,27 +19,27 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Exit code of a worker that was interrupted and can go on.
+/// Exit code of a worker that was interrupted and can be resumed.
 pub const INTERRUPTED: u8 = super::slurm::script::RESUMABLE;
 /// Exit code of a worker whose run another process has.
 pub const HELD: u8 = 76;
 
-/// How to run.
+/// How to run a plan on this machine.
 #[derive(Clone, Debug)]
 pub struct LocalOptions {
     /// Folder of the sweep.
     pub dir: PathBuf,
     /// Hash of the plan.
     pub plan: String,
-    /// Processes at a time.
+    /// Number of processes at a time.
     pub jobs: usize,
-    /// The runs to take, from 0.
+    /// Indices of the runs to do, from 0.
     pub runs: Vec<usize>,
     /// The program, which must be the build that made the plan; see [`crate::program::executable`].
     pub program: PathBuf,
 }
 
-/// What became of the runs that were taken.
+/// Numbers of runs by how they ended.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Done now.
@@ -49,7 +48,7 @@ pub struct Tally {
     pub before: usize,
     /// Failed, with the error recorded.
     pub failed: usize,
-    /// Died of a signal; they go on at the next call.
+    /// Killed by a signal or interrupted; they continue at the next call.
     pub died: usize,
     /// Stopped by successive halving.
     pub stopped: usize,
@@ -63,7 +62,7 @@ struct Job {
     looked: Instant,
 }
 
-/// Runs what is left of `options.runs`, rung by rung where the plan has them.
+/// Runs what is left of `options.runs`, rung by rung if the plan has rungs.
 ///
 /// # Errors
 /// If a process cannot be started, or `stop` was raised (children then save checkpoints first).
@@ -81,11 +80,11 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
                 let mut at_rung = Tally::default();
                 Pool::new(plan, options, Some(rung), stop).all(&open, &mut at_rung)?;
                 if at_rung.died > 0 {
-                    // judged now, they would be judged by less than the others
+                    // judged now, they would be judged by fewer steps than the others
                     return Ok(Tally { died: at_rung.died, failed: at_rung.failed, ..tally });
                 }
             }
-            // beside the chosen ones those that came as far before: a run is not the best of itself alone
+            // with those not chosen that have come as far before: a run must not be the best of itself alone
             let came = |i: &usize| progress(plan, *i) == Progress::Done || steps_done(&plan.run_folder(*i)) >= rung;
             let field: Vec<usize> =
                 (0..plan.runs.len()).filter(|i| runs.contains(i) || !options.runs.contains(i) && came(i)).collect();
@@ -139,7 +138,7 @@ impl<'a> Pool<'a> {
     fn all(&self, open: &[usize], tally: &mut Tally) -> Result<(), SweepError> {
         let mut jobs = Vec::new();
         let ended = self.drive(open, &mut jobs, tally);
-        // after an error too, nobody is left behind
+        // no child is left behind, even after an error
         self.end(jobs);
         self.overall.finish_and_clear();
         ended
@@ -147,7 +146,7 @@ impl<'a> Pool<'a> {
 
     fn drive(&self, open: &[usize], jobs: &mut Vec<Job>, tally: &mut Tally) -> Result<(), SweepError> {
         let mut waiting: VecDeque<usize> = open.iter().copied().collect();
-        // runs that another process has; asked for again now and then
+        // runs that another process has; tried again now and then
         let mut held: Vec<(usize, Instant)> = Vec::new();
         let mut said_held = Vec::new();
         self.overall.set_length(open.len() as u64);
@@ -218,12 +217,12 @@ impl<'a> Pool<'a> {
         }
         command.env("RAYON_NUM_THREADS", self.threads.to_string());
         command.stdin(Stdio::null()).stdout(log).stderr(errors);
-        // Ctrl-C goes to this process alone, which then asks its children
+        // Ctrl-C goes to this process alone, which then asks its children to end
         #[cfg(unix)]
         {
             use std::os::unix::process::CommandExt;
             command.process_group(0);
-            // called as this process was, by whichever path it is started
+            // with the name by which this process was called, whatever path it is started from
             if let Some(name) = std::env::args_os().next() {
                 command.arg0(name);
             }
@@ -234,7 +233,7 @@ impl<'a> Pool<'a> {
         Ok(Job { index, child, started: Instant::now(), line, looked: Instant::now() })
     }
 
-    /// Moves a run's line to where its log is, about once a second.
+    /// Updates a run's line from its log, about once a second.
     fn look(&self, job: &mut Job) {
         if job.looked.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
             return;
@@ -282,7 +281,7 @@ impl<'a> Pool<'a> {
                 // a panic, or an error before the run's folder could be used
                 let error = last_words(&log).unwrap_or_else(|| format!("exit code {code}"));
                 let failure = Failure { error: error.clone(), stage: "process".into() };
-                // the run's folder may be what is wrong; the others go on
+                // the run's folder may be the problem; the others go on
                 let noted = std::fs::create_dir_all(&folder).is_ok() && write(&failure_path(&folder), &failure).is_ok();
                 if !noted {
                     self.say(&format!("{}: the failure cannot be noted there", folder.display()));
@@ -318,14 +317,14 @@ fn terminate(child: &Child) {
     let _ = child;
 }
 
-/// Step and training PSNR of the last whole line of a log, of which only the end is read.
+/// Step and training PSNR of the last complete line of a log, of which only the end is read.
 fn last_line(path: &Path) -> Option<(u64, f64)> {
     let text = tail(path, 4096)?;
     let value: serde_json::Value = text.lines().rev().find_map(|l| serde_json::from_str(l).ok())?;
     Some((value["step"].as_u64()?, value["train_psnr"].as_f64()?))
 }
 
-/// The last line with text of a process's log.
+/// The last line of a process's log that is not empty and not a `note:`.
 fn last_words(path: &Path) -> Option<String> {
     let text = tail(path, 4096)?;
     text.lines().rev().map(str::trim).find(|l| !l.is_empty() && !l.starts_with("note:")).map(str::to_owned)

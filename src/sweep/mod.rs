@@ -1,8 +1,8 @@
-//! Sweeps: one file into runs, on this machine or on Slurm, and back into one table.
+//! Sweeps: from one file to runs, on this machine or on Slurm, and back to one table.
 //!
-//! `file` and `axes` say what is asked for, `resolve` makes a configuration of it, `plan` says what will run, `builds` what
-//! other builds of the program have run, `claim` who runs it, `work` how one run goes, `local` and `slurm` where; `result`
-//! and `collect` are what is left in the end. Tables and pages are `compare`'s.
+//! `file` and `axes` define what is requested, `resolve` turns it into configurations, `plan` determines what will run,
+//! `builds` what other builds of the program have run, `claim` which process runs it, `work` how one run proceeds,
+//! `local` and `slurm` where; `result` and `collect` gather the results. Tables and pages are made by `compare`.
 
 pub mod axes;
 pub mod builds;

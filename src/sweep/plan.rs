@@ -20,26 +20,26 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-/// What is asked for beside the file.
+/// What is requested in addition to the file.
 #[derive(Clone, Debug, Default)]
 pub struct PlanOptions {
     /// Folder that holds `runs/`, `datasets/` and a folder for each sweep.
     pub out: PathBuf,
-    /// Datasets in place of the file's.
+    /// Datasets instead of the file's.
     pub data: Vec<PathBuf>,
     /// Keys set in every run, after the file's `set`, before its variants.
     pub set: Vec<String>,
-    /// Seeds in place of the file's.
+    /// Seeds instead of the file's.
     pub seeds: Vec<u64>,
-    /// Devices in place of the file's.
+    /// Devices instead of the file's.
     pub devices: Vec<String>,
-    /// LPIPS weights beside the file's.
+    /// LPIPS weights in addition to the file's.
     pub lpips_weights: Vec<PathBuf>,
-    /// The runs are for other machines, whose devices this one need not have.
+    /// Whether the runs are for other machines, whose devices this one need not have.
     pub elsewhere: bool,
 }
 
-/// A sweep, ready to run; `plan.json`.
+/// A sweep, ready to run; stored as `plan.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Version of the program.
@@ -57,7 +57,7 @@ pub struct Plan {
     pub head: String,
     /// Metrics to report.
     pub metrics: Vec<String>,
-    /// Variant that differences are taken to.
+    /// Variant that differences are relative to.
     pub baseline: String,
     /// How runs are measured.
     pub eval: EvalSpec,
@@ -65,30 +65,30 @@ pub struct Plan {
     pub halving: Option<HalvingSpec>,
     /// The paper's figures.
     pub paper: Option<PaperTable>,
-    /// Folder of all runs; beside the sweep's own, wherever that is mounted.
+    /// Folder of all runs; beside the sweep's own folder, wherever that is mounted.
     #[serde(skip)]
     pub runs_folder: PathBuf,
-    /// Datasets to be rendered before the first run.
+    /// Datasets by name; synthetic ones are rendered before the first run.
     pub datasets: BTreeMap<String, DataPlan>,
-    /// The trainings.
+    /// The training runs.
     pub runs: Vec<Run>,
-    /// The places in the table, in its order.
+    /// The places in the table, with seeds outermost.
     pub entries: Vec<Entry>,
 }
 
-/// One training and what is measured of it.
+/// One training run and what is measured of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
-    /// Hash of configuration, dataset, device, version and tag, and the build that trains it; the name of its folder. See
-    /// [`super::key`].
+    /// Hash of configuration, dataset, device, version and tag, and the build that trains it; the name of its folder.
+    /// See [`super::key`].
     pub key: String,
-    /// A name for lines and logs.
+    /// A name for progress lines and messages.
     pub label: String,
     /// The device.
     pub device: String,
     /// Name of the dataset.
     pub dataset: String,
-    /// The resolved configuration, TOML.
+    /// The resolved configuration, as TOML.
     pub config: String,
     /// Steps of the whole training.
     pub steps: usize,
@@ -105,24 +105,24 @@ pub struct Entry {
     pub seed: u64,
     /// Where it differs from the base, as TOML text.
     pub settings: BTreeMap<String, String>,
-    /// Its run, from 0.
+    /// Index of its run, from 0.
     pub run: usize,
-    /// Its measurement of segments, from 0 in the run's list.
+    /// Index of its measurement of segments in the run's list, from 0.
     pub segments: Option<usize>,
 }
 
 impl Plan {
-    /// Resolves and checks everything that `path` asks for. Nothing is written.
+    /// Resolves and checks everything that the file `path` requests. Nothing is written.
     ///
     /// # Errors
-    /// The first thing that would not run, naming file, key and variant.
+    /// The first problem that would keep something from running, naming file, key and variant.
     pub fn new(path: &Path, options: &PlanOptions) -> Result<Self, SweepError> {
         let mut file = SweepFile::read(path)?;
         let build = program::build().map_err(|e| SweepError::io(&e.file, &e.reason))?;
         let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
         let seeds = match &file.seeds {
             _ if !options.seeds.is_empty() => {
-                // those of the command line are for all
+                // seeds of the command line apply to all variants
                 file.variant.iter_mut().for_each(|variant| variant.seeds = None);
                 options.seeds.clone()
             }
@@ -172,7 +172,7 @@ impl Plan {
         let base = Base { file: &file, path, options };
         let mut fingerprints = HashMap::new();
         let mut placed = Placed::default();
-        // seeds outermost, so that a first table is there early
+        // seeds outermost, so that a first table is available early
         for seed in all_seeds(&seeds, &variants) {
             for (dataset, data) in plan.datasets.clone() {
                 for device in &file.devices {
@@ -208,7 +208,7 @@ impl Plan {
         Ok(plan)
     }
 
-    /// Adds an entry, and its run if there is none of that key yet.
+    /// Adds an entry, and its run if there is none with that key yet.
     fn place(
         &mut self,
         variant: &Variant,
@@ -257,14 +257,15 @@ impl Plan {
         Ok(())
     }
 
-    /// Folder of run `index`.
+    /// Returns the folder of run `index`.
     #[must_use]
     pub fn run_folder(&self, index: usize) -> PathBuf {
         self.runs_folder.join(&self.runs[index].key)
     }
 
-    /// Writes `plan.json` into `dir`, which is made, and beside it `plans/HASH.json`, which stays when the file is edited
-    /// and planned again: workers of before still find what they were started for. Gives the hash.
+    /// Writes `plan.json` into `dir`, which is created if missing, and beside it `plans/HASH.json`, which stays when
+    /// the sweep file is edited and planned again, so that earlier workers still find what they were started for.
+    /// Returns the hash.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -279,20 +280,20 @@ impl Plan {
     }
 
     fn text(&self) -> String {
-        // only maps whose keys are no text have no JSON, and a plan has none
+        // only maps whose keys are not text have no JSON form, and a plan has none of these
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
 
-    /// What tells this plan from others of the same sweep, eight hexadecimal digits.
+    /// Returns what distinguishes this plan from others of the same sweep, eight hexadecimal digits.
     #[must_use]
     pub fn hash(&self) -> String {
         short_hash(&self.text())
     }
 
-    /// Reads the plan of the sweep in `dir`: the newest, or the one of that hash.
+    /// Reads the plan of the sweep in `dir`: the newest, or the one with that hash.
     ///
     /// # Errors
-    /// If it is not there, damaged, or no plan of this version of the program.
+    /// If it is missing, damaged, or not a plan of this version of the program.
     pub fn load(dir: &Path, hash: Option<&str>) -> Result<Self, SweepError> {
         let path = hash.map_or(dir.join("plan.json"), |hash| dir.join("plans").join(format!("{hash}.json")));
         let text = crate::files::read_text(&path).map_err(|e| SweepError::io(&path, e))?;
@@ -300,7 +301,7 @@ impl Plan {
             .map_err(|e| e.to_string())
             .and_then(|plan: Self| check_plan(&plan).map(|()| plan))
             .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
-        // `.` has no parent in its name
+        // the path `.` has no parent
         let whole = std::fs::canonicalize(dir).map_err(|e| SweepError::io(dir, e))?;
         let runs_folder = whole.parent().map(|out| out.join("runs")).unwrap_or_default();
         Ok(Self { runs_folder, ..plan })
@@ -310,7 +311,7 @@ impl Plan {
 const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
 const SEGMENT_METRICS: &[&str] = &["iou_3d", "iou", "psnr", "ssim", "lpips_alex"];
 
-/// What has its place in a plan already.
+/// What has been placed in a plan already.
 #[derive(Default)]
 struct Placed {
     /// Runs by key.

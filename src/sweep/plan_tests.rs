@@ -197,7 +197,7 @@ fn a_plan_is_read_back_and_finds_its_runs_wherever_it_lies() {
     let folder = dir.path().join("my-sweep");
     let hash = plan.save(&folder).unwrap();
     assert_eq!(Plan::load(&folder, None).unwrap(), plan);
-    // planned again with another seed: workers that were started before find theirs
+    // planned again with another seed: workers that were started before find their own plan
     let other = plan_with(&text, &PlanOptions { seeds: vec![9], ..options }).unwrap();
     assert_ne!(other.save(&folder).unwrap(), hash);
     assert_eq!(Plan::load(&folder, None).unwrap(), other);
@@ -250,7 +250,7 @@ fn every_sweep_file_of_the_repository_can_be_planned() {
         for entry in std::fs::read_dir(root.join(folder)).unwrap() {
             let path = entry.unwrap().path();
             let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-            // base configurations, and the one that asks for a GPU
+            // base configurations, and the one that needs a GPU
             if name.starts_with("base-") || name == "devices" {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! A variant's configuration: the file's, the command line's settings and its own on top, checked.
+//! A variant's configuration: the file's, with the command line's settings and then its own on top, checked.
 
 use super::SweepError;
 use super::axes::{Settings, Variant, flatten};
@@ -16,7 +16,7 @@ use toml::{Table, Value};
 /// Prefix of the keys that say how segments are measured.
 const SEGMENTS: &str = "segments.";
 
-/// What every variant starts from: the sweep's file and what the command line sets.
+/// What every variant starts from: the sweep file and what the command line sets.
 pub(super) struct Base<'a> {
     pub file: &'a SweepFile,
     pub path: &'a Path,
@@ -26,13 +26,13 @@ pub(super) struct Base<'a> {
 /// A variant's configuration.
 pub(super) struct Resolved {
     pub config: Config,
-    /// As TOML text, every key.
+    /// The same as TOML text, with every key.
     pub toml: String,
     pub segments: Option<SegmentSpec>,
 }
 
 impl Base<'_> {
-    /// The configuration of `variant` with `seed`, checked.
+    /// Resolves and checks the configuration of `variant` with `seed`.
     pub fn resolve(&self, variant: &Variant, seed: u64) -> Result<Resolved, SweepError> {
         let place = format!("variant \"{}\"", variant.name);
         let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
@@ -90,7 +90,7 @@ fn value_text(assignment: &str) -> String {
     assignment.split_once('=').map_or(String::new(), |(_, v)| v.to_owned())
 }
 
-/// Settings as `--set` takes them, without those of segments.
+/// Settings in the form that `--set` takes, without those of segments.
 fn assignments(settings: &Settings) -> Vec<String> {
     settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
 }

@@ -1,4 +1,4 @@
-//! What a run leaves for tables: one small file for each way of measuring it, and one if it failed.
+//! The files that a run leaves for tables: a small one for each way of measuring it, and one if it failed.
 
 use super::key::short_hash;
 use super::plan::Plan;
@@ -23,7 +23,7 @@ pub struct Measured<T> {
     pub metrics: T,
 }
 
-/// The same, or the metrics alone, as early versions wrote them.
+/// A [`Measured`], or the metrics alone, as early versions wrote them.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum MeasuredFile<T> {
@@ -31,49 +31,49 @@ enum MeasuredFile<T> {
     Before(T),
 }
 
-/// `failed.json`: why a run ended.
+/// `failed.json`: why a run failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
     /// The error.
     pub error: String,
-    /// What was being done: train, eval, segments.
+    /// The stage that failed: config, device, data, train, eval, segments or process.
     pub stage: String,
 }
 
-/// Where the folder of run `index` has the metrics of its evaluation.
+/// Path of the metrics of the evaluation of run `index`, in its folder.
 #[must_use]
 pub fn metrics_path(plan: &Plan, index: usize) -> PathBuf {
     metrics_in(plan, index, &plan.run_folder(index))
 }
 
-/// The same if its folder were `folder`.
+/// Like [`metrics_path`], but in `folder`.
 #[must_use]
 pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
-    // with metrics that came later, everything is measured again
+    // when further metrics are registered, everything is measured again
     let registered: String =
         crate::eval::metric::registered().into_iter().map(|(name, _)| format!(" {name}")).collect();
     let text = text_of(&plan.eval) + &registered + measured_on(plan, index);
     folder.join(format!("metrics-{}.json", short_hash(&text)))
 }
 
-/// Where the folder of run `index` has the metrics of a measurement of segments, by segment.
+/// Path of the metrics by segment of run `index`, measured as `spec` specifies, in its folder.
 #[must_use]
 pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentSpec) -> PathBuf {
     segments_in(plan, index, spec, &plan.run_folder(index))
 }
 
 fn segments_in(plan: &Plan, index: usize, spec: &SegmentSpec, folder: &Path) -> PathBuf {
-    // the weights of LPIPS are the evaluation's
+    // the LPIPS weights are those of the evaluation
     let text = text_of(&plan.eval.lpips_weights) + &text_of(spec) + measured_on(plan, index);
     folder.join(format!("segments-{}.json", short_hash(&text)))
 }
 
-/// With other test views or another truth, everything is measured again.
+/// What the run is measured on: with other test views or another ground truth, everything is measured again.
 fn measured_on(plan: &Plan, index: usize) -> &str {
     plan.datasets.get(&plan.runs[index].dataset).map_or("", |data| &data.measured)
 }
 
-/// Where `folder` says that its run failed.
+/// Path of the file in `folder` that says why its run failed.
 #[must_use]
 pub fn failure_path(folder: &Path) -> PathBuf {
     folder.join("failed.json")
@@ -83,13 +83,13 @@ fn text_of(value: &impl Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
 
-/// Reads one of these files; none if it is not there or not whole.
+/// Reads one of these files; `None` if it is missing or not complete.
 #[must_use]
 pub fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_str(&read_text(path).ok()?).ok()
 }
 
-/// What was measured of a whole run; none if the file is not there or not whole.
+/// Reads what was measured of a whole run; `None` if the file is missing or not complete.
 #[must_use]
 pub fn read_metrics(path: &Path) -> Option<Measured<Metrics>> {
     let mut found = read_measured::<Metrics>(path)?;
@@ -97,7 +97,7 @@ pub fn read_metrics(path: &Path) -> Option<Measured<Metrics>> {
     Some(found)
 }
 
-/// What was measured of segments, by their name; none if the file is not there or not whole.
+/// Reads what was measured of segments, by their name; `None` if the file is missing or not complete.
 #[must_use]
 pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>> {
     read_measured(path)
@@ -128,10 +128,10 @@ pub fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
     write_atomic(path, &json).map_err(|e| format!("{}: {e}", path.display()))
 }
 
-/// How far a run is, by its files.
+/// How far a run is, according to its files.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Progress {
-    /// All that the plan asks of it is measured.
+    /// Everything that the plan requests is measured.
     Done,
     /// It failed.
     Failed(Failure),
@@ -139,13 +139,13 @@ pub enum Progress {
     Open,
 }
 
-/// How far run `index` of `plan` is.
+/// Returns how far run `index` of `plan` is.
 #[must_use]
 pub fn progress(plan: &Plan, index: usize) -> Progress {
     progress_in(plan, index, &plan.run_folder(index))
 }
 
-/// The same if its folder were `folder`.
+/// Like [`progress`], but in `folder`.
 #[must_use]
 pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
     let measured = read_metrics(&metrics_in(plan, index, folder)).is_some();
@@ -156,7 +156,7 @@ pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
     read(&failure_path(folder)).map_or(Progress::Open, Progress::Failed)
 }
 
-/// The test PSNR that a run's log has nearest before `step`, and its step.
+/// Returns the last test PSNR in a run's log up to `step`, after the step that it is of.
 #[must_use]
 pub fn live_psnr(folder: &Path, step: usize) -> Option<(usize, f64)> {
     let text = read_text(&RunPaths(folder).metrics()).ok()?;
@@ -183,7 +183,7 @@ mod tests {
         let found = read_metrics(&path).unwrap();
         assert_eq!((found.metrics, found.build.len()), (now, 32));
 
-        // names of segments that are those of fields
+        // segments whose names are those of fields
         std::fs::write(&path, r#"{"build": {"iou": 80.0}, "metrics": {"iou": 70.0}}"#).unwrap();
         assert_eq!(read_segments(&path).unwrap().metrics["build"]["iou"], 80.0);
         for wrong in ["", "[]", r#"{"psnr": "high"}"#] {

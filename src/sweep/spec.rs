@@ -1,4 +1,4 @@
-//! How segmentation is measured in a sweep: the keys `segments.*` of variants, which are no keys of training.
+//! How segmentation is measured in a sweep: the keys `segments.*` of variants, which are not keys of training.
 
 use crate::data::paths::Axis;
 use crate::eval::segments::{Method, SegmentOptions};
@@ -11,10 +11,11 @@ use crate::segment::masks::sam::checkpoint;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// Most views with masks, and most colours, that anybody can want; beyond, memory ends.
+/// Maximum numbers of views with masks and of colours, above any reasonable need; with more, memory would run out.
 const MOST_VIEWS: usize = 100_000;
 const MOST_COLOURS: usize = 10_000;
-/// Pixels that are kept of a view, and points of the grid that a network can be asked at.
+/// Maximum numbers of pixels per step, which is how many are kept of a view, and of points along a side of the grid
+/// that a network is asked at.
 const MOST_PIXELS: usize = 16_384;
 const MOST_POINTS: usize = 1000;
 
@@ -26,18 +27,18 @@ pub struct SegmentSpec {
     pub method: String,
     /// Source of the masks: regions, labels, dir or sam.
     pub masks: String,
-    /// For dir: the masks of another program, `GROUP/VIEW_NUMBER.png` or a COCO file; relative to the sweep file. Every
-    /// run has the same, so they suit methods whose group is the whole scene, `scene`.
+    /// For dir: the masks of another program, `GROUP/VIEW_NUMBER.png` or a COCO file; relative to the sweep file. All
+    /// runs share them, so they suit methods whose group is the whole scene, `scene`.
     pub mask_dir: Option<PathBuf>,
     /// For sam: the weights, relative to the sweep file; looked for in the cache folder if not given.
     pub sam_weights: Option<PathBuf>,
-    /// For sam: points along a side of the grid that is asked.
+    /// For sam: points along a side of the grid that the network is asked at.
     pub sam_points: usize,
-    /// Views with masks.
+    /// Number of views with masks.
     pub views: usize,
-    /// Take these views near an axis (x, y or z) in place of the whole sphere; empty for none.
+    /// Axis (x, y or z) near which these views are placed, instead of on the whole sphere; empty for none.
     pub bias: String,
-    /// Largest angle from that axis, degrees.
+    /// Largest angle from that axis, in degrees.
     pub bias_angle: f64,
     /// Time of the clicks in [0, 1].
     pub time: f64,
@@ -45,21 +46,21 @@ pub struct SegmentSpec {
     pub only: Vec<String>,
     /// Known segments to measure as one, each `NAME=SEGMENT+SEGMENT`.
     pub score: Vec<String>,
-    /// Whether the oracle chooses among settings too, beside the fixed one.
+    /// Whether the oracle also chooses among settings, in addition to the fixed one.
     pub oracle: bool,
-    /// Clicks on a segment at most.
+    /// Maximum number of clicks on a segment.
     pub clicks: usize,
     /// Number of colours; suggested from the data if not given.
     pub clusters: Option<usize>,
-    /// Steps of the affinity field.
+    /// Training steps of the affinity field.
     pub fine_steps: usize,
-    /// Steps of SAGA.
+    /// Training steps of SAGA.
     pub saga_steps: usize,
-    /// Pixels of a step of the affinity field; the paper's 8192.
+    /// Pixels per step of the affinity field; 8192 in the paper.
     pub pixels: usize,
     /// Margin of the contrastive loss; -1 is the paper's loss, without one.
     pub margin: f32,
-    /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper (own).
+    /// Scale that a step uses: one drawn for all (drawn), or that of each Gaussian's own mask, as in the paper (own).
     pub mask_scale: String,
 }
 
@@ -91,7 +92,7 @@ impl Default for SegmentSpec {
 }
 
 impl SegmentSpec {
-    /// The same as options of the evaluation; `seed` is the run's.
+    /// Converts the specification into options of the evaluation; `seed` is the run's.
     ///
     /// # Errors
     /// A message that names the key.
@@ -163,7 +164,7 @@ impl SegmentSpec {
         })
     }
 
-    /// Makes the paths absolute that are relative to the folder `base`, that of the sweep file.
+    /// Makes paths absolute that are relative to `base`, the folder of the sweep file.
     pub(super) fn place(&mut self, base: &Path) -> std::io::Result<()> {
         for path in [&mut self.mask_dir, &mut self.sam_weights].into_iter().flatten() {
             *path = std::path::absolute(base.join(&*path))?;
@@ -171,7 +172,7 @@ impl SegmentSpec {
         Ok(())
     }
 
-    /// The source of masks, whose files are there.
+    /// The source of masks, after a check that its files exist.
     fn kind(&self) -> Result<MaskKind, String> {
         let of = |key: &str, given: bool, kind: &str| match given && self.masks != kind {
             true => Err(format!("segments.{key}: is for masks = \"{kind}\", not for \"{}\"", self.masks)),

@@ -1,5 +1,5 @@
-//! One run of a plan from beginning to end: train, measure, measure segments. The same for a process of this machine
-//! and for a task of Slurm; what is done is not done again, what was begun goes on.
+//! One run of a plan from beginning to end: train, measure, measure segments. The same for a process on this machine
+//! and for a task of Slurm; what is done is not repeated, and what was begun is resumed.
 
 use super::claim::{Claimed, claim};
 use super::plan::{Plan, Run};
@@ -23,29 +23,29 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How a run ended for now.
+/// How work on a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// All that the plan asks of it is there.
+    /// Everything that the plan requests is done.
     Done,
     /// It was done before.
     WasDone,
-    /// Another living process has it; who.
+    /// Another running process, which is named, has it.
     Held(String),
-    /// Somebody works on it with another command; who. It is to be tried again.
+    /// Another command, which is named, is using it; it should be tried again.
     Busy(String),
-    /// It stopped at the step asked for, with a checkpoint.
+    /// It stopped at the requested step, with a checkpoint.
     Paused,
-    /// A signal stopped it; with a checkpoint.
+    /// A signal stopped it, with a checkpoint.
     Interrupted,
-    /// It failed; the error is recorded beside it.
+    /// It failed with this error, which is recorded in its folder.
     Failed(String),
 }
 
-/// Takes run `index` of `plan` as far as it goes; training pauses after `stop_after` steps if that is given.
+/// Takes run `index` of `plan` as far as possible; training pauses after `stop_after` steps, if given.
 ///
 /// # Errors
-/// If the run's folder cannot be used. What goes wrong in the run itself is no error but [`Ended::Failed`].
+/// If the run's folder cannot be used. A failure of the run itself is not an error but [`Ended::Failed`].
 pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicBool) -> std::io::Result<Ended> {
     let folder = plan.run_folder(index);
     if let Some(ended) = ended(plan, index) {
@@ -59,7 +59,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
     if let Some(ended) = ended(plan, index) {
         return Ok(ended);
     }
-    // the claim keeps other sweeps away, also on other machines; the lock, commands that a person calls
+    // the claim keeps other sweeps away, also on other machines; the lock keeps away commands that a user runs
     let lock = match RunLock::acquire(&folder, COMMAND, Work::Long) {
         Ok(lock) => lock,
         Err(LockError::Held { holder, .. }) => return Ok(Ended::Busy(holder.to_string())),
@@ -78,7 +78,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
     Ok(ended)
 }
 
-/// How a run ended before: done, or failed, which is tried again only when asked for (its note is then removed).
+/// How a run ended before: done, or failed; a failed run is tried again only on request (its record is then removed).
 fn ended(plan: &Plan, index: usize) -> Option<Ended> {
     match progress(plan, index) {
         Progress::Done => Some(Ended::WasDone),
@@ -96,7 +96,7 @@ struct Worker<'a> {
     lock: &'a RunLock,
 }
 
-/// What others are told of who holds the run.
+/// The command that is named to others while this process holds the run.
 const COMMAND: &str = "volseggs sweep";
 
 fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> Failure {
@@ -140,7 +140,7 @@ impl Worker<'_> {
         read(&path).ok_or_else(|| failed("eval")(format!("{}: not there, or not whole", path.display())))
     }
 
-    /// Trains to the end; says how it ended if it did not get there.
+    /// Trains to the end; returns how it ended if it did not get there.
     fn train(
         &self,
         config: &Config,
@@ -176,7 +176,7 @@ impl Worker<'_> {
         let folder = trained.paths().eval().join("test");
         let evaluation = measure(trained, &split, networks, &on, &folder, |_, _| ()).map_err(failed("eval"))?;
         let mut metrics = crate::compare::runs::metrics(&evaluation.summary, &trained.record);
-        // a number that is none has no place in JSON, and none in a table
+        // non-finite values have no place in JSON or in a table
         metrics.retain(|_, value| value.is_finite());
         write_measured(&metrics_path(self.plan, self.index), &metrics).map_err(failed("eval"))
     }
@@ -195,7 +195,7 @@ impl Worker<'_> {
         }
         let options = spec.options(seed).map_err(failed("segments"))?;
         let truth = Truth::read(data).map_err(failed("segments"))?;
-        // never published: it goes when this ends, or now if an earlier one was killed
+        // never committed: it is removed when this ends, or now if an earlier process was killed
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let mut evaluation =
             segments::evaluate_segments(&trained.scene, &truth, &options, networks, work.dir(), |what| {

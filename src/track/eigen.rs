@@ -1,9 +1,9 @@
-//! Small 3x3 algebra for covariances: a Gaussian's covariance and the eigenvectors of a symmetric matrix.
+//! 3x3 algebra for covariances: the covariance of a Gaussian and the eigenvectors of a symmetric matrix.
 
 /// A 3x3 matrix by rows.
 pub type Matrix = [[f64; 3]; 3];
 
-/// The rotation matrix of a quaternion `wxyz`, normalised here; the identity for one of length 0.
+/// Returns the rotation matrix of a quaternion `wxyz`, normalised here; the identity for one of length 0.
 pub fn rotation(quaternion: [f32; 4]) -> Matrix {
     let length = quaternion.iter().map(|&v| f64::from(v) * f64::from(v)).sum::<f64>().sqrt();
     if length <= 0.0 {
@@ -17,7 +17,7 @@ pub fn rotation(quaternion: [f32; 4]) -> Matrix {
     ]
 }
 
-/// `R diag(values) R^T`.
+/// Returns `R diag(values) R^T`.
 pub fn sandwich(r: &Matrix, values: [f64; 3]) -> Matrix {
     let mut out = [[0.0; 3]; 3];
     for i in 0..3 {
@@ -28,10 +28,11 @@ pub fn sandwich(r: &Matrix, values: [f64; 3]) -> Matrix {
     out
 }
 
-/// Eigenvalues of a symmetric matrix in descending order with their unit eigenvectors as rows, by Jacobi rotations.
+/// Returns the eigenvalues of a symmetric matrix in descending order, with their unit eigenvectors as rows, by Jacobi
+/// rotations.
 ///
-/// The component of largest size of each of the first two vectors is positive, and the three are right-handed, so the
-/// same matrix always gives the same vectors.
+/// The component of largest magnitude of each of the first two vectors is positive, and the three are right-handed, so
+/// that the same matrix always gives the same vectors.
 pub fn symmetric_eigen(matrix: Matrix) -> ([f64; 3], Matrix) {
     let mut a = matrix;
     let mut v: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -59,7 +60,7 @@ pub fn symmetric_eigen(matrix: Matrix) -> ([f64; 3], Matrix) {
     (order.map(|i| a[i][i]), axes)
 }
 
-/// One Jacobi rotation that makes `a[p][q]` zero.
+/// Applies one Jacobi rotation that makes `a[p][q]` zero.
 fn rotate(a: &mut Matrix, v: &mut Matrix, p: usize, q: usize) {
     if a[p][q] == 0.0 {
         return;

@@ -1,5 +1,4 @@
-//! The types that event detection takes and gives: frames, settings, events, tracks. How events are found lives in
-//! `events`.
+//! Input and output types of event detection: frames, settings, events, tracks. How events are found is in `events`.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +7,7 @@ use serde::{Deserialize, Serialize};
 pub struct Frame<'a> {
     /// Time; frames are in order, forward or backward.
     pub time: f64,
-    /// `[S]`: component of each Gaussian, 0 for none (transparent, outlier); not above `S`.
+    /// `[S]`: component of each Gaussian, 0 for none (transparent, outlier); at most `S`.
     pub labels: &'a [u32],
     /// `[S]`: linear opacity.
     pub opacity: &'a [f32],
@@ -17,12 +16,12 @@ pub struct Frame<'a> {
 /// Settings of [`find_events`](super::events::find_events).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EventConfig {
-    /// Share of a time's weight (opacity) below which a component is ignored, and of a component's weight below which
-    /// what it shares with another is.
+    /// Fraction of a time's weight (opacity) below which a component is ignored, and of a component's weight below
+    /// which its overlap with another is.
     pub min_share: f64,
-    /// Times a new state must last to be an event; 1 reports every flicker.
+    /// Number of times that a new state must last to be an event; 1 reports every flicker.
     pub persistence: usize,
-    /// Share of the largest total opacity over time below which the whole segment counts as gone.
+    /// Fraction of the largest total opacity over time below which the whole segment counts as gone.
     pub presence_share: f64,
 }
 
@@ -42,9 +41,9 @@ pub enum EventKind {
     Vanish,
     /// A component becomes several.
     Split,
-    /// Several become one.
+    /// Several components become one.
     Merge,
-    /// A track goes on from `time_from` to `time_to` without event.
+    /// A track continues from `time_from` to `time_to` without an event.
     Continue,
     /// The whole segment becomes visible; its tracks may also appear one by one.
     SegmentAppear,
@@ -61,9 +60,9 @@ pub struct Event {
     pub time_to: f64,
     /// What happened.
     pub kind: EventKind,
-    /// Tracks before.
+    /// Tracks before the event.
     pub parents: Vec<u32>,
-    /// Tracks after.
+    /// Tracks after the event.
     pub children: Vec<u32>,
     /// Total opacity of each parent at its last time.
     pub parent_weights: Vec<f64>,
@@ -78,12 +77,12 @@ pub struct TrackPoint {
     pub time: f64,
     /// Label of the component at that time.
     pub component: u32,
-    /// Track, from 1; 0 where no track is known.
+    /// Track, from 1; 0 if no track is known.
     pub track: u32,
     /// Total opacity.
     pub weight: f64,
-    /// Whether the component was too small or too short-lived and only lent the track most of its Gaussians have at
-    /// neighbouring times.
+    /// Whether the component was too small or too short-lived for a track of its own and borrows the one that most of
+    /// its Gaussians have at neighbouring times.
     pub lent: bool,
 }
 

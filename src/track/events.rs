@@ -1,5 +1,5 @@
 //! When the components of a segment appear, vanish, split and merge. The overlap of components is measured in
-//! `overlap`; finding the components of one time is `points::components`' work.
+//! `overlap`; the components of one time are found by `points::components`.
 
 pub use super::event::{Event, EventConfig, EventKind, Frame, TrackPoint, Tracking};
 use super::overlap::{Graph, LabelSum, Nodes, label_sums, usable};
@@ -12,15 +12,16 @@ use std::collections::BTreeMap;
 /// Finds the events between consecutive `frames`, and the track of every component.
 ///
 /// Components of two times are linked by the Gaussians they share, weighted by opacity. A track is a run of one-to-one
-/// links; a component with several successors splits, one with several predecessors is a merge, one with none appears
-/// or vanishes. Against flicker: components under `min_share` are ignored; a part that lives less than `persistence`
-/// times, and a merger undone within as many, are passed over by linking what is before to what is after; an absence
-/// shorter than that is bridged. A change is reported only if its new state is seen for `persistence` times, so not one
-/// within that many times of the ends. A part that flickers at every time is passed over as a whole. Frames in reverse
-/// give the mirrored events: split for merge, appear for vanish, parents for children.
+/// links; a component with several successors splits, one with several predecessors is a merge, and one with none
+/// appears or vanishes. Flicker is suppressed: components under `min_share` are ignored; a part that lives for fewer
+/// than `persistence` times, and a merger undone within as many, are skipped by linking what is before to what is
+/// after; an absence shorter than that is bridged. A change is reported only if its new state is seen for `persistence`
+/// times, so never within that many times of the ends. A part that flickers at every time is skipped entirely. Frames
+/// in reverse order give the mirrored events: split for merge, appear for vanish, parents for children.
 ///
 /// # Errors
-/// Frames of different numbers of Gaussians; a label above that number; shares outside 0..=1; a persistence of 0.
+/// If frames have different numbers of Gaussians, a label is above that number, a share is outside 0..=1, or the
+/// persistence is 0.
 pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Tracking, PointsError> {
     check(frames, config)?;
     if frames.is_empty() {
@@ -80,8 +81,9 @@ fn check(frames: &[Frame<'_>], config: &EventConfig) -> Result<(), PointsError> 
     Ok(())
 }
 
-/// Drops runs shorter than `persistence` that several steady components merge into and several steady ones come out of
-/// (or that the series starts or ends with), so that each of those is linked to its own continuation.
+/// Drops runs shorter than `persistence` into which several steady components merge (or with which the series starts)
+/// and from which several steady ones emerge (or with which it ends), so that each of those is linked to its own
+/// continuation.
 fn drop_brief_mergers(nodes: &mut Nodes, graph: &Graph, persistence: usize, times: usize) {
     let only = nodes.only(graph);
     let (heads, lengths) = (nodes.chains(&only), nodes.chain_lengths(&only));
@@ -155,8 +157,9 @@ impl History<'_> {
         events
     }
 
-    /// The first of `times`, going away from the node, from which its absence is certain: times at which half of its
-    /// weight lies in components that were passed over are skipped, and `persistence` others must follow.
+    /// Returns the first of `times`, going away from the node, from which its absence is certain: times at which at
+    /// least half of its weight lies in components that are not kept are skipped, and at least `persistence` times must
+    /// be left.
     fn gone(&self, node: usize, times: impl Iterator<Item = usize>) -> Option<usize> {
         let own = &self.nodes.list[node];
         let frame = &self.frames[own.time];
@@ -240,7 +243,7 @@ impl History<'_> {
         points
     }
 
-    /// For components that are no kept node: the track that most of their weight has before and after.
+    /// Returns, for components that are not kept nodes, the track that most of their weight has before and after.
     fn lent_tracks(&self) -> BTreeMap<(usize, u32), u32> {
         let track_at = |time: usize, i: usize| {
             let frame = &self.frames[time];

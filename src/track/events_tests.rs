@@ -1,4 +1,4 @@
-//! Tests of event detection on small hand-made histories, their mirror images and poison input.
+//! Tests of event detection on small hand-made histories, their mirror images and invalid input.
 
 use super::*;
 use crate::points::sampling::tests::generator;
@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 const SIZE: usize = 100;
 
-/// A history of label rows; each entry gives `(label, Gaussians)` in order.
+/// A history of label rows; each entry lists `(label, number of Gaussians)` in order.
 fn rows(history: &[&[(u32, usize)]]) -> Vec<Vec<u32>> {
     history
         .iter()
@@ -206,7 +206,7 @@ fn poison_input() {
     assert!(find_events(&[frame(&[1], &[1.0])], &EventConfig { min_share: f64::NAN, ..config }).is_err());
 }
 
-/// An event by what it joins, free of track numbers: the `(time, label)` ends of its parents and children.
+/// An event without track numbers: its kind, its times, and the bits of the weights of its parents and children.
 type Shape = (EventKind, u64, u64, Vec<u64>, Vec<u64>);
 
 fn shapes(tracking: &Tracking, mirror: bool) -> Vec<Shape> {
@@ -239,7 +239,7 @@ fn shapes(tracking: &Tracking, mirror: bool) -> Vec<Shape> {
     shapes
 }
 
-/// A random history: blocks of Gaussians wander between labels and fade at random.
+/// A random history: blocks of Gaussians move between labels and fade at random.
 fn random_history(seed: u64, times: usize, steadiness: f32) -> (Vec<Vec<u32>>, Vec<Vec<f32>>) {
     let mut u = generator(seed);
     let mut blocks = [1u32, 1, 1, 2, 2, 3];

@@ -1,4 +1,4 @@
-//! Segments through time: at each time the scene is deformed once, and each segment's Gaussians are described and
+//! Segments through time: at each time, the scene is deformed once, and each segment's Gaussians are described and
 //! joined into components.
 
 use super::events::{EventConfig, Frame, Tracking, find_events};
@@ -8,11 +8,11 @@ use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, components_touching, largest_scales};
 use crate::segment::colour::constant_colour;
 
-/// Cells of the volumes along the longest side of the scene's box. A segment is often a tenth of that, some 25 cells; and
-/// one that reaches over two boxes is still within what [`super::volume::union_volume`] takes without coarsening.
+/// Cells of the volumes along the longest side of the scene's box. A segment is often a tenth of that, about 25 cells,
+/// and one that extends over two boxes is still within what [`super::volume::union_volume`] accepts without coarsening.
 const CELLS: f32 = 256.0;
 
-/// A segment to follow.
+/// A segment to track.
 #[derive(Clone, Copy, Debug)]
 pub struct Followed<'a> {
     /// Its name.
@@ -21,22 +21,22 @@ pub struct Followed<'a> {
     pub members: &'a [u32],
 }
 
-/// How to follow.
+/// How to track.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowOptions {
-    /// Two Gaussians touch if they are no farther apart than this many of their largest standard deviations together.
+    /// Two Gaussians touch if their distance is at most this many times the sum of their largest standard deviations.
     pub reach: f32,
-    /// Gaussians less opaque than this join nothing.
+    /// Gaussians less opaque than this connect nothing.
     pub min_opacity: f32,
     /// What counts as an event.
     pub events: EventConfig,
-    /// Cell side of the volumes, world units. One for all segments and times, whichever are asked for and in whatever
-    /// order, so that volumes compare.
+    /// Cell side of the volumes, world units. It is the same for all segments and times, whichever are requested and in
+    /// whatever order, so that volumes are comparable.
     pub volume_cell: f32,
 }
 
 impl FollowOptions {
-    /// The defaults for a scene whose box has these half sides, world units.
+    /// Returns the defaults for a scene whose box has these half sides, world units.
     #[must_use]
     pub fn within(half_size: [f32; 3]) -> Self {
         let volume_cell = 2.0 * half_size.into_iter().fold(0.0, f32::max) / CELLS;
@@ -44,22 +44,22 @@ impl FollowOptions {
     }
 }
 
-/// A segment through time.
+/// A segment tracked through time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Followup {
     /// Its name.
     pub name: String,
-    /// What it was like at each time.
+    /// Its statistics at each time.
     pub statistics: Vec<SegmentStatistics>,
-    /// How its parts came, went, split and joined.
+    /// How its parts appeared, vanished, split and merged.
     pub tracking: Tracking,
 }
 
-/// Follows `segments` over `times`, in their order, forward or backward. `scene` gives the Gaussians of a time; where it
-/// gives none, following stops, and gives none itself.
+/// Tracks `segments` over `times`, in their order, forward or backward. `scene` returns the Gaussians of a time; if it
+/// returns `None`, tracking stops and also returns `None`.
 ///
 /// # Errors
-/// If a member is no Gaussian of the scene, or an option is out of range.
+/// If a member is not a Gaussian of the scene, or an option is out of range.
 pub fn follow(
     mut scene: impl FnMut(f64) -> Option<HostGaussians>,
     segments: &[Followed<'_>],
@@ -71,7 +71,7 @@ pub fn follow(
     let config = StatisticsConfig { volume_cell: Some(options.volume_cell), ..StatisticsConfig::default() };
     for &time in times {
         let Some(at) = scene(time) else { return Ok(None) };
-        // of shaded Gaussians, what no light has touched
+        // for shaded Gaussians, the colour before lighting
         let (opacity, colours) = (at.opacity(), constant_colour(&at.sh, at.sh_stride.max(1))?);
         let all = Gaussians {
             means: &at.means,
@@ -156,7 +156,7 @@ mod tests {
         assert_eq!(stopped.unwrap(), None);
     }
 
-    /// One ball that shows, and from half the time 63 others in a cube of them, apart from each other.
+    /// One visible ball and, after half the time, 63 others that form a cube with it, apart from each other.
     fn growing(time: f64) -> Option<HostGaussians> {
         let n = 64;
         let place = |i: usize| [i % 4, i / 4 % 4, i / 16].map(|k| 0.3 * k as f32);

@@ -1,4 +1,4 @@
-//! Following segments through time: what a segment is like at each time, and when its parts appear, vanish, split and
+//! Tracking of segments through time: what a segment is like at each time, and when its parts appear, vanish, split and
 //! merge. How segments are found is not decided here (see `segment`).
 
 pub mod eigen;

@@ -1,5 +1,5 @@
-//! How much of one component's Gaussians another component holds at a later time, and the links this makes. Which
-//! links are events is decided in `events`.
+//! How many of one component's Gaussians another component contains at a later time, and the links that this makes.
+//! Which links are events is decided in `events`.
 
 use super::event::Frame;
 use crate::points::chunks::map_chunks;
@@ -11,7 +11,7 @@ pub(crate) struct Node {
     pub(crate) label: u32,
     /// Sum of the opacities of its Gaussians.
     pub(crate) weight: f64,
-    /// Its lowest Gaussian, which decides among equals.
+    /// Lowest index of its Gaussians, which breaks ties.
     pub(crate) first: u32,
 }
 
@@ -19,11 +19,11 @@ pub(crate) struct Node {
 pub(crate) struct Nodes {
     pub(crate) list: Vec<Node>,
     pub(crate) kept: Vec<bool>,
-    /// Node number + 1 by time and label; 0 for labels that are no node.
+    /// Node number + 1 by time and label; 0 for labels that are not a node.
     by_label: Vec<Vec<u32>>,
 }
 
-/// Shared Gaussians of a node and a later one: their opacity at the earlier and at the later time.
+/// Gaussians shared by a node and a later one: their opacity at the earlier and at the later time.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shared {
     pub(crate) other: usize,
@@ -37,7 +37,7 @@ pub(crate) struct Graph {
     pub(crate) parents: Vec<Vec<Shared>>,
 }
 
-/// Opacity that counts: 0 for anything not positive and finite.
+/// Returns the opacity that counts: 0 for anything not positive and finite.
 pub(crate) fn usable(opacity: f32) -> f64 {
     if opacity.is_finite() { f64::from(opacity.max(0.0)) } else { 0.0 }
 }
@@ -49,7 +49,8 @@ pub(crate) struct LabelSum {
     pub(crate) first: u32,
 }
 
-/// Weight and lowest member of each label of a frame; index 0 stays empty. Labels without visible members weigh 0.
+/// Returns the weight and lowest member of each label of a frame; index 0 stays empty. Labels without visible members
+/// weigh 0.
 pub(crate) fn label_sums(frame: &Frame<'_>) -> Vec<LabelSum> {
     let most = frame.labels.iter().copied().max().unwrap_or(0) as usize;
     let mut sums = vec![LabelSum { weight: 0.0, first: u32::MAX }; most + 1];
@@ -65,7 +66,7 @@ pub(crate) fn label_sums(frame: &Frame<'_>) -> Vec<LabelSum> {
 }
 
 impl Nodes {
-    /// Makes nodes of the labels that hold at least `min_share` of their time's weight, at the times `present`.
+    /// Creates nodes for the labels that hold at least `min_share` of their time's weight, at the times `present`.
     pub(crate) fn new(sums: &[Vec<LabelSum>], present: &[bool], min_share: f64) -> Self {
         let mut list = Vec::new();
         let mut by_label = Vec::with_capacity(sums.len());
@@ -83,19 +84,19 @@ impl Nodes {
         Self { kept: vec![true; list.len()], list, by_label }
     }
 
-    /// The node that a Gaussian with this label and opacity is in.
+    /// Returns the node that contains a Gaussian with this label and opacity.
     pub(crate) fn at(&self, time: usize, label: u32, opacity: f32) -> Option<usize> {
         let number = self.by_label[time][label as usize];
         (number > 0 && usable(opacity) > 0.0).then(|| number as usize - 1)
     }
 
-    /// Links between kept nodes.
+    /// Returns the links between kept nodes.
     ///
-    /// Each Gaussian joins the kept node it is in to the kept node it is in next; while it is in no node at all (absent,
-    /// or in a component too small) for `persistence` times in a row, the thread breaks. Being in a node that is not
-    /// kept breaks nothing. A pair is linked where one side shares at least half of what it shares with anyone and the
-    /// other at least `min_share` of that, and the shared part is at least `min_share` of one side's whole weight. All
-    /// of this reads the same backward in time.
+    /// Each Gaussian connects the kept node it is in to the next kept node it is in, unless it is in no node at all
+    /// (absent, or in a component that is too small) for `persistence` times in a row. Being in a node that is not kept
+    /// breaks nothing. A pair is linked if its overlap is at least half of all that one side shares with others and at
+    /// least `min_share` of all that the other side shares, and at least `min_share` of one side's whole weight. All of
+    /// this is the same backward in time.
     pub(crate) fn links(&self, frames: &[Frame<'_>], persistence: usize, min_share: f64) -> Graph {
         let shared = self.shared(frames, persistence);
         let out: Vec<f64> = shared.iter().map(|list| list.iter().map(|s| s.before).sum()).collect();
@@ -155,7 +156,7 @@ impl Nodes {
         total
     }
 
-    /// Numbers of times in the chain of each node, where `next` names a node's successor.
+    /// Returns the number of times in the chain of each node, where `next` names a node's successor.
     pub(crate) fn chain_lengths(&self, next: &[Option<usize>]) -> Vec<usize> {
         let chains = self.chains(next);
         let mut lengths = vec![0; self.list.len()];
@@ -163,7 +164,7 @@ impl Nodes {
         chains.iter().map(|&head| lengths[head]).collect()
     }
 
-    /// The first node of each node's chain.
+    /// Returns the first node of each node's chain.
     pub(crate) fn chains(&self, next: &[Option<usize>]) -> Vec<usize> {
         let mut heads: Vec<usize> = (0..next.len()).collect();
         // Nodes are ordered by time, so a head is known before it is passed on.
@@ -175,7 +176,7 @@ impl Nodes {
         heads
     }
 
-    /// The successor along links that are the strongest of both their ends.
+    /// Returns each node's successor along a link that is the strongest of both its ends.
     pub(crate) fn strongest(&self, graph: &Graph) -> Vec<Option<usize>> {
         let best = |list: &[Shared], size: fn(&Shared) -> f64| {
             list.iter()
@@ -193,7 +194,7 @@ impl Nodes {
             .collect()
     }
 
-    /// The successor where it is the only one and has no other predecessor.
+    /// Returns each node's successor if it is the only one and has no other predecessor.
     pub(crate) fn only(&self, graph: &Graph) -> Vec<Option<usize>> {
         (0..self.list.len())
             .map(|node| match graph.children[node].as_slice() {

@@ -1,5 +1,5 @@
-//! The folder of a segment that was followed: tables, plots, and pictures of it alone. The pictures come in one at a
-//! time, as drawn by the caller, and go out at once; nothing is there before [`ReportFolder::finish`].
+//! The folder of a tracked segment: tables, plots, and pictures of it alone. Pictures are added one at a time, as the
+//! caller draws them, and written at once; nothing is there before [`ReportFolder::finish`].
 
 use super::follow::Followup;
 use super::statistics::SegmentStatistics;
@@ -13,30 +13,30 @@ use image::{GrayImage, ImageError, RgbImage};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Width of a picture in `times.png` in pixels.
+/// Width of a picture in `times.png`, in pixels.
 pub const SHEET_CELL: u32 = 320;
 
-/// What pictures to keep.
+/// Which pictures to keep.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PictureOptions {
-    /// Write every picture to `renders/` and its mask to `masks/`.
+    /// Whether to write every picture to `renders/` and its mask to `masks/`.
     pub keep: bool,
-    /// Least alpha of a pixel of the mask.
+    /// Minimum alpha of a pixel of the mask.
     pub mask_alpha: f32,
 }
 
 /// Why a report cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// Something else stands where the folder should go.
+    /// Something else is where the folder should go.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
-    /// The file system said no.
+    /// The file system reported an error.
     #[error("{path}: {source}; check the folder and the space on the disk")]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What happened.
+        /// The cause.
         source: io::Error,
     },
     /// A picture cannot be encoded.
@@ -44,7 +44,7 @@ pub enum ReportError {
     Image {
         /// The file.
         path: PathBuf,
-        /// What happened.
+        /// The cause.
         source: ImageError,
     },
     /// A table cannot be encoded.
@@ -52,19 +52,19 @@ pub enum ReportError {
     Json {
         /// The file.
         path: PathBuf,
-        /// What happened.
+        /// The cause.
         source: serde_json::Error,
     },
 }
 
-/// The folder of a followed segment.
+/// Kind of a tracked segment's folder.
 const KIND: FolderKind = FolderKind {
     what: "a followed segment",
     markers: &["statistics.json"],
     entries: &["*.csv", "*.svg", "times.png", "renders/[0-9]*.png", "masks/[0-9]*.png"],
 };
 
-/// A segment's folder that is being made.
+/// The folder of a segment that is being written.
 #[derive(Debug)]
 pub struct ReportFolder {
     path: PathBuf,
@@ -72,12 +72,12 @@ pub struct ReportFolder {
     options: PictureOptions,
     /// Labelled pictures of the sheet.
     sheet: Vec<(String, RgbImage)>,
-    /// Pixels of the mask, and their share of the picture, at each time.
+    /// Pixels of the mask, and their fraction of the picture, at each time.
     areas: Vec<(u64, f64)>,
 }
 
 impl ReportFolder {
-    /// Begins the folder `name` in `parent`, which is made if it is not there.
+    /// Creates the folder `name` in `parent`, which is created if missing.
     ///
     /// # Errors
     /// [`ReportError::Io`]; [`ReportError::Replace`] if something else has that name.
@@ -94,8 +94,8 @@ impl ReportFolder {
         Ok(Self { path, folder, options, sheet: Vec::new(), areas: Vec::new() })
     }
 
-    /// Adds the picture of the next time: `rgba` is colour over the background, and alpha, `[H, W, 4]`. With a
-    /// `label` it goes to the sheet too.
+    /// Adds the picture of the next time: `rgba` is colour over the background, and alpha, `[H, W, 4]`. With a `label`,
+    /// it is also added to the sheet.
     ///
     /// # Errors
     /// [`ReportError`].
@@ -119,11 +119,11 @@ impl ReportFolder {
         Ok(())
     }
 
-    /// Writes tables and plots and publishes the folder in place of one that is there. The areas of the pictures, which
-    /// are of the same times, go into the statistics.
+    /// Writes tables and plots and publishes the folder, replacing an earlier one. The areas of the pictures, which are
+    /// of the same times, are entered into the statistics.
     ///
     /// # Errors
-    /// [`ReportError`]; a folder that was there then stays.
+    /// [`ReportError`]; an earlier folder then stays.
     pub fn finish(self, found: &mut Followup) -> Result<(), ReportError> {
         for (row, (area, share)) in found.statistics.iter_mut().zip(&self.areas) {
             (row.projected_area, row.projected_share) = (Some(*area), Some(*share));
@@ -154,7 +154,7 @@ impl ReportFolder {
     }
 }
 
-/// How much of the segment there is, each measure as a share of its largest value.
+/// Plots how much of the segment there is, each measure as a fraction of its largest value.
 fn over_time(found: &Followup) -> String {
     let share = |name: &str, value: &dyn Fn(&SegmentStatistics) -> f64| {
         let largest = found.statistics.iter().map(value).fold(0.0, f64::max).max(1e-12);
@@ -170,7 +170,7 @@ fn over_time(found: &Followup) -> String {
     line_plot(&found.name, "time", "of the largest", &series)
 }
 
-/// The velocity of the centroid and its length.
+/// Plots the velocity of the centroid and its magnitude.
 fn velocity_over_time(found: &Followup) -> String {
     let curve = |name: &str, value: &dyn Fn([f64; 3]) -> f64| {
         let points = found.statistics.iter().map(|s| (s.time, s.velocity.map_or(f64::NAN, value))).collect();

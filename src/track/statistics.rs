@@ -1,5 +1,5 @@
-//! What a segment is like at one time - how many Gaussians show, where it is, how large - and its velocity over times.
-//! Writing tables lives in `tables`, changes of topology in `events`.
+//! Statistics of a segment at one time (how many Gaussians are visible, where it is, how large it is), and its velocity
+//! over times. Tables are written in `tables`, changes of topology are found in `events`.
 
 use super::eigen::{Matrix, rotation, sandwich, symmetric_eigen};
 use super::volume::{Ellipsoid, union_volume};
@@ -19,7 +19,7 @@ pub struct Gaussians<'a> {
     pub log_scales: &'a [f32],
     /// `[N, 4]`, `wxyz`, of any length.
     pub rotations: &'a [f32],
-    /// `[N, 3]` RGB, or empty where no mean colour is wanted.
+    /// `[N, 3]` RGB, or empty if no mean colour is wanted.
     pub colours: &'a [f32],
 }
 
@@ -28,38 +28,40 @@ pub struct Gaussians<'a> {
 pub struct StatisticsConfig {
     /// Opacity above which a Gaussian counts as visible.
     pub min_opacity: f32,
-    /// Opacity from which a Gaussian adds to the volume.
+    /// Minimum opacity of a Gaussian that adds to the volume.
     pub volume_opacity: f32,
     /// Size of the ellipsoids of the volume in standard deviations.
     pub volume_sigmas: f32,
-    /// Cell side of the volume in world units; `None` for 1/64 of the longest side of the bounding box. Give one cell
-    /// for all times to compare them.
+    /// Cell side of the volume in world units; `None` for 1/64 of the longest side of the bounding box. Use one cell
+    /// side for all times to compare them.
     pub volume_cell: Option<f32>,
 }
 
 impl Default for StatisticsConfig {
-    /// Visible above 1/255; volume of the 1-sigma ellipsoids of opacity 0.1 and up.
+    /// Visible above 1/255; volume of the 1-sigma ellipsoids with an opacity of 0.1 or more.
     fn default() -> Self {
         Self { min_opacity: 1.0 / 255.0, volume_opacity: 0.1, volume_sigmas: 1.0, volume_cell: None }
     }
 }
 
-/// A segment at one time. Places are `None` where no Gaussian is visible; the names are the columns of the CSV.
+/// Statistics of a segment at one time. Positions are `None` if no Gaussian is visible; the names are the columns of
+/// the CSV.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SegmentStatistics {
     /// Name of the segment.
     pub segment: String,
     /// Time.
     pub time: f64,
-    /// Gaussians in the segment.
+    /// Number of Gaussians in the segment.
     pub gaussians: usize,
-    /// Gaussians more opaque than the threshold, with finite parameters.
+    /// Number of Gaussians more opaque than the threshold, with finite parameters.
     pub visible: usize,
-    /// Sum of the opacities of the visible ones.
+    /// Sum of the opacities of the visible Gaussians.
     pub opacity: f64,
     /// Opacity-weighted mean of the means, world units.
     pub centroid: Option<[f64; 3]>,
-    /// Change of the centroid per unit time; `None` before [`fill_velocities`] and where no neighbouring time shows it.
+    /// Change of the centroid per unit time; `None` before [`fill_velocities`] and if no neighbouring time has a
+    /// centroid.
     pub velocity: Option<[f64; 3]>,
     /// Lower corner of the box around means +- 1 standard deviation along the axes.
     pub box_min: Option<[f64; 3]>,
@@ -75,10 +77,10 @@ pub struct SegmentStatistics {
     pub volume_cell: f64,
     /// Opacity-weighted mean colour.
     pub colour: Option<[f64; 3]>,
-    /// Pixels that the segment alone covers in a picture; `None` where none was drawn.
+    /// Pixels that the segment alone covers in a picture; `None` if none was drawn.
     #[serde(default)]
     pub projected_area: Option<u64>,
-    /// The same as a share of the picture.
+    /// The same as a fraction of the picture.
     #[serde(default)]
     pub projected_share: Option<f64>,
 }
@@ -104,12 +106,14 @@ struct Sums {
     colour_weight: f64,
 }
 
-/// Describes the Gaussians `members` (indices into the scene) at one time; velocity is filled by [`fill_velocities`].
+/// Computes the statistics of the Gaussians `members` (indices into the scene) at one time, without the velocity, see
+/// [`fill_velocities`].
 ///
 /// Gaussians with a non-finite mean, scale, rotation or opacity are not visible. Sums run over fixed chunks in order.
 ///
 /// # Errors
-/// Slices of different numbers of Gaussians; a member outside the scene; a volume cell or size that is not positive.
+/// If slices have different numbers of Gaussians, a member is outside the scene, or a volume cell or size is not
+/// positive.
 pub fn segment_statistics(
     scene: &Gaussians<'_>,
     members: &[u32],
@@ -237,12 +241,13 @@ fn total(parts: &[Vec<Visible>], origin: [f64; 3]) -> Sums {
     sums
 }
 
-/// Fills the velocities of one segment's statistics, given in order of time, from the centroids of the neighbouring
-/// times that have one: with both neighbours the second-order difference for uneven steps (exact for constant
-/// acceleration), at an end the one-sided difference. A time without centroid, or without any neighbour, gets `None`.
+/// Fills in the velocities of one segment's statistics, given in order of time, from the centroids of the neighbouring
+/// times that have one: with both neighbours, the second-order difference for uneven steps (exact for constant
+/// acceleration); at an end, the one-sided difference. A time without a centroid, or without any neighbour, gets
+/// `None`.
 pub fn fill_velocities(series: &mut [SegmentStatistics]) {
     let knots: Vec<(f64, Option<[f64; 3]>)> = series.iter().map(|s| (s.time, s.centroid)).collect();
-    // A neighbour that shows nothing, or of the same time, is no neighbour.
+    // A time without a centroid, or the same time, is no neighbour.
     let slope = |i: usize, j: usize| {
         let (from, to) = (knots.get(i)?, knots.get(j)?);
         let (step, a, b) = (to.0 - from.0, from.1?, to.1?);

@@ -1,4 +1,4 @@
-//! Tests of the statistics of a segment: geometry, poison values, velocities.
+//! Tests of the statistics of a segment: geometry, non-finite values, velocities.
 
 use super::*;
 use crate::points::sampling::tests::generator;

@@ -1,4 +1,4 @@
-//! CSV and JSON of statistics, events and tracks as strings. Writing them to files is the caller's work.
+//! Statistics, events and tracks as CSV and JSON strings. The caller writes them to files.
 
 use super::events::{Event, TrackPoint};
 use super::statistics::SegmentStatistics;
@@ -18,7 +18,7 @@ pub const EVENT_COLUMNS: &str = "segment,time_from,time_to,kind,parents,children
 /// Columns of [`tracks_csv`].
 pub const TRACK_COLUMNS: &str = "segment,time,component,track,weight,lent";
 
-/// Statistics as CSV with a header; unknown and non-finite numbers are empty fields. Numbers read back exactly.
+/// Formats statistics as CSV with a header; unknown and non-finite numbers are empty fields. Numbers read back exactly.
 pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
     let mut out = format!("{STATISTICS_COLUMNS}\n");
     for row in rows {
@@ -46,7 +46,7 @@ pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
     out
 }
 
-/// Events of one segment as CSV with a header.
+/// Formats the events of one segment as CSV with a header.
 pub fn events_csv(segment: &str, events: &[Event]) -> String {
     let mut out = format!("{EVENT_COLUMNS}\n");
     for event in events {
@@ -61,7 +61,7 @@ pub fn events_csv(segment: &str, events: &[Event]) -> String {
     out
 }
 
-/// Tracks of one segment as CSV with a header.
+/// Formats the tracks of one segment as CSV with a header.
 pub fn tracks_csv(segment: &str, points: &[TrackPoint]) -> String {
     let mut out = format!("{TRACK_COLUMNS}\n");
     for point in points {
@@ -74,10 +74,10 @@ pub fn tracks_csv(segment: &str, points: &[TrackPoint]) -> String {
     out
 }
 
-/// Any of the tables as indented JSON, newline at the end; non-finite numbers become `null`.
+/// Formats any of the tables as indented JSON that ends in a newline; non-finite numbers become `null`.
 ///
 /// # Errors
-/// What serialising reports; the types of this module never fail.
+/// Errors of the serialiser; the types of this module never cause any.
 pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, serde_json::Error> {
     serde_json::to_string_pretty(value).map(|text| text + "\n")
 }
@@ -125,7 +125,7 @@ mod tests {
         }
     }
 
-    /// Splits one CSV line as RFC 4180 says.
+    /// Splits one CSV line according to RFC 4180.
     fn split(line: &str) -> Vec<String> {
         let (mut fields, mut field, mut quoted) = (Vec::new(), String::new(), false);
         let mut chars = line.chars().peekable();

@@ -1,13 +1,13 @@
-//! How fast each Gaussian moves, as the trained deformation says. Edits are not known here, nor colours (see
+//! Velocity of each Gaussian under the trained deformation. Edits are not considered here, and neither are colours (see
 //! `segment::paint`).
 
-/// Half the time between the two positions that a velocity is taken from.
+/// Half the time between the two positions that a velocity is computed from.
 pub const STEP: f32 = 0.01;
 
-/// Gaussians less opaque than this do not set the scale, as hardly anyone sees them.
+/// Gaussians less opaque than this do not set the scale, as they are hardly visible.
 const MIN_OPACITY: f32 = 0.05;
 
-/// A number made of a velocity.
+/// A scalar computed from a velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Component {
     /// Along x.
@@ -16,12 +16,12 @@ pub enum Component {
     Y,
     /// Along z.
     Z,
-    /// Its length.
+    /// Its magnitude.
     Speed,
 }
 
 impl Component {
-    /// The component of each row of `velocities` `[N, 3]`, in their unit.
+    /// Returns the component of each row of `velocities` `[N, 3]`, in their unit.
     #[must_use]
     pub fn of(self, velocities: &[f32]) -> Vec<f32> {
         let one = |v: &[f32]| match self {
@@ -34,10 +34,10 @@ impl Component {
     }
 }
 
-/// Velocities at `time` in [0, 1], `[N, 3]`, in world units per unit of time (the whole series lasts 1).
+/// Returns the velocities at `time` in [0, 1], `[N, 3]`, in world units per unit of time (the whole series lasts 1).
 ///
-/// `means` gives the positions `[N, 3]` at a time. They are asked for [`STEP`] before and after; where that leaves
-/// [0, 1], at the end itself, so that differences at the ends are one-sided.
+/// `means` returns the positions `[N, 3]` at a time. It is called for the times [`STEP`] before and after, clamped to
+/// [0, 1], so that differences at the ends are one-sided.
 pub fn velocities(mut means: impl FnMut(f32) -> Vec<f32>, time: f32) -> Vec<f32> {
     let (before, after) = ((time - STEP).max(0.0), (time + STEP).min(1.0));
     let (from, to) = (means(before), means(after));
@@ -45,15 +45,15 @@ pub fn velocities(mut means: impl FnMut(f32) -> Vec<f32>, time: f32) -> Vec<f32>
     from.iter().zip(&to).map(|(a, b)| ((f64::from(*b) - f64::from(*a)) / between) as f32).collect()
 }
 
-/// The size that is exceeded by 1 % of `values` `[N]` alone, of Gaussians of the given linear `opacity` `[N]` that
-/// can be seen. A few that fly off do not set it. `None` if nothing differs from 0.
+/// Returns the magnitude that only 1 % of `values` `[N]` exceed, among visible Gaussians, given the linear `opacity`
+/// `[N]`. A few that fly off do not affect it. `None` if nothing differs from 0.
 #[must_use]
 pub fn robust_size(values: &[f32], opacity: &[f32]) -> Option<f32> {
     let seen = values.iter().zip(opacity).filter(|(v, o)| v.is_finite() && **o >= MIN_OPACITY);
     let mut sizes: Vec<f32> = seen.map(|(v, _)| v.abs()).collect();
     sizes.sort_by(f32::total_cmp);
     let last = sizes.len().checked_sub(1)?;
-    // where fewer move than that, the largest
+    // if fewer move than that, the largest
     [sizes[last * 99 / 100], sizes[last]].into_iter().find(|v| *v > 0.0)
 }
 
@@ -110,7 +110,7 @@ mod tests {
         let mut unseen = opacity.clone();
         unseen.iter_mut().step_by(2).for_each(|o| *o = 0.01);
         assert_eq!(robust_size(&values, &unseen), Some(0.5));
-        // few that move
+        // only a few move
         let mut still = vec![0.0; 1000];
         still[3] = -2.0;
         assert_eq!(robust_size(&still, &opacity), Some(2.0));

@@ -1,11 +1,11 @@
-//! The volume a set of Gaussians fills: cells of a world-aligned grid inside the union of their ellipsoids. Which
-//! Gaussians count is the caller's choice (see `statistics`).
+//! The volume that a set of Gaussians fills: cells of a world-aligned grid inside the union of their ellipsoids. The
+//! caller chooses which Gaussians count (see `statistics`).
 
 use super::eigen::Matrix;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Cells of the grid at most (32 MiB of bits); a finer request is coarsened.
+/// Maximum number of grid cells (32 MiB of bits); a finer request is coarsened.
 const MOST_CELLS: f64 = (1u64 << 28) as f64;
 
 /// One ellipsoid: centre, rotation (columns are the axes), half axes, all in world units.
@@ -20,17 +20,18 @@ pub struct Ellipsoid {
 }
 
 impl Ellipsoid {
-    /// Half sides of the axis-aligned box around it.
+    /// Returns the half sides of its axis-aligned bounding box.
     pub fn half_sides(&self) -> [f64; 3] {
         [0, 1, 2].map(|i| (0..3).map(|k| (self.rotation[i][k] * self.half_axes[k]).powi(2)).sum::<f64>().sqrt())
     }
 }
 
-/// Volume of the union of `ellipsoids` in cubic world units, and the cell side used.
+/// Returns the volume of the union of `ellipsoids` in cubic world units, and the cell side used.
 ///
-/// A cell of the grid (side `cell`, borders at multiples of it, the same at all times) counts if its centre is inside an
-/// ellipsoid or an ellipsoid's centre is inside the cell. So a sheet thinner than a cell counts about one cell thick:
-/// compare volumes of the same cell side alone. A grid of more than 2^28 cells is coarsened by doubling the side.
+/// A cell of the grid (side `cell`, borders at multiples of it, the same at all times) counts if its centre is inside
+/// an ellipsoid or an ellipsoid's centre is inside the cell. A sheet thinner than a cell therefore counts as about one
+/// cell thick: compare only volumes of the same cell side. A grid of more than 2^28 cells is coarsened by doubling the
+/// side.
 pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
     if ellipsoids.is_empty() {
         return (0.0, cell);
@@ -51,7 +52,7 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
     let first = low.map(|v| (v / cell).floor());
     let size = counts(cell).map(|n| n as usize);
     let bits: Vec<AtomicU64> = (0..(size[0] * size[1] * size[2]).div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-    // cells `from..=to` along x, a word of bits at a time
+    // fills cells `from..=to` along x, one word of bits at a time
     let fill = |from: usize, to: usize, y: usize, z: usize| {
         let row = (z * size[1] + y) * size[0];
         let (from, to) = (row + from, row + to);
@@ -68,8 +69,8 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
         let half = e.half_sides();
         let from = [0, 1, 2].map(|a| index(e.centre[a] - half[a], a));
         let to = [0, 1, 2].map(|a| index(e.centre[a] + half[a], a));
-        // along a row of cells the squared distance in half axes is a parabola of x, and what is inside lies between
-        // the two places where it is 1
+        // along a row of cells, the squared distance in half axes is a parabola in x, and the inside lies between the
+        // two places where it is 1
         let slope = [0, 1, 2].map(|k| e.rotation[0][k] / e.half_axes[k]);
         let square: f64 = slope.iter().map(|s| s * s).sum();
         let middle = |v: usize, a: usize| (first[a] + v as f64 + 0.5) * cell - e.centre[a];
@@ -81,7 +82,7 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
                 let mixed: f64 = (0..3).map(|k| slope[k] * rest[k]).sum();
                 let constant: f64 = rest.iter().map(|r| r * r).sum();
                 let root = (mixed * mixed - square * (constant - 1.0)).sqrt();
-                // none, or so thin that no cell's centre lies in it
+                // no intersection, or so thin that no cell's centre lies in it
                 if !root.is_finite() || !square.is_finite() {
                     continue;
                 }

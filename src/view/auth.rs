@@ -1,13 +1,14 @@
-//! Who is let in: a secret token in the first address, a cookie from then on, and requests that name this server as their
-//! host and, where pages send it, as their origin.
+//! Access control: a secret token in the first address, a cookie from then on, and requests that name this server as
+//! their host and, where pages send it, as their origin.
 //!
-//! The token keeps other users of the machine out. Checking `Host` stops a foreign page that points its own name at this
-//! address (DNS rebinding); checking `Origin` stops one that opens a websocket to it, which carries the cookie along.
+//! The token keeps other users of the machine out. Checking `Host` stops a foreign page that points its own name at
+//! this address (DNS rebinding); checking `Origin` stops one that opens a websocket to it, which sends the cookie
+//! along.
 
 use std::net::IpAddr;
 use subtle::ConstantTimeEq;
 
-/// Bytes of the token.
+/// Length of the token in bytes.
 const BYTES: usize = 16;
 
 /// The secret of one server.
@@ -15,7 +16,7 @@ const BYTES: usize = 16;
 pub struct Token(String);
 
 impl Token {
-    /// A new one, from the system's random numbers.
+    /// Makes a new token from the system's random numbers.
     ///
     /// # Errors
     /// If the system gives none.
@@ -25,20 +26,20 @@ impl Token {
         Ok(Self(bytes.iter().map(|b| format!("{b:02x}")).collect()))
     }
 
-    /// In hexadecimal digits.
+    /// Returns the token in hexadecimal digits.
     #[must_use]
     pub fn text(&self) -> &str {
         &self.0
     }
 
-    /// Whether `given` is it; the time that this takes says nothing about the digits.
+    /// Whether `given` is the token; the time that this takes reveals nothing about the digits.
     #[must_use]
     pub fn is(&self, given: &str) -> bool {
         bool::from(self.0.as_bytes().ct_eq(given.as_bytes()))
     }
 }
 
-/// It is no secret any more in a log.
+/// Hides the token, which would no longer be secret in a log.
 impl std::fmt::Debug for Token {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Token(..)")
@@ -49,21 +50,21 @@ impl std::fmt::Debug for Token {
 #[derive(Clone, Debug)]
 pub struct Guard {
     token: Token,
-    /// Name of the cookie: one a server, as browsers do not keep those of two ports apart.
+    /// Name of the cookie: one per server, as browsers do not distinguish cookies of two ports.
     cookie: String,
-    /// Names under which the server may be reached, beside those of the machine itself.
+    /// Names under which the server may be reached, in addition to those of the machine itself.
     hosts: Vec<String>,
 }
 
 impl Guard {
-    /// A server at `port` that may also be reached as one of `hosts` (names or addresses, without ports).
+    /// Makes the rules of a server at `port`, also reachable as any of `hosts` (names or addresses, without ports).
     #[must_use]
     pub fn new(token: Token, port: u16, hosts: Vec<String>) -> Self {
         Self { token, cookie: format!("volseggs-{port}"), hosts }
     }
 
-    /// Whether `Host` names this server: the loopback, or one of the names that were allowed. The port does not matter, as
-    /// ssh may have changed it.
+    /// Whether `Host` names this server: the loopback, or one of the allowed names. The port does not matter, as ssh
+    /// may have changed it.
     #[must_use]
     pub fn allows_host(&self, host: Option<&str>) -> bool {
         let Some(name) = host.and_then(name_of) else { return false };
@@ -72,7 +73,8 @@ impl Guard {
         loopback || self.hosts.iter().any(|h| h.eq_ignore_ascii_case(name))
     }
 
-    /// Whether a page of this server asks: its origin is `http://` and the `Host` of the request, port included.
+    /// Whether the request comes from a page of this server: its origin is `http://` or `https://` and the `Host` of
+    /// the request, port included.
     #[must_use]
     pub fn allows_origin(&self, origin: Option<&str>, host: Option<&str>) -> bool {
         let (Some(origin), Some(host)) = (origin, host) else { return false };
@@ -96,7 +98,7 @@ impl Guard {
         header.is_some_and(|all| all.split(';').filter_map(of_ours).any(|right| right))
     }
 
-    /// The `Set-Cookie` header of who came with the token.
+    /// Returns the `Set-Cookie` header for a client that gave the token.
     #[must_use]
     pub fn set_cookie(&self) -> String {
         format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.cookie, self.token.text())

@@ -1,4 +1,4 @@
-//! The viewer beside a training in this process.
+//! The viewer alongside training in this process.
 
 use super::hub::Hub;
 use super::listen::{Listening, ViewError};
@@ -12,18 +12,18 @@ use burn::tensor::Device;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How it is served.
+/// How the viewer is served.
 #[derive(Clone, Debug)]
 pub struct BesideOptions {
-    /// Where it draws: where the training does not compute, if there is such a device.
+    /// Device to draw on: one that the training does not use, if there is such a device.
     pub device: Device,
     /// Whether windows cannot pause the training.
     pub read_only: bool,
-    /// Bytes of deformed Gaussians that are kept.
+    /// Maximum size of the cache of deformed Gaussians, in bytes.
     pub cache: usize,
 }
 
-/// Ends the viewer when the training ends, be it by a panic.
+/// Ends the viewer when the training ends, even by a panic.
 struct End<'a> {
     live: &'a Live,
     stop: &'a AtomicBool,
@@ -36,9 +36,9 @@ impl Drop for End<'_> {
     }
 }
 
-/// Serves the viewer while `train` trains on this thread, with an observer that it hands to [`crate::train::run::run`].
-/// `ready` is called when the first scene is there. The viewer ends with the training; that it failed, if it did, is told
-/// beside how the training ended, which does not depend on it.
+/// Serves the viewer while `train` trains on this thread, with an observer that it passes to
+/// [`crate::train::run::run`]. `ready` is called when the first scene is available. The viewer ends with the training.
+/// Returns how the training ended, which does not depend on the viewer, and whether the viewer failed.
 pub fn beside(
     listening: Listening,
     options: &BesideOptions,
@@ -71,7 +71,7 @@ pub fn beside(
     })
 }
 
-/// What windows are told at the end.
+/// The message to windows at the end.
 fn farewell(outcome: &Result<RunOutcome, TrainError>) -> String {
     match outcome {
         Ok(RunOutcome { record, .. }) => {

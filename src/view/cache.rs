@@ -1,9 +1,9 @@
-//! What was deformed lately, by time and look: the second loop of a playback only splats.
+//! Recently deformed Gaussians by time and look, so that the second loop of a playback only splats.
 
 use crate::run::look::Prepared;
 use std::collections::HashMap;
 
-/// Prepared Gaussians by key, the least lately used forgotten first.
+/// Prepared Gaussians by key; the least recently used are dropped first.
 #[derive(Debug)]
 pub struct Cache {
     held: HashMap<String, (Prepared, u64)>,
@@ -13,13 +13,13 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// One that holds about `most` bytes.
+    /// Makes a cache that holds at most `most` bytes.
     #[must_use]
     pub fn new(most: usize) -> Self {
         Self { held: HashMap::new(), bytes: 0, most, clock: 0 }
     }
 
-    /// What `key` stands for, if it is still there.
+    /// Returns what is stored under `key`, if it is still there.
     pub fn get(&mut self, key: &str) -> Option<Prepared> {
         self.clock += 1;
         let (found, used) = self.held.get_mut(key)?;
@@ -27,7 +27,7 @@ impl Cache {
         Some(found.clone())
     }
 
-    /// Remembers what `key` stands for, unless it alone is too large.
+    /// Stores `prepared` under `key`, unless it alone is too large.
     pub fn put(&mut self, key: String, prepared: Prepared) {
         let bytes = prepared.bytes();
         if bytes > self.most {
@@ -48,7 +48,7 @@ impl Cache {
         }
     }
 
-    /// Forgets everything: the scene, its segments or edits changed.
+    /// Clears the cache, for when the scene, its segments or edits change.
     pub fn clear(&mut self) {
         self.held.clear();
         self.bytes = 0;

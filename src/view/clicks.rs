@@ -1,4 +1,4 @@
-//! The scene that a client clicks on: made ready beside the thread that draws while nobody clicks, so that a click is
+//! The scene that a client clicks on, prepared beside the drawing thread while nobody clicks, so that a click is
 //! answered at once.
 
 use super::workspace::Workspace;
@@ -17,7 +17,7 @@ pub struct Clicks {
 #[derive(Debug)]
 enum State {
     Ready(Box<Clicking>),
-    /// Somebody is at it.
+    /// A thread is preparing it.
     Soon(JoinHandle<Clicking>),
 }
 
@@ -26,7 +26,7 @@ impl Clicks {
         self.revision == space.revision() && self.time == time
     }
 
-    /// The scene, if it is ready.
+    /// Returns the scene, if it is ready.
     fn into_ready(self) -> Option<Clicking> {
         match self.state {
             State::Ready(clicking) => Some(*clicking),
@@ -39,7 +39,7 @@ impl Clicks {
         Clicking::new(&space.run, space.segments().now(), space.field(), time, &space.device)
     }
 
-    /// Begins to make the scene at `time` ready, unless that was done, or an earlier one is still being made ready.
+    /// Begins to prepare the scene at `time`, unless that was done, or an earlier one is still being prepared.
     pub fn prepare(now: &mut Option<Self>, space: &Workspace, time: f64) {
         let busy = |c: &Self| matches!(&c.state, State::Soon(thread) if !thread.is_finished());
         if space.field().is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
@@ -47,7 +47,7 @@ impl Clicks {
         }
         let (run, segments, field) = (space.run.share(), space.segments().now().clone(), space.field().cloned());
         let device = space.device.clone();
-        // what the field says of the Gaussians is the same at all times
+        // what the field says about the Gaussians is the same at all times
         let before = now.take().filter(|c| c.revision == space.revision()).and_then(Self::into_ready);
         let thread = std::thread::Builder::new().name("clicks".into()).spawn(move || {
             let clicking = Clicking::new(&run, &segments, field.as_ref(), time, &device);
@@ -58,14 +58,14 @@ impl Clicks {
             clicking.prepare();
             clicking
         });
-        // without a thread the click does it
+        // without a thread, the click does it
         *now = thread.ok().map(|thread| Self { revision: space.revision(), time, state: State::Soon(thread) });
     }
 
-    /// The scene at `time`; waits for it, or makes it.
+    /// Returns the scene at `time`, after waiting for it or preparing it.
     ///
     /// # Errors
-    /// If the making failed.
+    /// If the preparation failed.
     pub fn get<'c>(now: &'c mut Option<Self>, space: &Workspace, time: f64) -> Result<&'c Clicking, RunError> {
         let failed = || RunError::failure("the scene cannot be made ready for clicks");
         let clicking = match now.take().filter(|c| c.fits(space, time)).map(|c| c.state) {
@@ -80,7 +80,7 @@ impl Clicks {
         }
     }
 
-    /// The scene that was clicked on last.
+    /// Returns the scene that was clicked on last.
     pub fn last(&self) -> Option<&Clicking> {
         match &self.state {
             State::Ready(clicking) => Some(clicking),

@@ -1,4 +1,4 @@
-//! One client as the thread that draws knows it: what it wants to see, how fast it takes it, and what it has selected.
+//! One client as the drawing thread knows it: what it wants to see, how fast it receives that, and its selection.
 
 use super::clicks::Clicks;
 use super::compare::{Compare, Side};
@@ -19,33 +19,33 @@ use tokio::sync::mpsc::Sender;
 #[derive(Debug)]
 pub struct Client {
     out: Sender<Outgoing>,
-    /// It does not take what is sent, and is to be given up.
+    /// Whether it does not receive what is sent, and is to be dropped.
     pub lost: bool,
-    /// What it wants to see could not be drawn; it is tried again when something changes.
+    /// Whether what it wants to see could not be drawn; this is tried again when something changes.
     pub failed: bool,
     /// When to draw.
     pub pace: Pace,
     /// What it wants to see.
     pub view: Option<View>,
-    /// Edits that are shown after those of the run and not saved.
+    /// Unsaved edits that are shown after those of the run.
     pub preview: Option<Preview>,
     /// What it compares that with.
     pub compare: Option<Compare>,
-    /// The image of the dataset that it has, by its test view.
+    /// The dataset's image that it has received, by its test view.
     pub image: Option<usize>,
-    /// What draws the picture and the one beside it, with the key by which it is known.
+    /// The looks of the picture and of the one beside it, with their keys.
     looks: [Option<(String, Look)>; 2],
     /// The scene that it clicks on.
     clicks: Option<Clicks>,
     /// What is selected, with the number of that selection.
     clicked: Option<(u64, Clicked)>,
-    /// What was prepared last of both with the selection standing out, with the key of the rest and the number of the
-    /// selection.
+    /// What was prepared last for both with the selection highlighted, with the key of the unhighlighted Gaussians and
+    /// the number of the selection.
     highlighted: [Option<(String, u64, Prepared)>; 2],
     /// Grows with every change of what is selected.
     selections: u64,
     legend: Option<Legend>,
-    /// Why it has no picture beside the picture.
+    /// Why it has no second picture, if so.
     fault: Option<String>,
     /// Number of the last frame.
     pub frame: u32,
@@ -56,16 +56,16 @@ pub struct Client {
 pub struct Clicked {
     /// The last click.
     pub hit: Hit,
-    /// What all clicks selected; scale and cosine of the last.
+    /// What all clicks selected, with scale and cosine of the last.
     pub picked: Picked,
     /// Time of the click.
     pub time: f64,
-    /// What was selected before the last click, and what that does to it.
+    /// What was selected before the last click, and how the click combines with it.
     before: (Vec<u32>, Combine),
 }
 
 impl Client {
-    /// One that came just now.
+    /// Makes a client that has just connected.
     pub fn new(out: Sender<Outgoing>) -> Self {
         Self {
             out,
@@ -87,35 +87,35 @@ impl Client {
         }
     }
 
-    /// Sends something; one that left, or takes nothing for long, is lost.
+    /// Sends something; a client that left, or has received nothing for long, is lost.
     pub fn send(&mut self, what: Outgoing) {
         self.lost |= self.out.try_send(what).is_err();
     }
 
-    /// Sends a text.
+    /// Sends an answer.
     pub fn answer(&mut self, answer: Answer) {
         self.send(Outgoing::Text(Box::new(answer)));
     }
 
-    /// What is selected, and the number of that selection.
+    /// Returns what is selected, and the number of that selection.
     pub fn clicked(&self) -> Option<&(u64, Clicked)> {
         self.clicked.as_ref()
     }
 
-    /// Forgets what is selected.
+    /// Clears the selection.
     pub fn clear(&mut self) {
         self.clicked = None;
         self.changed();
     }
 
-    /// Forgets what is selected, unless it is another selection by now.
+    /// Clears the selection, unless it is another one by now.
     pub fn clear_selection(&mut self, number: u64) {
         if self.clicked.as_ref().is_some_and(|(now, _)| *now == number) {
             self.clear();
         }
     }
 
-    /// A segment has another name: what it wants to see goes by that.
+    /// Adapts what it wants to see to the new name of a segment.
     pub fn renamed(&mut self, old: &str, new: &str) {
         let Some(view) = &mut self.view else { return };
         for name in view.alone.iter_mut().chain(&mut view.hidden).filter(|name| *name == old) {
@@ -123,18 +123,18 @@ impl Client {
         }
     }
 
-    /// What is shown is to be drawn anew.
+    /// Makes what is shown be drawn again.
     pub fn changed(&mut self) {
         self.failed = false;
         self.selections += 1;
         self.pace.changes(Instant::now(), false);
     }
 
-    /// What draws the view of `space` that is the picture, or beside it, and the key by which what it prepares for a time
-    /// may be found again: clients that look at the same share it.
+    /// Returns the look of `view` of `space`, as the picture or the one beside it, and the key under which what it
+    /// prepares for a time is cached: clients with the same view share it.
     ///
     /// # Errors
-    /// A look or segment that nobody knows.
+    /// If the look or a segment is unknown.
     pub fn look(&mut self, space: &Workspace, view: &View, side: Side) -> Result<(&mut Look, String), RunError> {
         let View { look, palette, alone, hidden, edits, range, .. } = view;
         let run = side.run();
@@ -147,7 +147,7 @@ impl Client {
         }
         match found {
             Some((_, look)) => {
-                // the look stays while a handle is dragged: it holds what every step of that begins with
+                // the look stays while a handle is dragged: it holds what every step of the drag starts from
                 let preview = self.preview.as_ref().filter(|_| side == Side::Picture);
                 let preview = Preview::on(preview, space.revision());
                 let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
@@ -158,7 +158,7 @@ impl Client {
         }
     }
 
-    /// What was prepared for the look, under `key`, with what is selected standing out; nothing is in another run.
+    /// Returns `prepared`, made for the look under `key`, with the selection highlighted; another run has none.
     pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side, device: &Device) -> Prepared {
         let which = side.place();
         let clicked = self.clicked.as_ref().filter(|_| side.run().is_none());
@@ -171,22 +171,22 @@ impl Client {
         known.as_ref().map_or(prepared, |(_, _, known)| known.clone())
     }
 
-    /// What it wants to see, with the scale of the colours that it sees; what is selected is no part of it.
+    /// Returns what it wants to see, with the colour scale that it sees and without the selection.
     ///
     /// # Errors
-    /// If it has not said.
+    /// If it has not requested a view.
     pub fn still(&self) -> Result<View, RunError> {
         let mut view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         view.range = view.range.or(self.range());
         Ok(view)
     }
 
-    /// Values at the ends of the scale of the colours that it sees.
+    /// Values at the ends of the colour scale that it sees.
     pub fn range(&self) -> Option<[f32; 2]> {
         self.looks[0].as_ref().and_then(|(_, look)| look.legend()).and_then(|l| l.range)
     }
 
-    /// Tells why there is no picture beside the picture, where that changed.
+    /// Sends why there is no second picture, if that changed.
     pub fn tell_beside(&mut self, fault: Option<String>) {
         if fault != self.fault {
             self.fault.clone_from(&fault);
@@ -194,7 +194,7 @@ impl Client {
         }
     }
 
-    /// Tells the key to the colours, where it changed.
+    /// Sends the legend of the colours, if it changed.
     pub fn tell_legend(&mut self) {
         let legend = self.looks[0].as_ref().and_then(|(_, look)| look.legend());
         if legend != self.legend {
@@ -203,15 +203,15 @@ impl Client {
         }
     }
 
-    /// Makes the scene that is shown ready for clicks once all of it is shown. While something is selected, its sliders need
-    /// the scene that was clicked on.
+    /// Prepares the scene that is shown for clicks, once it is shown in full. Not while something is selected, as its
+    /// sliders need the scene that was clicked on.
     pub fn prepare_clicks(&mut self, space: &Workspace) {
         if let Some(view) = self.view.as_ref().filter(|_| self.pace.is_done() && self.clicked.is_none()) {
             Clicks::prepare(&mut self.clicks, space, view.time);
         }
     }
 
-    /// A click on a pixel of the view that was asked for last.
+    /// Handles a click on a pixel of the view that was requested last.
     ///
     /// # Errors
     /// If nothing is there, or nothing can be selected.
@@ -231,7 +231,7 @@ impl Client {
         self.select(id, hit, view.time, (before, combine), meaning, started)
     }
 
-    /// Where that is, in world units, which a pixel shows of the view that was asked for last.
+    /// Returns the position, in world units, of what a pixel shows in the view that was requested last.
     ///
     /// # Errors
     /// If nothing is there.
@@ -242,7 +242,7 @@ impl Client {
         place((&at, space.run.scene.spec.rendering()), &view.camera(1.0), pixel, view.time, &space.device)
     }
 
-    /// The last click once more, with another meaning.
+    /// Repeats the last click, with another meaning.
     ///
     /// # Errors
     /// If there was none.
@@ -251,7 +251,7 @@ impl Client {
             return Err(RunError::input("click on something first").into());
         };
         let (hit, time, before) = (hit.clone(), *time, before.clone());
-        // a click at another time that hit nothing may have been meanwhile
+        // there may have been a click at another time meanwhile that hit nothing
         Clicks::get(&mut self.clicks, space, time)?;
         self.select(id, hit, time, before, meaning, Instant::now())
     }
@@ -266,7 +266,7 @@ impl Client {
         started: Instant,
     ) -> Result<Selected, ClickError> {
         let Some(clicking) = self.clicks.as_ref().and_then(Clicks::last) else { return Err(ClickError::NoField) };
-        // a slider asks again and again: the levels at the click stay what they are
+        // a slider asks again and again: the levels at the click stay the same
         let known =
             self.clicked.as_ref().map(|(_, c)| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));
         let list = known.is_none();
@@ -293,7 +293,7 @@ impl Client {
     }
 }
 
-/// The view as it can be drawn: while the segments on the disk cannot be used, neither can edits of them, and none is hidden.
+/// The view as it can be drawn: while the segments on disk cannot be used, neither can their edits, and none is hidden.
 fn usable(space: &Workspace, view: &View) -> View {
     match space.has_document() {
         true => view.clone(),
@@ -308,7 +308,7 @@ fn of(asked: Asked) -> Meaning {
     }
 }
 
-/// Ascending lists: what was there, with or without what is new.
+/// Combines ascending lists: what was selected before and what is new.
 fn combine((before, how): &(Vec<u32>, Combine), new: Vec<u32>) -> Vec<u32> {
     match how {
         Combine::Replace => new,

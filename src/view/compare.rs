@@ -1,4 +1,4 @@
-//! What a picture is compared with: a second one from the same camera, or the dataset's image of it.
+//! What a picture is compared with: a second one from the same camera, or an image of the dataset.
 
 use super::protocol::View;
 use serde::Deserialize;
@@ -10,18 +10,18 @@ pub enum Side {
     Picture,
     /// The one beside it, of the same run.
     Beside,
-    /// The one beside it, of another run of this number.
+    /// The one beside it, of the other run with this number.
     OfRun(usize),
 }
 
 impl Side {
-    /// 0 for the picture, 1 for the one beside it.
+    /// Returns 0 for the picture, 1 for the one beside it.
     #[must_use]
     pub fn place(self) -> usize {
         usize::from(self != Self::Picture)
     }
 
-    /// The number of the other run that it shows.
+    /// Returns the number of the other run, if it shows one.
     #[must_use]
     pub fn run(self) -> Option<usize> {
         match self {
@@ -31,7 +31,7 @@ impl Side {
     }
 }
 
-/// With what.
+/// What a picture is compared with.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
 #[serde(tag = "with", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Compare {
@@ -55,7 +55,7 @@ pub enum Compare {
 }
 
 impl Compare {
-    /// Which picture is drawn beside the picture.
+    /// Returns which picture is drawn beside the first.
     #[must_use]
     pub fn side(&self) -> Side {
         match *self {
@@ -64,7 +64,7 @@ impl Compare {
         }
     }
 
-    /// Refuses what cannot be drawn with so many other `runs`.
+    /// Refuses what cannot be drawn, where `runs` is the number of other runs.
     ///
     /// # Errors
     /// What is wrong with it.
@@ -78,7 +78,7 @@ impl Compare {
         }
     }
 
-    /// The picture beside that of `view`, if one is to be drawn; its colours have the same scale, `range`.
+    /// Returns the view beside `view`, if one is to be drawn; its colours have the same scale, `range`.
     #[must_use]
     pub fn other(&self, view: &View, range: Option<[f32; 2]>) -> Option<View> {
         let same = View { range: view.range.or(range), ..view.clone() };

@@ -1,4 +1,4 @@
-//! Pictures on their way to a client, encoded where they are sent: the thread that draws begins the next one meanwhile.
+//! Pictures on their way to a client, encoded where they are sent: the drawing thread begins the next one meanwhile.
 
 use super::protocol::{Codec, FrameInfo};
 use crate::export::images::encode_png;
@@ -12,12 +12,13 @@ use std::time::Instant;
 pub struct Picture {
     info: FrameInfo,
     rgb: RgbImage,
-    /// Quality of JPEG in percent; without loss if there is none.
+    /// Quality of JPEG in percent; lossless if `None`.
     quality: Option<u8>,
 }
 
 impl Picture {
-    /// `rgb` as JPEG of a quality in percent, or without loss. Codec and size of `info` follow from the two.
+    /// Makes a picture of `rgb`, to be encoded as JPEG of a quality in percent, or lossless. Codec and size of `info`
+    /// follow from the two.
     #[must_use]
     pub fn new(info: FrameInfo, rgb: RgbImage, quality: Option<u8>) -> Self {
         let codec = if quality.is_some() { Codec::Jpeg } else { Codec::Png };
@@ -25,13 +26,13 @@ impl Picture {
         Self { info: FrameInfo { codec, size, ..info }, rgb, quality }
     }
 
-    /// What is told of it; it took no time to encode yet.
+    /// Returns its header, without the time to encode it.
     #[must_use]
     pub fn info(&self) -> &FrameInfo {
         &self.info
     }
 
-    /// The file of it, and how long that took.
+    /// Encodes it, and returns the header, with how long that took, and the file.
     ///
     /// # Errors
     /// If the encoder fails.

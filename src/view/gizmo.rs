@@ -1,26 +1,26 @@
-//! What handles on the picture need: edits that are shown while one is dragged, before anything is saved.
+//! Support for handles on the picture: edits that are shown while a handle is dragged, before anything is saved.
 
 use crate::edit::Edit;
 use serde::Deserialize;
 
-/// Edits that a client may have shown at once.
+/// Maximum number of edits that a client may have shown at once.
 const MOST: usize = 8;
-/// Segments that each may name.
+/// Maximum number of segments that each of them may name.
 const NAMES: usize = 1000;
 
-/// Edits that are shown after those of the run and not saved.
+/// Unsaved edits that are shown after those of the run.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Preview {
-    /// Revision of the document that they belong to. They do not show on any other: once the same edits are saved, they are
-    /// not applied twice.
+    /// Revision of the document that they belong to. They are not shown on any other, so that they are not applied
+    /// twice once they are saved.
     pub base: u64,
     /// The edits, first to last.
     pub edits: Vec<Edit>,
 }
 
 impl Preview {
-    /// Refuses what cannot be shown, whatever segments there are.
+    /// Refuses what cannot be shown, whatever segments exist.
     ///
     /// # Errors
     /// What is wrong with it.
@@ -31,7 +31,7 @@ impl Preview {
         self.edits.iter().try_for_each(|edit| edit.validate().map_err(|e| format!("preview: {e}")))
     }
 
-    /// The edits to show on the document of `revision`.
+    /// Returns the edits to show on the document of `revision`.
     #[must_use]
     pub fn on(preview: Option<&Self>, revision: u64) -> Vec<Edit> {
         preview.filter(|p| p.base == revision).map(|p| p.edits.clone()).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! Between the network and the thread that draws: what clients said, in order, and where their answers go.
+//! Link between the network and the drawing thread: what clients sent, in order, and where their answers go.
 
 use super::encode::Picture;
 use super::protocol::{Answer, FrameInfo, Request};
@@ -7,16 +7,16 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc::Sender;
 
-/// Messages that may wait, of all clients together; who says more waits.
+/// Number of messages of all clients together that may wait; a client that sends more waits.
 const WAITING: usize = 1024;
 
-/// A client.
+/// Number of a client.
 pub type ClientId = u64;
 
-/// What goes to a client.
+/// A message to a client.
 #[derive(Clone, Debug)]
 pub enum Outgoing {
-    /// A text.
+    /// An answer, as text.
     Text(Box<Answer>),
     /// A frame.
     Frame(FrameInfo, Vec<u8>),
@@ -32,14 +32,14 @@ impl Outgoing {
     }
 }
 
-/// What happened.
+/// An event of a client.
 #[derive(Debug)]
 pub enum Event {
-    /// A client came; its answers go there.
+    /// It connected; its answers go there.
     Came(Sender<Outgoing>),
-    /// It said something.
+    /// It sent a request.
     Said(Box<Request>),
-    /// It went.
+    /// It left.
     Left,
 }
 
@@ -50,7 +50,7 @@ struct Inbox {
     woken: bool,
 }
 
-/// The inbox of the thread that draws.
+/// The inbox of the drawing thread.
 #[derive(Debug, Default)]
 pub struct Hub {
     inbox: Mutex<Inbox>,
@@ -58,31 +58,32 @@ pub struct Hub {
 }
 
 impl Hub {
-    /// Tells what happened to a client.
+    /// Adds an event of a client.
     pub fn tell(&self, client: ClientId, event: Event) {
         self.inbox().events.push_back((client, event));
         self.news.notify_one();
     }
 
-    /// Whether so much waits that clients must be slowed down.
+    /// Whether so many events wait that clients must be slowed down.
     #[must_use]
     pub fn is_full(&self) -> bool {
         self.inbox().events.len() >= WAITING
     }
 
-    /// Has the thread that draws look around, without anything to tell.
+    /// Wakes the drawing thread without an event.
     pub fn wake(&self) {
         self.inbox().woken = true;
         self.news.notify_one();
     }
 
-    /// Ends the thread that draws.
+    /// Ends the drawing thread.
     pub fn stop(&self) {
         self.inbox().stop = true;
         self.news.notify_all();
     }
 
-    /// All that happened since the last call; waits until `until` if that is nothing. `None` when it is to stop.
+    /// Returns all events since the last call; if there are none, waits until `until`, for at most half a second.
+    /// `None` when the thread is to stop.
     pub fn wait(&self, until: Option<Instant>) -> Option<Vec<(ClientId, Event)>> {
         let mut inbox = self.inbox();
         let longest = Duration::from_millis(500);

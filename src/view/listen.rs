@@ -1,4 +1,4 @@
-//! Where a viewer listens, and serving there.
+//! Listening on a port or socket file, and serving the viewer there.
 
 use super::auth::{Guard, Token};
 use super::hub::Hub;
@@ -16,37 +16,37 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
-/// Longest time for what windows are told when the viewer ends.
+/// Maximum time for the last messages to windows when the viewer ends.
 const FAREWELL: Duration = Duration::from_secs(3);
 
-/// Where a viewer is to be reached.
+/// Where a viewer should be reachable.
 #[derive(Clone, Debug)]
 pub struct Reach {
     /// Address to listen on.
     pub bind: IpAddr,
-    /// Port; any that is free if 0.
+    /// Port; any free one if 0.
     pub port: u16,
-    /// Socket file in the place of address and port, on Unix.
+    /// Socket file instead of address and port, on Unix.
     pub socket: Option<PathBuf>,
-    /// Names under which it may be reached, beside those of the machine itself.
+    /// Names under which it may be reached, in addition to those of the machine itself.
     pub hosts: Vec<String>,
 }
 
 /// Where a viewer can be reached.
 #[derive(Clone, Debug)]
 pub struct Serving {
-    /// Address and port; the port of one's own machine that the address in `url` takes, where it is a socket file.
+    /// Address and port; with a socket file, the port is that of the user's own machine in `url`.
     pub address: SocketAddr,
     /// The socket file.
     pub socket: Option<PathBuf>,
-    /// What a browser opens; holds the secret.
+    /// Address for a browser; contains the secret.
     pub url: String,
 }
 
-/// Why there is no viewer.
+/// Why the viewer cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
-    /// The run.
+    /// The run cannot be used.
     #[error(transparent)]
     Run(#[from] crate::run::RunError),
     /// The address cannot be used.
@@ -54,7 +54,7 @@ pub enum ViewError {
     Address {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The socket file cannot be used.
@@ -65,15 +65,15 @@ pub enum ViewError {
         /// What is wrong.
         source: std::io::Error,
     },
-    /// The system gives no random numbers or threads.
+    /// The system failed, such as to give random numbers or threads.
     #[error("the viewer cannot start: {0}")]
     System(std::io::Error),
 }
 
-/// Port of one's own machine from which a socket file is forwarded, if no other is asked for.
+/// Port of the user's own machine that is forwarded to a socket file, if no other is requested.
 const FORWARDED: u16 = 8137;
 
-/// What is listened at.
+/// What the viewer listens on.
 enum Listener {
     Port(TcpListener),
     #[cfg(unix)]
@@ -100,7 +100,7 @@ impl Listener {
     }
 }
 
-/// A viewer that listens; who connects waits until it serves.
+/// A viewer that listens; clients that connect wait until it serves.
 pub struct Listening {
     runtime: Runtime,
     listener: Listener,
@@ -109,7 +109,7 @@ pub struct Listening {
 }
 
 impl Listening {
-    /// Listens, with a new secret.
+    /// Starts to listen, with a new secret.
     ///
     /// # Errors
     /// If the address or the socket file cannot be used.
@@ -146,14 +146,14 @@ impl Listening {
         Ok(Self { runtime, listener, guard, serving: Serving { address, socket: reach.socket.clone(), url } })
     }
 
-    /// Where it can be reached.
+    /// Returns where it can be reached.
     #[must_use]
     pub fn serving(&self) -> &Serving {
         &self.serving
     }
 
-    /// Serves `space`, and the `others` that it can be compared with, until `stop` is raised; what is deformed is kept, of all
-    /// together up to `cache` bytes. `ready` is called first.
+    /// Serves `space`, and the `others` that it can be compared with, until `stop` is raised. Deformed Gaussians are
+    /// cached, up to `cache` bytes for all together. `ready` is called first.
     ///
     /// # Errors
     /// If the system gives no thread, or the connection breaks.

@@ -1,5 +1,5 @@
-//! A training in this process, between the thread that trains and the one that draws. The trainer leaves copies of the scene,
-//! on the host, when somebody looks; nothing of its device is shared, and nothing comes back but whether to pause.
+//! Link between the thread that trains in this process and the drawing thread. The trainer leaves copies of the scene
+//! on the host when a window is open; nothing on its device is shared, and only whether to pause is passed back.
 
 use super::hub::Hub;
 use crate::config::types::Config;
@@ -15,35 +15,35 @@ use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The scene is not copied more often than that.
+/// Minimum time between copies of the scene.
 const PERIOD: Duration = Duration::from_secs(1);
-/// Nor more often than so many times the time that a copy takes, for which the training waits.
+/// The same as a multiple of the time that a copy takes, during which the training waits.
 const RARELY: u32 = 60;
 /// Seconds of training over which the pace is measured.
 const PACE: f64 = 3.0;
 
-/// How far the training has come.
+/// Progress of the training.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Progress {
     /// Steps taken.
     pub steps: usize,
     /// Step that is shown.
     pub shown: usize,
-    /// Gaussians that are shown.
+    /// Number of Gaussians that are shown.
     pub gaussians: usize,
-    /// Steps a second, lately.
+    /// Recent steps per second.
     pub pace: Option<f64>,
     /// Seconds until the end at that pace.
     pub left: Option<f64>,
     /// Loss of the last step.
     pub loss: Option<f64>,
-    /// Whether it is asked to pause.
+    /// Whether it has been asked to pause.
     pub pausing: bool,
-    /// Whether it pauses.
+    /// Whether it is paused.
     pub paused: bool,
 }
 
-/// The scene after some steps.
+/// A copy of the scene after some steps.
 #[derive(Debug)]
 pub struct SceneCopy {
     step: usize,
@@ -56,7 +56,7 @@ impl SceneCopy {
         Self { step: now.steps, spec: scene.spec.clone(), tensors: collect(scene) }
     }
 
-    /// The scene on a device, and its step.
+    /// Returns the scene on a device, and its step.
     ///
     /// # Errors
     /// If it does not fit its own spec.
@@ -75,7 +75,7 @@ pub struct Begun {
 }
 
 impl Begun {
-    /// The run, its scene on a device.
+    /// Returns the run, with its scene on a device.
     ///
     /// # Errors
     /// If the scene does not fit its own spec.
@@ -86,15 +86,15 @@ impl Begun {
     }
 }
 
-/// What windows want of the trainer.
+/// What windows want from the trainer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Wish {
-    /// Nothing: nobody looks.
+    /// Nothing: no window is open.
     #[default]
     Nothing,
     /// The scene when the training pauses or ends.
     AtRest,
-    /// The scene of now.
+    /// The current scene.
     Now,
 }
 
@@ -104,7 +104,7 @@ struct State {
     wish: Wish,
     copy: Option<SceneCopy>,
     run: Option<Begun>,
-    /// Something is to be told at once.
+    /// Whether something is to be sent at once.
     news: bool,
     /// Why the training ended, if it has.
     end: Option<String>,
@@ -119,13 +119,13 @@ pub struct Live {
 }
 
 impl Live {
-    /// Of a training that has not begun; `hub` wakes the thread that draws.
+    /// Makes the state of a training that has not begun; `hub` wakes the drawing thread.
     #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         Self { state: Mutex::default(), begins: Condvar::new(), hub }
     }
 
-    /// Waits for the run with the scene before the first step; none if the training ends before that.
+    /// Waits for the run with the scene before the first step; `None` if the training ends before that.
     #[must_use]
     pub fn begun(&self) -> Option<Begun> {
         let mut state = self.lock();
@@ -135,13 +135,13 @@ impl Live {
         state.run.take()
     }
 
-    /// How far the training has come.
+    /// Returns the progress of the training.
     #[must_use]
     pub fn progress(&self) -> Progress {
         self.lock().progress.clone()
     }
 
-    /// Says what windows want.
+    /// Sets what windows want.
     pub fn wish(&self, wish: Wish) {
         self.lock().wish = wish;
     }
@@ -152,31 +152,31 @@ impl Live {
         self.lock().copy.take()
     }
 
-    /// What is shown.
+    /// Sets what is shown.
     pub fn shows(&self, step: usize, gaussians: usize) {
         let mut state = self.lock();
         (state.progress.shown, state.progress.gaussians) = (step, gaussians);
     }
 
-    /// Whether something is to be told at once; no more after that.
+    /// Whether something is to be sent at once; resets this.
     #[must_use]
     pub fn news(&self) -> bool {
         std::mem::take(&mut self.lock().news)
     }
 
-    /// Has the training pause before its next step, or go on.
+    /// Makes the training pause before its next step, or go on.
     pub fn pause(&self, pause: bool) {
         let mut state = self.lock();
         (state.progress.pausing, state.news) = (pause, true);
     }
 
-    /// The training is over; `why` is told to windows.
+    /// Records that the training is over; `why` is sent to windows.
     pub fn end(&self, why: impl Into<String>) {
         self.lock().end.get_or_insert_with(|| why.into());
         self.begins.notify_all();
     }
 
-    /// Why the training ended, if it has.
+    /// Returns why the training ended, if it has.
     #[must_use]
     pub fn ended(&self) -> Option<String> {
         self.lock().end.clone()
@@ -187,21 +187,21 @@ impl Live {
     }
 }
 
-/// Looks on for windows.
+/// Observes the training for windows.
 pub struct Onlooker<'a> {
     live: &'a Live,
-    /// Called when the first scene is there.
+    /// Called when the first scene is available.
     ready: Option<Box<dyn FnOnce() + 'a>>,
     /// Step of the last copy.
     copied: Option<usize>,
-    /// Not before that is the next copy made.
+    /// Earliest time of the next copy.
     next: Instant,
     /// Seconds and steps since which the pace is measured.
     since: (f64, usize),
 }
 
 impl<'a> Onlooker<'a> {
-    /// One that leaves scenes with `live`; `ready` is called when the first is there.
+    /// Makes an observer that leaves scenes with `live`; `ready` is called when the first is available.
     pub fn new(live: &'a Live, ready: impl FnOnce() + 'a) -> Self {
         Self { live, ready: Some(Box::new(ready)), copied: None, next: Instant::now(), since: (0.0, 0) }
     }
@@ -217,7 +217,7 @@ impl<'a> Onlooker<'a> {
         }
     }
 
-    /// Steps a second, where they are known anew.
+    /// Returns the steps per second, if they were measured anew.
     fn pace(&mut self, now: &Moment<'_>) -> Option<f64> {
         let (seconds, steps) = (now.seconds - self.since.0, now.steps - self.since.1);
         if seconds < PACE || steps == 0 {
@@ -230,7 +230,7 @@ impl<'a> Onlooker<'a> {
 
 impl Observer for Onlooker<'_> {
     fn look(&mut self, now: &Moment<'_>) -> Next {
-        // the viewer is refused before a training that gives no Gaussians
+        // a viewer of a training that gives no Gaussians was refused before
         let Some(scene) = now.model.scene() else { return Next::GoOn };
         if self.copied.is_none() {
             self.begin(now, scene);

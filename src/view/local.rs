@@ -1,4 +1,4 @@
-//! A socket file in the place of a port: nobody but its owner can even connect, and `ssh -L PORT:FILE` reaches it.
+//! A socket file instead of a port: only its owner can connect, and `ssh -L PORT:FILE` reaches it.
 
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileTypeExt;
@@ -6,16 +6,16 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use tokio::net::UnixListener;
 
-/// A socket file, which goes when this is dropped.
+/// A socket file, which is removed when this is dropped.
 #[derive(Debug)]
 pub struct SocketFile(PathBuf);
 
 impl SocketFile {
-    /// Listens at `path`, which only its owner may read and write (0600). A socket that nobody listens at any more gives way.
-    /// To be called where a runtime is.
+    /// Listens at `path`, which only its owner may read and write (0600). A socket on which nobody listens any more is
+    /// replaced. Must be called within a runtime.
     ///
     /// # Errors
-    /// If something else stands there, somebody listens there, or the system refuses.
+    /// If something else exists there, another viewer listens there, or the system refuses.
     pub fn listen(path: &Path) -> io::Result<(Self, UnixListener)> {
         match path.symlink_metadata() {
             Err(e) if e.kind() == ErrorKind::NotFound => {}
@@ -28,7 +28,7 @@ impl SocketFile {
                 _ => return Err(io::Error::new(ErrorKind::AddrInUse, "another viewer listens there")),
             },
         }
-        // no moment with the rights of a usual file
+        // never with the permissions of an ordinary file, even for a moment
         let before = rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o177));
         let listener = UnixListener::bind(path);
         rustix::process::umask(before);
@@ -38,13 +38,13 @@ impl SocketFile {
 
 impl Drop for SocketFile {
     fn drop(&mut self) {
-        // gone already is as good
+        // it may be gone already
         let _ = std::fs::remove_file(&self.0);
     }
 }
 
-/// The command that forwards `port` of one's own machine to `to` of this one, as `SSH_CONNECTION` tells of it; `None` if it
-/// tells nothing.
+/// Returns the command that forwards `port` of the user's own machine to `to` on this one, which the value of
+/// `SSH_CONNECTION` describes; `None` if it does not.
 #[must_use]
 pub fn forwarding(connection: &str, user: Option<&str>, port: u16, to: &str) -> Option<String> {
     // client address, client port, address of this machine, its port
@@ -79,7 +79,7 @@ mod tests {
         std::fs::remove_file(&path).unwrap();
         let (file, listener) = SocketFile::listen(&path).unwrap();
         assert!(SocketFile::listen(&path).unwrap_err().to_string().contains("another viewer"));
-        // its process was killed: the file stays
+        // as if its process was killed: the file stays
         std::mem::forget(file);
         drop(listener);
         let (file, _listener) = SocketFile::listen(&path).unwrap();

@@ -1,13 +1,14 @@
 //! The viewer in a browser (`volseggs view`): frames are drawn here and sent over a websocket, so that it works through
 //! `ssh -L`, on any machine that runs the program, and shows what `volseggs render` draws.
 //!
-//! [`server`] lets clients in ([`auth`]) and passes what they say ([`protocol`]) on; [`render`] is the one thread that owns the
-//! run ([`workspace`]) and those that it is compared with ([`others`]), answers, and draws, at the [`pace`] of each [`client`]; the [`cache`] holds what was deformed
-//! lately, and what is drawn is [`encode`]d where it is sent. What is done to a run is done by [`crate::run`], as the commands do it; what takes long by [`slow`],
-//! [`jobs`] and [`tracks`], on other threads.
+//! [`server`] admits clients ([`auth`]) and passes on what they send ([`protocol`]). [`render`] is the one thread that
+//! owns the run ([`workspace`]) and those that it is compared with ([`others`]), answers, and draws, at the [`pace`] of
+//! each [`client`]. The [`cache`] holds recently deformed Gaussians, and pictures are [`encode`]d where they are sent.
+//! Runs are changed by [`crate::run`], as by the commands; what takes long is done by [`slow`], [`jobs`] and
+//! [`tracks`], on other threads.
 //!
-//! [`serve`] shows a run folder. [`beside`] shows a run while this process trains it: the trainer leaves copies of the scene
-//! with [`live`], and [`share`] keeps the drawing to a small part of the machine.
+//! [`serve`] shows a run folder. [`beside`] shows a run while this process trains it: the trainer leaves copies of the
+//! scene with [`live`], and [`share`] limits drawing to a small part of the machine.
 
 pub mod auth;
 pub mod beside;
@@ -54,17 +55,17 @@ pub struct ViewOptions {
     pub run: PathBuf,
     /// Runs, or checkpoints of runs, that it can be compared with.
     pub with: Vec<PathBuf>,
-    /// Where all of them are drawn.
+    /// Device on which all of them are drawn.
     pub device: Device,
     /// Where it can be reached.
     pub reach: Reach,
     /// Whether nothing may be changed.
     pub read_only: bool,
-    /// Bytes of deformed Gaussians that are kept, of all runs together.
+    /// Maximum size of the cache of deformed Gaussians, for all runs together, in bytes.
     pub cache: usize,
 }
 
-/// Serves the viewer until `stop` is raised; `ready` hears where it can be reached.
+/// Serves the viewer until `stop` is raised; `ready` is told where it can be reached.
 ///
 /// # Errors
 /// If the run cannot be opened, or the address cannot be used.

@@ -1,7 +1,8 @@
-//! In which order segments and edits were changed, so that one undo takes back whichever came last.
+//! The order in which segments and edits were changed, so that one undo reverts whichever came last.
 //!
-//! Each of the two has a history of its own in its file, and no file says how the two interleave. This is what one server
-//! saw: what was done through it, and what it found that commands had done. Before that, edits count as the later.
+//! Each of the two has a history of its own in its file, and no file says how the two interleave. This is the order
+//! that one server saw: changes made through it, and those of commands that it found. Among earlier changes, edits
+//! count as the later ones.
 
 /// One of the two histories.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,7 +13,7 @@ pub enum Stack {
     Edits,
 }
 
-/// How many steps a history has to undo and to redo.
+/// Numbers of steps that a history can undo and redo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Steps {
     /// To undo.
@@ -21,7 +22,7 @@ pub struct Steps {
     pub redo: usize,
 }
 
-/// The changes that were seen, of both histories, the newest last.
+/// The changes that were seen in both histories, newest last.
 #[derive(Clone, Debug, Default)]
 pub struct Order {
     done: Vec<Stack>,
@@ -29,7 +30,7 @@ pub struct Order {
 }
 
 impl Order {
-    /// A history was changed, undone or redone: its steps before and after tell which.
+    /// Records that a history was changed, undone or redone: its steps before and after show which.
     pub fn saw(&mut self, stack: Stack, before: Steps, after: Steps) {
         if after.redo > before.redo {
             for _ in before.redo..after.redo {
@@ -42,24 +43,24 @@ impl Order {
                 self.done.push(stack);
             }
         } else {
-            // at least one that is new: the oldest of many is forgotten for it, so that the number may be the same
+            // at least one is new: a full history forgets its oldest change for it, so the number may be the same
             let new = after.undo.saturating_sub(before.undo).max(1);
             self.done.extend(std::iter::repeat_n(stack, new));
-            // as in each history alone, what was undone before a new change does not come back
+            // as in each history alone, what was undone before a new change cannot be redone
             self.undone.clear();
         }
         forget_oldest(&mut self.done, stack, after.undo);
         forget_oldest(&mut self.undone, stack, after.redo);
     }
 
-    /// Which history to undo a step of.
+    /// Returns the history of which to undo a step.
     #[must_use]
     pub fn to_undo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
         let last = self.done.last().copied();
         last.or_else(|| first(edits.undo, segments.undo))
     }
 
-    /// Which history to redo a step of.
+    /// Returns the history of which to redo a step.
     #[must_use]
     pub fn to_redo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
         let last = self.undone.last().copied();
@@ -82,7 +83,7 @@ fn take_last(list: &mut Vec<Stack>, stack: Stack) {
     }
 }
 
-/// Leaves the last `most` of a history.
+/// Keeps the last `most` changes of a history.
 fn forget_oldest(list: &mut Vec<Stack>, stack: Stack, most: usize) {
     let mut over = list.iter().filter(|s| **s == stack).count().saturating_sub(most);
     list.retain(|s| {
@@ -147,7 +148,7 @@ mod tests {
         let mut both = Both { steps: [Steps { undo: 50, redo: 1 }, Steps { undo: 2, redo: 0 }], ..Both::default() };
         assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));
         for _ in 0..60 {
-            // the number of those remembered has reached its limit
+            // the number of remembered changes has reached its limit
             both.to(Segments, 50, 0);
         }
         assert_eq!((both.order.done.len(), both.undo()), (50, Some(Segments)));

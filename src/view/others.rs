@@ -1,4 +1,4 @@
-//! Other runs, which the one that is viewed is compared with: they are looked at, and never changed.
+//! Other runs with which the viewed one is compared; they are shown and never changed.
 
 use super::protocol::OtherRun;
 use super::workspace::Workspace;
@@ -7,20 +7,21 @@ use burn::tensor::Device;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 
-/// Sizes and places of two scenes that differ by more than this factor, or this part of their size, are told of.
+/// Two scenes are far apart if their sizes differ by more than this factor, or their centres by more than the larger
+/// half size divided by it.
 const APART: f64 = 2.0;
 
 /// Another run.
 #[derive(Debug)]
 pub struct Other {
-    /// A short name, unlike those of the others.
+    /// A short name that no other of them has.
     name: String,
-    /// The run; nothing of it may be changed.
+    /// The run, in which nothing may be changed.
     pub space: Workspace,
 }
 
 impl Other {
-    /// Opens the runs at `paths`, in their order.
+    /// Opens the runs at `paths`, in order.
     ///
     /// # Errors
     /// The first that cannot be opened, or one that is given twice.
@@ -37,13 +38,13 @@ impl Other {
         opened.collect()
     }
 
-    /// Its short name.
+    /// Returns its short name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// What clients of `run` are told of it.
+    /// Returns what clients of `run` are told about it.
     #[must_use]
     pub fn told(&self, run: &OpenRun) -> OtherRun {
         let other = &self.space.run;
@@ -56,7 +57,7 @@ impl Other {
     }
 }
 
-/// The last folders of each path, as many as tell it from the others.
+/// The last folders of each path, as many as distinguish it from the others.
 fn names(paths: &[PathBuf]) -> Vec<String> {
     let last = |path: &Path, n: usize| {
         let parts: Vec<_> = path.iter().map(|part| part.to_string_lossy()).collect();
@@ -71,7 +72,7 @@ fn names(paths: &[PathBuf]) -> Vec<String> {
     paths.iter().map(name).collect()
 }
 
-/// What sets `other` apart from `run`, where that makes the two harder to compare.
+/// Differences of `other` from `run` that make the two harder to compare.
 fn differences(run: &OpenRun, other: &OpenRun) -> Option<String> {
     let mut found = Vec::new();
     let [ours, theirs] = [run, other].map(|r| r.record.fingerprint.as_str());
@@ -92,7 +93,7 @@ fn differences(run: &OpenRun, other: &OpenRun) -> Option<String> {
     (!found.is_empty()).then(|| found.join("; "))
 }
 
-/// Whether two scenes, each with its centre and half size, are not where one camera shows both well.
+/// Whether two scenes, each given by its centre and half size, are placed so that no one camera shows both well.
 fn far_apart((here, size): (DVec3, f64), (there, other): (DVec3, f64)) -> bool {
     let ratio = size.max(other) / size.min(other);
     ratio > APART || here.distance(there) > size.max(other) / APART

@@ -1,22 +1,23 @@
-//! How often and how large a client is drawn for: never more frames on their way than it has taken, smaller ones while it
-//! moves, and the full picture once it rests.
+//! How often and how large frames are drawn for a client: with few frames on their way, smaller ones while the view
+//! moves, and the full picture once it is at rest.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Frames that a client may not have acknowledged yet.
+/// Maximum number of frames that a client has not acknowledged yet.
 const AHEAD: usize = 2;
-/// Time after the last change of the view at which it counts as at rest.
+/// Time after the last change of the view from which it counts as at rest.
 pub const REST: Duration = Duration::from_millis(150);
-/// A frame of a moving view takes about this long at most.
+/// Approximate maximum time to draw a frame of a moving view, in milliseconds.
 const BUDGET_MS: f64 = 33.0;
-/// And it keeps the connection busy for about this long at most, so that a slow one still carries several a second.
+/// Approximate maximum time for which it keeps the connection busy, in milliseconds, so that a slow connection still
+/// carries several frames per second.
 const LINE_MS: f64 = 100.0;
-/// Measurements of the connection that count.
+/// Number of recent measurements of the connection that count.
 const SAMPLES: usize = 4;
-/// Sides of a picture of a moving view, as parts of the full ones.
+/// Sides of a picture of a moving view, as fractions of the full ones.
 const LADDER: [f64; 4] = [1.0, 0.75, 0.5, 1.0 / 3.0];
-/// How much a new measurement counts.
+/// Weight of a new measurement.
 const NEW: f64 = 0.3;
 
 /// What is drawn next for a client.
@@ -26,15 +27,15 @@ pub enum Next {
     Wait,
     /// Nothing before this moment.
     WaitUntil(Instant),
-    /// A frame of the moving view, its sides this part of the full ones.
+    /// A frame of the moving view, its sides this fraction of the full ones.
     Moving(f64),
     /// The full frame, compressed.
     Full,
-    /// The full frame, without loss.
+    /// The full frame, lossless.
     Lossless,
 }
 
-/// How far the view at rest has come.
+/// What has been drawn since the last change of the view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Drawn {
     Nothing,
@@ -46,40 +47,40 @@ enum Drawn {
 /// The pace of one client.
 #[derive(Clone, Debug)]
 pub struct Pace {
-    /// Number and pixels of the frames that were sent and not acknowledged, and when that was; 0 pixels if it is no measure
-    /// of others.
+    /// Number, pixels and time of sending of the frames that were sent and not acknowledged; 0 pixels if a frame is not
+    /// used for measurements.
     on_their_way: Vec<(u32, usize, Instant)>,
     /// When the last acknowledgement came.
     heard: Option<Instant>,
-    /// Milliseconds for each pixel that the connection was busy with the last frames, or less busy than that.
+    /// Upper bounds of the milliseconds per pixel for which the connection was busy with the last frames.
     line: VecDeque<f64>,
-    /// When the view changed last, and whether the client says that it goes on.
+    /// When the view changed last, and whether the client says that more changes follow.
     changed: Instant,
     moving: bool,
     drawn: Drawn,
-    /// Milliseconds of a frame: fixed, and for each pixel.
+    /// Smoothed milliseconds per pixel to draw a frame.
     ms_per_pixel: Option<f64>,
 }
 
 impl Pace {
-    /// Of a client that has seen nothing.
+    /// Makes the pace of a client that has seen nothing.
     #[must_use]
     pub fn new(now: Instant) -> Self {
         let (on_their_way, line) = (Vec::new(), VecDeque::new());
         Self { on_their_way, heard: None, line, changed: now, moving: false, drawn: Drawn::Nothing, ms_per_pixel: None }
     }
 
-    /// The view changed; `moving` if more is to come.
+    /// Records that the view changed; `moving` if more changes are to come.
     pub fn changes(&mut self, now: Instant, moving: bool) {
         (self.changed, self.moving, self.drawn) = (now, moving, Drawn::Nothing);
     }
 
-    /// The client drew frame `number`, and with it all before it.
+    /// Records that the client drew frame `number` and all before it.
     pub fn acknowledges(&mut self, now: Instant, number: u32) {
         let (arrived, left): (Vec<_>, Vec<_>) = self.on_their_way.iter().partition(|(n, ..)| *n <= number);
         self.on_their_way = left;
-        // of two that were on their way together, the second comes after the first by as long as the connection takes for
-        // it, or later
+        // of two frames on their way together, the second arrives after the first by at least as long as the connection
+        // takes for it
         if let ([(_, pixels @ 1.., sent)], Some(heard)) = (&arrived[..], self.heard)
             && heard > *sent
         {
@@ -91,7 +92,7 @@ impl Pace {
         }
     }
 
-    /// Frame `number` of `pixels` was sent as `next` asked, and took `ms` to draw and encode.
+    /// Records that frame `number` of `pixels` was sent as `next` requested, and took `ms` milliseconds to draw.
     pub fn sent(&mut self, now: Instant, next: Next, number: u32, pixels: usize, ms: f64) {
         let measures = if next == Next::Lossless { 0 } else { pixels };
         self.on_their_way.push((number, measures, now));
@@ -107,19 +108,19 @@ impl Pace {
         }
     }
 
-    /// Whether the client has drawn all that was sent.
+    /// Whether the client has drawn all frames that were sent.
     #[must_use]
     pub fn keeps_up(&self) -> bool {
         self.on_their_way.is_empty()
     }
 
-    /// Whether all is shown that there is to be seen.
+    /// Whether the client shows the view at rest, lossless.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.keeps_up() && self.drawn == Drawn::Lossless
     }
 
-    /// What to draw now, for a picture of `pixels` at full size.
+    /// Returns what to draw now, for a picture of `pixels` at full size.
     #[must_use]
     pub fn next(&self, now: Instant, pixels: usize) -> Next {
         if self.on_their_way.len() >= AHEAD {
@@ -132,17 +133,17 @@ impl Pace {
             Drawn::Nothing => Next::Full,
             Drawn::Reduced | Drawn::Full if moves => Next::WaitUntil(rests_at),
             Drawn::Reduced => Next::Full,
-            // a client that is behind is not sent the largest of all frames
+            // a client that is behind is not sent the largest kind of frame
             Drawn::Full if !self.on_their_way.is_empty() => Next::Wait,
             Drawn::Full => Next::Lossless,
             Drawn::Lossless => Next::Wait,
         }
     }
 
-    /// The largest part of the sides at which a frame keeps to the budgets; full size until something was measured.
+    /// The largest fraction of the sides at which a frame keeps to the budgets; full size until something was measured.
     fn part(&self, pixels: usize) -> f64 {
         let Some(ms) = self.ms_per_pixel else { return 1.0 };
-        // below are those that were noted late together, above those that found the connection idle
+        // the median: lower ones are of acknowledgements that were late together, higher ones of an idle connection
         let mut line: Vec<f64> = self.line.iter().copied().collect();
         line.sort_by(f64::total_cmp);
         let line = line.get(line.len().saturating_sub(1) / 2).copied().unwrap_or_default();
@@ -217,8 +218,8 @@ mod tests {
         assert_eq!(pace.next(start, PIXELS), Next::Moving(1.0));
     }
 
-    /// Frames a second of a moving view, and the part of the sides that they come to, over a connection with 100 ms of delay
-    /// either way that is busy for `ms` with a full frame.
+    /// Frames per second of a moving view, and the fraction of the sides that they settle at, over a connection with
+    /// 100 ms of delay each way that is busy for `ms` with a full frame.
     fn far_away(ms: f64) -> (f64, f64) {
         let start = Instant::now();
         let at = |ms: f64| start + Duration::from_secs_f64(1e-3 * ms);

@@ -1,13 +1,13 @@
-//! What the page in the browser consists of, as it is embedded in the program.
+//! The files of the page in the browser, which are embedded in the program.
 
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct PageFile {
-    /// Where it is asked for.
+    /// Path under which it is requested.
     pub path: &'static str,
     /// Its media type.
     pub kind: &'static str,
-    /// What is in it.
+    /// Its contents.
     pub bytes: &'static [u8],
 }
 
@@ -27,14 +27,14 @@ macro_rules! modules {
     };
 }
 
-/// Everything but the modules.
+/// All files but the modules.
 pub const FILES: [PageFile; 3] = files![
     "/" "text/html; charset=utf-8" "index.html",
     "/style.css" "text/css; charset=utf-8" "style.css",
     "/icon.svg" "image/svg+xml" "icon.svg",
 ];
 
-/// The modules of its script.
+/// The modules of the page's script.
 pub const MODULES: [PageFile; 24] = modules![
     "address.js",
     "app.js",

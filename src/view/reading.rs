@@ -1,4 +1,4 @@
-//! A run as it is read from its folder; a newer checkpoint beside the thread that draws, so that frames go on meanwhile.
+//! Reads a run from its folder, and a newer checkpoint beside the drawing thread, so that frames go on meanwhile.
 
 use super::training::{Stamp, stamp};
 use crate::edit::EditStack;
@@ -14,14 +14,14 @@ use std::thread::JoinHandle;
 /// Stamps of the files of segments, edits and affinity field.
 pub type Seen = [Stamp; 3];
 
-/// What the files of `run` look like.
+/// Returns the stamps of the files of `run`.
 #[must_use]
 pub fn seen(run: &OpenRun) -> Seen {
     let paths = run.paths();
     [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
 }
 
-/// A field that cannot be used is none: the viewer then says how to make one.
+/// Opens the affinity field of `run`. One that cannot be used counts as missing: the viewer then says how to make one.
 #[must_use]
 pub fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinitySpec)> {
     affinity::open(run, device).ok()
@@ -32,13 +32,13 @@ pub fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinityS
 pub struct Read {
     /// The run.
     pub run: OpenRun,
-    /// Where the cameras of its dataset stand.
+    /// Where the cameras of its dataset are.
     pub around: Surroundings,
-    /// What its files looked like before they were read.
+    /// The stamps of its files before they were read.
     pub seen: Seen,
-    /// Its segments; none if those on the disk are of another state of its scene.
+    /// Its segments; none if those on disk belong to another state of its scene.
     pub segments: RunSegments,
-    /// Why that is so.
+    /// Why those on disk cannot be used, if so.
     pub fault: Option<String>,
     /// Its edits.
     pub edits: EditStack,
@@ -60,12 +60,12 @@ impl Read {
     }
 }
 
-/// The thread that reads a newer checkpoint, if one does.
+/// The thread that reads a newer checkpoint, if there is one.
 #[derive(Debug, Default)]
 pub struct Newer(Option<JoinHandle<Result<Read, RunError>>>);
 
 impl Newer {
-    /// Begins to read the run at `path` anew.
+    /// Begins to read the run at `path` again.
     ///
     /// # Errors
     /// If the system gives no thread.
@@ -76,13 +76,13 @@ impl Newer {
         Ok(())
     }
 
-    /// Whether one is being read, or was and nobody took it.
+    /// Whether one is being read, or was read and has not been taken.
     #[must_use]
     pub fn is_under_way(&self) -> bool {
         self.0.is_some()
     }
 
-    /// What was read, once; none while it is being read.
+    /// Takes what was read; `None` while it is being read.
     pub fn take(&mut self) -> Option<Result<Read, RunError>> {
         let thread = self.0.take_if(|thread| thread.is_finished())?;
         Some(thread.join().unwrap_or_else(|_| Err(RunError::failure("a checkpoint cannot be read"))))

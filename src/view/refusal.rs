@@ -1,11 +1,11 @@
-//! Why something that a client wants is refused.
+//! Why a client's request is refused.
 
 use crate::run::RunError;
 
 /// Why a change is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ChangeError {
-    /// Somebody else changed the document before.
+    /// The document has been changed meanwhile.
     #[error("segments or edits were changed meanwhile; look at them and try again")]
     Stale,
     /// The document is of an older checkpoint.
@@ -14,7 +14,7 @@ pub enum ChangeError {
     /// Nothing may be changed.
     #[error("this viewer was started with --read-only")]
     ReadOnly,
-    /// The scene is not what it will be.
+    /// The scene is still being trained.
     #[error("this run is being trained here; segments and edits can be made once that is over, in `volseggs view`")]
     InTraining,
     /// There is nothing to pause.

@@ -1,4 +1,4 @@
-//! The network: one page, a websocket, and nothing for anybody else.
+//! The network: one page and a websocket, for admitted clients only.
 
 use super::auth::Guard;
 use super::hub::{ClientId, Event, Hub, Outgoing};
@@ -21,13 +21,13 @@ use tokio::sync::mpsc;
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
-/// Clients at once.
+/// Maximum number of clients at once.
 const CLIENTS: usize = 8;
-/// Messages that may wait for a client; one that lets more pile up is given up.
+/// Number of messages that may wait for a client; a client for which more wait is dropped.
 const QUEUE: usize = 256;
-/// Longest time that a client may take for a message.
+/// Maximum time that a client may take for a message.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// What a page may load, and from where: itself alone.
+/// What a page may load, and from where: only from this server.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// What all connections share.
@@ -40,7 +40,7 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// For a server with these rules, whose requests go to `hub`.
+    /// Makes what connections share on a server with these rules, whose requests go to `hub`.
     pub fn new(guard: Guard, hub: Arc<Hub>) -> Self {
         Self { guard: Arc::new(guard), hub, next: Arc::new(AtomicU64::new(1)), here: Arc::new(AtomicUsize::new(0)) }
     }
@@ -52,7 +52,7 @@ impl Shared {
     }
 }
 
-/// The routes.
+/// Returns the routes.
 pub fn router(shared: Shared) -> Router {
     let mut router = Router::new().route("/ws", get(socket));
     for PageFile { path, kind, bytes } in FILES.into_iter().chain(MODULES) {
@@ -66,15 +66,15 @@ fn text<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
     headers.get(name).and_then(|v| v.to_str().ok())
 }
 
-/// Lets in who names this server and has the token; whoever brings it in the address gets the cookie, and an address
-/// without it.
+/// Admits requests that name this server and have the token as a cookie; a request with the token in the address gets
+/// the cookie, and an address without the token.
 async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -> Response<Body> {
     let (guard, headers) = (&shared.guard, request.headers());
     let token = request.uri().query().and_then(|q| q.strip_prefix("token="));
     let mut response = if !guard.allows_host(text(headers, &header::HOST)) {
         (StatusCode::FORBIDDEN, "this name is not one of the server's; see --allow-host").into_response()
     } else if token.is_some_and(|token| guard.allows_token(token)) {
-        // also who has the cookie: the secret is not to stay in the address
+        // even if the client has the cookie: the secret must not stay in the address
         let cookie = guard.set_cookie();
         (StatusCode::SEE_OTHER, [(header::SET_COOKIE, cookie), (header::LOCATION, "/".to_owned())]).into_response()
     } else if guard.allows_cookie(text(headers, &header::COOKIE)) {
@@ -151,15 +151,15 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
     }
 }
 
-/// Ends a connection after the last message. What came meanwhile is read, as a connection that is dropped with something
-/// unread takes back what was sent.
+/// Ends a connection after the last message. What arrived meanwhile is read, as dropping a connection with unread data
+/// would discard what was sent.
 async fn part(mut socket: WebSocket) {
     let closing = async {
         if socket.send(Message::Close(None)).await.is_ok() {
             while let Some(Ok(_)) = socket.recv().await {}
         }
     };
-    // one that does not answer is left
+    // a client that does not answer is abandoned
     drop(timeout(Duration::from_secs(1), closing).await);
 }
 
@@ -173,7 +173,7 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outg
         }
         Err(error) => {
             let message = format!("not understood: {}", plain(&error.to_string()));
-            // who waits for an answer hears it
+            // a client that waits for an answer gets the error
             let id = serde_json::from_str::<serde_json::Value>(text).ok().and_then(|request| request["id"].as_u64());
             let id = id.and_then(|id| u32::try_from(id).ok());
             return out.try_send(Outgoing::Text(Box::new(Answer::Error { id, message }))).is_ok();
@@ -184,7 +184,7 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outg
 
 async fn message(answer: Outgoing) -> Message {
     let frame = |(info, bytes): (FrameInfo, Vec<u8>)| Message::Binary(info.with(&bytes).into());
-    // these types have no maps with odd keys, so that they always are JSON
+    // these types have no maps with keys other than strings, so they always have a JSON form
     let text = |answer: &Answer| Message::Text(serde_json::to_string(answer).unwrap_or_default().into());
     match answer {
         Outgoing::Frame(info, bytes) => frame((info, bytes)),

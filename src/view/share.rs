@@ -1,21 +1,21 @@
-//! Drawing beside a training: on one thread, and for so little of the time that the training keeps its pace.
+//! Drawing alongside training: on one thread, and for so little of the time that the training keeps its pace.
 
 use std::time::Duration;
 
-/// Part of the time of all cores that drawing may take.
+/// Fraction of the time of all cores that drawing may take.
 const PART: f64 = 0.06;
 
 /// The share of one viewer.
 #[derive(Debug)]
 pub struct Share {
-    /// Its one thread: what is drawn comes out the same on any number of them.
+    /// Its one thread; pictures are the same on any number of threads.
     pool: rayon::ThreadPool,
-    /// Part of that thread's time.
+    /// Fraction of that thread's time.
     part: f64,
 }
 
 impl Share {
-    /// That of a machine with as many cores as the program computes on.
+    /// Makes the share of a machine with as many cores as the program computes on.
     ///
     /// # Errors
     /// If the system gives no thread.
@@ -24,19 +24,19 @@ impl Share {
         Ok(Self { pool, part: part(rayon::current_num_threads()) })
     }
 
-    /// Does it on the one thread.
+    /// Runs `work` on the one thread.
     pub fn work<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
         self.pool.install(work)
     }
 
-    /// How long nothing is to be drawn, from the beginning of work that took so long on.
+    /// Returns how long nothing is to be drawn, counted from the beginning of work that took `busy`.
     #[must_use]
     pub fn rest(&self, busy: Duration) -> Duration {
         busy.div_f64(self.part)
     }
 }
 
-/// Part of one thread's time on a machine of so many cores.
+/// Fraction of one thread's time on a machine with this many cores.
 fn part(cores: usize) -> f64 {
     (PART * cores as f64).min(1.0)
 }

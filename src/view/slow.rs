@@ -1,5 +1,6 @@
-//! Changes of segments that take so long to find that pictures would stop for it: found on a thread of their own, on a copy
-//! of the segments, and taken over by the thread that draws, unless somebody else changed the document meanwhile.
+//! Changes of segments that take so long to compute that pictures would stop meanwhile: they are computed on a thread
+//! of their own, on a copy of the segments, and adopted by the drawing thread unless the document was changed
+//! meanwhile.
 
 use super::hub::{ClientId, Hub};
 use crate::run::segments::RunSegments;
@@ -8,26 +9,26 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
-/// Changes that are looked for at once; who wants more waits.
+/// Maximum number of changes that are computed at once; further ones are refused.
 const AT_ONCE: usize = 4;
 
-/// Who wants a change, and of what.
+/// Who requested a change, and of what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted {
     /// The client.
     pub client: ClientId,
-    /// Number by which the answer is known.
+    /// Number by which the answer is identified.
     pub id: u32,
     /// Revision of the document that the client knows.
     pub base: u64,
-    /// Number of the selection of the client that becomes a segment, if one does.
+    /// Number of the client's selection that becomes a segment, if one does.
     pub selection: Option<u64>,
 }
 
 /// The segments after a change, not saved yet, or why there is none.
 type Found = Result<RunSegments, RunError>;
 
-/// What is being looked for.
+/// The changes that are being computed.
 #[derive(Debug)]
 pub struct Slow {
     hub: Arc<Hub>,
@@ -35,7 +36,7 @@ pub struct Slow {
 }
 
 impl Slow {
-    /// Nothing yet; `hub` wakes the thread that draws.
+    /// Starts without any; `hub` wakes the drawing thread.
     #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         Self { hub, running: Vec::new() }
@@ -44,7 +45,7 @@ impl Slow {
     /// Begins to change `segments` of `run`.
     ///
     /// # Errors
-    /// If several are under way, or the system gives no thread.
+    /// If too many are under way, or the system gives no thread.
     pub fn begin(
         &mut self,
         wanted: Wanted,
@@ -59,7 +60,7 @@ impl Slow {
         let work = move || {
             let done = catch_unwind(AssertUnwindSafe(|| change(&run, &mut segments)));
             let done = done.unwrap_or_else(|_| Err(failed())).map(|()| segments);
-            // nobody waits any more where the viewer has ended
+            // nobody waits any more if the viewer has ended
             let _ = out.send(done);
             hub.wake();
         };
@@ -68,7 +69,7 @@ impl Slow {
         Ok(())
     }
 
-    /// One that was found; of several the one that was wanted first.
+    /// Returns a finished change; of several, the one that was requested first.
     pub fn news(&mut self) -> Option<(Wanted, Found)> {
         for (place, (wanted, found)) in self.running.iter().enumerate() {
             let news = match found.try_recv() {
@@ -82,7 +83,7 @@ impl Slow {
         None
     }
 
-    /// The one of those under way that was wanted first; its end is waited for.
+    /// Waits for the change that was requested first of those under way.
     pub fn wait(&mut self) -> Option<(Wanted, Found)> {
         if self.running.is_empty() {
             return None;

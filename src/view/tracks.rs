@@ -1,5 +1,5 @@
-//! Segments through time, for the charts of the page: measured on a thread of its own, so that neither frames nor long work
-//! wait for it. Nothing is written.
+//! Segments through time, for the charts of the page: measured on a thread of its own, so that neither frames nor long
+//! work wait for it. Nothing is written.
 
 use super::hub::{ClientId, Hub};
 use crate::name::Name;
@@ -15,12 +15,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 
-/// Times that a client may ask for.
+/// Numbers of times that a client may request.
 const TIMES: RangeInclusive<usize> = 2..=501;
-/// Name of several segments as one, in messages alone.
+/// Name of several segments as one, used in messages only.
 const TOGETHER: &str = "together";
 
-/// What a segment, or several as one, is like over time.
+/// Measurements of a segment, or several as one, over time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Track {
     /// Number of the request.
@@ -29,26 +29,26 @@ pub struct Track {
     pub segments: Vec<String>,
     /// Times in [0, 1].
     pub times: Vec<f64>,
-    /// Volume at each, cubic world units.
+    /// Volume at each, in cubic world units.
     pub volume: Vec<f64>,
-    /// Centroid at each, world units; none where nothing shows.
+    /// Centroid at each, in world units; `None` where nothing is visible.
     pub centroid: Vec<Option<[f64; 3]>>,
-    /// Speed of the centroid at each, world units per unit of time.
+    /// Speed of the centroid at each, in world units per unit of time.
     pub speed: Vec<Option<f64>>,
-    /// What happened to its parts.
+    /// Events of its parts.
     pub events: Vec<TrackEvent>,
 }
 
-/// Something that happened.
+/// An event of the parts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrackEvent {
-    /// What.
+    /// Its kind.
     pub kind: EventKind,
     /// Last time before it.
     pub from: f64,
     /// First time after it.
     pub to: f64,
-    /// How many parts before and after.
+    /// Numbers of parts before and after.
     pub parts: [usize; 2],
 }
 
@@ -79,13 +79,13 @@ impl Track {
 /// A request for a track.
 #[derive(Debug)]
 pub struct Wanted {
-    /// Who wants it.
+    /// The client that requested it.
     pub client: ClientId,
-    /// Number by which the answer is known.
+    /// Number by which the answer is identified.
     pub id: u32,
-    /// Names of segments; several are followed as one.
+    /// Names of segments; several are tracked as one.
     pub segments: Vec<String>,
-    /// Times, evenly spaced over [0, 1].
+    /// Number of times, evenly spaced over [0, 1].
     pub times: usize,
     /// The run, which is not locked.
     pub run: OpenRun,
@@ -94,7 +94,7 @@ pub struct Wanted {
 /// An answer: the track, or why there is none, with the number of the request.
 type Found = Result<Track, (u32, String)>;
 
-/// The thread that measures, and who waits for it: of each client its newest request.
+/// The thread that measures, and the requests that wait for it: the newest of each client.
 #[derive(Debug)]
 pub struct Tracks {
     hub: Arc<Hub>,
@@ -107,17 +107,17 @@ pub struct Tracks {
 }
 
 impl Tracks {
-    /// Nobody waits; `hub` wakes the thread that draws.
+    /// Starts without requests; `hub` wakes the drawing thread.
     #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         let (out, found) = channel();
         Self { hub, waiting: Vec::new(), refused: Vec::new(), running: None, out, found }
     }
 
-    /// Measures what is wanted, in the place of what this client wanted before.
+    /// Queues a request, which replaces this client's earlier one.
     ///
     /// # Errors
-    /// Times or segments that cannot be followed.
+    /// If the number of times is out of range, or no segment is named.
     pub fn ask(&mut self, wanted: Wanted) -> Result<(), String> {
         if !TIMES.contains(&wanted.times) {
             return Err(format!("times: {} to {}", TIMES.start(), TIMES.end()));
@@ -133,7 +133,7 @@ impl Tracks {
         Ok(())
     }
 
-    /// The client wants nothing any more; what had not begun.
+    /// Cancels what the client requested; returns the request if it had not begun.
     pub fn forget(&mut self, client: ClientId) -> Option<Wanted> {
         if let Some((of, stop, _)) = &self.running
             && *of == client
@@ -144,12 +144,12 @@ impl Tracks {
         Some(self.waiting.remove(at))
     }
 
-    /// The next answer that is there.
+    /// Returns the next answer, if there is one.
     pub fn news(&mut self) -> Option<(ClientId, Found)> {
         if let Some(refused) = self.refused.pop() {
             return Some(refused);
         }
-        // what a thread sends is the last that it does
+        // a thread sends its answer at its very end
         let news = self.found.try_recv().ok()?;
         self.join();
         self.next();
@@ -171,7 +171,7 @@ impl Tracks {
                 Ok(Err(error)) => Err((id, error.to_string())),
                 Err(_) => Err((id, "the viewer failed at this; it goes on".into())),
             };
-            // nobody listens any more where the viewer closes
+            // nobody listens any more if the viewer closes
             let _ = out.send((client, found));
             hub.wake();
         };

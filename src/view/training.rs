@@ -1,5 +1,5 @@
-//! What the page shows of a run's training, be it over or still going on, here or in another process: the curves of its log,
-//! and how far it has come.
+//! What the page shows of a run's training, whether it is over or still going on, here or in another process: the
+//! curves of its log and its progress.
 
 use super::live::Progress;
 use crate::compare::curves::{self, smooth};
@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
-/// The log is not read more often than that.
+/// Minimum time between readings of the log.
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// The training of a run.
@@ -19,17 +19,17 @@ const PAUSE: Duration = Duration::from_secs(1);
 pub struct Training {
     /// `running`, `interrupted`, `complete` or `broken off`, see [`status`].
     pub status: String,
-    /// Steps that are logged.
+    /// Steps taken so far.
     pub steps: usize,
-    /// All steps of the run.
+    /// Total steps of the run.
     pub all: usize,
     /// (step, loss), smoothed.
     pub loss: Vec<(f64, f64)>,
-    /// (step, PSNR on the views trained on, decibels), smoothed.
+    /// (step, PSNR on the views trained on, in decibels), smoothed.
     pub train: Vec<(f64, f64)>,
-    /// (step, PSNR on a few test views, decibels).
+    /// (step, PSNR on a few test views, in decibels).
     pub test: Vec<(f64, f64)>,
-    /// More of one that goes on in this process.
+    /// Further progress of a training that goes on in this process.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub live: Option<Progress>,
 }
@@ -37,7 +37,7 @@ pub struct Training {
 /// When a file was written, and how long it is.
 pub type Stamp = Option<(SystemTime, u64)>;
 
-/// The stamp of a file; none if it is not there.
+/// Returns the stamp of a file; `None` if it is missing.
 #[must_use]
 pub fn stamp(path: &Path) -> Stamp {
     let found = std::fs::metadata(path).ok()?;
@@ -53,14 +53,14 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// What is known of the training.
+    /// Returns what is known of the training.
     #[must_use]
     pub fn now(&self) -> Option<&Training> {
         self.now.as_ref()
     }
 
-    /// Looks at the log, at once if that is `urgent`; what is known now, if that is news. `live` is known of a training in
-    /// this process.
+    /// Checks the log, at once if that is `urgent`; returns what is known now, if that has changed. `live` is the
+    /// progress of a training in this process.
     pub fn look(&mut self, run: &OpenRun, live: Option<Progress>, urgent: bool) -> Option<&Training> {
         if !urgent && self.looked.is_some_and(|when| when.elapsed() < PAUSE) {
             return None;
@@ -73,10 +73,10 @@ impl Watch {
             _ => read(run),
         };
         self.seen = Some(stamps);
-        // whoever is killed writes nothing any more
+        // a killed process no longer updates its status
         now.status = status(&run.path, &now.status).to_owned();
         if let Some(live) = live {
-            // the log has one step in so many
+            // the log has only some of the steps
             (now.steps, now.live) = (live.steps, Some(live));
         }
         if self.now.as_ref() == Some(&now) {
@@ -87,7 +87,7 @@ impl Watch {
     }
 }
 
-/// A picture of a run: what cannot be read is left out.
+/// Reads the training of a run; what cannot be read is omitted.
 fn read(run: &OpenRun) -> Training {
     let curves = curves::read(&run.path);
     let text = read_text(&RunPaths(&run.path).record()).ok();

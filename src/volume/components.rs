@@ -1,8 +1,9 @@
-//! Connected parts of a volume, followed through a series: labels for volumes that come without. Voxels of at least a
-//! value are parted by their faces (6 neighbours); a part is that of the step before which it overlaps most.
+//! Connected parts of a volume, tracked through a series: labels for volumes that come without any. Voxels at or above
+//! a value are connected through their faces (6 neighbours); a part continues the one of the previous step with which
+//! it overlaps most.
 //!
-//! All steps are looked at once, in order, before any is used: what is kept of each is one number a part. The labels of a
-//! step are then found again from its values. In memory: one step's values and at most 10 bytes a voxel beside them.
+//! All steps are examined once, in order, before any is used; one number per part is kept of each. The labels of a step
+//! are then recomputed from its values. Memory: one step's values and at most 10 bytes per voxel beside them.
 
 use super::error::VolumeError;
 use super::grid::{Grid, Labels, Volume};
@@ -12,17 +13,17 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// Bytes that a voxel takes beside its value while parts are looked for.
+/// Bytes per voxel, beside its value, while parts are searched.
 pub const VOXEL_BYTES: usize = 10;
-/// Voxels of the smallest part, unless said otherwise: a cube of four voxels a side.
+/// Default minimum size of a part in voxels: a cube of four voxels a side.
 pub const SMALLEST: usize = 64;
 
-/// Which voxels make parts.
+/// Which voxels form parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PartOptions {
-    /// Least value of a part's voxels, data units.
+    /// Minimum value of a part's voxels, data units.
     pub value: f32,
-    /// Voxels that a part has at least; smaller ones are no segment, at this step.
+    /// Minimum number of voxels of a part; smaller ones are no segment, at this step.
     pub smallest: usize,
 }
 
@@ -32,28 +33,28 @@ pub enum PartsError {
     /// A step cannot be read.
     #[error(transparent)]
     Volume(#[from] VolumeError),
-    /// There is none.
+    /// No part was found.
     #[error(
         "no part of {} or more voxels has values of {} or more at any of {steps} steps; the largest value is {largest}. \
          Choose a lower value or a smaller part",
         options.smallest, options.value
     )]
     None {
-        /// What was looked for.
+        /// What was searched for.
         options: PartOptions,
         /// Steps of the series.
         steps: usize,
         /// Largest value of all steps.
         largest: f32,
     },
-    /// There are more than ids.
+    /// There are more parts than ids.
     #[error(
         "more than 65535 parts of {} or more voxels with values of {} or more by step {step}. Choose another value or a \
          larger smallest part",
         options.smallest, options.value
     )]
     TooMany {
-        /// What was looked for.
+        /// What was searched for.
         options: PartOptions,
         /// The step at which the ids ran out.
         step: usize,
@@ -70,33 +71,33 @@ pub struct PartChange {
     pub step: usize,
     /// The part that ends or begins.
     pub id: u16,
-    /// Whether it ends.
+    /// Whether it ends; otherwise it begins.
     pub ends: bool,
-    /// The part that goes on, into which it merges or off which it splits: of those that it overlaps with, the one it shares most
-    /// voxels with; none where it vanishes or appears alone.
+    /// The part that continues, into which it merges or from which it splits: of those it overlaps with, the one
+    /// with which it shares the most voxels; none where it vanishes or appears alone.
     pub other: Option<u16>,
 }
 
 /// The parts of a series and their ids over time.
 ///
 /// Ids begin at 1. Those that appear at the same step are numbered from the largest to the smallest. Where parts merge,
-/// the one that gave most voxels to the whole keeps its id, the others end; where one splits, the part that has most of
-/// its voxels keeps the id, the others get new ones. An id that ended does not come back.
+/// the one that contributes the most voxels to the whole keeps its id and the others end; where one splits, the piece
+/// with most of its voxels keeps the id and the others get new ones. An id that has ended is not reused.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parts {
     options: PartOptions,
-    /// Of each step, the ids of its parts from the largest to the smallest.
+    /// For each step, the ids of its parts from the largest to the smallest.
     ids: Vec<Vec<u16>>,
     changes: Vec<PartChange>,
     count: u16,
 }
 
-/// The parts of one step: `[z, y, x]` their numbers from 1 on, from the largest to the smallest (of equals the one with
-/// the first voxel), 0 for none; and their sizes in voxels.
+/// The parts of one step: `[z, y, x]` their numbers from 1, largest first (among equals the one with the first voxel),
+/// 0 for none; and their sizes in voxels.
 fn parts_of(values: &[f32], dims: [usize; 3], options: PartOptions) -> (Vec<u32>, Vec<usize>) {
     let [nx, ny, _] = dims;
     let slice = (nx * ny).max(1);
-    // NaN is not of any part
+    // NaN belongs to no part
     let inside = |i: usize| values[i] >= options.value;
     let sets = UnionFind::new(values.len());
     let slices = values.len() / slice;
@@ -111,7 +112,7 @@ fn parts_of(values: &[f32], dims: [usize; 3], options: PartOptions) -> (Vec<u32>
             }
         }
     });
-    // one more than the root, which is the first voxel of its part
+    // the root, which is the first voxel of its part, plus one
     let mut numbers: Vec<u32> =
         (0..values.len()).into_par_iter().map(|i| if inside(i) { sets.find(i as u32) + 1 } else { 0 }).collect();
     drop(sets);
@@ -121,14 +122,14 @@ fn parts_of(values: &[f32], dims: [usize; 3], options: PartOptions) -> (Vec<u32>
     let mut kept: Vec<u32> = (1..sizes.len() as u32).filter(large).collect();
     kept.sort_by_key(|root| (Reverse(sizes[*root as usize]), *root));
     let found = kept.iter().map(|root| sizes[*root as usize] as usize).collect();
-    // from here on the number of each root
+    // from here on, the number of each root
     sizes.fill(0);
     kept.iter().zip(1..).for_each(|(root, number)| sizes[*root as usize] = number);
     numbers.par_iter_mut().for_each(|number| *number = sizes[*number as usize]);
     (numbers, found)
 }
 
-/// Pairs of ids of the step before and numbers of this one, with the voxels they share, most first.
+/// Pairs of ids of the previous step and numbers of this one, with the voxels they share, largest overlap first.
 fn overlaps(before: &[u16], now: &[u32]) -> Vec<(usize, u16, u32)> {
     let mut shared: BTreeMap<(u16, u32), usize> = BTreeMap::new();
     let (mut last, mut run) = ((0, 0), 0);
@@ -151,10 +152,11 @@ fn overlaps(before: &[u16], now: &[u32]) -> Vec<(usize, u16, u32)> {
 }
 
 impl Parts {
-    /// Follows the parts through `steps` steps of a grid; `load` gives the values of each, and is asked in order, once.
+    /// Tracks the parts through `steps` steps of a grid; `load` returns the values of a step and is called once for
+    /// each, in order.
     ///
     /// # Errors
-    /// A step that cannot be read; no part at all; more parts or voxels than have numbers.
+    /// A step that cannot be read; no part at all; more parts or voxels than can be numbered.
     pub fn follow(
         grid: &Grid,
         steps: usize,
@@ -192,7 +194,7 @@ impl Parts {
                 let now = ids[number as usize - 1];
                 let ended = (!taken[usize::from(id)]).then_some((id, true, now));
                 let begun = (now > known).then_some((now, false, id));
-                // most is shared first
+                // largest overlap first
                 for (id, ends, other) in [ended, begun].into_iter().flatten() {
                     if !std::mem::replace(&mut told[usize::from(id)], true) {
                         out.changes.push(PartChange { step, id, ends, other: Some(other) });
@@ -215,25 +217,25 @@ impl Parts {
         Ok(out)
     }
 
-    /// Number of ids over all steps; they are 1 to this.
+    /// Number of ids over all steps; they run from 1 to this.
     #[must_use]
     pub fn count(&self) -> u16 {
         self.count
     }
 
-    /// What ends and begins after the first step, by step.
+    /// The ends and beginnings after the first step, by step.
     #[must_use]
     pub fn changes(&self) -> &[PartChange] {
         &self.changes
     }
 
-    /// Which voxels make parts.
+    /// Which voxels form parts.
     #[must_use]
     pub fn options(&self) -> PartOptions {
         self.options
     }
 
-    /// The labels of a step that was followed, from its values; a step beyond the last has none.
+    /// The labels of a tracked step, from its values; a step beyond the last has none.
     #[must_use]
     pub fn labels(&self, step: usize, volume: &Volume) -> Labels {
         let ids = self.ids.get(step).map_or(&[][..], Vec::as_slice);

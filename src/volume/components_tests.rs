@@ -1,4 +1,4 @@
-//! Parts of small volumes that are drawn here as text: which voxels join, and who keeps which id.
+//! Parts of small volumes drawn here as text: which voxels join, and which part keeps which id.
 
 use super::*;
 use proptest::prelude::*;
@@ -17,7 +17,7 @@ fn slice(rows: &[&str]) -> Volume {
 
 const ANY: PartOptions = PartOptions { value: 0.5, smallest: 1 };
 
-/// The labels of every step as text, a row after another, `.` for none.
+/// The labels of every step as text, row by row, `.` for none.
 fn followed(steps: &[&[&str]], options: PartOptions) -> Vec<String> {
     let volumes: Vec<Volume> = steps.iter().map(|rows| slice(rows)).collect();
     let mut asked = Vec::new();
@@ -27,7 +27,7 @@ fn followed(steps: &[&[&str]], options: PartOptions) -> Vec<String> {
     })
     .unwrap();
     assert!(asked.into_iter().eq(0..volumes.len()), "each step once, in order");
-    // steps are found again in any order
+    // steps can be labelled in any order
     let text = |(step, volume): (usize, &Volume)| -> String {
         let ids = parts.labels(step, volume).ids;
         ids.iter().map(|id| if *id == 0 { '.' } else { char::from_digit(u32::from(*id), 36).unwrap() }).collect()
@@ -40,14 +40,14 @@ fn followed(steps: &[&[&str]], options: PartOptions) -> Vec<String> {
 #[test]
 fn faces_join_and_edges_do_not() {
     let found = followed(&[&["##..", "..##", "#..#"]], ANY);
-    // equals by their first voxel, larger ones before
+    // larger ones first, equals by their first voxel
     assert_eq!(found, ["22....113..1"]);
     let mut values = vec![0.0; 27];
     [0, 9, 13, 18, 26].iter().for_each(|i| values[*i] = 1.0);
-    // 0, 9 and 18 stand above each other; 13 and 26 touch nothing by a face
+    // 0, 9 and 18 lie above each other; 13 and 26 touch nothing by a face
     let (numbers, sizes) = parts_of(&values, [3, 3, 3], ANY);
     assert_eq!((sizes, numbers[0], numbers[9], numbers[18], numbers[13], numbers[26]), (vec![3, 1, 1], 1, 1, 1, 2, 3));
-    // the end of a row and the start of the next are no neighbours
+    // the end of a row and the start of the next are not neighbours
     assert_eq!(parts_of(&[0.0, 1.0, 1.0, 0.0], [2, 2, 1], ANY).1, [1, 1]);
 }
 
@@ -62,19 +62,19 @@ fn changes(steps: &[&[&str]]) -> Vec<String> {
 #[test]
 fn what_ends_and_begins_is_told_with_what_it_merges_into_or_splits_off() {
     assert_eq!(changes(&[&["###.##.#"], &["######.#"], &["######.#"], &["###.##.#"]]), ["1: 2>1", "3: 4<1"]);
-    // three into one at once; one of two, and of that a third
+    // three into one at once; one into two, and one of those into two again
     assert_eq!(changes(&[&["####.##.#"], &["#########"]]), ["1: 2>1", "1: 3>1"]);
     assert_eq!(changes(&[&["#######"], &["##.####"], &["##.#.##"]]), ["1: 2<1", "2: 3<1"]);
-    // the second vanishes, the third comes where nothing was
+    // the second vanishes, the third appears where nothing was
     assert_eq!(changes(&[&["##....#"], &[".##...."], &["..##..#"]]), ["1: 2>0", "2: 3<0"]);
-    // of two that a part could have merged into, the one it shares most with
+    // of two that a part could have merged into, the one it shares most voxels with
     assert_eq!(changes(&[&["#####.##"], &["###..###"], &["########"]]), ["2: 2>1"]);
 }
 
 #[test]
 fn a_merge_keeps_the_id_of_the_larger() {
     let found = followed(&[&["###.##.#"], &["######.#"], &["######.#"], &["###.##.#"]], ANY);
-    // the second ends with the merge, and what parts from the first later is new
+    // the second ends with the merge, and what splits from the first later is new
     assert_eq!(found, ["111.22.3", "111111.3", "111111.3", "111.44.3"]);
 }
 
@@ -95,7 +95,7 @@ fn ids_exchange_only_by_overlap() {
     // the small one grows larger than the other: sizes change, ids stay
     let found = followed(&[&["###..#."], &["##..###"], &["#..####"]], ANY);
     assert_eq!(found, ["111..2.", "11..222", "1..2222"]);
-    // of two that overlap the same part, the one that shares most takes the id
+    // of two that overlap the same part, the one that shares most voxels keeps its id
     let found = followed(&[&["####.##"], &[".###.##"], &["##.####"]], ANY);
     assert_eq!(found[2], "11.2222");
 }
@@ -104,7 +104,7 @@ fn ids_exchange_only_by_overlap() {
 fn small_parts_and_poison_are_left_out() {
     let small = PartOptions { smallest: 3, ..ANY };
     assert_eq!(followed(&[&["##.###.oo#"]], small), ["...111.222"]);
-    // NaN is not above any value, and parts what stands around it
+    // NaN is not above any value, and separates its neighbours
     assert_eq!(followed(&[&["##?###"]], ANY), ["22.111"]);
     let all = vec![f32::NAN; 8];
     assert_eq!(parts_of(&all, [2, 2, 2], ANY), (vec![0; 8], Vec::new()));
@@ -135,7 +135,7 @@ fn ids_run_out_with_a_word() {
     assert!(matches!(error, PartsError::TooMany { step: 0, .. }), "{error}");
 }
 
-/// Parts by flooding, one after another: the slow way.
+/// Parts by flood fill, one after another: the slow way.
 fn flooded(values: &[f32], dims: [usize; 3], value: f32) -> Vec<Vec<usize>> {
     let mut open: Vec<bool> = values.iter().map(|v| *v >= value).collect();
     let mut out = Vec::new();

@@ -1,4 +1,4 @@
-//! What can be wrong with a volume, a transfer function or their files: what, where, and how to mend it.
+//! What can be wrong with a volume, a transfer function or their files: what, where, and how to fix it.
 
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -6,19 +6,19 @@ use thiserror::Error;
 /// A volume, series or transfer function that cannot be used.
 #[derive(Debug, Error)]
 pub enum VolumeError {
-    /// The file system said no.
+    /// The file system reported an error.
     #[error("{}: cannot {action}: {source}; {hint}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried: "open the file".
+        /// What was attempted: "open the file".
         action: &'static str,
-        /// What the system answered.
+        /// The file system's error.
         source: std::io::Error,
         /// What to do.
         hint: String,
     },
-    /// The content is wrong.
+    /// The content is invalid.
     #[error("{}: {field}: {problem}; {hint}", path.display())]
     Invalid {
         /// The file.
@@ -33,7 +33,7 @@ pub enum VolumeError {
 }
 
 impl VolumeError {
-    /// Whether the user can mend it; otherwise the system failed or refused.
+    /// Whether the user can fix it; otherwise the system failed or refused.
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {

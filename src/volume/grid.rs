@@ -1,5 +1,5 @@
-//! A scalar field and its labels on a regular grid, in memory: one time step. Files are read in `formats`,
-//! pictures made in `raycast`.
+//! A scalar field and its labels on a regular grid, in memory: one time step. Files are read in `formats`, images made
+//! in `raycast`.
 
 /// The geometry of a regular grid; x is the fastest axis in memory.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! Volumes: files and series, transfer functions, the ray caster, synthetic scenes. Gives images; knows nothing of
+//! Volumes: files and series, transfer functions, the ray caster, synthetic scenes. Produces images; knows nothing of
 //! datasets beyond the camera, and nothing of models.
 
 pub mod components;

@@ -12,7 +12,7 @@ use image::{Rgb, RgbImage};
 const SIZE: [u32; 2] = [900, 420];
 /// Left, right, top and bottom edges of the area of the curve.
 const AREA: [u32; 4] = [70, 876, 62, 296];
-/// Top, middle and bottom of the colour bar: the upper half is solid, the lower has the opacity.
+/// Top, middle and bottom of the colour bar: the upper half is solid, the lower half shows the opacity.
 const BAR: [u32; 3] = [304, 316, 328];
 const TICKS: u32 = 336;
 const BRACKETS: u32 = 362;
@@ -20,15 +20,15 @@ const INK: [u8; 3] = [40, 44, 52];
 const FAINT: [u8; 3] = [110, 116, 126];
 const GRID: [u8; 3] = [232, 234, 238];
 const HISTOGRAM: [u8; 3] = [208, 211, 217];
-/// Unit lengths that the filled area and the lower half of the bar are thick.
+/// Thickness of the filled area and of the lower half of the bar, unit lengths.
 const THICKNESS: f32 = 10.0;
 
-/// Where data values and opacities are in the image.
+/// The mapping of data values and opacities to the image.
 struct Frame {
     /// Data values at the left and right edge.
     low: f64,
     high: f64,
-    /// Data values of the fractions 0 and 1.
+    /// Data values at the fractions 0 and 1.
     span: [f64; 2],
     /// Opacity at the upper edge.
     top: f32,
@@ -138,7 +138,7 @@ fn bars(image: &mut RgbImage, frame: &Frame, histogram: &[u64], data: [f64; 2]) 
     }
 }
 
-/// The outline of the histogram, to be seen above the filled area too.
+/// The outline of the histogram, drawn above the filled area so that it stays visible.
 fn outline(image: &mut RgbImage, frame: &Frame, histogram: &[u64], data: [f64; 2]) {
     let ys: Vec<f32> = (AREA[0]..AREA[1]).map(|x| histogram_y(level(histogram, data, frame.value(x)))).collect();
     if histogram.iter().all(|n| *n == 0) {
@@ -206,7 +206,7 @@ fn curve(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
     }
 }
 
-/// Segments as brackets under the axis; the labels that would touch go one line down.
+/// Segments as brackets under the axis; labels that would touch move one line down.
 fn brackets(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
     let mut order: Vec<_> = tf.segments.iter().collect();
     order.sort_by(|a, b| a.range[0].total_cmp(&b.range[0]));
@@ -215,7 +215,7 @@ fn brackets(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
         let [from, to] = [frame.x(segment.range[0]) + 1.0, frame.x(segment.range[1]) - 1.0];
         let color = tf.segment_color(segment).map(byte);
         let y = BRACKETS as f32;
-        // Shorter by the round ends.
+        // shorter because of the round ends
         let inset = 2.5_f32.min((to - from).max(0.0) / 2.0);
         line(image, [from + inset, y + 3.0], [to - inset, y + 3.0], 5.0, color);
         for x in [from, to] {
@@ -231,7 +231,7 @@ fn brackets(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
     }
 }
 
-/// A line with round ends and soft edges; one without length is a disc.
+/// A line with round ends and soft edges; one of length 0 is a disc.
 fn line(image: &mut RgbImage, from: [f32; 2], to: [f32; 2], width: f32, color: [u8; 3]) {
     let reach = width / 2.0 + 1.0;
     let bounds = |axis: usize, size: u32| {
@@ -268,7 +268,8 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     (0..12).map(|i| (first + f64::from(i)) * step).take_while(|t| *t <= high + step * 1e-9).collect()
 }
 
-/// A number as short as the distance `step` to the next label allows; zero for a label on its own.
+/// Formats a number briefly; one that is negligible beside the distance `step` to the next label becomes 0. `step` is 0
+/// for a label on its own.
 fn label(value: f64, step: f64) -> String {
     if value.abs() < step * 1e-6 || value == 0.0 {
         return "0".to_owned();
@@ -289,7 +290,7 @@ fn centered(image: &mut RgbImage, x: f32, y: u32, color: [u8; 3], text: &str) {
     draw_text(image, left.round().max(0.0) as u32, y, 1, color, text);
 }
 
-/// What the font can draw of a text, cut to `most` characters.
+/// The characters of a text that the font can draw, others as spaces, cut to `most` characters.
 fn printable(text: &str, most: usize) -> String {
     let known = |c: char| if c.is_ascii_alphanumeric() || " .:-/%_".contains(c) { c } else { ' ' };
     text.chars().take(most).map(known).collect()

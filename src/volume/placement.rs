@@ -1,4 +1,4 @@
-//! Where a volume lies in the scene: centred at the origin, its longest side of one fixed length, in proportion.
+//! The placement of a volume in the scene: centred at the origin, its longest side of one fixed length, in proportion.
 
 use super::grid::Grid;
 use crate::data::Aabb;
@@ -36,7 +36,7 @@ impl Placement {
         (point + self.half) * self.voxels_per_unit
     }
 
-    /// Distance of neighbouring voxels along x, y, z, scene units.
+    /// Distance between neighbouring voxels along x, y, z, scene units.
     #[must_use]
     pub fn spacing(&self) -> DVec3 {
         self.voxels_per_unit.recip()

@@ -1,5 +1,5 @@
-//! A time-varying volume: many files of one step, or one file of many. Steps are read one at a time, when asked for;
-//! at most one file is kept open. The formats themselves are read in [`crate::volume::formats`].
+//! A time-varying volume: many files of one step, or one file of many. Steps are read one at a time, on demand; at most
+//! one file is kept open. The formats themselves are read in [`crate::volume::formats`].
 
 mod inputs;
 mod names;
@@ -18,24 +18,24 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 /// Voxels scanned by one task.
 const CHUNK: usize = 1 << 16;
 
-/// Values of small steps that are read together.
+/// Maximum number of values of small steps that are read together.
 const TOGETHER: usize = 1 << 24;
 
-/// Largest relative difference between the spacings of two files.
+/// Maximum relative difference between the spacings of two files.
 const SPACING_TOLERANCE: f64 = 1e-6;
 
-/// How a series is put together.
+/// How a series is assembled.
 #[derive(Clone, Debug, Default)]
 pub struct SeriesOptions {
-    /// Put in place of NaN and infinite voxels, in data units; `None` makes them an error.
+    /// Replaces NaN and infinite voxels, in data units; `None` makes them an error.
     pub nan_as: Option<f32>,
     /// Accept missing numbers in file names.
     pub allow_gaps: bool,
-    /// The time of each step in any unit, strictly increasing; `None` is evenly spaced.
+    /// The time of each step in any unit, strictly increasing; `None` spaces the steps evenly.
     pub times: Option<Vec<f64>>,
 }
 
-/// A file that was opened, kept for the next step.
+/// An opened file, kept for the next step.
 type Kept = (usize, Arc<dyn VolumeFile>);
 
 /// Volumes on one grid, in order of time.
@@ -51,12 +51,12 @@ pub struct Series {
 }
 
 impl Series {
-    /// Opens the files that `inputs` name: paths, folders (all volume files inside), or patterns such as `t*.nrrd`,
-    /// the last two in natural order. All headers are read and compared, no values.
+    /// Opens the files named by `inputs`: paths, folders (all volume files inside), or patterns such as `t*.nrrd`, the
+    /// last two in natural order. All headers are read and compared, but no values.
     ///
     /// # Errors
-    /// No file, files out of order, a missing or repeated step, files on different grids, a 4D file among others, wrong
-    /// times, or a file that cannot be read.
+    /// No file, files out of order, a missing or repeated step, files on different grids, a 4D file among others,
+    /// invalid times, or a file that cannot be read.
     pub fn open(inputs: &[String], options: &SeriesOptions) -> Result<Self, VolumeError> {
         let files = inputs::expand(inputs)?;
         let gaps = inputs::check_order(&files, options.allow_gaps || options.times.is_some())?;
@@ -112,7 +112,7 @@ impl Series {
         self.header.scalar
     }
 
-    /// The name of a step for people: the file name, with `[k]` for step `k` of a 4D file. Empty beyond the last step.
+    /// The display name of a step: the file name, with `[k]` for step `k` of a 4D file. Empty beyond the last step.
     #[must_use]
     pub fn name(&self, step: usize) -> String {
         let (file, k) = self.place(step);
@@ -162,7 +162,7 @@ impl Series {
     /// a time.
     ///
     /// # Errors
-    /// As [`Series::load`].
+    /// As for [`Series::load`].
     pub fn range(&self) -> Result<[f32; 2], VolumeError> {
         if let Some(range) = self.range.get() {
             return Ok(*range);
@@ -170,14 +170,14 @@ impl Series {
         let widest = [f32::INFINITY, f32::NEG_INFINITY];
         let merge = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let (mut range, mut values) = (widest, Vec::new());
-        // many small steps of one file are read together: compressed ones are unpacked from the start each time
+        // many small steps of one file are read together: compressed files are decompressed from the start each time
         let at_a_time = if self.files.len() > 1 { 1 } else { (TOGETHER / self.header.grid.len().max(1)).max(1) };
         for first in (0..self.len()).step_by(at_a_time) {
             self.read_range(first..self.len().min(first + at_a_time), &mut values)?;
             let part = |c: &[f32]| c.iter().fold(widest, |r, &v| merge(r, [v, v]));
             range = merge(range, values.par_chunks(CHUNK).map(part).reduce(|| widest, merge));
         }
-        // -0 and 0 are equal, which of them is found must not depend on the order.
+        // -0 and 0 are equal; which of them is found must not depend on the order
         Ok(*self.range.get_or_init(|| range.map(|v| v + 0.0)))
     }
 
@@ -185,7 +185,7 @@ impl Series {
     /// outside `range` are not counted; where both ends are equal, voxels of that value are in the first bin.
     ///
     /// # Errors
-    /// As [`Series::load`].
+    /// As for [`Series::load`].
     pub fn histogram(&self, step: usize, bins: usize, range: [f32; 2]) -> Result<Vec<u64>, VolumeError> {
         let mut values = Vec::new();
         self.read(step, &mut values)?;
@@ -230,7 +230,7 @@ impl Series {
         Ok(())
     }
 
-    /// Reads steps of one file, each after the one before.
+    /// Reads consecutive steps of one file.
     fn read_range(&self, steps: Range<usize>, values: &mut Vec<f32>) -> Result<(), VolumeError> {
         if steps.len() == 1 {
             return self.read(steps.start, values);
@@ -238,7 +238,7 @@ impl Series {
         self.opened(0)?.read_range(steps.clone(), values)?;
         if let Some((_, at)) = offenders(values, |v| !v.is_finite()) {
             let Some(value) = self.nan_as else {
-                // says which voxel it is
+                // reports which voxel it is
                 return self.read(steps.start + at / self.header.grid.len().max(1), values);
             };
             values.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value);
@@ -266,7 +266,7 @@ impl Series {
         if let Some((_, open)) = kept.as_ref().filter(|k| k.0 == file) {
             return Ok(Arc::clone(open));
         }
-        // The one before is closed first.
+        // the previous one is closed first
         *kept = None;
         let path = &self.files[file];
         let open: Arc<dyn VolumeFile> = Arc::from(formats::open(path)?);
@@ -278,7 +278,7 @@ impl Series {
     }
 }
 
-/// How many values are `bad`, and the index of the first of them.
+/// The number of values that are `bad`, and the index of the first of them.
 fn offenders(values: &[f32], bad: impl Fn(f32) -> bool + Sync) -> Option<(usize, usize)> {
     let part = |(i, c): (usize, &[f32])| {
         let count = c.iter().filter(|&&v| bad(v)).count();
@@ -331,7 +331,7 @@ fn normalised(path: &Path, steps: usize, times: Option<&[f64]>) -> Result<Vec<f6
     Ok(times.iter().map(time).collect())
 }
 
-/// Notes on files, each text once with the first file it is about.
+/// Notes on files, each text once with the first file it concerns.
 #[derive(Default)]
 struct Notes(Vec<(String, PathBuf, usize)>);
 

@@ -1,10 +1,10 @@
-//! What a reader of one file format gives: a header, and one step at a time as `f32`.
+//! The output of the reader of a file format: a header, and one step at a time as `f32`.
 
 use super::error::VolumeError;
 use super::grid::{Grid, ScalarType};
 use std::ops::Range;
 
-/// What a volume file holds, known before its values are read.
+/// The content of a volume file, known before its values are read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// The grid of each step.
@@ -13,13 +13,13 @@ pub struct Header {
     pub scalar: ScalarType,
     /// Number of time steps in the file, at least 1 (a 4D file has more).
     pub steps: usize,
-    /// What a reader should know: "orientation ignored", ...
+    /// What the user should know: "orientation ignored", ...
     pub notes: Vec<String>,
 }
 
 /// An open volume file.
 pub trait VolumeFile: Send + Sync + std::fmt::Debug {
-    /// What it holds.
+    /// Its header.
     fn header(&self) -> &Header;
 
     /// Reads step `step` (0-based, below `header().steps`) into `out`, which is cleared first: `[z, y, x]`, x fastest.
@@ -29,11 +29,11 @@ pub trait VolumeFile: Send + Sync + std::fmt::Debug {
     /// A truncated or damaged file.
     fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError>;
 
-    /// Reads the steps of a range as [`VolumeFile::read`] reads one, each after the one before. Readers that have to
-    /// unpack all that lies before a step do so once for the whole range.
+    /// Reads the steps of a range one after another, each as by [`VolumeFile::read`]. Readers that have to decompress
+    /// all that precedes a step do so once for the whole range.
     ///
     /// # Errors
-    /// As [`VolumeFile::read`].
+    /// As for [`VolumeFile::read`].
     fn read_range(&self, steps: Range<usize>, out: &mut Vec<f32>) -> Result<(), VolumeError> {
         let mut one = Vec::new();
         out.clear();

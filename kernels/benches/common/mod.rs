@@ -1,5 +1,5 @@
-//! What the benches share: a translucent ball of Gaussians, its camera, clocks and statistics.
-//! Nothing here is timed by itself, and nothing touches a file.
+//! Code shared by the benchmarks: a translucent ball of Gaussians, its camera, clocks and statistics. This module times
+//! nothing on its own and accesses no files.
 #![allow(dead_code)]
 
 use burn::backend::tensor::FloatTensor;
@@ -12,7 +12,7 @@ use volseggs_kernels::splat::{
 };
 use volseggs_kernels::{Camera, sh};
 
-/// Spherical-harmonics coefficients a Gaussian (degree 3).
+/// Spherical-harmonics coefficients per Gaussian (degree 3).
 pub const SH_COEFFICIENTS: usize = 16;
 
 /// A deterministic stream of numbers (splitmix64).
@@ -34,7 +34,7 @@ impl Numbers {
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }
 
-    /// `n` values of `f`.
+    /// Returns `n` values drawn with `f`.
     pub fn take(&mut self, n: usize, f: impl Fn(&mut Self) -> f64) -> Vec<f32> {
         (0..n).map(|_| f(self) as f32).collect()
     }
@@ -54,8 +54,8 @@ pub struct Scene {
     pub sh: Vec<f32>,
 }
 
-/// `n` Gaussians, uniform in the unit ball: log-normal scales around 0.7 of the mean spacing, opacities
-/// in [0.05, 0.6], colours of degree 3.
+/// Returns `n` Gaussians, uniform in the unit ball: log-normal scales around 0.7 of the mean spacing, opacities in
+/// [0.05, 0.6], colours of degree 3.
 pub fn scene(n: usize, seed: u64) -> Scene {
     let mut r = Numbers(seed);
     let spacing = (4.0 / 3.0 * std::f64::consts::PI / n as f64).cbrt();
@@ -80,7 +80,7 @@ pub fn scene(n: usize, seed: u64) -> Scene {
     }
 }
 
-/// A square image of `size` pixels a side, 30 degrees wide, from distance 4 of the origin.
+/// Returns the camera of a square image of `size` pixels per side, 30 degrees wide, at distance 4 from the origin.
 pub fn camera(size: usize) -> Camera {
     let (a, b) = (0.4f64, 0.7f64);
     let f = [-a.cos() * b.cos(), -a.cos() * b.sin(), -a.sin()];
@@ -107,7 +107,7 @@ pub struct Splatter {
 }
 
 impl Splatter {
-    /// Puts `scene` on `device`; black background, degree 3.
+    /// Uploads `scene` to `device`, with a black background and SH degree 3.
     pub fn new(scene: &Scene, camera: Camera, device: &Device) -> Self {
         let n = scene.opacity_logits.len();
         let rows = |v: &[f32], d: usize| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, d]), device);
@@ -123,24 +123,24 @@ impl Splatter {
         Self { inputs, settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3, dilation: DILATION } }
     }
 
-    /// The forward pass alone.
+    /// Runs the forward pass alone.
     pub fn forward(&self) -> SplatForward<Dispatch> {
         Dispatch::splat_forward(self.inputs.clone().into_tensors(), self.settings, true)
     }
 
-    /// The backward pass alone, for a gradient of the image `[H, W, 4]`.
+    /// Runs the backward pass alone, for a gradient of the image `[H, W, 4]`.
     pub fn backward(&self, forward: &SplatForward<Dispatch>, grad: &Tensor<3>) -> SplatTensors<Dispatch> {
         let (grad, saved) = (grad.clone().into_dispatch(), forward.saved.clone());
         Dispatch::splat_backward(self.inputs.clone().into_tensors(), grad, self.settings, saved)
     }
 }
 
-/// The image `[H, W, 4]` of a forward pass, on the host.
+/// Returns the image `[H, W, 4]` of a forward pass, on the host.
 pub fn image(forward: &SplatForward<Dispatch>) -> Vec<f32> {
     host(forward.image.clone())
 }
 
-/// A dispatched tensor's values.
+/// Returns the values of a dispatched tensor.
 pub fn host(tensor: FloatTensor<Dispatch>) -> Vec<f32> {
     let len = tensor.shape().num_elements();
     let data = match tensor.shape().num_dims() {
@@ -153,7 +153,7 @@ pub fn host(tensor: FloatTensor<Dispatch>) -> Vec<f32> {
     values
 }
 
-/// Gradient of the mean squared error of the colours against a random target; none for alpha.
+/// Gradient of the mean squared error of the colours against a random target; zero for alpha.
 pub fn l2_gradient(image: &[f32], seed: u64) -> Vec<f32> {
     let mut r = Numbers(seed);
     let scale = 2.0 / (0.75 * image.len() as f32);
@@ -166,7 +166,7 @@ pub fn l2_gradient(image: &[f32], seed: u64) -> Vec<f32> {
     grad
 }
 
-/// Milliseconds of several runs, ascending.
+/// Durations of several runs in milliseconds, ascending.
 #[derive(Clone, Debug, Default)]
 pub struct Samples(Vec<f64>);
 
@@ -177,18 +177,18 @@ impl Samples {
         Self(milliseconds)
     }
 
-    /// The fastest; NaN without runs.
+    /// Returns the shortest duration; NaN without runs.
     pub fn min(&self) -> f64 {
         self.0.first().copied().unwrap_or(f64::NAN)
     }
 
-    /// The middle one; NaN without runs.
+    /// Returns the median duration; NaN without runs.
     pub fn median(&self) -> f64 {
         self.0.get(self.0.len() / 2).copied().unwrap_or(f64::NAN)
     }
 }
 
-/// Runs `f` once unmeasured and then `repeats` times: wall time, and CPU time of the whole process.
+/// Runs `f` once unmeasured and then `repeats` times; returns wall times, and CPU times of the whole process.
 pub fn measure<T>(repeats: usize, mut f: impl FnMut() -> T) -> (Samples, Samples) {
     std::hint::black_box(f());
     let (mut wall, mut cpu) = (Vec::new(), Vec::new());
@@ -202,7 +202,7 @@ pub fn measure<T>(repeats: usize, mut f: impl FnMut() -> T) -> (Samples, Samples
     (Samples::new(wall), Samples::new(cpu))
 }
 
-/// CPU time that all threads of this process have used, milliseconds; NaN where the system is not known.
+/// CPU time used by all threads of this process, in milliseconds; NaN on unsupported systems.
 #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
 pub fn process_cpu_ms() -> f64 {
     #[repr(C)]
@@ -215,18 +215,18 @@ pub fn process_cpu_ms() -> f64 {
     }
     const CLOCK_PROCESS_CPUTIME_ID: i32 = 2;
     let mut time = Timespec { seconds: 0, nanoseconds: 0 };
-    // SAFETY: the C library's function, with the layout that it has on 64-bit Linux; it writes `time` alone.
+    // SAFETY: the C library's function, with its layout on 64-bit Linux; it writes only `time`.
     let status = unsafe { clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &raw mut time) };
     if status == 0 { time.seconds as f64 * 1e3 + time.nanoseconds as f64 * 1e-6 } else { f64::NAN }
 }
 
-/// CPU time that all threads of this process have used, milliseconds; NaN where the system is not known.
+/// CPU time used by all threads of this process, in milliseconds; NaN on unsupported systems.
 #[cfg(not(all(target_os = "linux", target_pointer_width = "64")))]
 pub fn process_cpu_ms() -> f64 {
     f64::NAN
 }
 
-/// The command line: bare words, and the number after `--repeats`. Cargo's own `--bench` is ignored.
+/// Parses the command line: bare words, and the number after `--repeats`. Cargo's own `--bench` is ignored.
 pub fn arguments(default_repeats: usize) -> (Vec<String>, usize) {
     let (mut words, mut repeats) = (Vec::new(), default_repeats);
     let mut rest = std::env::args().skip(1);

@@ -4,19 +4,19 @@
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Elements of one task, rounded to whole patterns.
+/// Elements per task, rounded to whole patterns.
 const TASK: usize = 16_384;
 const LANES: usize = 8;
 
-/// Learning rate that depends on the place in a row, such as SH rows `[K * 3]` whose first 3 values (the base
-/// colour) take the full rate and whose rest takes less.
+/// Learning rate that depends on the position in a row: in SH rows `[K * 3]`, for example, the first 3 values (the base
+/// colour) use the full rate and the rest a lower one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LrPattern {
-    /// Values of a row; at least 1.
+    /// Values per row; at least 1.
     pub row_len: usize,
-    /// Leading values of a row that take the full rate.
+    /// Number of leading values of a row that use the full rate.
     pub head_len: usize,
-    /// Factor on the rate of the others.
+    /// Factor on the rate of the remaining values.
     pub tail_factor: f32,
 }
 
@@ -29,26 +29,26 @@ pub struct AdamStep {
     pub beta1: f32,
     /// Decay of the second moment.
     pub beta2: f32,
-    /// Added to the root of the corrected second moment.
+    /// Added to the square root of the corrected second moment.
     pub eps: f32,
     /// `1 - beta1^t` for the step `t`, counted from 1.
     pub bias_correction1: f32,
     /// `1 - beta2^t`.
     pub bias_correction2: f32,
-    /// Rates inside a row; `None` for the same rate everywhere.
+    /// Rates within a row; `None` for a uniform rate.
     pub lr_pattern: Option<LrPattern>,
 }
 
-/// A gradient that would spoil the moments for good: NaN, infinite, or so large that its square overflows.
+/// A gradient that would permanently corrupt the moments: NaN, infinite, or so large that its square overflows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("gradient element {index} is not finite (or its square overflows); nothing was updated")]
 pub struct NonFiniteGradient {
-    /// First such element of the gradient.
+    /// Index of the first such element of the gradient.
     pub index: usize,
 }
 
-/// `m = beta1 m + (1 - beta1) g`, `v = beta2 v + (1 - beta2) g^2`,
-/// `param -= lr / bias_correction1 * m / (sqrt(v / bias_correction2) + eps)`, all in place.
+/// Runs one Adam step in place: `m = beta1 m + (1 - beta1) g`, `v = beta2 v + (1 - beta2) g^2`,
+/// `param -= lr / bias_correction1 * m / (sqrt(v / bias_correction2) + eps)`.
 ///
 /// # Errors
 /// [`NonFiniteGradient`] with the first offending element; every buffer is then untouched.
@@ -84,7 +84,7 @@ pub fn adam_step(
     Ok(())
 }
 
-/// Corrected rates of 8 rows (of one long uniform row without a pattern), so that whole vectors fit.
+/// Bias-corrected rates of 8 rows (without a pattern, of one long uniform row), so that whole vectors fit.
 fn rates(step: AdamStep) -> Vec<f32> {
     let rate = step.lr / step.bias_correction1;
     let Some(pattern) = step.lr_pattern else {
@@ -112,7 +112,7 @@ pub(super) fn first_non_finite(grad: &[f32]) -> Option<usize> {
         .min()
 }
 
-/// Whether any square of the values is not finite.
+/// Checks whether the square of any value is non-finite.
 struct Check<'a>(&'a [f32]);
 
 impl WithSimd for Check<'_> {

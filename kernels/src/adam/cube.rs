@@ -1,7 +1,7 @@
-//! Adam on a GPU: a unit an element, in place where nobody else holds the memory.
+//! Adam on a GPU: one unit per element, in place if the memory is not shared.
 //!
-//! It does not look for elements that are not finite, as telling the host would stall every step: they make the
-//! parameter NaN, which the caller finds when it next looks at the loss.
+//! Non-finite elements are not detected, as reporting them to the host would stall every step: they make the parameter
+//! NaN, which the caller notices when it next reads the loss.
 
 use super::ops::{AdamOps, AdamOutput};
 use super::{AdamStep, LrPattern};
@@ -41,7 +41,7 @@ fn update(
     }
 }
 
-/// The tensor itself if it may be overwritten, else a copy.
+/// Returns the tensor itself if it may be overwritten, otherwise a copy.
 fn own(tensor: CubeTensor) -> CubeTensor {
     let tensor = rows(tensor);
     if tensor.can_mut() { tensor } else { tensor.copy() }

@@ -17,11 +17,11 @@ pub struct AdamOutput<B: Backend> {
     pub moment_1: FloatTensor<B>,
     /// Updated second moment.
     pub moment_2: FloatTensor<B>,
-    /// First element that is not finite; then nothing was updated.
+    /// First non-finite element; if present, nothing was updated. A GPU never reports one.
     pub non_finite: Option<NonFinite>,
 }
 
-/// An element that is NaN or infinite, before the step.
+/// An element that was NaN or infinite before the step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NonFinite {
     /// In the gradient.
@@ -33,7 +33,7 @@ pub enum NonFinite {
 /// The backend side of [`adam`].
 #[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait AdamOps: Backend {
-    /// One step.
+    /// Runs one step.
     fn adam(
         param: FloatTensor<Self>,
         grad: FloatTensor<Self>,
@@ -48,16 +48,16 @@ pub trait AdamOps: Backend {
 pub struct AdamTensors<const D: usize> {
     /// The parameter.
     pub param: Tensor<D>,
-    /// Mean of the gradient.
+    /// Running mean of the gradient.
     pub moment_1: Tensor<D>,
-    /// Mean of its square.
+    /// Running mean of the squared gradient.
     pub moment_2: Tensor<D>,
 }
 
-/// One Adam step (PyTorch's semantics: epsilon outside the root, after bias correction).
+/// Runs one Adam step (PyTorch's semantics: epsilon outside the root, after bias correction).
 ///
-/// The second result is the first element of the parameter or of its gradient that is NaN or infinite; then
-/// nothing was updated and the caller should stop.
+/// The second result is the first element of the parameter or of its gradient that is NaN or infinite, if any; then
+/// nothing was updated and the caller should stop. On a GPU it is always `None`.
 ///
 /// # Panics
 /// If the shapes differ.

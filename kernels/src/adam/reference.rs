@@ -2,7 +2,8 @@
 
 use super::cpu::AdamStep;
 
-/// One step on every element; the bias corrections come from `t`, the step counted from 1, and not from `step`.
+/// Runs one step on every element; the bias corrections are computed from `t`, the step counted from 1, not taken from
+/// `step`.
 pub fn adam_step(param: &mut [f64], grad: &[f64], m: &mut [f64], v: &mut [f64], step: AdamStep, t: i32) {
     let (beta1, beta2) = (f64::from(step.beta1), f64::from(step.beta2));
     for i in 0..param.len() {

@@ -1,5 +1,5 @@
-//! The loss by sums over masks, or pair by pair in vectors of pixels. Tasks are fixed ranges of pixels and sums join in
-//! their order, so the bits do not depend on the number of threads.
+//! Computes the loss from sums over masks, or pair by pair in vectors of pixels. Tasks are fixed ranges of pixels and
+//! their sums are added in order, so the bits do not depend on the number of threads.
 
 use super::FEATURES;
 use pulp::{Simd, WithSimd};
@@ -7,10 +7,11 @@ use rayon::prelude::*;
 
 /// Lanes of the widest vectors.
 const WIDEST: usize = 16;
-/// Pixels of one task.
+/// Pixels per task.
 const PIECE: usize = 64;
 
-/// `apart`: pixels of different masks count by their cosine, or else not at all.
+/// Computes loss and gradient from sums over masks; with `apart`, pixels of different masks count by their cosine,
+/// otherwise not at all.
 pub(super) fn by_sums(units: &[f32], masks: &[u32], apart: bool) -> (f64, Vec<f32>) {
     let count = masks.iter().max().map_or(0, |m| *m as usize + 1);
     let mut sums = vec![[0.0f64; FEATURES]; count];
@@ -21,7 +22,7 @@ pub(super) fn by_sums(units: &[f32], masks: &[u32], apart: bool) -> (f64, Vec<f3
     }
     let mut total = [0.0f64; FEATURES];
     sums.iter().for_each(|s| total.iter_mut().zip(s).for_each(|(t, s)| *t += s));
-    // over all pairs the cosines add to |total|^2, over those within masks to the sum of |sums|^2
+    // the cosines of all pairs add up to |total|^2, those of pairs within masks to the sum of |sums|^2
     let (all, share) = if apart { (1.0, 2.0) } else { (0.0, 1.0) };
     let square = |v: &[f64; FEATURES]| v.iter().map(|v| v * v).sum::<f64>();
     let pairs = (masks.len() as f64).powi(2).max(1.0);
@@ -32,7 +33,7 @@ pub(super) fn by_sums(units: &[f32], masks: &[u32], apart: bool) -> (f64, Vec<f3
     (loss, masks.iter().flat_map(|&m| slopes[m as usize]).collect())
 }
 
-/// All pairs: a pixel with a vector of others at a time, features as columns.
+/// Computes loss and gradient over all pairs: one pixel with a vector of others at a time, features stored as columns.
 pub(super) fn by_pairs(units: &[f32], masks: &[u32], margin: f32) -> (f64, Vec<f32>) {
     let count = masks.len();
     let padded = count.next_multiple_of(WIDEST);
@@ -42,7 +43,7 @@ pub(super) fn by_pairs(units: &[f32], masks: &[u32], margin: f32) -> (f64, Vec<f
             columns[k * padded + j] = u;
         }
     }
-    // f32 holds every number of a mask that there can be; a padded pixel is in none
+    // f32 represents every possible mask number exactly; a padded pixel belongs to no mask
     let mut others = vec![-1.0f32; padded];
     others.iter_mut().zip(masks).for_each(|(o, m)| *o = *m as f32);
     let pairs = (count as f64).powi(2).max(1.0);
@@ -56,14 +57,14 @@ pub(super) fn by_pairs(units: &[f32], masks: &[u32], margin: f32) -> (f64, Vec<f
             arch.dispatch(Pairs { units, masks, margin, columns: &columns, others: &others, gradient })
         })
         .collect();
-    // a padded pixel has cosine 0 with all, and counts where the margin is below that
+    // a padded pixel has cosine 0 with every pixel, and counts if the margin is negative
     let padding = (padded - count) as f64 * f64::from((0.0 - margin).max(0.0)) * count as f64;
-    // a pair counts from both its ends
+    // every pair occurs in both orders, hence the factor 2
     gradient.par_iter_mut().with_min_len(1 << 14).for_each(|v| *v = (2.0 * f64::from(*v) / pairs) as f32);
     ((losses.iter().sum::<f64>() - padding) / pairs, gradient)
 }
 
-/// Some pixels with all.
+/// A range of pixels, paired with all pixels.
 struct Pairs<'a> {
     units: &'a [f32],
     masks: &'a [u32],
@@ -71,12 +72,12 @@ struct Pairs<'a> {
     /// `[16, P]`, padded.
     columns: &'a [f32],
     others: &'a [f32],
-    /// Half their slopes.
+    /// Half the sum of the slopes over the pairs.
     gradient: &'a mut [f32],
 }
 
 impl WithSimd for Pairs<'_> {
-    /// Their loss.
+    /// Sum of the losses of the pairs.
     type Output = f64;
 
     #[inline(always)]
@@ -104,7 +105,7 @@ impl WithSimd for Pairs<'_> {
                 let same = simd.equal_f32s(others[v], mask);
                 let apart = simd.less_than_f32s(zero, over);
                 let repelled = simd.select_f32s(apart, over, zero);
-                // NaN is neither over the margin nor under it, and must show
+                // NaN is neither above nor below the margin, and must be propagated
                 let repelled = simd.select_f32s(simd.equal_f32s(over, over), repelled, over);
                 loss = simd.add_f32s(loss, simd.select_f32s(same, simd.sub_f32s(one, cosine), repelled));
                 let weight = simd.select_f32s(same, minus, simd.select_f32s(apart, one, zero));

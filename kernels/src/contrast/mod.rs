@@ -1,11 +1,11 @@
 //! The contrastive loss over unit features (the paper's equations 10 and 11), with its gradient: pairs of pixels of one
 //! mask attract, all others repel. Fast loops in `cpu`, oracle in [`mod@reference`].
 //!
-//! No op of a backend: it works on the host alone, for `segment::fine`. It stands here as its loops are written for vector
-//! instructions, which only this crate uses and which only this crate is optimised for when tests are built.
+//! Not a backend op: it runs on the host only, for `segment::fine`. It is in this crate because its loops use vector
+//! instructions, which only this crate does, and only this crate is optimised in test builds.
 //!
-//! Without a margin the sum over all pairs needs no pairs: with unit features `u`, their sums `S_m` over each mask and
-//! `S` over all, it is `sum_m (n_m^2 - |S_m|^2) + |S|^2 - sum_m |S_m|^2`.
+//! Without a margin, the sum over all pairs needs no loop over pairs: with unit features `u`, their sums `S_m` over
+//! each mask and `S` over all, it is `sum_m (n_m^2 - |S_m|^2) + |S|^2 - sum_m |S_m|^2`.
 
 mod cpu;
 pub mod reference;
@@ -15,28 +15,28 @@ mod tests;
 /// Length of a feature.
 pub const FEATURES: usize = 16;
 
-/// Loss and its gradient by the features, `[P, 16]`, both as a mean over all P^2 pairs.
+/// Loss and its gradient with respect to the features `[P, 16]`, both averaged over all P^2 pairs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contrast {
-    /// The mean.
+    /// The mean loss.
     pub loss: f64,
-    /// Its gradient by the features as they were given.
+    /// Its gradient with respect to the features as given, before normalisation.
     pub gradient: Vec<f32>,
 }
 
 /// How pixels of different masks repel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Repulsion {
-    /// By the cosine, the paper's.
+    /// By their cosine, as in the paper.
     Cosine,
-    /// By what the cosine exceeds this margin, as the reference code (0.5 there).
+    /// By the excess of the cosine over this margin, as in the reference code (0.5 there).
     Margin(f32),
-    /// Not at all: pixels of one mask attract, no more.
+    /// Not at all: only the attraction within masks counts.
     None,
 }
 
-/// The loss of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`. Features of length 0 count as 0 and get no
-/// gradient; NaN stays NaN, for the caller to see.
+/// Computes the loss of `features` `[P, 16]`, where pixel `i` belongs to the mask `masks[i]`. Features of norm 0 count
+/// as 0 and get no gradient; NaN is propagated, for the caller to detect.
 ///
 /// # Panics
 /// If the lengths disagree.
@@ -55,7 +55,7 @@ pub fn contrast(features: &[f32], masks: &[u32], repulsion: Repulsion) -> Contra
         Repulsion::None => cpu::by_sums(&units, masks, false),
         Repulsion::Margin(margin) => cpu::by_pairs(&units, masks, margin),
     };
-    // through the normalisation: what lies along the feature does not count
+    // back through the normalisation: the component along the feature drops out
     let rows = by_unit.chunks_exact(FEATURES).zip(units.chunks_exact(FEATURES)).zip(&norms);
     let gradient = rows
         .flat_map(|((g, u), &norm)| {

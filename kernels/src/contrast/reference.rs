@@ -2,8 +2,8 @@
 
 use super::{FEATURES, Repulsion};
 
-/// The mean over all pairs of `features` `[P, 16]`, pixel `i` in the mask `masks[i]`. A feature of length 0 has the cosine 0
-/// with all.
+/// Returns the mean loss over all pairs of `features` `[P, 16]`, where pixel `i` belongs to the mask `masks[i]`. A
+/// feature of norm 0 has cosine 0 with every feature.
 #[must_use]
 pub fn contrast(features: &[f64], masks: &[u32], repulsion: Repulsion) -> f64 {
     let row = |i: usize| &features[i * FEATURES..][..FEATURES];

@@ -1,21 +1,22 @@
-//! Adding floats that many units share: by the device's own float atomics, or by compare and exchange of their bits.
+//! Atomic addition to floats shared by many units: by the device's own float atomics, or by compare-and-exchange of
+//! their bits.
 
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// How a float is added to memory that others add to as well.
+/// Addition of a float to memory that other units also add to.
 #[cube]
 pub(crate) trait AddF32: Send + Sync + 'static {
-    /// What the memory holds: f32, or its bits as u32.
+    /// Element type of the memory: f32, or its bits as u32.
     type Storage: Numeric;
     fn add(target: &Atomic<Self::Storage>, value: f32);
 }
 
-/// The device adds floats.
+/// Uses the device's float atomics.
 #[derive(CubeType)]
 pub(crate) struct Native;
 
-/// Compare and exchange until nobody came between.
+/// Repeats compare-and-exchange until no other unit has intervened.
 #[derive(CubeType)]
 pub(crate) struct Exchange;
 

@@ -1,7 +1,8 @@
 //! Matrix products of row-major f32 matrices, as the decoder needs them: very many rows, few columns.
 //!
-//! burn's own product chooses among kernels by autotuning, which is off, and has none that splits a long inner dimension;
-//! these two are plain tiles through shared memory, 64 x 64 a cube, 4 x 4 a unit, and give plain f32 on every device.
+//! burn's own product chooses among kernels by autotuning, which is off, and has none that splits a long inner
+//! dimension; the two kernels here use plain tiles in shared memory, 64 x 64 per cube and 4 x 4 per unit, and compute
+//! in plain f32 on every device.
 
 use super::{Words, arg, cubes};
 use burn_cubecl::cubecl;
@@ -11,26 +12,26 @@ use burn_cubecl::tensor::CubeTensor;
 
 /// Rows and columns of a cube's tile.
 const TILE: u32 = 64;
-/// Inner elements that are staged together.
+/// Inner elements staged together.
 const DEPTH: u32 = 16;
-/// Rows of the long inner dimension that one cube of [`transposed`] takes.
+/// Rows of the long inner dimension that one cube of [`transposed`] processes.
 const ROWS: u32 = 1024;
 
-/// What happens to each element of a product before it is stored.
+/// Operation applied to each element of a product before it is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Finish {
-    /// The bias is added.
+    /// Adds the bias.
     Bias,
-    /// The bias is added and negative values are clamped to 0.
+    /// Adds the bias and clamps negative values to 0.
     BiasRelu,
-    /// Kept where the other matrix is positive, else 0: back through a clamp.
+    /// Keeps values where the other matrix is positive and zeroes the rest: the backward pass of a clamp.
     Mask,
-    /// Nothing.
+    /// Stores the value unchanged.
     Plain,
 }
 
-/// `finish(a B)` `[m, n]` with `a` `[m, k]` and `b` `[k, n]`, or `[n, k]` if `b_transposed`. `other` is the bias `[n]`, or
-/// the mask `[m, n]`, or ignored.
+/// Computes `finish(a B)` `[m, n]` with `a` `[m, k]` and `b` `[k, n]`, or `[n, k]` if its flag marks it as transposed.
+/// `other` is the bias `[n]`, the mask `[m, n]`, or ignored.
 pub(crate) fn product(
     client: &Client,
     a: &Words,
@@ -58,7 +59,8 @@ pub(crate) fn product(
     );
 }
 
-/// `a^T B` `[m, n]` with `a` `[rows, m]` and `b` `[rows, n]`, into `out`: pieces of the rows, then their sum in order.
+/// Computes `a^T B` `[m, n]` with `a` `[rows, m]` and `b` `[rows, n]` into `out`: products over pieces of the rows,
+/// then their sum in order.
 pub(crate) fn transposed(client: &Client, a: &Words, b: &Words, out: &CubeTensor, [rows, m, n]: [usize; 3]) {
     let pieces = rows.div_ceil(ROWS as usize).max(1);
     let (down, across) = (m.div_ceil(TILE as usize), n.div_ceil(TILE as usize));
@@ -81,7 +83,7 @@ pub(crate) fn transposed(client: &Client, a: &Words, b: &Words, out: &CubeTensor
     sum_pieces::launch(client, cubes(m * n, 256), dim, parts.arg(), arg(out), (m * n) as u32, pieces as u32);
 }
 
-/// Column sums of `a` `[rows, n]` into `out` `[n]`.
+/// Writes the column sums of `a` `[rows, n]` to `out` `[n]`.
 pub(crate) fn column_sums(client: &Client, a: &Words, out: &CubeTensor, [rows, n]: [usize; 2]) {
     let pieces = rows.div_ceil(ROWS as usize).max(1);
     let parts = Words::empty(client, pieces * n);
@@ -103,7 +105,7 @@ fn multiply(
     #[comptime] b_transposed: bool,
     #[comptime] finish: Finish,
 ) {
-    // [DEPTH, 64] each; a is staged turned, so that a unit's four rows lie side by side
+    // [DEPTH, 64] each; a is staged transposed, so that a unit's four rows are adjacent
     let mut sa = Shared::<[f32]>::new_slice(1024usize);
     let mut sb = Shared::<[f32]>::new_slice(1024usize);
     let row0 = (CUBE_POS as u32 / across) * comptime!(TILE);
@@ -119,7 +121,7 @@ fn multiply(
         #[unroll]
         for j in 0..4u32 {
             let e = UNIT_POS + j * 256u32;
-            // sixteen inner elements of a row lie side by side
+            // sixteen inner elements of a row are adjacent
             let (row, inner) = (e / 16u32, e % 16u32);
             let mut value = 0.0f32;
             if row0 + row < m && base + inner < k {

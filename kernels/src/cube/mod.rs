@@ -1,8 +1,8 @@
-//! What the GPU kernels of all ops share: buffers, launch sizes, and the parallel building blocks scan, sort,
+//! Code shared by the GPU kernels of all ops: buffers, launch sizes, and the parallel building blocks scan, sort,
 //! reduction and matrix product. One CubeCL source serves wgpu (Vulkan, Metal, DX12, WebGPU) and CUDA.
 //!
-//! Nothing here needs plane (warp, subgroup) operations or 64-bit numbers. Where sums of many units meet, they are
-//! reduced in shared memory and in a fixed order; only the field's scatter uses float atomics, see [`atomic`].
+//! Nothing here needs plane (warp, subgroup) operations or 64-bit numbers. Sums across units are reduced in shared
+//! memory in a fixed order; only the field's scatter uses float atomics, see [`atomic`].
 
 pub(crate) mod atomic;
 pub(crate) mod gemm;
@@ -22,17 +22,18 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Units of a cube where nothing else asks for a number.
+/// Default number of units per cube.
 pub(crate) const UNITS: u32 = 256;
 
-/// Cubes for `n` units of `per_cube`; spread over two dimensions, as one holds 65,535 at most.
+/// Returns the cube count for `n` units at `per_cube` units per cube, spread over two dimensions because one holds at
+/// most 65,535.
 pub(crate) fn cubes(n: usize, per_cube: u32) -> CubeCount {
     const ROW: u32 = 32_768;
     let count = (n as u64).div_ceil(u64::from(per_cube)).max(1) as u32;
     if count <= ROW { CubeCount::Static(count, 1, 1) } else { CubeCount::Static(ROW, count.div_ceil(ROW), 1) }
 }
 
-/// Cubes that a launch of this size starts, at least as many as were asked for.
+/// Returns the number of cubes that a launch of this size starts, at least the number requested.
 pub(crate) fn launched(count: &CubeCount) -> usize {
     match count {
         CubeCount::Static(x, y, z) => *x as usize * *y as usize * *z as usize,
@@ -48,7 +49,7 @@ pub(crate) struct Words {
 }
 
 impl Words {
-    /// Room for `len` words, not initialised; at least one, as an empty buffer cannot be bound.
+    /// Allocates `len` uninitialised words; at least one, as an empty buffer cannot be bound.
     pub(crate) fn empty(client: &Client, len: usize) -> Self {
         let len = len.max(1);
         Self { handle: client.empty(4 * len), len }
@@ -64,7 +65,7 @@ impl Words {
         Self { handle: client.create_from_slice(&bytes), len: values.len() }
     }
 
-    /// A row-major tensor's memory.
+    /// Wraps the memory of a row-major tensor.
     pub(crate) fn of(tensor: &CubeTensor) -> Self {
         Self { handle: tensor.handle.clone(), len: tensor.meta.shape().num_elements() }
     }
@@ -78,12 +79,12 @@ impl Words {
         unsafe { BufferArg::from_raw_parts(self.handle.clone(), self.len) }
     }
 
-    /// The words on the host; waits for the device.
+    /// Reads the words to the host; waits for the device.
     pub(crate) fn read(&self, client: &Client) -> Vec<u32> {
         to_words(&client.read_one_unchecked(self.handle.clone()))
     }
 
-    /// One word on the host; waits for the device.
+    /// Reads one word to the host; waits for the device.
     pub(crate) fn read_at(&self, client: &Client, index: usize) -> u32 {
         let (before, after) = (4 * index as u64, 4 * (self.len - index - 1) as u64);
         let word = self.handle.clone().offset_start(before).offset_end(after);
@@ -95,28 +96,28 @@ fn to_words(bytes: &[u8]) -> Vec<u32> {
     bytes.chunks_exact(4).map(|b| u32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
-/// A tensor of f32 with `like`'s device, not initialised.
+/// Returns an uninitialised f32 tensor on the device of `like`.
 pub(crate) fn empty_f32(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
     empty_device_contiguous_dtype(like.client.clone(), like.device.clone(), shape.into(), DType::F32)
 }
 
-/// A tensor of i32 with `like`'s device, not initialised.
+/// Returns an uninitialised i32 tensor on the device of `like`.
 pub(crate) fn empty_i32(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
     empty_device_contiguous_dtype(like.client.clone(), like.device.clone(), shape.into(), DType::I32)
 }
 
-/// The tensor in row-major order, as the kernels read it.
+/// Returns the tensor in row-major order, as the kernels read it.
 pub(crate) fn rows(tensor: CubeTensor) -> CubeTensor {
     assert_eq!(tensor.dtype, DType::F32, "the kernels take f32 tensors");
     into_contiguous(tensor)
 }
 
-/// A kernel argument for a tensor that stays the caller's.
+/// Returns a kernel argument for a tensor that the caller keeps.
 pub(crate) fn arg(tensor: &CubeTensor) -> BufferArg {
     tensor.clone().into_buffer_arg()
 }
 
-/// False for NaN and infinities, by their bits: shading languages need not keep comparisons with NaN.
+/// Returns false for NaN and infinities, tested on their bits: shading languages need not honour comparisons with NaN.
 #[cube]
 pub(crate) fn is_finite(x: f32) -> bool {
     (u32::reinterpret(x) & 0x7F80_0000u32) != 0x7F80_0000u32

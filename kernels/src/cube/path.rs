@@ -1,4 +1,4 @@
-//! Which way the kernels take on a device, found by trying: what drivers report and what they do differ in both
+//! Choice of the kernels' code path on a device, made by trial: what drivers report and what they do differ in both
 //! directions.
 
 use super::Words;
@@ -17,19 +17,19 @@ use std::sync::{LazyLock, Mutex};
 /// How the kernels run on one GPU.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpuPaths {
-    /// The adapter.
+    /// Name of the adapter.
     pub adapter: String,
-    /// The runtime with its shading language.
+    /// Name of the runtime, with its shading language.
     pub runtime: String,
-    /// Whether the device's own float atomics are used for the field's gradients; else compare and exchange.
+    /// Whether the device's own float atomics are used for the field's gradients, rather than compare-and-exchange.
     pub native_float_atomics: bool,
-    /// Why.
+    /// Reason for this choice.
     pub reason: String,
-    /// Largest buffer that can be bound, bytes.
+    /// Largest buffer that can be bound, in bytes.
     pub max_binding: u64,
-    /// Shared memory of a cube, bytes.
+    /// Shared memory per cube, in bytes.
     pub shared_memory: usize,
-    /// Units of a cube at most.
+    /// Maximum number of units per cube.
     pub max_units: u32,
     /// Width of a plane (warp, subgroup), smallest and largest; not used by the kernels.
     pub plane: [u32; 2],
@@ -41,7 +41,7 @@ pub fn is_gpu(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
 }
 
-/// The paths on a device; `None` if it is not a GPU.
+/// Returns the code paths on a device; `None` if it is not a GPU.
 #[must_use]
 pub fn gpu_paths(device: &Device) -> Option<GpuPaths> {
     let device = device.clone().inner();
@@ -68,7 +68,8 @@ pub(crate) fn native_atomics(client: &Client) -> bool {
 
 static KNOWN: LazyLock<Mutex<HashMap<String, (bool, String)>>> = LazyLock::new(Mutex::default);
 
-/// Tried once a runtime; `VOLSEGGS_GPU_ATOMICS=native` or `exchange` decides without trying.
+/// Decides whether to use native float atomics, by one trial per runtime, and gives the reason;
+/// `VOLSEGGS_GPU_ATOMICS=native` or `exchange` overrides the trial.
 fn atomics(client: &Client) -> (bool, String) {
     match std::env::var("VOLSEGGS_GPU_ATOMICS").as_deref() {
         Ok("native") => return (true, "VOLSEGGS_GPU_ATOMICS=native".into()),

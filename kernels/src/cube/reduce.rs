@@ -6,7 +6,7 @@ use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
 
-/// The sum of `value` over the 256 units of a cube, valid in unit 0; all units must call it.
+/// Returns the sum of `value` over the 256 units of a cube, valid in unit 0; all units must call it.
 #[cube]
 pub(crate) fn over_cube(value: f32) -> f32 {
     let mut sums = Shared::<[f32]>::new_slice(256usize);
@@ -26,7 +26,7 @@ pub(crate) fn over_cube(value: f32) -> f32 {
     total
 }
 
-/// Adds up `parts` (`[count]` words of f32) into the tensor `out` `[1]`, times `factor`.
+/// Writes the sum of `parts` (`[count]` words of f32), times `factor`, to the tensor `out` `[1]`.
 pub(crate) fn total(client: &Client, parts: &Words, out: &CubeTensor, factor: f32) {
     sum_parts::launch(
         client,

@@ -5,11 +5,11 @@ use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Units of a cube.
+/// Units per cube.
 const UNITS: u32 = 256;
-/// Elements of a cube where the buffer is cut into blocks.
+/// Elements per cube when the buffer is split into blocks.
 const BLOCK: usize = 2048;
-/// Up to so many elements one cube does it alone.
+/// Maximum number of elements scanned by a single cube.
 const ALONE: usize = 8192;
 
 /// Replaces each element by the sum of those before it.
@@ -27,7 +27,7 @@ pub(crate) fn exclusive(client: &Client, data: &Words) {
     scan_blocks::launch(client, count, CubeDim::new_1d(UNITS), data.arg(), sums.arg(), len as u32);
 }
 
-/// The sum of `mine` over the units before this one; all `units` of the cube must call it.
+/// Returns the sum of `mine` over the units before this one; all `units` of the cube must call it.
 #[cube]
 pub(crate) fn before_me(mine: u32, #[comptime] units: u32) -> u32 {
     let mut sums = Shared::<[u32]>::new_slice(comptime!(units as usize));
@@ -48,7 +48,7 @@ pub(crate) fn before_me(mine: u32, #[comptime] units: u32) -> u32 {
     sums[unit] - mine
 }
 
-/// Scans `[from, to)` of `data`, a run of consecutive elements a unit, starting from `start`.
+/// Scans `[from, to)` of `data`, a run of consecutive elements per unit, starting from the sum `start`.
 #[cube]
 fn scan_range(data: &mut [u32], from: u32, to: u32, start: u32) {
     let each = (to - from).div_ceil(256u32);

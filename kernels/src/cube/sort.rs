@@ -1,24 +1,24 @@
-//! A stable radix sort of u32 keys with u32 values, four bits a pass, whose length is known to the device alone.
+//! A stable radix sort of u32 keys with u32 values, four bits per pass, for a length that only the device knows.
 //!
-//! Each pass counts digits block by block, scans the counts, and scatters; within a block the counters of all units
-//! are scanned digit by digit, so that equal keys keep their order. No plane operation, no atomic.
+//! Each pass counts digits block by block, scans the counts, and scatters; within a block the counters of all units are
+//! scanned digit by digit, so that equal keys keep their order. It uses neither plane operations nor atomics.
 
 use super::{Words, cubes, scan};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Units of a cube.
+/// Units per cube.
 const UNITS: u32 = 128;
-/// Consecutive elements of a unit.
+/// Consecutive elements per unit.
 const EACH: u32 = 16;
-/// Elements of a cube.
+/// Elements per cube.
 const BLOCK: usize = (UNITS * EACH) as usize;
-/// Digits of a pass.
+/// Digit values per pass.
 const DIGITS: usize = 16;
 
-/// Sorts the first `len[0]` keys (at most their capacity) by their low `bits` bits, with their values. What stands
-/// behind them is unspecified.
+/// Sorts the first `len[0]` keys (at most their capacity) by their low `bits` bits, with their values. Elements beyond
+/// them are unspecified.
 pub(crate) fn by_key(client: &Client, keys: Words, values: Words, len: &Words, bits: u32) -> (Words, Words) {
     let capacity = keys.len();
     let blocks = capacity.div_ceil(BLOCK).max(1);

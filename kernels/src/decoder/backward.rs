@@ -1,5 +1,5 @@
-//! Backward pass of the decoder: rows with a gradient are gathered, cut into ranges by their number alone,
-//! and the parameter gradients of the ranges are added in order. Nothing here checks lengths.
+//! Backward pass of the decoder: rows with a gradient are gathered, split into ranges by their count alone, and the
+//! parameter gradients of the ranges are added in order. Lengths are not checked here.
 
 use super::kernel::{Add, Gate, Rows, Store, add_rows, gate_all, outer, product};
 use super::layers::{BLOCK, head, trunk};
@@ -9,7 +9,7 @@ use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Most ranges that sum parameter gradients on their own.
+/// Maximum number of ranges that sum parameter gradients separately.
 const RANGES: usize = 16;
 
 pub(super) fn run(

@@ -1,11 +1,11 @@
-//! Fast forward pass of the decoder over f32 slices, and the entry to the backward pass.
-//! Work is cut into blocks that depend on the input alone and merged in a fixed order, so the bits do not
-//! depend on the number of threads; they may differ between processor families, whose vector width and
-//! fused multiply-add differ. No tensor library and no parameter storage here.
+//! Fast forward pass of the decoder over f32 slices, and the entry point of the backward pass. Work is split into
+//! blocks that depend on the input alone and merged in a fixed order, so the bits do not depend on the number of
+//! threads; they may differ between processor families, whose vector width and fused multiply-add differ. No tensor
+//! library and no parameter storage here.
 //!
-//! Rows never mix in the forward pass: NaN in a row gives NaN in its whole output row, infinity or overflow
-//! may do so, and all other rows stay as they are. In the backward pass such a row, unless skipped, poisons
-//! the parameter gradients, but no input gradient other than its own.
+//! Rows never mix in the forward pass: NaN in a row gives NaN in its whole output row, infinity or overflow may do so,
+//! and all other rows are unaffected. In the backward pass such a row, unless skipped, corrupts the parameter
+//! gradients, but no input gradient other than its own.
 
 use super::kernel::dots;
 use super::layers::{BLOCK, head, trunk};
@@ -15,7 +15,7 @@ use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Rows of one forward task.
+/// Rows per forward task.
 const FORWARD_ROWS: usize = 10 * BLOCK;
 
 /// Decodes `x` `[N, F]` into `out` `[N, C]`. With `h = relu(x W0 + b0)`, head `k` gives its columns of
@@ -36,10 +36,9 @@ pub fn forward(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], out: 
     );
 }
 
-/// Gradients of [`forward`] for `grad_out` `[N, C]`. Hidden units are computed again, nothing is kept from
-/// the forward pass. A row whose `active` entry is false, or whose output gradient is all zeros, is skipped:
-/// its input gradient is 0 and its values, even NaN, reach no other gradient. A hidden unit at exactly 0
-/// passes no gradient.
+/// Computes the gradients of [`forward`] for `grad_out` `[N, C]`. Hidden units are recomputed; nothing is kept from the
+/// forward pass. A row whose `active` entry is false, or whose output gradient is all zeros, is skipped: its input
+/// gradient is 0 and its values, even NaN, reach no other gradient. A hidden unit at exactly 0 passes no gradient.
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
@@ -94,7 +93,7 @@ impl WithSimd for ForwardRows<'_> {
         let (f, c) = (shape.inputs, shape.outputs());
         let mut hidden = Aligned::new(BLOCK * width);
         let mut units = Aligned::new(BLOCK * width);
-        // rows with anything in them, and the first that is all zeros for the others like it
+        // non-zero rows, and the first all-zero row, whose result the other zero rows share
         let mut zeros = Vec::new();
         let mut used = Vec::with_capacity(self.out.len() / c);
         for (i, row) in self.x.chunks_exact(f).enumerate() {

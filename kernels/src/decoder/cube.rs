@@ -1,5 +1,5 @@
-//! The decoder on a GPU: three products forward, and backward the same two again (hidden layers are not kept) and six.
-//! The heads' output layers are one product with a matrix that is zero outside its blocks.
+//! The decoder on a GPU: three products forward; backward, the first two again (hidden layers are not kept) and six
+//! more. The heads' output layers are one product with a matrix that is zero outside its blocks.
 
 use super::ops::{DecoderBackwardOps, DecoderOps, DecoderTensors};
 use super::shape::DecoderShape;
@@ -12,7 +12,7 @@ use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
 
-/// The head of each output column.
+/// Returns the head of each output column.
 fn head_of_columns(shape: &DecoderShape) -> Vec<u32> {
     shape.head_sizes.iter().enumerate().flat_map(|(head, size)| vec![head as u32; *size]).collect()
 }
@@ -31,7 +31,7 @@ fn spread(w2: &[f32], heads: &[u32], out: &mut [f32], width: u32, columns: u32, 
     }
 }
 
-/// The blocks of `wide` `[H * W, C]` back as `[W, C]`.
+/// Gathers the blocks of `wide` `[H * W, C]` into `[W, C]`.
 #[cube(launch)]
 fn gather(wide: &[f32], heads: &[u32], out: &mut [f32], width: u32, columns: u32, total: u32) {
     if ABSOLUTE_POS < total as usize {
@@ -45,12 +45,12 @@ fn gather(wide: &[f32], heads: &[u32], out: &mut [f32], width: u32, columns: u32
 struct Layers {
     client: Client,
     n: usize,
-    /// x, w0, b0, w1, b1, b2 as words.
+    /// The inputs that are needed again after the hidden layers.
     x: Words,
     w0: Words,
     w1: Words,
     b2: Words,
-    /// The output layer, spread.
+    /// The output layer, spread to `[H * W, C]`.
     w2: Words,
     heads: Words,
     /// Activations `[N, W]` and `[N, H * W]`.

@@ -1,13 +1,13 @@
-//! Register-blocked products of one block of rows with packed weights, on vectors of any processor.
-//! A block is row-major; its rows are padded to whole tiles and their contents past the real rows are
-//! arbitrary but never mix with real rows. No layers and no threads here.
+//! Register-blocked products of one block of rows with packed weights, on vectors of any processor. A block is
+//! row-major and padded to whole tiles of rows; the contents of the padding rows are arbitrary but never mix with real
+//! rows. No layers and no threads here.
 
 use pulp::Simd;
 
 /// Rows of a register tile: 6 rows of two vectors fill 12 of 16 registers with sums.
 pub(super) const TILE: usize = 6;
 
-/// What becomes of a sum, given what the output held and which vector of the output row it is.
+/// How a sum is stored, given the previous output and the index of the vector within the output row.
 pub(super) trait Finish<S: Simd>: Copy {
     fn finish(self, simd: S, old: S::f32s, sum: S::f32s, vector: usize) -> S::f32s;
 }
@@ -34,7 +34,7 @@ impl<S: Simd> Finish<S> for Add {
     }
 }
 
-/// Adds the bias and clamps below at 0; NaN stays.
+/// Adds the bias and clamps below at 0; NaN is kept.
 #[derive(Clone, Copy)]
 pub(super) struct BiasRelu<'a, S: Simd>(pub(super) &'a [S::f32s]);
 
@@ -64,7 +64,7 @@ pub(super) fn gate<S: Simd>(simd: S, unit: S::f32s, value: S::f32s) -> S::f32s {
     simd.select_f32s(simd.less_than_or_equal_f32s(unit, zero), zero, value)
 }
 
-/// A row-major block seen from its first used column.
+/// A row-major block, viewed from its first used column.
 #[derive(Clone, Copy)]
 pub(super) struct Rows<'a> {
     pub(super) data: &'a [f32],
@@ -204,7 +204,7 @@ pub(super) fn dots<S: Simd>(
     }
 }
 
-/// `out[:] += sum_i a[i, :]` over exactly `rows` rows; as many columns as `out` has.
+/// `out[:] += sum_i a[i, :]` over exactly `rows` rows, each as long as `out`.
 #[inline(always)]
 pub(super) fn add_rows<S: Simd>(simd: S, rows: usize, a: &[f32], out: &mut [f32]) {
     let out = S::as_mut_simd_f32s(out).0;

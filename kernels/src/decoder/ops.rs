@@ -1,4 +1,4 @@
-//! The decoder as a differentiable op on tensors, for every backend in host memory.
+//! The decoder as a differentiable op on tensors for every backend, with its implementation for those in host memory.
 
 use super::cpu::{backward, forward};
 use super::params::{DecoderGrads, DecoderParams};
@@ -35,14 +35,14 @@ op_tensors! {
 /// The backend side of [`decoder`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait DecoderOps: Backend {
-    /// `[N, outputs]`.
+    /// Returns the outputs `[N, outputs]`.
     fn decoder_forward(#[extension_type] inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self>;
 }
 
-/// The backward side of [`decoder`], of backends that compute. One that records gradients has none of its own: a second
+/// The backward side of [`decoder`], for backends that compute. The autodiff backend does not implement it, so a second
 /// derivative does not compile.
 pub trait DecoderBackwardOps: Backend {
-    /// Gradients for `grad` `[N, outputs]`.
+    /// Returns the gradients for `grad` `[N, outputs]`.
     fn decoder_backward(
         inputs: DecoderTensors<Self>,
         grad: FloatTensor<Self>,
@@ -55,13 +55,13 @@ pub trait DecoderBackwardOps: Backend {
 pub struct DecoderWeights {
     /// Trunk `[inputs, width]` and `[width]`.
     pub trunk: (Tensor<2>, Tensor<1>),
-    /// Hidden layers of all heads side by side, `[width, heads * width]` and `[heads * width]`.
+    /// Hidden layers of all heads, concatenated: `[width, heads * width]` and `[heads * width]`.
     pub hidden: (Tensor<2>, Tensor<1>),
     /// Outputs `[width, outputs]` and `[outputs]`.
     pub output: (Tensor<2>, Tensor<1>),
 }
 
-/// A trunk and its heads, fused: `[N, inputs]` to `[N, outputs]`, differentiable with respect to all.
+/// Applies a trunk and its heads, fused: `[N, inputs]` to `[N, outputs]`, differentiable with respect to all inputs.
 ///
 /// # Panics
 /// If a tensor does not fit `shape`.

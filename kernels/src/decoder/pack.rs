@@ -1,5 +1,5 @@
-//! Weights laid out for the kernels: cut into column panels of two vectors and padded with zeros.
-//! Layout only: no arithmetic and no threads.
+//! Weights laid out for the kernels: split into column panels of two vectors and padded with zeros. Layout only: no
+//! arithmetic and no threads.
 
 use super::params::DecoderParams;
 use super::shape::DecoderShape;
@@ -20,7 +20,7 @@ impl Aligned {
     pub(super) fn new(len: usize) -> Self {
         let spare = LINE / size_of::<f32>();
         let data = vec![0.0; len + spare];
-        // An offset beyond the spare room means that alignment cannot be told; it is only a matter of speed.
+        // an offset beyond the spare room means that the alignment cannot be determined; this affects speed only
         let first = data.as_ptr().align_offset(LINE).min(spare);
         Self { data, first, len }
     }
@@ -54,7 +54,7 @@ fn panel_columns() -> usize {
     2 * crate::arch().dispatch(LaneCount)
 }
 
-/// What the forward pass reads. A matrix `[K, N]` is stored as panels `[N / P, K, P]`, `P` columns each;
+/// Weights as the forward pass reads them. A matrix `[K, N]` is stored as panels `[N / P, K, P]`, `P` columns each;
 /// columns past the last are zero, so that hidden units there stay 0.
 pub(super) struct Packed<'a> {
     pub(super) shape: &'a DecoderShape,
@@ -62,7 +62,7 @@ pub(super) struct Packed<'a> {
     pub(super) width: usize,
     /// `W0` as panels.
     pub(super) trunk: Aligned,
-    /// `W1` of one head after the other as panels, [`Packed::head_len`] each.
+    /// `W1` of each head in turn as panels, [`Packed::head_len`] each.
     pub(super) heads: Aligned,
     /// `b0`, then `b1` of each head, padded `[1 + H, width]`.
     pub(super) biases: Aligned,
@@ -72,7 +72,7 @@ pub(super) struct Packed<'a> {
     pub(super) output_bias: &'a [f32],
 }
 
-/// The transposed weights, which carry gradients back.
+/// The transposed weights, which propagate gradients back.
 pub(super) struct Transposed {
     /// Inputs, rounded up to whole panels.
     pub(super) inputs: usize,

@@ -17,7 +17,7 @@ pub struct DecoderParams<'a> {
     pub b2: &'a [f32],
 }
 
-/// Where [`backward`](super::cpu::backward) writes; every element is overwritten.
+/// Output buffers of [`backward`](super::cpu::backward); every element is overwritten.
 #[derive(Debug)]
 pub struct DecoderGrads<'a> {
     /// Gradient of the trunk weights `[F, W]`.

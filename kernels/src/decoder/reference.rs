@@ -3,7 +3,7 @@
 
 use super::shape::DecoderShape;
 
-/// The parameters in f64, laid out as [`super::DecoderParams`] says.
+/// The parameters in f64, laid out as in [`super::DecoderParams`].
 #[derive(Clone, Copy, Debug)]
 pub struct Params<'a> {
     /// Trunk weights `[F, W]`.
@@ -20,7 +20,7 @@ pub struct Params<'a> {
     pub b2: &'a [f64],
 }
 
-/// Gradients of [`forward`], each as long as what it belongs to.
+/// Gradients of [`forward`], each as long as the buffer it belongs to.
 #[derive(Clone, Debug)]
 pub struct Grads {
     /// Gradient of the trunk weights.
@@ -54,21 +54,21 @@ fn relu(values: &[f64]) -> Vec<f64> {
     values.iter().map(|v| v.max(0.0)).collect()
 }
 
-/// Layers of one row before their clamp: trunk `[W]` and all heads `[H * W]`.
+/// Layers of one row before their clamps: trunk `[W]` and all heads `[H * W]`.
 fn layers(params: Params<'_>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let trunk = affine(x, params.w0, params.b0);
     let heads = affine(&relu(&trunk), params.w1, params.b1);
     (trunk, heads)
 }
 
-/// The smallest distance of a hidden unit from the kink of its clamp, over all rows of `x` `[N, F]`.
+/// Returns the smallest distance of a hidden unit from the kink of its clamp, over all rows of `x` `[N, F]`.
 #[must_use]
 pub fn kink_distance(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> f64 {
     let rows = x.chunks_exact(shape.inputs).map(|x| layers(params, x));
     rows.flat_map(|(trunk, heads)| [trunk, heads].concat()).fold(f64::INFINITY, |least, v| least.min(v.abs()))
 }
 
-/// Outputs `[N, C]` of `x` `[N, F]`.
+/// Returns the outputs `[N, C]` of `x` `[N, F]`.
 #[must_use]
 pub fn forward(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> Vec<f64> {
     let (w, c) = (shape.width, shape.outputs());
@@ -85,7 +85,7 @@ pub fn forward(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> Vec<f64> 
     out
 }
 
-/// Gradients of [`forward`] for `grad_out` `[N, C]`.
+/// Returns the gradients of [`forward`] for `grad_out` `[N, C]`.
 #[must_use]
 pub fn backward(shape: &DecoderShape, params: Params<'_>, x: &[f64], grad_out: &[f64]) -> Grads {
     let (f, w, c) = (shape.inputs, shape.width, shape.outputs());

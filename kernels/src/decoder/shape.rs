@@ -4,7 +4,7 @@
 /// Head `k` owns the next `head_sizes[k]` output columns; one head with all columns is the shared variant.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DecoderShape {
-    /// Features a row, `F`; at least 1.
+    /// Features per row, `F`; at least 1.
     pub inputs: usize,
     /// Hidden units `W` of the trunk and of each head; at least 1. Multiples of 16 (of 32 with 512-bit
     /// vectors) waste no arithmetic.
@@ -54,13 +54,13 @@ impl DecoderShape {
         }
     }
 
-    /// Heads `H`.
+    /// Number of heads `H`.
     #[must_use]
     pub fn heads(&self) -> usize {
         self.head_sizes.len()
     }
 
-    /// Output columns `C` of all heads.
+    /// Number of output columns `C` of all heads.
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.head_sizes.iter().sum()

@@ -24,7 +24,7 @@ fn shape(inputs: usize, width: usize, head_sizes: &[usize]) -> DecoderShape {
 /// Parameters w0, b0, w1, b1, w2, b2 and the inputs, or their gradients, in this order.
 type Parts<T> = [Vec<T>; 7];
 
-/// A decoder with inputs whose hidden units keep clear of the kink, so that f32 and f64 agree on its side.
+/// A decoder with inputs whose hidden units keep clear of the kink, so that f32 and f64 fall on the same side of it.
 struct Case {
     shape: DecoderShape,
     parts: Parts<f32>,

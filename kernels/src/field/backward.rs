@@ -7,16 +7,16 @@ use super::shape::{FieldShape, PLANE_AXES, PLANE_LINE};
 use pulp::{Scalar, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Most tasks that hold private line gradients in the backward pass; bounds their memory.
+/// Maximum number of tasks that hold private line gradients in the backward pass; bounds their memory.
 const BACKWARD_CHUNKS: usize = 32;
-/// Fewest points worth a private line-gradient buffer.
+/// Minimum number of points that justifies a private line-gradient buffer.
 const BACKWARD_CHUNK_MIN: usize = 512;
 /// Points whose feature gradients are gathered at once, so that their cache misses overlap.
 const GATHER: usize = 32;
 /// Plane rows whose gradient one task owns; 8 rows of 128 nodes of 32 channels fit a core's own cache.
 const BAND_ROWS: usize = 8;
 
-/// Overwrites `grads`; the arguments are checked.
+/// Overwrites `grads`; the arguments must already have been checked.
 pub(super) fn run(
     shape: &FieldShape,
     params: FieldParams<'_>,
@@ -31,7 +31,7 @@ pub(super) fn run(
     rayon::join(|| input.scatter_planes(shape, planes), || input.walk_points(shape, time, lines, times, grad_points));
 }
 
-/// What every backward task reads.
+/// Data read by every backward task.
 struct Backward<'a> {
     field: Field<'a>,
     points: &'a [f32],
@@ -53,8 +53,8 @@ impl Backward<'_> {
         self.field.node::<S>(self.grad, row * self.field.channels)
     }
 
-    /// Point, line and time gradients: each task walks one chunk of points into private line and time
-    /// sums, which are then added up in chunk order.
+    /// Computes point, line and time gradients: each task walks one chunk of points into private line and time sums,
+    /// which are then added up in chunk order.
     fn walk_points(
         &self,
         shape: &FieldShape,
@@ -99,8 +99,8 @@ impl Backward<'_> {
         }
     }
 
-    /// Plane gradients: each task owns a band of rows of one plane, clears it and walks, in point order,
-    /// the points that touch it.
+    /// Computes plane gradients: each task owns a band of rows of one plane, clears it and walks, in point order, the
+    /// points that touch it.
     fn scatter_planes(&self, shape: &FieldShape, grad_planes: &mut [f32]) {
         let levels = self.field.levels.len();
         // Planes xz and yz share the slow axis z, so the bands of y and z serve all three.
@@ -128,7 +128,7 @@ impl Backward<'_> {
         tasks.into_par_iter().with_max_len(1).for_each(|task| crate::arch().dispatch(task));
     }
 
-    /// For each band of [`BAND_ROWS`] nodes along `axis`: the active points that touch it, ascending.
+    /// Returns the active points that touch each band of [`BAND_ROWS`] nodes along `axis`, ascending.
     fn points_by_band(&self, level: usize, axis: usize) -> Vec<Vec<u32>> {
         let n = self.field.levels[level].n;
         let count = n[axis].div_ceil(BAND_ROWS);
@@ -185,7 +185,7 @@ impl PointChunk<'_> {
         }
     }
 
-    /// One point at one level; adds its gradient, lane by lane, to `along` x, y, z.
+    /// Processes one point at one level; adds its gradient, lane by lane, to `along` x, y, z.
     #[inline(always)]
     fn visit<S: Simd>(&mut self, simd: S, i: usize, index: usize, along: &mut [Lanes<S>; 3]) {
         let (field, r) = (&self.input.field, self.input.field.channels);

@@ -1,7 +1,7 @@
-//! Fast forward and backward passes of the feature field over f32 slices.
-//! Work is cut into chunks and bands that depend on the input sizes alone and merged in a fixed order,
-//! so the bits do not depend on the number of threads; they may differ between processor families, whose
-//! vector width and fused multiply-add differ. No tensor library and no parameter storage here.
+//! Fast forward and backward passes of the feature field over f32 slices. Work is split into chunks and bands that
+//! depend on the input sizes alone and merged in a fixed order, so the bits do not depend on the number of threads;
+//! they may differ between processor families, whose vector width and fused multiply-add differ. No tensor library and
+//! no parameter storage here.
 //!
 //! A coordinate outside the box is clamped to the border and gets gradient 0; so does one exactly on it.
 //! A point with a NaN coordinate has features of 0 and gradients of 0, and costs next to nothing.
@@ -12,7 +12,7 @@ use super::shape::FieldShape;
 use pulp::{Scalar, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Points of one forward task.
+/// Points per forward task.
 const FORWARD_CHUNK: usize = 256;
 
 /// Samples the field: `points` `[N, 3]` in [-1, 1], `time` in [0, 1] over the whole knot range,
@@ -31,7 +31,7 @@ pub fn forward(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], time
     );
 }
 
-/// Gradients of [`forward`] for `grad_features` `[N, levels * R]`. A point whose `active` entry is false
+/// Computes the gradients of [`forward`] for `grad_features` `[N, levels * R]`. A point whose `active` entry is false
 /// counts as having a zero feature gradient and costs next to nothing.
 ///
 /// # Panics

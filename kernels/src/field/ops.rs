@@ -1,4 +1,4 @@
-//! The field as a differentiable op on tensors, for every backend in host memory.
+//! The field as a differentiable op on tensors for every backend, with its implementation for those in host memory.
 
 use super::cpu::{backward, forward};
 use super::params::{FieldGrads, FieldParams};
@@ -30,14 +30,14 @@ op_tensors! {
 /// The backend side of [`field`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait FieldOps: Backend {
-    /// Features `[N, levels * R]`.
+    /// Returns the features `[N, levels * R]`.
     fn field_forward(#[extension_type] inputs: FieldTensors<Self>, shape: FieldShape, time: f32) -> FloatTensor<Self>;
 }
 
-/// The backward side of [`field`], of backends that compute. One that records gradients has none of its own: a second
+/// The backward side of [`field`], for backends that compute. The autodiff backend does not implement it, so a second
 /// derivative does not compile.
 pub trait FieldBackwardOps: Backend {
-    /// Gradients for `grad` `[N, levels * R]`.
+    /// Returns the gradients for `grad` `[N, levels * R]`.
     fn field_backward(
         inputs: FieldTensors<Self>,
         grad: FloatTensor<Self>,
@@ -96,7 +96,7 @@ fn cpu_backward<B: CpuBackend>(
     );
     let out = FieldGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2, points: &mut grads.3 };
     let grad = B::values(grad);
-    // Gaussians that no pixel saw have a gradient of zero: about half of them in a translucent scene
+    // Gaussians seen by no pixel have a gradient of zero: about half of them in a translucent scene
     let rows = grad.par_chunks_exact(shape.features_len()).with_min_len(1024);
     let active: Vec<bool> = rows.map(|row| row.iter().any(|&g| g != 0.0)).collect();
     backward(shape, params, &points, time, &grad, Some(&active), out);

@@ -1,6 +1,6 @@
 //! The field's parameters and their gradients as slices. No sizes and no arithmetic.
 
-/// The three flat parameter buffers, laid out as [`FieldShape`](super::shape::FieldShape) says.
+/// The three flat parameter buffers, laid out as [`FieldShape`](super::shape::FieldShape) describes.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldParams<'a> {
     /// Plane tensors.
@@ -11,7 +11,7 @@ pub struct FieldParams<'a> {
     pub times: &'a [f32],
 }
 
-/// Where [`backward`](super::cpu::backward) writes; every element is overwritten.
+/// Output buffers of [`backward`](super::cpu::backward); every element is overwritten.
 #[derive(Debug)]
 pub struct FieldGrads<'a> {
     /// Gradient of the plane buffer.

@@ -14,7 +14,7 @@ pub struct Params<'a> {
     pub times: &'a [f64],
 }
 
-/// Gradients of [`forward`], each as long as what it belongs to.
+/// Gradients of [`forward`], each as long as the buffer it belongs to.
 #[derive(Clone, Debug)]
 pub struct Grads {
     /// Gradient of the plane buffer.
@@ -27,7 +27,7 @@ pub struct Grads {
     pub points: Vec<f64>,
 }
 
-/// Two nodes with their weights and the derivatives of these by the coordinate.
+/// Two nodes, each with its weight and the derivative of the weight with respect to the coordinate.
 type Taps = [(usize, f64, f64); 2];
 
 fn taps(unit: f64, slope: f64, n: usize) -> Taps {
@@ -41,12 +41,12 @@ fn taps(unit: f64, slope: f64, n: usize) -> Taps {
     [(lo, 1.0 - frac, -slope), ((lo + 1).min(n - 1), frac, slope)]
 }
 
-/// Nodes that one sample reads: index in the flat buffer (of channel 0), weight, and the derivative of the
-/// weight by x, y and z.
+/// Nodes that one sample reads: index in the flat buffer (of channel 0), weight, and the derivatives of the weight with
+/// respect to x, y and z.
 type Nodes = Vec<(usize, f64, [f64; 3])>;
 
 struct Sample {
-    /// Nodes of xy, xz, yz and of the line multiplied with each.
+    /// Nodes of xy, xz, yz and of the line multiplied by each.
     planes: [Nodes; 3],
     lines: [Nodes; 3],
 }
@@ -83,7 +83,7 @@ fn sample(shape: &FieldShape, level: usize, point: &[f64]) -> Sample {
     Sample { planes, lines }
 }
 
-/// A point with a NaN coordinate has features of 0 and passes no gradient on.
+/// Whether the point has a NaN coordinate: it then has features of 0 and passes no gradient on.
 fn nowhere(point: &[f64]) -> bool {
     point.iter().any(|v| v.is_nan())
 }
@@ -92,7 +92,7 @@ fn value(nodes: &Nodes, data: &[f64], r: usize) -> f64 {
     nodes.iter().map(|&(at, w, _)| w * data[at + r]).sum()
 }
 
-/// Features `[N, levels * R]` of `points` `[N, 3]` at `time` in [0, 1].
+/// Returns the features `[N, levels * R]` of `points` `[N, 3]` at `time` in [0, 1].
 #[must_use]
 pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64) -> Vec<f64> {
     let knots = taps(time, 1.0, shape.time_knots);
@@ -120,7 +120,7 @@ pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64
     features
 }
 
-/// Gradients of [`forward`] for `grad_features` `[N, levels * R]`.
+/// Returns the gradients of [`forward`] for `grad_features` `[N, levels * R]`.
 #[must_use]
 pub fn backward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64, grad_features: &[f64]) -> Grads {
     let mut grads = Grads {

@@ -6,7 +6,7 @@ use super::shape::{FieldShape, LevelShape, PLANE_AXES};
 use pulp::Simd;
 use std::ops::{Add, Mul, Sub};
 
-/// A vector of channels, as wide as the processor's.
+/// A vector of channels, as wide as the processor's vectors.
 #[derive(Clone, Copy)]
 pub(super) struct Lanes<S: Simd> {
     simd: S,
@@ -72,7 +72,7 @@ pub(super) struct Tap {
 }
 
 impl Tap {
-    /// `unit` in [0, 1] over `n` nodes. NaN falls to node 0 because `max` drops it.
+    /// Returns the tap for `unit` in [0, 1] over `n` nodes; NaN maps to node 0 because `max` drops it.
     #[inline(always)]
     pub(super) fn unit(unit: f32, n: usize) -> Self {
         let last = (n - 1) as f32;
@@ -94,14 +94,14 @@ impl Tap {
     }
 }
 
-/// One level: its grid and where its tensors start in the flat buffers.
+/// One level: its grid and the offsets of its tensors in the flat buffers.
 pub(super) struct Level {
     pub(super) n: [usize; 3],
     pub(super) planes: [usize; 3],
     pub(super) lines: [usize; 3],
 }
 
-/// What every task of one call reads.
+/// Data read by every task of one call.
 pub(super) struct Field<'a> {
     pub(super) levels: Vec<Level>,
     pub(super) channels: usize,
@@ -137,13 +137,13 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The node's channels `[R]` at `at` in a flat buffer.
+    /// Returns the channels `[R]` of the node at `at` in a flat buffer.
     #[inline(always)]
     pub(super) fn node<'b, S: Simd>(&self, data: &'b [f32], at: usize) -> &'b [S::f32s] {
         S::as_simd_f32s(&data[at..][..self.channels]).0
     }
 
-    /// Plane `PLANE` (xy, xz, yz) around a point.
+    /// Returns the nodes of plane `PLANE` (xy, xz, yz) around a point.
     #[inline(always)]
     pub(super) fn quad<const PLANE: usize, S: Simd>(&self, simd: S, level: &Level, taps: &[Tap; 3]) -> Quad<'a, S> {
         let (fast, slow) = PLANE_AXES[PLANE];
@@ -164,7 +164,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The line along `axis` around a point.
+    /// Returns the nodes of the line along `axis` around a point.
     #[inline(always)]
     pub(super) fn pair<S: Simd>(&self, simd: S, level: &Level, taps: &[Tap; 3], axis: usize) -> Pair<'a, S> {
         let (base, tap) = (level.lines[axis], taps[axis]);
@@ -187,7 +187,7 @@ pub(super) struct Pair<'a, S: Simd> {
 }
 
 impl<S: Simd> Pair<'_, S> {
-    /// Value of block `b` and its slope along the grid coordinate.
+    /// Returns the value of block `b` and its slope along the grid coordinate.
     #[inline(always)]
     pub(super) fn at(&self, b: usize) -> (Lanes<S>, Lanes<S>) {
         let lo = Lanes::new(self.simd, self.rows[0][b]);
@@ -205,7 +205,7 @@ pub(super) struct Quad<'a, S: Simd> {
 }
 
 impl<S: Simd> Quad<'_, S> {
-    /// Value of block `b` and its slopes along the fast and slow grid coordinates.
+    /// Returns the value of block `b` and its slopes along the fast and slow grid coordinates.
     #[inline(always)]
     pub(super) fn at(&self, b: usize) -> (Lanes<S>, Lanes<S>, Lanes<S>) {
         let a = Lanes::new(self.simd, self.rows[0][b]);

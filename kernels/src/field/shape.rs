@@ -1,5 +1,5 @@
-//! Where each plane, line and time tensor of the feature field lies in the three flat parameter buffers.
-//! Sizes and offsets only: no sampling and no parameter values.
+//! Location of each plane, line and time tensor of the feature field in the three flat parameter buffers. Sizes and
+//! offsets only: no sampling and no parameter values.
 
 /// Axes of the three spatial planes xy, xz, yz as (fast axis, slow axis).
 pub const PLANE_AXES: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
@@ -110,19 +110,19 @@ impl FieldShape {
         self.levels.len() * self.time_knots * self.channels
     }
 
-    /// The plane tensors in buffer order: for each level xy, xz, yz.
+    /// Returns the plane tensors in buffer order: for each level xy, xz, yz.
     #[must_use]
     pub fn plane_spans(&self) -> Vec<TensorSpan> {
         self.spans(|level| PLANE_AXES.map(|(fast, slow)| (level.resolution[slow], level.resolution[fast])))
     }
 
-    /// The line tensors in buffer order: for each level x, y, z.
+    /// Returns the line tensors in buffer order: for each level x, y, z.
     #[must_use]
     pub fn line_spans(&self) -> Vec<TensorSpan> {
         self.spans(|level| level.resolution.map(|n| (n, 1)))
     }
 
-    /// The time tensors in buffer order, one for each level.
+    /// Returns the time tensors in buffer order, one for each level.
     #[must_use]
     pub fn time_spans(&self) -> Vec<TensorSpan> {
         self.spans(|_| [(self.time_knots, 1)])

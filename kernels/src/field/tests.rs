@@ -208,7 +208,7 @@ fn poisoned_points_stay_finite_and_get_no_gradient() {
     let out = case.backward(None);
     assert!(out.points.iter().all(|&v| v == 0.0));
     assert!(out.planes.iter().chain(&out.lines).chain(&out.times).all(|v| v.is_finite()));
-    // NaN reads nothing, infinity the border of its side.
+    // NaN reads nothing, infinity the border on its side
     assert_eq!(features[..8], [0.0; 8]);
     assert_eq!(features[16..24], features[32..40]);
     assert_eq!(features[8..16], features[24..32]);

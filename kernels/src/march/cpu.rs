@@ -1,14 +1,14 @@
-//! What rays see of their samples, forward and backward, over f32 slices. A task is a fixed number of rays, each of which has
-//! its samples and colours alone, so that bits do not depend on the number of threads.
+//! Compositing of ray samples, forward and backward, over f32 slices. A task is a fixed number of rays, each with its
+//! own samples and colours, so the bits do not depend on the number of threads.
 
 use super::rays::RaySamples;
 use rayon::prelude::*;
 
-/// Rays of one task.
+/// Rays per task.
 const TASK: usize = 64;
 
-/// Colour over `background` and alpha of each ray into `out` `[R, 4]`, from optical depths `[S]`, each at least 0, and colours
-/// `[C, 3]`. A NaN shows in its own ray alone.
+/// Writes the colour over `background` and the alpha of each ray to `out` `[R, 4]`, from optical depths `[S]`, each at
+/// least 0, and colours `[C, 3]`. A NaN affects only its own ray.
 ///
 /// # Panics
 /// If a slice does not fit `rays`.
@@ -34,15 +34,15 @@ pub fn forward(rays: &RaySamples, depths: &[f32], colours: &[f32], background: [
     });
 }
 
-/// `1 - exp(-depth)`, exact for small depths.
+/// `1 - exp(-depth)`, accurate for small depths.
 fn opacity(depth: f32) -> f32 {
     -(-depth).exp_m1()
 }
 
-/// How much of each sample its ray sees, `[S]`: the weights `w_i`.
+/// Returns the weight `w_i` of each sample in what its ray sees, `[S]`.
 ///
 /// # Panics
-/// If the last of `offsets` `[R + 1]` is beyond `depths` `[S]`.
+/// If the last of `offsets` `[R + 1]` is beyond the end of `depths` `[S]`.
 #[must_use]
 pub fn weights(offsets: &[u32], depths: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; depths.len()];
@@ -56,11 +56,11 @@ pub fn weights(offsets: &[u32], depths: &[f32]) -> Vec<f32> {
     out
 }
 
-/// Gradients of [`forward`] for `grad` `[R, 4]`: of the depths into `grad_depths` `[S]`, of the colours into `grad_colours`
-/// `[C, 3]`.
+/// Computes the gradients of [`forward`] for `grad` `[R, 4]`: with respect to the depths into `grad_depths` `[S]`, with
+/// respect to the colours into `grad_colours` `[C, 3]`.
 ///
-/// What lies behind sample i, `B_i = sum_(j > i) w_j c_j + T_(n+1) background`, is seen through it, so that
-/// `dC / dd_i = T_(i+1) c_i - B_i`; the alpha's is `T_(n+1)`.
+/// Everything behind sample i, `B_i = sum_(j > i) w_j c_j + T_(n+1) background`, is seen through it, so that
+/// `dC / dd_i = T_(i+1) c_i - B_i`; the derivative of alpha is `T_(n+1)`.
 ///
 /// # Panics
 /// If a slice does not fit `rays`.

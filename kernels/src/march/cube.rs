@@ -1,5 +1,5 @@
-//! What rays see of their samples on a GPU: a unit a ray, so that no sum has more than one owner.
-#![allow(clippy::collapsible_if)] // only what stands inside may be read
+//! Compositing of ray samples on a GPU: one unit per ray, so that every sum has a single owner.
+#![allow(clippy::collapsible_if)] // the inner condition must not be read unless the outer one holds
 
 use super::ops::{MarchBackwardOps, MarchOps, MarchTensors};
 use super::rays::RaySamples;
@@ -10,10 +10,10 @@ use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Rays of a cube: a warp, as long rays hold up their neighbours.
+/// Rays per cube: one warp, as long rays hold up their neighbours.
 const RAYS: u32 = UNITS / 8;
 
-/// `1 - exp(-depth)`; by its series where the difference would lose half of its digits.
+/// `1 - exp(-depth)`, from its series where the difference would lose half of its digits.
 #[cube]
 fn opacity(depth: f32) -> f32 {
     let series = depth * (1.0f32 - depth * (0.5f32 - depth * (1.0f32 / 6.0f32)));
@@ -59,7 +59,7 @@ fn see(
     }
 }
 
-/// Twice along each ray: for what it sees in all, weighted by its gradient, then for what lies behind each sample.
+/// Walks each ray twice: for the total that it sees, weighted by its gradient, then for the part behind each sample.
 #[cube(launch)]
 fn backward(
     depths: &[f32],
@@ -122,7 +122,7 @@ fn backward(
     }
 }
 
-/// Offsets of rays and of colours on the device.
+/// Uploads the offsets of rays and of colours to the device.
 fn upload(like: &CubeTensor, rays: &RaySamples) -> [Words; 2] {
     [&rays.offsets, &rays.rows].map(|words| Words::u32s(&like.client, words))
 }

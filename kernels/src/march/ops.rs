@@ -1,4 +1,4 @@
-//! What rays see as a differentiable op on tensors, for every backend.
+//! Ray compositing as a differentiable op on tensors, for every backend.
 
 use super::cpu::{backward, forward};
 use super::rays::RaySamples;
@@ -24,7 +24,7 @@ op_tensors! {
 /// The backend side of [`composite`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait MarchOps: Backend {
-    /// Colour and alpha `[R, 4]`.
+    /// Returns colour and alpha `[R, 4]`.
     fn march_forward(
         #[extension_type] inputs: MarchTensors<Self>,
         rays: RaySamples,
@@ -32,10 +32,10 @@ pub trait MarchOps: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// The backward side of [`composite`], of backends that compute. One that records gradients has none of its own: a second
-/// derivative does not compile.
+/// The backward side of [`composite`], for backends that compute. The autodiff backend does not implement it, so a
+/// second derivative does not compile.
 pub trait MarchBackwardOps: Backend {
-    /// Gradients for `grad` `[R, 4]`.
+    /// Returns the gradients for `grad` `[R, 4]`.
     fn march_backward(
         inputs: MarchTensors<Self>,
         grad: FloatTensor<Self>,
@@ -44,11 +44,13 @@ pub trait MarchBackwardOps: Backend {
     ) -> MarchTensors<Self>;
 }
 
-/// What rays see, `[R, 4]`: colour over `background`, and alpha. `depths` `[S]` are the optical depths of all samples, each at
-/// least 0, `colours` `[C, 3]` the colours of those samples that have one. Differentiable with respect to both.
+/// Composites the samples of rays into `[R, 4]`: colour over `background`, and alpha. `depths` `[S]` are the optical
+/// depths of all samples, each at least 0, `colours` `[C, 3]` the colours of those samples that have one.
+/// Differentiable with respect to both.
 ///
 /// # Panics
-/// If a tensor does not fit `rays`, or there is no sample or no colour: not every backend can hold an empty tensor.
+/// If a tensor does not fit `rays`, or if there is no sample or no colour, as not every backend can hold an empty
+/// tensor.
 pub fn composite(depths: Tensor<1>, colours: Tensor<2>, rays: &RaySamples, background: [f32; 3]) -> Tensor<2> {
     assert_eq!(depths.dims(), [rays.samples()], "composite: depths are [S]");
     assert_eq!(colours.dims(), [rays.coloured(), 3], "composite: colours are [C, 3]");

@@ -1,19 +1,19 @@
-//! Which samples, and which of their colours, belong to which ray.
+//! Assignment of samples, and of their colours, to rays.
 
 use std::sync::Arc;
 
-/// Samples of many rays, one ray after the other, from the eye on. Cheap to clone.
+/// Samples of many rays, one ray after the other, each from the eye onwards. Cheap to clone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RaySamples {
-    /// Where the samples of each ray begin, and their number at the end: `[R + 1]`.
+    /// Index of the first sample of each ray, then the number of samples: `[R + 1]`.
     pub(super) offsets: Arc<[u32]>,
-    /// How many samples with a colour lie before each sample, and their number at the end: `[S + 1]`.
+    /// Number of samples with a colour before each sample, then their total: `[S + 1]`.
     pub(super) rows: Arc<[u32]>,
 }
 
 impl RaySamples {
-    /// The samples of ray r are `offsets[r]..offsets[r + 1]` of `offsets` `[R + 1]`; those with `coloured` `[S]` have a colour,
-    /// in their order.
+    /// Assigns the samples `offsets[r]..offsets[r + 1]`, from `offsets` `[R + 1]`, to ray r; those marked in `coloured`
+    /// `[S]` have a colour, in the same order.
     ///
     /// # Panics
     /// If the offsets do not rise from 0 to the length of `coloured`.
@@ -50,12 +50,12 @@ impl RaySamples {
         self.rows[self.samples()] as usize
     }
 
-    /// The samples of a ray.
+    /// Returns the samples of a ray.
     pub(super) fn of(&self, ray: usize) -> std::ops::Range<usize> {
         self.offsets[ray] as usize..self.offsets[ray + 1] as usize
     }
 
-    /// The row of the sample's colour, if it has one.
+    /// Returns the row of the sample's colour, if it has one.
     pub(super) fn row(&self, sample: usize) -> Option<usize> {
         let row = self.rows[sample];
         (row < self.rows[sample + 1]).then_some(row as usize)

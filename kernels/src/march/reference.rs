@@ -1,8 +1,9 @@
-//! What rays see as plain f64 loops, from the sum of the depths before each sample: the oracle of the fast kernels.
+//! Ray compositing as plain f64 loops, from the sum of the depths before each sample: the oracle of the fast kernels.
 
 use super::rays::RaySamples;
 
-/// Colour over the background and alpha of each ray, `[R, 4]`, from optical depths `[S]` and colours `[C, 3]`.
+/// Returns the colour over the background and the alpha of each ray, `[R, 4]`, from optical depths `[S]` and colours
+/// `[C, 3]`.
 #[must_use]
 pub fn composite(rays: &RaySamples, depths: &[f64], colours: &[f64], background: [f64; 3]) -> Vec<f64> {
     let mut out = Vec::with_capacity(4 * rays.rays());

@@ -1,8 +1,8 @@
-//! Where the samples of rays lie: evenly spaced inside a box, but for places that are known to be empty.
+//! Placement of the samples of rays: evenly spaced inside a box, except in places known to be empty.
 
 use rayon::prelude::*;
 
-/// Rays of one task.
+/// Rays per task.
 const TASK: usize = 64;
 
 /// An axis-aligned box.
@@ -17,31 +17,32 @@ pub struct Box3 {
 /// A ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it starts.
+    /// Its origin.
     pub origin: [f32; 3],
     /// Its direction; distances are in units of its length.
     pub direction: [f32; 3],
-    /// Where its first sample lies, in steps from where it enters the box; in [0, 1).
+    /// Position of its first sample, in steps from its entry into the box; in [0, 1).
     pub jitter: f32,
 }
 
-/// The samples of many rays, one ray after the other, from the origin on.
+/// The samples of many rays, one ray after the other, each from the origin onwards.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
-    /// Places `[S, 3]` in the box, each coordinate in [-1, 1].
+    /// Positions `[S, 3]` in the box, each coordinate in [-1, 1].
     pub points: Vec<f32>,
-    /// Where the samples of each ray begin, and their number at the end: `[R + 1]`.
+    /// Index of the first sample of each ray, then the number of samples: `[R + 1]`.
     pub offsets: Vec<u32>,
 }
 
 impl Box3 {
-    /// Where the ray enters and leaves, none if it misses the box or starts behind it; the entry is at or before the origin's
-    /// front (0 where the ray starts inside).
+    /// Returns where the ray enters and leaves, or `None` if it misses the box or starts behind it; the entry is at or
+    /// in front of the origin (0 where the ray starts inside).
     #[must_use]
     pub fn chord(&self, ray: &Ray) -> Option<[f32; 2]> {
         let (mut enter, mut leave) = (0.0f32, f32::INFINITY);
         for k in 0..3 {
-            // a zero component gives infinities, which `min` and `max` order rightly, and NaN on a face, which they pass over
+            // a zero component gives infinities, which `min` and `max` order correctly, and NaN on a face, which they
+            // ignore
             let at = |side: f32| (self.centre[k] + side * self.half[k] - ray.origin[k]) / ray.direction[k];
             let (a, b) = (at(-1.0), at(1.0));
             enter = enter.max(a.min(b));
@@ -51,8 +52,8 @@ impl Box3 {
     }
 }
 
-/// Samples of rays in `within`, `step` apart (above 0), at most `most` of each, but for those of which `keep(ray, point)` says
-/// that nothing is there. They depend on nothing else, whatever the number of threads.
+/// Samples the rays inside `within` at steps of `step` (above 0), at most `most` per ray, and omits the samples for
+/// which `keep(ray, point)` is false. The result does not depend on the number of threads.
 #[must_use]
 pub fn sample(
     rays: &[Ray],

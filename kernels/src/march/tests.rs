@@ -17,7 +17,7 @@ fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().map(|&v| f64::from(v)).collect()
 }
 
-/// Rays of `counts` samples, two in three of them coloured; depths up to `deep`, colours.
+/// Rays of `counts` samples, about two thirds of them coloured, with depths up to `deep` and colours.
 fn random(counts: &[usize], deep: f32, seed: u64) -> (RaySamples, Vec<f32>, Vec<f32>) {
     let mut offsets = vec![0];
     for n in counts {
@@ -93,7 +93,8 @@ fn gradients_match_finite_differences_of_the_reference() {
 
 #[test]
 fn a_constant_medium_has_its_closed_form_however_it_is_cut() {
-    // C = c (1 - exp(-sigma L)) + exp(-sigma L) background: the integral of the emission-absorption model, not a limit of it
+    // C = c (1 - exp(-sigma L)) + exp(-sigma L) background: the integral of the emission-absorption model, not a limit
+    // of it
     let (sigma, length, colour) = (0.8f64, 2.5f64, [0.25f32, 0.5, 0.75]);
     let through = (-sigma * length).exp();
     for n in [1usize, 2, 7, 400] {
@@ -105,7 +106,7 @@ fn a_constant_medium_has_its_closed_form_however_it_is_cut() {
         }
         assert!((f64::from(out[3]) - (1.0 - through)).abs() < 1e-5);
     }
-    // a slab before another one: over operator of Porter and Duff
+    // one slab in front of another: the over operator of Porter and Duff
     let rays = RaySamples::new(&[0, 2], &[true, true]);
     let out = seen(&rays, &[1.0, 2.0], &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
     let (front, back) = (1.0 - (-1.0f64).exp(), 1.0 - (-2.0f64).exp());
@@ -155,7 +156,7 @@ fn samples_lie_where_the_ray_is_in_the_box() {
         Ray { origin: [9.0, 2.0, 3.0], direction: [1.0, 0.0, 0.0], jitter: 0.0 },
     ];
     let out = sample(&rays, UNIT, 0.25, 100, |_, _| true);
-    // 8 steps through x; beside the box; 9 ends of 8 steps from the centre; behind the origin
+    // 8 steps along x; beside the box; the 9 ends of 8 steps from the centre; behind the origin
     assert_eq!(out.offsets, [0, 8, 8, 17, 17]);
     let xs: Vec<f32> = out.points.chunks(3).map(|p| p[0]).take(8).collect();
     assert_eq!(xs, [-0.875, -0.625, -0.375, -0.125, 0.125, 0.375, 0.625, 0.875]);
@@ -167,7 +168,7 @@ fn samples_lie_where_the_ray_is_in_the_box() {
 
 #[test]
 fn empty_places_that_are_passed_over_change_nothing() {
-    // a ball in the box: with all samples, and with those inside alone
+    // a ball in the box: with all samples, and with only those inside it
     let density = |p: &[f32]| if p.iter().map(|v| v * v).sum::<f32>() < 0.5 { 3.0 } else { 0.0 };
     let towards = |i: usize| {
         let (a, b) = (0.1 * (i % 20) as f32 - 1.0, 0.07 * (i / 20) as f32 - 0.5);

@@ -1,23 +1,23 @@
-//! The fast pass over f32 images. Tasks are fixed pieces of the image and their sums join in order, so the bits do
+//! The fast pass over f32 images. Tasks are fixed pieces of the image and their sums are added in order, so the bits do
 //! not depend on the number of threads.
 
 use super::Distance;
 use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 
-/// Values of one task, a whole number of pixels.
+/// Values per task, a whole number of pixels.
 const PIECE: usize = 4 * 8192;
-/// Sums that run side by side: four pixels of four channels.
+/// Sums that run in parallel: four pixels of four channels.
 const LANES: usize = 16;
 
-/// The mean over pixels and colours of the distance between `image` and `target` `[pixels, 4]`, plus `alpha` times
-/// that of the fourth channel; and the mean squared difference of the colours, whatever the distance. Writes the
-/// gradient by `image` into `grad`.
+/// Returns the mean over pixels and colours of the distance between `image` and `target` `[pixels, 4]`, plus `alpha`
+/// times that of the fourth channel; and the mean squared difference of the colours, whatever the distance. Writes the
+/// gradient with respect to `image` to `grad`.
 ///
-/// An empty image gives zeros; values that are not finite give NaN or infinity.
+/// An empty image gives zeros; non-finite values give NaN or infinity.
 ///
 /// # Panics
-/// If the lengths differ or are no whole number of pixels.
+/// If the lengths differ or are not a whole number of pixels.
 pub fn photometric(image: &[f32], target: &[f32], kind: Distance, alpha: f32, grad: &mut [f32]) -> (f64, f64) {
     assert!(image.len().is_multiple_of(4), "image: [pixels, 4]");
     assert_eq!(target.len(), image.len(), "target: as image");
@@ -53,7 +53,7 @@ pub fn photometric(image: &[f32], target: &[f32], kind: Distance, alpha: f32, gr
     (value, squared)
 }
 
-/// Sums of the distances and of the squares, by channel.
+/// Returns the sums of the distances and of the squares, by channel.
 #[inline(always)]
 fn piece<const ABSOLUTE: bool>(
     image: &[f32],
@@ -97,7 +97,7 @@ fn piece<const ABSOLUTE: bool>(
     totals
 }
 
-/// -1, 0 or 1; NaN stays.
+/// Returns -1, 0 or 1; NaN stays NaN.
 #[inline(always)]
 fn sign(v: f32) -> f32 {
     if v == 0.0 { 0.0 } else { 1.0f32.copysign(v) + v * 0.0 }

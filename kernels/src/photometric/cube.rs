@@ -1,4 +1,4 @@
-//! The distance of two images on a GPU: one pass, sums in a fixed order.
+//! The distance between two images on a GPU: one pass, sums in a fixed order.
 
 use super::Distance;
 use super::ops::{PhotometricForward, PhotometricOps};
@@ -9,10 +9,11 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Values of a unit.
+/// Values per unit.
 const EACH: u32 = 16;
 
-/// Gradient of every value, and the sums of the distances and of the squared differences of colours of each cube.
+/// Computes the gradient of every value, and the sums of the distances and of the squared colour differences of each
+/// cube.
 #[cube(launch)]
 fn compare(
     image: &[f32],

@@ -1,5 +1,5 @@
-//! Distance between a rendered image and its target, colours and alpha weighted apart, with its gradient: one pass
-//! over both images. Fast kernel in [`cpu`], oracle in [`mod@reference`].
+//! Distance between a rendered image and its target, with separate weights for colours and alpha, and its gradient: one
+//! pass over both images. Fast kernel in [`cpu`], oracle in [`mod@reference`].
 
 pub mod cpu;
 #[cfg(feature = "cube")]
@@ -13,7 +13,7 @@ mod tests;
 pub use cpu::photometric;
 pub use ops::{Photometric, PhotometricForward, PhotometricOps, photometric_loss};
 
-/// How a difference counts.
+/// How a difference is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Distance {
     /// Its absolute value, with slope 0 at 0.

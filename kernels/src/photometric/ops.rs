@@ -16,14 +16,14 @@ pub struct PhotometricForward<B: Backend> {
     pub value: FloatTensor<B>,
     /// Mean squared difference of the colours `[1]`, without gradient.
     pub squared: FloatTensor<B>,
-    /// Gradient of `value` by the image `[H, W, 4]`.
+    /// Gradient of `value` with respect to the image `[H, W, 4]`.
     pub grad: FloatTensor<B>,
 }
 
 /// The backend side of [`photometric_loss`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait PhotometricOps: Backend {
-    /// The distance of two images `[H, W, 4]` with its gradient.
+    /// Computes the distance between two images `[H, W, 4]` with its gradient.
     fn photometric_forward(
         image: FloatTensor<Self>,
         target: FloatTensor<Self>,
@@ -32,20 +32,21 @@ pub trait PhotometricOps: Backend {
     ) -> PhotometricForward<Self>;
 }
 
-/// What [`photometric_loss`] gives.
+/// Result of [`photometric_loss`].
 #[derive(Clone, Debug)]
 pub struct Photometric {
     /// The weighted distance `[1]`, differentiable with respect to the image.
     pub loss: Tensor<1>,
-    /// Mean squared difference of the colours `[1]`, whatever the distance: what PSNR is made of. No gradient.
+    /// Mean squared difference of the colours `[1]`, whatever the distance: the quantity PSNR is computed from. No
+    /// gradient.
     pub squared: Tensor<1>,
 }
 
-/// The mean over pixels and colours of the distance between `image` and `target` `[H, W, 4]`, plus `alpha` times the
-/// same of the fourth channel (the paper's equation 5, and a term for alpha). `target` is taken as a constant.
+/// Returns the mean over pixels and colours of the distance between `image` and `target` `[H, W, 4]`, plus `alpha`
+/// times that of the fourth channel (the paper's equation 5, and a term for alpha). `target` is treated as a constant.
 ///
 /// # Panics
-/// If the shapes differ or have not four channels.
+/// If the shapes differ or do not have four channels.
 pub fn photometric_loss(image: Tensor<3>, target: Tensor<3>, kind: Distance, alpha: f32) -> Photometric {
     let [_, _, channels] = image.dims();
     assert_eq!(channels, 4, "photometric_loss: images are [H, W, 4]");

@@ -23,7 +23,7 @@ proptest! {
     #[test]
     fn any_size_matches_the_reference(pixels in 1usize..20_000, seed in 0u64..1000, alpha in 0.0f32..2.0) {
         let (a, mut b) = (noise(seed, 4 * pixels), noise(seed + 1, 4 * pixels));
-        b[0] = a[0]; // the corner of the absolute value
+        b[0] = a[0]; // the kink of the absolute value
         for kind in KINDS {
             let mut grad = vec![7.0; a.len()];
             let (value, squared) = photometric(&a, &b, kind, alpha, &mut grad);

@@ -1,11 +1,11 @@
-//! The fast kernels over f32 arrays. Gaussians are independent but for the material's gradient, whose sums join in order, so
-//! the bits do not depend on the number of threads.
+//! The fast kernels over f32 arrays. Gaussians are independent except for the material's gradient, whose sums are added
+//! in order, so the bits do not depend on the number of threads.
 
 use super::{GRAZING, Light, MATERIAL, Material, SMALLEST};
 use crate::sh::C0;
 use rayon::prelude::*;
 
-/// Gaussians of one task.
+/// Gaussians per task.
 const PIECE: usize = 1024;
 
 type Vec3 = [f32; 3];
@@ -21,7 +21,7 @@ pub struct Lit<'a> {
     pub sh: &'a [f32],
     /// `[N, 3]`
     pub normals: &'a [f32],
-    /// As [`Material::to_trained`].
+    /// The material as [`Material::to_trained`].
     pub material: [f32; MATERIAL],
     /// The light.
     pub light: Light,
@@ -44,12 +44,12 @@ pub struct Gradients {
     pub material: Vec<f32>,
 }
 
-/// What one Gaussian looks like, and what its gradient needs of it.
+/// The shading of one Gaussian, with the values that its gradient needs.
 struct Seen {
     w: f32,
     u: Vec3,
     normal: Vec3,
-    /// The normal turned, longer by the square of the quaternion's length.
+    /// The rotated normal, scaled by the squared length of the quaternion.
     turned: Vec3,
     to_eye: Vec3,
     /// Not of unit length under a headlight.
@@ -62,11 +62,11 @@ struct Seen {
     shine: f32,
 }
 
-/// The cosine of the angle between two vectors, with its sign.
+/// The signed cosine of the angle between two vectors.
 #[derive(Clone, Copy)]
 struct Cosine {
     value: f32,
-    /// Squares of the two lengths, not below [`SMALLEST`].
+    /// Squared lengths of the two vectors, at least [`SMALLEST`].
     squares: [f32; 2],
 }
 
@@ -76,7 +76,7 @@ impl Cosine {
         Self { value: dot(a, b) / (squares[0].sqrt() * squares[1].sqrt()), squares }
     }
 
-    /// Gradients by `a` and `b` of the absolute value, times `by`.
+    /// Returns the gradients of the absolute value with respect to `a` and `b`, times `by`.
     fn slopes(self, a: Vec3, b: Vec3, by: f32) -> [Vec3; 2] {
         let sign = if self.value > 0.0 { by } else { -by };
         let sign = if self.value == 0.0 { 0.0 } else { sign };
@@ -108,7 +108,7 @@ fn see(lit: &Lit<'_>, material: &Material, i: usize) -> Seen {
     Seen { w, u, normal, turned, to_eye, to_light, half, diffuse, highlight, glow, shine }
 }
 
-/// The coefficients `[N, K, 3]` whose first give the shaded colours.
+/// Returns the coefficients `[N, K, 3]` whose first give the shaded colours.
 #[must_use]
 pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
     let n = lit.means.len() / 3;
@@ -129,7 +129,7 @@ pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
     out
 }
 
-/// Gradients of a loss whose gradient by the result of [`forward`] is `grad` `[N, K, 3]`.
+/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N, K, 3]`.
 #[must_use]
 pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> Gradients {
     let n = lit.means.len() / 3;
@@ -172,15 +172,15 @@ pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> Gradients {
     out
 }
 
-/// Gradients by the inputs of one Gaussian.
+/// Gradients with respect to the inputs of one Gaussian.
 struct Slopes {
     mean: Vec3,
     rotation: [f32; 4],
     normal: Vec3,
 }
 
-/// Gradients of one Gaussian, and its part of the material's. `grad` comes in by the shaded coefficients `[3]` and goes out
-/// by the `base` ones.
+/// Returns the gradients of one Gaussian, and its share of the material's. `grad` is with respect to the shaded
+/// coefficients `[3]` on entry, and with respect to the `base` ones on return.
 fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &mut [f32]) -> (Slopes, [f32; MATERIAL]) {
     let Material { ambient, specular: _, exponent } = *material;
     let (mut by_glow, mut by_shine) = (0.0, 0.0);
@@ -202,7 +202,7 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
     let by_eye: Vec3 = match light {
         Light::Head => std::array::from_fn(|c| by_light[c] + by_half[c]),
         Light::Far(_) => {
-            // through the unit direction to the eye
+            // back through the normalisation of the direction to the eye
             let square = dot(seen.to_eye, seen.to_eye).max(SMALLEST);
             let along = dot(by_half, seen.to_eye) / square;
             std::array::from_fn(|c| (by_half[c] - along * seen.to_eye[c]) / square.sqrt())
@@ -215,13 +215,13 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
     let slopes = Slopes {
         mean: by_eye.map(|v| -v),
         rotation: [2.0 * (w * nd + dot(u, across)), by_u[0], by_u[1], by_u[2]],
-        // the other way round
+        // the inverse rotation
         normal: turn(w, u.map(|v| -v), d),
     };
     (slopes, of_material)
 }
 
-/// `v` turned by the quaternion `w`, `u`, and longer by the square of its length.
+/// Rotates `v` by the quaternion `w`, `u`, and scales it by the squared length of the quaternion.
 fn turn(w: f32, u: Vec3, v: Vec3) -> Vec3 {
     let (straight, along, across) = (w * w - dot(u, u), 2.0 * dot(u, v), cross(u, v));
     std::array::from_fn(|c| straight * v[c] + along * u[c] + 2.0 * w * across[c])

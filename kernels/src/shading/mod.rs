@@ -1,16 +1,17 @@
-//! Blinn-Phong shading of Gaussians by one white light, two-sided, as `volseggs` shades its images of volumes: the colours
-//! that [`crate::splat::splat`] draws are made here before: on the CPU by one kernel in [`cpu`], on other devices by tensor
-//! operations, with their gradients.
+//! Two-sided Blinn-Phong shading of Gaussians by one white light, as `volseggs` shades its images of volumes. It
+//! computes the colours that [`crate::splat::splat`] draws, with their gradients: on the CPU by one kernel in [`cpu`],
+//! on other devices by tensor operations.
 //!
-//! A Gaussian has a base colour `b = 0.5 + C0 sh_0`, which is what it looks like under full light, and a normal `n` in its
-//! own frame, which its rotation turns. With the direction `l` to the light and `h` halfway between that and the eye
+//! A Gaussian has a base colour `b = 0.5 + C0 sh_0`, its appearance under full light, and a normal `n` in its own
+//! frame, which its rotation turns. With the direction `l` to the light and `h` halfway between that and the direction
+//! to the eye,
 //!
 //! ```text
 //! colour = b (ambient + (1 - ambient) |n.l|) + specular |n.h|^exponent
 //! ```
 //!
-//! and coefficients of the spherical harmonics beyond the first add what is left. With a headlight `l` and `h` are the
-//! direction to the eye. There is no factor for diffuse light apart from `1 - ambient`: base colours take it.
+//! and the spherical-harmonics coefficients beyond the first add the remainder. With a headlight, `l` and `h` are the
+//! direction to the eye. Diffuse light has no factor other than `1 - ambient`: base colours absorb it.
 
 pub mod cpu;
 mod ops;
@@ -22,17 +23,17 @@ use crate::sh::C0;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// Numbers of a material as they are trained.
+/// Number of trained parameters of a material.
 pub const MATERIAL: usize = 3;
-/// Squares of lengths below this count as this, so that what has no direction is lit by ambient light alone.
+/// Lower bound for squared lengths, so that a Gaussian without a direction is lit by ambient light alone.
 const SMALLEST: f32 = 1e-12;
-/// The least cosine, so that its logarithm is finite.
+/// Lower bound for the cosine, so that its logarithm is finite.
 const GRAZING: f32 = 1e-6;
 
-/// What one material makes of white light.
+/// How a material responds to white light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Share of the base colour that is there without light, in (0, 1).
+    /// Fraction of the base colour that is visible without light, in (0, 1).
     pub ambient: f32,
     /// Strength of the white highlight, above 0.
     pub specular: f32,
@@ -41,13 +42,13 @@ pub struct Material {
 }
 
 impl Material {
-    /// As it is trained `[3]`: the logit of `ambient`, the natural logarithms of `specular` and `exponent`.
+    /// Returns the trained form `[3]`: the logit of `ambient`, the natural logarithms of `specular` and `exponent`.
     #[must_use]
     pub fn to_trained(self) -> [f32; MATERIAL] {
         [crate::activation::logit(self.ambient), self.specular.ln(), self.exponent.ln()]
     }
 
-    /// From [`Material::to_trained`].
+    /// Inverts [`Material::to_trained`].
     #[must_use]
     pub fn from_trained([ambient, specular, exponent]: [f32; MATERIAL]) -> Self {
         Self { ambient: crate::activation::sigmoid(ambient), specular: specular.exp(), exponent: exponent.exp() }
@@ -60,24 +61,25 @@ pub enum Light {
     /// At the eye.
     #[default]
     Head,
-    /// Far away in this direction, world axes, of any length but 0.
+    /// Far away in this direction, in world axes, of any length but 0.
     Far([f32; 3]),
 }
 
-/// What makes shaded Gaussians of others.
+/// Shading parameters of a set of Gaussians.
 #[derive(Clone, Debug)]
 pub struct Shading {
     /// Normals in the Gaussians' own frames `[N, 3]`; their lengths do not matter.
     pub normals: Tensor<2>,
-    /// The material of all of them, as [`Material::to_trained`] `[3]`.
+    /// The material of all Gaussians, as [`Material::to_trained`] `[3]`.
     pub material: Tensor<1>,
     /// The light.
     pub light: Light,
 }
 
-/// Spherical-harmonics coefficients `[N, K, 3]` whose first give the shaded colour: of Gaussians at `means` `[N, 3]` with
-/// `rotations` `[N, 4]` (w, x, y, z, of any length) and `sh` `[N, K, 3]`, seen from `eye`. Gradients reach all of them, the
-/// normals and the material. Where a rotation or a normal has the length 0, only ambient light is left.
+/// Returns spherical-harmonics coefficients `[N, K, 3]` whose first give the shaded colours of Gaussians at `means`
+/// `[N, 3]` with `rotations` `[N, 4]` (w, x, y, z, of any length) and `sh` `[N, K, 3]`, seen from `eye`. Gradients
+/// reach all of these, the normals and the material. Where a rotation or a normal has length 0, only ambient light is
+/// left.
 ///
 /// # Panics
 /// If the shapes disagree.
@@ -95,13 +97,13 @@ pub fn shaded(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &S
     composed(means, rotations, sh, shading, eye)
 }
 
-/// Whether tensor operations do it.
+/// Whether the device is a GPU, where tensor operations are used.
 #[cfg(feature = "cube")]
 fn is_gpu(device: &Device) -> bool {
     crate::is_gpu(device)
 }
 
-/// As there; without GPUs there is none.
+/// Always false: without the feature `cube` there are no GPUs.
 #[cfg(not(feature = "cube"))]
 fn is_gpu(_: &Device) -> bool {
     false
@@ -135,7 +137,7 @@ fn composed(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &Sha
     if k == 1 { first } else { Tensor::cat(vec![first, sh.slice([0..n, 1..k, 0..3])], 1) }
 }
 
-/// `vectors` `[N, 3]` turned by quaternions `[N, 4]`, and longer by the square of these quaternions' lengths.
+/// Rotates `vectors` `[N, 3]` by quaternions `[N, 4]`, and scales them by the squared lengths of the quaternions.
 fn turned(vectors: Tensor<2>, rotations: Tensor<2>) -> Tensor<2> {
     let [n, _] = vectors.dims();
     let w = rotations.clone().slice([0..n, 0..1]);
@@ -155,7 +157,7 @@ fn unit(vectors: Tensor<2>) -> Tensor<2> {
     vectors / length
 }
 
-/// Absolute cosines of the angles between the rows of `a` and `b` `[N, 1]`.
+/// Returns the absolute cosines of the angles between the rows of `a` and `b` `[N, 1]`.
 fn cosine(a: &Tensor<2>, b: &Tensor<2>) -> Tensor<2> {
     let lengths = dot(a, a).clamp_min(SMALLEST).sqrt() * dot(b, b).clamp_min(SMALLEST).sqrt();
     (dot(a, b) / lengths).abs()

@@ -30,14 +30,14 @@ op_tensors! {
 /// The backend side of [`super::shaded`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), LibTorch: cfg(feature = "tch"))]
 pub trait ShadeOps: Backend {
-    /// The shaded coefficients `[N, K, 3]`.
+    /// Returns the shaded coefficients `[N, K, 3]`.
     fn shade(#[extension_type] inputs: ShadeTensors<Self>, light: Light, eye: [f32; 3]) -> FloatTensor<Self>;
 }
 
-/// The backward side of [`super::shaded`], of backends that compute.
+/// The backward side of [`super::shaded`], for backends that compute.
 #[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), LibTorch: cfg(feature = "tch"))]
 pub trait ShadeBackwardOps: Backend {
-    /// Gradients of a loss whose gradient with respect to the result is `grad` `[N, K, 3]`.
+    /// Returns the gradients of a loss whose gradient with respect to the result is `grad` `[N, K, 3]`.
     fn shade_backward(
         #[extension_type] inputs: ShadeTensors<Self>,
         grad: FloatTensor<Self>,
@@ -46,7 +46,7 @@ pub trait ShadeBackwardOps: Backend {
     ) -> ShadeTensors<Self>;
 }
 
-/// [`super::shaded`] by one kernel, on a device in host memory.
+/// Computes [`super::shaded`] by one kernel, on a device in host memory.
 pub(super) fn fused(
     means: Tensor<2>,
     rotations: Tensor<2>,
@@ -64,7 +64,7 @@ pub(super) fn fused(
     Tensor::from_dispatch(Dispatch::shade(inputs, shading.light, eye))
 }
 
-/// Lends the arrays to `f`.
+/// Passes the arrays, borrowed where possible, to `f`.
 fn lent<B: CpuBackend, R>(inputs: &ShadeTensors<B>, light: Light, eye: [f32; 3], f: impl FnOnce(&Lit<'_>) -> R) -> R {
     let [means, rotations, sh, normals, material] = inputs.as_array().map(B::values);
     let lit = Lit {

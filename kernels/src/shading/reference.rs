@@ -2,7 +2,7 @@
 
 use super::Light;
 
-/// One Gaussian and what lights it.
+/// One Gaussian and its lighting.
 #[derive(Clone, Copy, Debug)]
 pub struct Lit {
     /// Position, world units.
@@ -13,7 +13,7 @@ pub struct Lit {
     pub sh: [f64; 3],
     /// Normal in its own frame.
     pub normal: [f64; 3],
-    /// The material as it is trained.
+    /// The material in its trained form.
     pub material: [f64; 3],
     /// The eye, world units.
     pub eye: [f64; 3],
@@ -21,7 +21,7 @@ pub struct Lit {
     pub light: Light,
 }
 
-/// The shaded colour, before what is left in other coefficients.
+/// Returns the shaded colour, without the remainder in other coefficients.
 #[must_use]
 pub fn colour(lit: &Lit) -> [f64; 3] {
     let normal = unit(rotate(lit.rotation, lit.normal));
@@ -49,7 +49,7 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
     v.map(|c| c / length)
 }
 
-/// `v` turned by the rotation matrix of `q`.
+/// Rotates `v` by the rotation matrix of `q`.
 fn rotate(q: [f64; 4], v: [f64; 3]) -> [f64; 3] {
     let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
     let [w, x, y, z] = q.map(|c| c / length);

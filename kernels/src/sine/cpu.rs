@@ -1,23 +1,24 @@
-//! Sines of rows over f32 slices, and their gradients. Work is cut by the size of the input alone, and every value is computed
-//! by the same few operations without fused ones, so that bits depend on neither threads nor processors.
+//! Sines of rows over f32 slices, and their gradients. Work is split by the size of the input alone, and every value is
+//! computed by the same few operations, none of them fused, so the bits depend on neither threads nor processors.
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Values of one task, about.
+/// Approximate number of values per task.
 const TASK: usize = 16_384;
 
-/// Arguments beyond lose digits to the reduction, and are left to the standard library.
+/// Arguments beyond this lose digits in the reduction, and are left to the standard library.
 const LARGE: f32 = 20_000.0;
 
-/// Pi in three parts, the first two with so few bits that their products with whole numbers are exact (Cody and Waite).
+/// Pi in three parts, the first two with so few bits that their products with integers are exact (Cody and Waite).
 const PI: [f32; 3] = [3.140_625, 9.675_026e-4, 1.509_957_9e-7];
-/// `sin(r) / r` as a polynomial of `r^2` through its values at Chebyshev nodes of `[-pi/2, pi/2]`: off by 1.3e-8 at most.
+/// `sin(r) / r` as a polynomial of `r^2` through its values at Chebyshev nodes of `[-pi/2, pi/2]`, with an error of at
+/// most 1.3e-8.
 const SINE: [f32; 5] = [1.0, -0.166_666_58, 8.333_05e-3, -1.980_901_7e-4, 2.605_107_7e-6];
-/// Added and taken away again it leaves the nearest whole number, in whose last bit it is odd or even.
+/// Adding and then subtracting this rounds to the nearest integer, whose parity is the last bit of the sum.
 const ROUND: f32 = 12_582_912.0;
 
-/// `sin(x + shift * pi)`, `shift` 0 or one half, where `|x|` is at most [`LARGE`].
+/// `sin(x + shift * pi)` for `shift` 0 or one half, where `|x|` is at most [`LARGE`].
 #[inline(always)]
 fn shifted_sine(x: f32, shift: f32) -> f32 {
     let rounded = x * std::f32::consts::FRAC_1_PI + shift + ROUND;
@@ -30,16 +31,16 @@ fn shifted_sine(x: f32, shift: f32) -> f32 {
 
 fn is_small(values: &[f32], bias: &[f32], omega: f32) -> bool {
     let largest = |values: &[f32]| values.iter().fold(0.0f32, |m, v| m.max(v.abs()));
-    // NaN is passed over here and comes out as NaN of either way
+    // NaN is ignored here and gives NaN either way
     (largest(values) + largest(bias)) * omega.abs() <= LARGE
 }
 
-/// Rows of a task.
+/// Returns the number of rows per task.
 fn rows(width: usize) -> usize {
     (TASK / width.max(1)).max(1)
 }
 
-/// `sin(omega (x + bias))` of `x` `[N, W]` with `bias` `[W]` into `out` `[N, W]`.
+/// Writes `sin(omega (x + bias))` of `x` `[N, W]` with `bias` `[W]` to `out` `[N, W]`.
 ///
 /// # Panics
 /// If a slice does not fit.
@@ -83,7 +84,8 @@ impl WithSimd for Sines<'_> {
     }
 }
 
-/// Gradients of [`forward`] for `grad` `[N, W]`: of `x` into `grad_x` `[N, W]`, of the biases into `grad_bias` `[W]`.
+/// Computes the gradients of [`forward`] for `grad` `[N, W]`: with respect to `x` into `grad_x` `[N, W]`, with respect
+/// to the biases into `grad_bias` `[W]`.
 ///
 /// # Panics
 /// If a slice does not fit.

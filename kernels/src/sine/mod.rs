@@ -1,5 +1,5 @@
-//! A layer of sines: `sin(omega (x + b))` of rows x with biases b, as networks with periodic activations have it, in one pass
-//! with its gradients. Fast kernel in [`cpu`], tensor operations on GPUs; the oracle is `f64::sin`.
+//! A layer of sines: `sin(omega (x + b))` of rows x with biases b, as in networks with periodic activations, in one
+//! pass with its gradients. Fast kernel in [`cpu`], tensor operations on GPUs; the oracle is `f64::sin`.
 
 pub mod cpu;
 mod ops;

@@ -23,18 +23,18 @@ op_tensors! {
 /// The backend side of [`sine`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SineOps: Backend {
-    /// `sin(omega (x + bias))`, `[N, W]`.
+    /// Returns `sin(omega (x + bias))`, `[N, W]`.
     fn sine_forward(#[extension_type] inputs: SineTensors<Self>, omega: f32) -> FloatTensor<Self>;
 }
 
-/// The backward side of [`sine`], of backends that compute. One that records gradients has none of its own: a second
+/// The backward side of [`sine`], for backends that compute. The autodiff backend does not implement it, so a second
 /// derivative does not compile.
 pub trait SineBackwardOps: Backend {
-    /// Gradients for `grad` `[N, W]`.
+    /// Returns the gradients for `grad` `[N, W]`.
     fn sine_backward(inputs: SineTensors<Self>, grad: FloatTensor<Self>, omega: f32) -> SineTensors<Self>;
 }
 
-/// `sin(omega (x + bias))` of `x` `[N, W]` with `bias` `[W]`, differentiable with respect to both.
+/// Returns `sin(omega (x + bias))` of `x` `[N, W]` with `bias` `[W]`, differentiable with respect to both.
 ///
 /// # Panics
 /// If the widths differ.
@@ -85,7 +85,8 @@ bind!(burn_flex::Flex);
 #[cfg(feature = "tch")]
 bind!(burn_tch::LibTorch);
 
-/// On GPUs passes over memory are cheap beside the matrix products around them: the operations of the backend.
+/// The GPU implementation, by operations of the backend: passes over memory are cheap there compared with the matrix
+/// products around them.
 #[cfg(feature = "cube")]
 mod cube {
     use super::{SineBackwardOps, SineOps, SineTensors};

@@ -52,7 +52,7 @@ impl<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy> SplatOps for Autodif
     }
 }
 
-/// Renders, and remembers what the backward pass needs; `nodes` in the order of [`SplatTensors::into_vec`].
+/// Renders, and records what the backward pass needs; `nodes` are in the order of [`SplatTensors::into_vec`].
 fn recorded<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy, const N: usize>(
     inputs: SplatTensors<B>,
     nodes: [NodeGuard; N],

@@ -1,19 +1,19 @@
-//! Splatting of Gaussians whose covariances are given entry by entry, not by a rotation and scales: what comes of a
-//! Gaussian in more dimensions at a given time, or of a linear map of one.
+//! Splatting of Gaussians whose covariances are given entry by entry, not by a rotation and scales: the result of
+//! taking a higher-dimensional Gaussian at a given time, or of a linear map of a Gaussian.
 
 use super::{CovarianceTensors, SplatSettings, SplatTensors, Splatted, check_common, offsets_or_zeros, render};
 use burn::backend::Dispatch;
 use burn::tensor::Tensor;
 
-/// N Gaussians on a device with covariances of their own: what [`splat_covariances`] draws. They have no frame of axes, so
-/// there is no [`crate::shading`] of them.
+/// N Gaussians on a device with explicit covariances, as drawn by [`splat_covariances`]. They have no axes of their
+/// own, so [`crate::shading`] does not apply to them.
 #[derive(Clone, Debug)]
 pub struct CovarianceInputs {
     /// World positions `[N, 3]`.
     pub means: Tensor<2>,
-    /// Entries xx, xy, xz, yy, yz, zz of the symmetric covariances `[N, 6]`, world units squared. Make them as products
-    /// `M M^T`: a difference of matrices may be indefinite by rounding, and such a Gaussian is culled. The gradient by an
-    /// entry beside the diagonal counts both places at which it stands.
+    /// Entries xx, xy, xz, yy, yz, zz of the symmetric covariances `[N, 6]`, world units squared. Compute them as
+    /// products `M M^T`: a difference of matrices may be indefinite through rounding, and such a Gaussian is culled.
+    /// The gradient with respect to an off-diagonal entry counts both of its positions.
     pub covariances: Tensor<2>,
     /// Opacity before the sigmoid `[N]`.
     pub opacity_logits: Tensor<1>,
@@ -24,7 +24,7 @@ pub struct CovarianceInputs {
 }
 
 impl CovarianceInputs {
-    /// The tensors as the backends take them.
+    /// Converts the inputs to the tensors that the backends take.
     pub fn into_tensors(self) -> SplatTensors<Dispatch> {
         SplatTensors {
             screen_offsets: offsets_or_zeros(self.screen_offsets, &self.means).into_dispatch(),
@@ -36,7 +36,7 @@ impl CovarianceInputs {
     }
 }
 
-/// As [`super::splat`], of Gaussians with covariances of their own. One whose covariance is not finite or not positive
+/// As [`super::splat`], for Gaussians with explicit covariances. One whose covariance is not finite or not positive
 /// semi-definite (see [`super::MINOR_SLACK`]) is culled.
 ///
 /// # Panics

@@ -1,19 +1,19 @@
 //! Differentiable Gaussian splatting: Gaussians and a camera in, colour and alpha out.
 //!
-//! What is computed (3DGS, Kerbl et al. 2023; the paper's equations 1 to 4), with the constants of the
-//! reference rasteriser:
+//! The computation follows 3DGS (Kerbl et al. 2023; the paper's equations 1 to 4), with the constants of the reference
+//! rasteriser:
 //!
-//! * covariance `R S S^T R^T` ([`splat`]) or as it is given ([`splat_covariances`]), projected with the Jacobian clamped
-//!   at 1.3 times the field of view, [`SplatSettings::dilation`] added to its diagonal (pixels squared);
-//! * colour `max(0, SH(direction) + 0.5)`, the gradient flowing through the direction;
+//! * covariance `R S S^T R^T` ([`splat`]) or as given ([`splat_covariances`]), projected with the Jacobian clamped at
+//!   1.3 times the field of view, with [`SplatSettings::dilation`] added to its diagonal (pixels squared);
+//! * colour `max(0, SH(direction) + 0.5)`, with the gradient flowing through the direction;
 //! * `alpha = min(0.99, opacity * exp(power))`, skipped below 1/255; where it is clamped at 0.99 the
 //!   gradient is zero (the reference rasteriser passes it through);
 //! * front to back by depth, ties by index; a Gaussian that would bring the transmittance to 1e-4
 //!   or less ends the pixel and is not blended; Gaussians at depth 0.2 or less are culled.
 //!
-//! A Gaussian whose projection is not finite (NaN, infinite scale), or whose covariance is none (not positive
-//! semi-definite), is culled like one behind the camera: it adds nothing to the image and its gradients are zero. A zero
-//! quaternion stands for no rotation.
+//! A Gaussian whose projection is not finite (NaN, infinite scale), or whose covariance is invalid (not positive
+//! semi-definite), is culled like one behind the camera: it adds nothing to the image and its gradients are zero. A
+//! zero quaternion means no rotation.
 
 mod autodiff;
 pub mod contributors;
@@ -43,10 +43,10 @@ pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 pub const NEAR: f32 = 0.2;
 /// [`SplatSettings::dilation`] in 3DGS, pixels squared.
 pub const DILATION: f32 = 0.3;
-/// No dilation is larger, pixels squared.
+/// Largest dilation allowed, pixels squared.
 pub const MOST_DILATION: f32 = 100.0;
-/// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a fraction
-/// of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
+/// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a
+/// fraction of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
 pub const MINOR_SLACK: f32 = 1e-5;
 
 /// Everything about a rendering that is not a tensor.
@@ -58,12 +58,12 @@ pub struct SplatSettings {
     pub background: [f32; 3],
     /// Spherical-harmonics degree in use, 0 to 3; coefficients beyond it are ignored and get no gradient.
     pub sh_degree: usize,
-    /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall between the centres
-    /// of pixels; 0 to [`MOST_DILATION`], [`DILATION`] in 3DGS.
+    /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall
+    /// between pixel centres; 0 to [`MOST_DILATION`], [`DILATION`] in 3DGS.
     pub dilation: f32,
 }
 
-/// What the forward pass keeps for the backward pass; opaque, and each backend's own.
+/// State that the forward pass keeps for the backward pass; opaque and specific to each backend.
 #[derive(Clone)]
 pub struct SplatSaved(Arc<dyn Any + Send + Sync>);
 
@@ -84,12 +84,12 @@ pub struct SplatForward<B: Backend> {
     pub saved: SplatSaved,
 }
 
-/// The tensors of [`SplatInputs`] or of [`CovarianceInputs`] on a backend, or the gradient with respect to each of them.
+/// The tensors of [`SplatInputs`] or [`CovarianceInputs`] on a backend, or the gradient with respect to each of them.
 #[derive(Clone, Debug, ExtensionType)]
 pub struct SplatTensors<B: Backend> {
     /// `[N, 3]`
     pub means: FloatTensor<B>,
-    /// What the covariances are made of.
+    /// Parameters of the covariances.
     #[extension_type]
     pub covariances: CovarianceTensors<B>,
     /// `[N]`
@@ -100,7 +100,7 @@ pub struct SplatTensors<B: Backend> {
     pub screen_offsets: FloatTensor<B>,
 }
 
-/// What covariances are made of: the part of [`SplatTensors`] in which the two kinds of input differ.
+/// Parameters of the covariances: the part of [`SplatTensors`] in which the two kinds of input differ.
 #[derive(Clone, Debug, ExtensionType)]
 pub enum CovarianceTensors<B: Backend> {
     /// Rotations and scales, `R S S^T R^T`.
@@ -110,12 +110,12 @@ pub enum CovarianceTensors<B: Backend> {
         /// `[N, 3]`
         log_scales: FloatTensor<B>,
     },
-    /// Their entries xx, xy, xz, yy, yz, zz `[N, 6]`.
+    /// Entries xx, xy, xz, yy, yz, zz `[N, 6]`.
     Entries(FloatTensor<B>),
 }
 
 impl<B: Backend> SplatTensors<B> {
-    /// The tensors in the order of the fields: six, or five with [`CovarianceTensors::Entries`].
+    /// Returns the tensors in the order of the fields: six, or five with [`CovarianceTensors::Entries`].
     pub(crate) fn into_vec(self) -> Vec<FloatTensor<B>> {
         let Self { means, covariances, opacity_logits, sh, screen_offsets } = self;
         match covariances {
@@ -130,7 +130,7 @@ impl<B: Backend> SplatTensors<B> {
 /// The backend side of [`splat`] and [`splat_covariances`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SplatOps: Backend {
-    /// Renders; shapes as in [`SplatTensors`]. With `save` a backward pass will follow.
+    /// Renders; shapes as in [`SplatTensors`]. `save` says that a backward pass will follow.
     fn splat_forward(
         #[extension_type] inputs: SplatTensors<Self>,
         settings: SplatSettings,
@@ -138,11 +138,11 @@ pub trait SplatOps: Backend {
     ) -> SplatForward<Self>;
 }
 
-/// The backward side of [`SplatOps`], of backends that compute. One that records gradients has none of its own: a second
-/// derivative does not compile. Dispatched too, so that benches can time it alone.
+/// The backward side of [`SplatOps`], for backends that compute. The autodiff backend does not implement it, so a
+/// second derivative does not compile. Dispatched too, so that benchmarks can time it alone.
 #[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SplatBackwardOps: Backend {
-    /// Gradients of a loss whose gradient with respect to the image is `grad_image` `[H, W, 4]`.
+    /// Returns the gradients of a loss whose gradient with respect to the image is `grad_image` `[H, W, 4]`.
     fn splat_backward(
         #[extension_type] inputs: SplatTensors<Self>,
         grad_image: FloatTensor<Self>,
@@ -160,7 +160,7 @@ pub struct Splatted {
     pub radii: Tensor<1, Int>,
 }
 
-/// N Gaussians on a device, canonical or at one time, as they are optimised: what [`splat`] draws.
+/// N Gaussians on a device, canonical or at one time, in the parameters that are optimised, as drawn by [`splat`].
 #[derive(Clone, Debug)]
 pub struct SplatInputs {
     /// World positions `[N, 3]`.
@@ -173,15 +173,15 @@ pub struct SplatInputs {
     pub opacity_logits: Tensor<1>,
     /// Spherical-harmonics coefficients `[N, K, 3]`, K in 1, 4, 9, 16.
     pub sh: Tensor<3>,
-    /// Pixel offsets added to the projected means `[N, 2]`; pass zeros. Their gradient is the
-    /// screen-space gradient that densification needs. `None` if no one asks for it.
+    /// Pixel offsets added to the projected means `[N, 2]`; pass zeros. Their gradient is the screen-space gradient
+    /// that densification needs. `None` if it is not needed.
     pub screen_offsets: Option<Tensor<2>>,
-    /// What shades the first coefficients, which are then base colours; `None` if they are colours as they are.
+    /// Shading of the first coefficients, which are then base colours; `None` if they are the final colours.
     pub shading: Option<Shading>,
 }
 
 impl SplatInputs {
-    /// The same with the colours that `camera` sees, of no shading any more.
+    /// Replaces the shading by the colours that `camera` sees.
     #[must_use]
     pub fn shaded(mut self, camera: &Camera) -> Self {
         if let Some(shading) = self.shading.take() {
@@ -190,7 +190,7 @@ impl SplatInputs {
         self
     }
 
-    /// The tensors as the backends take them, which know nothing of shading.
+    /// Converts the inputs to the tensors that the backends take, which carry no shading.
     pub fn into_tensors(self) -> SplatTensors<Dispatch> {
         SplatTensors {
             screen_offsets: offsets_or_zeros(self.screen_offsets, &self.means).into_dispatch(),
@@ -205,16 +205,16 @@ impl SplatInputs {
     }
 }
 
-/// Offsets on the screen as the backends take them.
+/// Returns the screen offsets, or zeros if there are none.
 fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> {
     offsets.unwrap_or_else(|| Tensor::zeros([means.dims()[0], 2], &means.device()))
 }
 
-/// Renders Gaussians through a camera, those with a [`Shading`] in the colours that it gives them.
+/// Renders Gaussians through a camera, with their [`Shading`] applied if they have one.
 ///
 /// # Panics
-/// If the shapes disagree, or `sh` holds fewer coefficients than `settings.sh_degree` needs: both are
-/// errors of the calling program, never of the data.
+/// If the shapes disagree, `sh` holds fewer coefficients than `settings.sh_degree` needs, or the settings are out of
+/// range: all are errors of the calling program, never of the data.
 pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     let n = inputs.means.dims()[0];
     assert_eq!(inputs.rotations.dims(), [n, 4], "splat: rotations are [N, 4] with N = {n}");
@@ -223,7 +223,7 @@ pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     render(inputs.shaded(&settings.camera).into_tensors(), settings)
 }
 
-/// The checks of what both kinds of input have.
+/// Checks the inputs that both kinds have in common.
 fn check_common(
     means: &Tensor<2>,
     opacity_logits: &Tensor<1>,

@@ -1,21 +1,21 @@
-//! Separable SSIM over f32 rows: columns are filtered straight from the images into one padded row per
-//! statistic, rows from there, and the adjoint takes the same path back.
-//! Tasks are fixed bands of rows and sums join in row order, so the bits do not depend on the thread count.
+//! Separable SSIM over f32 rows: columns are filtered straight from the images into one padded row per statistic, rows
+//! from there, and the adjoint takes the same path back. Tasks are fixed bands of rows and sums are added in row order,
+//! so the bits do not depend on the thread count.
 
 use super::{C1, C2, RADIUS, TAPS, window};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Image rows of one task.
+/// Image rows per task.
 const BAND: usize = 8;
-/// Channels of a pixel.
+/// Channels per pixel.
 const RGB: usize = 3;
 /// Zeros before the first pixel of a filtered row.
 const PAD: usize = RADIUS * RGB;
 /// Width of the vector blocks.
 const LANES: usize = 8;
 
-/// Mean SSIM of images `a` and `b` `[h, w, 3]` with values in [0, 1]: Gaussian window of 11 taps and sigma
+/// Returns the mean SSIM of images `a` and `b` `[h, w, 3]` with values in [0, 1]: Gaussian window of 11 taps and sigma
 /// 1.5, zero padding, mean over pixels and channels. An empty image gives 1. Non-finite pixels give NaN.
 ///
 /// # Panics
@@ -44,7 +44,7 @@ pub fn ssim(a: &[f32], b: &[f32], h: usize, w: usize) -> f64 {
     sums.iter().sum::<f64>() / a.len() as f64
 }
 
-/// [`ssim`], and adds `scale * d ssim / d a` to `grad_a` `[h, w, 3]`.
+/// As [`ssim`], and adds `scale * d ssim / d a` to `grad_a` `[h, w, 3]`.
 ///
 /// # Panics
 /// If a slice length is not `h * w * 3`.
@@ -97,7 +97,7 @@ fn check(a: &[f32], b: &[f32], h: usize, w: usize) {
     assert_eq!(b.len(), h * w * RGB, "b: [h, w, 3]");
 }
 
-/// `L` neighbouring values of a row, starting at `i`.
+/// Loads `L` consecutive values of a row, starting at `i`.
 #[inline(always)]
 fn load<const L: usize>(values: &[f32], i: usize) -> [f32; L] {
     let mut out = [0.0; L];
@@ -105,7 +105,7 @@ fn load<const L: usize>(values: &[f32], i: usize) -> [f32; L] {
     out
 }
 
-/// The taps that fall on image rows when centred on row `y`, each with its row.
+/// Returns the taps that fall on image rows when centred on row `y`, each with its row.
 #[inline(always)]
 fn rows_around(y: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
     let from = RADIUS.saturating_sub(y);
@@ -141,8 +141,8 @@ macro_rules! blocks {
     };
 }
 
-/// Sums SSIM over image rows `first..last`; with `SLOPES` also stores, for those rows, its derivatives by the
-/// windowed means of a, a * a and a * b.
+/// Sums SSIM over image rows `first..last`; with `SLOPES` also stores, for those rows, its derivatives with respect to
+/// the windowed means of a, a * a and a * b.
 struct Stats<'a, const SLOPES: bool> {
     a: &'a [f32],
     b: &'a [f32],
@@ -227,7 +227,7 @@ impl<const SLOPES: bool> Stats<'_, SLOPES> {
     }
 }
 
-/// Takes the derivatives by the windowed means back to the pixels of a band of image rows.
+/// Propagates the derivatives with respect to the windowed means back to the pixels of a band of image rows.
 struct Adjoint<'a> {
     a: &'a [f32],
     b: &'a [f32],

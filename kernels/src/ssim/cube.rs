@@ -1,4 +1,4 @@
-//! SSIM on a GPU: five statistics filtered along rows, then along columns; their slopes take the same way back.
+//! SSIM on a GPU: five statistics filtered along rows, then along columns; their slopes take the same path back.
 
 use super::ops::{SsimForward, SsimOps};
 use super::{C1, C2, RADIUS, TAPS, window};
@@ -45,8 +45,8 @@ fn images_along_rows(a: &[f32], b: &[f32], taps: &[f32], out: &mut [f32], width:
     }
 }
 
-/// Filters the five along the columns, sums the similarity of each cube, and gives its slopes by the filtered a, a^2
-/// and ab, `[3, H * W * 3]`.
+/// Filters the five along the columns, sums the similarity of each cube, and writes its slopes with respect to the
+/// filtered a, a^2 and ab, `[3, H * W * 3]`.
 #[cube(launch)]
 fn similarity(
     filtered: &[f32],
@@ -129,7 +129,7 @@ fn slopes_along_rows(slopes: &[f32], taps: &[f32], out: &mut [f32], width: u32, 
     }
 }
 
-/// Filters them along the columns and puts the gradient by a together; an alpha gets 0.
+/// Filters them along the columns and assembles the gradient with respect to a; alpha gets 0.
 #[cube(launch)]
 fn gradient(
     filtered: &[f32],

@@ -23,7 +23,7 @@ const SIGMA: f64 = 1.5;
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// The window, normalised to sum 1.
+/// Returns the window, normalised to sum 1.
 fn window() -> [f64; TAPS] {
     let mut taps = [0.0; TAPS];
     for (i, tap) in taps.iter_mut().enumerate() {

@@ -16,22 +16,24 @@ use std::borrow::Cow;
 pub struct SsimForward<B: Backend> {
     /// Mean SSIM `[1]`.
     pub value: FloatTensor<B>,
-    /// dSSIM/da, of a's shape; a single zero when it was not asked for.
+    /// dSSIM/da, of a's shape; a placeholder of one element if it was not requested.
     pub grad: FloatTensor<B>,
 }
 
 /// The backend side of [`mean_ssim`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait SsimOps: Backend {
-    /// SSIM of two images `[H, W, 3]` or `[H, W, 4]`, with the gradient of the first if asked for.
+    /// Computes SSIM of two images `[H, W, 3]` or `[H, W, 4]`, with the gradient with respect to the first if
+    /// requested.
     fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self>;
 }
 
-/// Mean SSIM of the colours of two images `[H, W, 3]`, or `[H, W, 4]` with an alpha that does not count, in [0, 1], as
-/// `[1]`, differentiable with respect to `a`; `b` is taken as a constant. Window: 11 taps, Gaussian, sigma 1.5, zero padding.
+/// Returns the mean SSIM `[1]` of the colours of two images with values in [0, 1], `[H, W, 3]` or `[H, W, 4]` with
+/// alpha ignored; differentiable with respect to `a`, while `b` is treated as a constant. Window: 11 taps, Gaussian,
+/// sigma 1.5, zero padding.
 ///
 /// # Panics
-/// If the shapes differ or have not three or four channels.
+/// If the shapes differ or do not have three or four channels.
 pub fn mean_ssim(a: Tensor<3>, b: Tensor<3>) -> Tensor<1> {
     assert_eq!(a.dims(), b.dims(), "mean_ssim: both images have one shape");
     assert!(matches!(a.dims()[2], 3 | 4), "mean_ssim: images are [H, W, 3] or [H, W, 4]");
@@ -55,10 +57,10 @@ fn cpu_forward<B: CpuBackend>(a: &FloatTensor<B>, b: &FloatTensor<B>, with_grad:
     SsimForward { value: B::tensor(vec![value as f32], [1], &device), grad }
 }
 
-/// Pixels of one task.
+/// Pixels per task.
 const PIECE: usize = 16_384;
 
-/// The colours alone, `[H * W * 3]`.
+/// Returns the colours alone, `[H * W * 3]`.
 fn colours(values: Cow<'_, [f32]>, channels: usize) -> Cow<'_, [f32]> {
     if channels == 3 {
         return values;
@@ -72,7 +74,7 @@ fn colours(values: Cow<'_, [f32]>, channels: usize) -> Cow<'_, [f32]> {
     Cow::Owned(out)
 }
 
-/// The gradient of the colours with a zero for alpha, `[H * W * 4]`.
+/// Returns the gradient of the colours with a zero for alpha, `[H * W * 4]`.
 fn with_alpha(grad: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; grad.len() / 3 * 4];
     out.par_chunks_mut(4 * PIECE).zip(grad.par_chunks(3 * PIECE)).for_each(|(out, grad)| {

@@ -7,9 +7,9 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Elements of one task, rounded to whole rows.
+/// Elements per task, rounded to whole rows.
 const TASK: usize = 16_384;
-/// Elements summed in f32 before they join the f64 sum.
+/// Elements summed in f32 before they are added to the f64 sum.
 const FLUSH: usize = 256;
 const LANES: usize = 8;
 
@@ -22,7 +22,7 @@ pub enum TvKind {
     Second,
 }
 
-/// What becomes of the squared differences of each tensor (of a plane: along each of its axes by itself).
+/// Reduction of the squared differences of each tensor (of a plane: along each of its axes separately).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TvReduction {
     /// Their mean.
@@ -32,7 +32,7 @@ pub enum TvReduction {
 }
 
 impl TvReduction {
-    /// Factor of each of `count` squared differences in a penalty of weight `weight`; 0 if there are none.
+    /// Returns the factor of each of `count` squared differences in a penalty of weight `weight`; 0 if there are none.
     pub(super) fn factor(self, weight: f32, count: usize) -> f32 {
         match (self, count) {
             (_, 0) => 0.0,
@@ -42,18 +42,18 @@ impl TvReduction {
     }
 }
 
-/// Factors of the penalty terms. A term whose weight is 0 leaves the loss and the gradient alone.
+/// Factors of the penalty terms. A term whose weight is 0 does not affect the loss or the gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TvWeights {
     /// Differences in planes and lines.
     pub space: f32,
     /// Differences in times.
     pub time: f32,
-    /// mean |1 - g| of every plane and line tensor.
+    /// Mean |1 - g| of every plane and line tensor.
     pub one_prior_space: f32,
-    /// mean |1 - g| of every time tensor.
+    /// Mean |1 - g| of every time tensor.
     pub one_prior_time: f32,
-    /// Whether differences count with their mean or their sum; |1 - g| always with its mean.
+    /// Whether differences contribute their mean or their sum; |1 - g| always contributes its mean.
     pub reduction: TvReduction,
 }
 
@@ -68,9 +68,9 @@ pub struct TvGrads<'a> {
     pub times: &'a mut [f32],
 }
 
-/// Returns the weighted penalty and adds its gradient to `grads`. An axis too short for a difference
-/// contributes 0. The slope of |1 - g| at g = 1 is taken as 0. Non-finite parameters make the loss
-/// non-finite and spoil the gradient of their neighbours only.
+/// Returns the weighted penalty and adds its gradient to `grads`. An axis too short for a difference contributes 0. The
+/// slope of |1 - g| at g = 1 is taken as 0. Non-finite parameters make the loss non-finite but affect only the gradient
+/// of their neighbours.
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
@@ -148,7 +148,7 @@ struct Factors {
 struct Rows<'a> {
     data: &'a [f32],
     first: usize,
-    /// Elements of a row, `width * R`.
+    /// Elements per row, `width * R`.
     row: usize,
     channels: usize,
     kind: TvKind,
@@ -165,13 +165,13 @@ impl WithSimd for Rows<'_> {
         let height = data.len() / row;
         let mut loss = 0.0;
         for (y, grad) in (self.first..).zip(self.grad.chunks_exact_mut(row)) {
-            // A neighbour that does not exist is replaced by the nearest row that does.
+            // a missing neighbour is replaced by the nearest existing row
             let line = |y: usize| &data[y.min(height - 1) * row..][..row];
             let (up, cur, down) = (line(y.saturating_sub(1)), line(y), line(y + 1));
             match self.kind {
                 TvKind::First => {
                     let rows = [up, cur, down];
-                    // The first and last node lack a neighbour on one side: they stand in for it.
+                    // the first and last node stand in for the neighbour that they lack on one side
                     if row == r {
                         loss += first(rows, 0..r, [0, 0], self.factors, grad);
                     } else {
@@ -193,7 +193,7 @@ impl WithSimd for Rows<'_> {
     }
 }
 
-/// Loss and gradient of |1 - g| with factor `prior`.
+/// Returns the loss and gradient of |1 - g| with factor `prior`.
 #[inline(always)]
 fn one_prior(value: f32, prior: f32) -> (f32, f32) {
     let over = value - 1.0;
@@ -201,8 +201,8 @@ fn one_prior(value: f32, prior: f32) -> (f32, f32) {
     (over.abs() * prior, if over == 0.0 { 0.0 } else { slope })
 }
 
-/// First differences in `part` of the middle one of three rows; its left and right neighbours start at `beside`.
-/// Counts the loss of the differences to below and right.
+/// Accumulates first differences in `part` of the middle one of three rows; its left and right neighbours start at
+/// `beside`. The loss counts the differences to below and right.
 #[inline(always)]
 fn first(
     [up, cur, down]: [&[f32]; 3],
@@ -224,8 +224,8 @@ fn first(
     })
 }
 
-/// Second differences along the slow axis with `near` = up, down, two up, two down. `masks` tell which of
-/// the differences centred above, here and below exist. Counts the loss of the one centred here.
+/// Accumulates second differences along the slow axis with `near` = up, down, two up, two down. `masks` tell which of
+/// the differences centred above, here and below exist. The loss counts the one centred here.
 #[inline(always)]
 fn second(cur: &[f32], near: [&[f32]; 4], masks: [f32; 3], factors: Factors, grad: &mut [f32]) -> f64 {
     let Factors { slow, prior, .. } = factors;
@@ -238,7 +238,7 @@ fn second(cur: &[f32], near: [&[f32]; 4], masks: [f32; 3], factors: Factors, gra
     })
 }
 
-/// Applies `term` (loss, gradient) to every element; returns the summed loss, adds the gradient.
+/// Applies `term` (loss, gradient) to every element; returns the summed loss and adds the gradient.
 #[inline(always)]
 fn accumulate(cur: &[f32], near: [&[f32]; 4], grad: &mut [f32], term: impl Fn(f32, [f32; 4]) -> (f32, f32)) -> f64 {
     let len = cur.len();

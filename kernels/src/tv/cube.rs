@@ -1,4 +1,4 @@
-//! Total variation on a GPU: a unit an element, which reads its neighbours; sums in a fixed order.
+//! Total variation on a GPU: one unit per element, which reads its neighbours; sums in a fixed order.
 
 use super::ops::{TvForward, TvOps};
 use super::{TvKind, TvReduction, TvWeights};
@@ -11,7 +11,7 @@ use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::tensor::CubeTensor;
 
-/// Loss of each cube and gradient of each element of one tensor `[height, width * R]` in the buffers.
+/// Computes the loss of each cube and the gradient of each element of one tensor `[height, width * R]` in the buffers.
 #[cube(launch)]
 fn span(
     data: &[f32],
@@ -40,7 +40,7 @@ fn span(
             slope = 0.0f32;
         }
         loss = f32::abs(over) * prior;
-        // a neighbour that does not exist is replaced by the element itself
+        // a missing neighbour is replaced by the element itself
         let mut up = cur;
         let mut down = cur;
         if y > 0u32 {

@@ -26,7 +26,7 @@ pub struct TvForward<B: Backend> {
 /// The backend side of [`total_variation`].
 #[backend_extension(Autodiff, NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait TvOps: Backend {
-    /// The weighted penalty with its gradients.
+    /// Computes the weighted penalty with its gradients.
     fn tv_forward(
         planes: FloatTensor<Self>,
         lines: FloatTensor<Self>,
@@ -37,7 +37,7 @@ pub trait TvOps: Backend {
     ) -> TvForward<Self>;
 }
 
-/// Weighted total variation of the field's parameters (the paper's equation 6), `[1]`, differentiable.
+/// Returns the weighted total variation of the field's parameters (the paper's equation 6), `[1]`, differentiable.
 ///
 /// # Panics
 /// If a buffer does not fit `shape`.

@@ -3,8 +3,8 @@
 use super::cpu::{TvKind, TvReduction};
 use crate::field::TensorSpan;
 
-/// Penalty of one kind of tensors: `weight` times the mean or sum of the squared differences and `prior` times
-/// mean |1 - g| of every tensor in `spans`. Adds the gradient to `grad`.
+/// Returns the penalty of one kind of tensor: `weight` times the mean or sum of the squared differences and `prior`
+/// times mean |1 - g| of every tensor in `spans`. Adds the gradient to `grad`.
 pub fn tv(
     data: &[f64],
     spans: &[TensorSpan],

@@ -24,7 +24,7 @@ fn shape(levels: &[[usize; 3]], time_knots: usize, channels: usize) -> FieldShap
 
 const WEIGHTS: TvWeights =
     TvWeights { space: 0.7, time: 0.3, one_prior_space: 0.2, one_prior_time: 0.5, reduction: TvReduction::Mean };
-/// The same by sums, and smaller, so that gradients stay near 1.
+/// The same with sums, and smaller, so that gradients stay near 1.
 const SUMS: TvWeights = TvWeights { space: 0.07, time: 0.03, reduction: TvReduction::Sum, ..WEIGHTS };
 
 /// Parameters of all three kinds.

@@ -1,4 +1,4 @@
-//! Shared by the tests: devices, scenes, golden files, comparisons.
+//! Code shared by the tests: devices, scenes, golden files, comparisons.
 #![allow(dead_code, deprecated, missing_docs, clippy::unwrap_used)]
 
 use burn::tensor::{Device, Tensor, TensorData};
@@ -11,17 +11,18 @@ use volseggs_testing::skip_device;
 pub struct Tested {
     pub name: &'static str,
     pub device: Device,
-    /// Its kernels are those of `cube`, not those of `cpu`.
+    /// Whether its kernels are those of `cube`, not those of `cpu`.
     pub gpu: bool,
 }
 
 impl Tested {
-    /// The tolerance of a device of the CPU, or of a GPU.
+    /// Returns the tolerance for this device: `cpu`, or `gpu` on a GPU.
     pub fn within(&self, cpu: f64, gpu: f64) -> f64 {
         if self.gpu { gpu } else { cpu }
     }
 
-    /// What `f` gives on the device with gradients; on the CPU the same bits as on the first device.
+    /// Returns the results of `f` on the device with gradients; on the CPU, asserts that the bits are those of the
+    /// first device.
     pub fn results(&self, f: impl Fn(&Device) -> Vec<Vec<f32>>) -> Vec<Vec<f32>> {
         let ours = f(&self.device.clone().autodiff());
         assert!(self.gpu || ours == f(&cpu().autodiff()), "{} has other bits than the first device", self.name);
@@ -29,8 +30,8 @@ impl Tested {
     }
 }
 
-/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` where it does not start, which has been
-/// said.
+/// Opens a device that is compiled in, for `volseggs_testing::on_every_device`; reports it and returns `None` if it
+/// does not start.
 pub fn open(name: &'static str) -> Option<Tested> {
     let (device, gpu): (Result<Device, String>, bool) = match name {
         #[cfg(feature = "flex")]
@@ -48,7 +49,7 @@ pub fn open(name: &'static str) -> Option<Tested> {
     device.map(|device| Tested { name, device, gpu }).map_err(|why| skip_device(name, &why)).ok()
 }
 
-/// The GPU that wgpu would choose, software ones included.
+/// Opens the GPU that wgpu would choose, software adapters included.
 #[cfg(feature = "wgpu")]
 fn wgpu() -> Result<Device, String> {
     static GPU: std::sync::LazyLock<Result<Device, String>> =
@@ -56,7 +57,7 @@ fn wgpu() -> Result<Device, String> {
     GPU.clone()
 }
 
-/// The first CUDA device. The runtime says by a panic that there is none.
+/// Opens the first CUDA device. The runtime panics if there is none.
 #[cfg(feature = "cuda")]
 fn cuda() -> Result<Device, String> {
     static GPU: std::sync::LazyLock<Result<Device, String>> = std::sync::LazyLock::new(|| {
@@ -70,7 +71,7 @@ fn cuda() -> Result<Device, String> {
     GPU.clone()
 }
 
-/// The first device of the CPU, for what is tested on one and as what others are compared with.
+/// Returns the first CPU device, for tests on a single device and as the reference for the others.
 pub fn cpu() -> Device {
     let first = if cfg!(feature = "flex") {
         "flex"
@@ -110,7 +111,7 @@ impl Numbers {
     }
 }
 
-/// `n` random Gaussians in a ball of radius about 1.
+/// Returns `n` random Gaussians in a ball of radius about 1.
 pub fn random_scene(n: usize, degree: usize, seed: u64) -> Scene {
     let mut r = Numbers(seed);
     let stride = (degree + 1) * (degree + 1);
@@ -129,7 +130,7 @@ pub fn random_scene(n: usize, degree: usize, seed: u64) -> Scene {
 /// A field of a scene, or of its gradient.
 pub type Field = fn(&mut Scene) -> &mut Vec<f64>;
 
-/// What has a gradient, in the order of [`gradients`].
+/// The fields that have a gradient, in the order of [`gradients`].
 pub const FIELDS: [(&str, Field); 6] = [
     ("means", |s| &mut s.means),
     ("rotations", |s| &mut s.rotations),
@@ -139,7 +140,7 @@ pub const FIELDS: [(&str, Field); 6] = [
     ("screen_offsets", |s| &mut s.screen_offsets),
 ];
 
-/// As [`FIELDS`], of a scene with covariances.
+/// As [`FIELDS`], for a scene with covariances.
 pub const COVARIANCE_FIELDS: [(&str, Field); 5] = [
     ("means", |s| &mut s.means),
     ("covariances", |s| &mut s.covariances),
@@ -148,12 +149,12 @@ pub const COVARIANCE_FIELDS: [(&str, Field); 5] = [
     ("screen_offsets", |s| &mut s.screen_offsets),
 ];
 
-/// What has a gradient in this scene.
+/// Returns the fields of this scene that have a gradient.
 pub fn fields(scene: &Scene) -> &'static [(&'static str, Field)] {
     if scene.covariances.is_empty() { &FIELDS } else { &COVARIANCE_FIELDS }
 }
 
-/// The same scene with covariances `R S S^T R^T` in place of rotations and scales, which become NaN.
+/// Returns the same scene with covariances `R S S^T R^T` in place of rotations and scales, which become NaN.
 pub fn by_covariances(mut scene: Scene) -> Scene {
     let rows = scene.rotations.chunks_exact(4).zip(scene.log_scales.chunks_exact(3));
     scene.covariances = rows.flat_map(|(q, s)| covariance([q[0], q[1], q[2], q[3]], [s[0], s[1], s[2]])).collect();
@@ -162,7 +163,8 @@ pub fn by_covariances(mut scene: Scene) -> Scene {
     scene
 }
 
-/// Entries xx, xy, xz, yy, yz, zz of `R S S^T R^T`. Columns of R: the axes turned by the quaternion, `v + 2 u x (u x v + w v)`.
+/// Returns the entries xx, xy, xz, yy, yz, zz of `R S S^T R^T`. Columns of R: the axes rotated by the quaternion,
+/// `v + 2 u x (u x v + w v)`.
 pub fn covariance(quaternion: [f64; 4], log_scales: [f64; 3]) -> [f64; 6] {
     let length = quaternion.iter().map(|v| v * v).sum::<f64>().sqrt();
     let [w, u @ ..] = quaternion.map(|v| v / length);
@@ -179,8 +181,8 @@ pub fn covariance(quaternion: [f64; 4], log_scales: [f64; 3]) -> [f64; 6] {
     [entry(0, 0), entry(0, 1), entry(0, 2), entry(1, 1), entry(1, 2), entry(2, 2)]
 }
 
-/// Gradients in the order of [`COVARIANCE_FIELDS`] as they are by the rotations and scales that `scene` has, in the order of
-/// [`FIELDS`]: the chain rule, with difference quotients of [`covariance`].
+/// Converts gradients in the order of [`COVARIANCE_FIELDS`] to those with respect to the rotations and scales of
+/// `scene`, in the order of [`FIELDS`]: the chain rule, with difference quotients of [`covariance`].
 pub fn to_factors(scene: &Scene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
     const STEP: f64 = 1e-3;
     let [means, by_entries, opacity_logits, sh, offsets] = gradients else { panic!("five gradients") };
@@ -188,7 +190,7 @@ pub fn to_factors(scene: &Scene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
     for (i, by) in by_entries.chunks_exact(6).enumerate() {
         let factors: [f64; 7] =
             std::array::from_fn(|k| if k < 4 { scene.rotations[4 * i + k] } else { scene.log_scales[3 * i + k - 4] });
-        // what the gradient makes of the entries, a number of which the factors are moved
+        // the product of the gradient with the entries, after one of the factors is moved
         let moved = |k: usize, steps: f64| -> f64 {
             let mut f = factors;
             f[k] += steps * STEP;
@@ -203,7 +205,7 @@ pub fn to_factors(scene: &Scene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
     vec![means.clone(), rotations, log_scales, opacity_logits.clone(), sh.clone(), offsets.clone()]
 }
 
-/// The scene as the kernels get it, in numbers of f32, so that it is the same for them and for the reference.
+/// Rounds the scene to f32, as the kernels receive it, so that it is the same for them and for the reference.
 pub fn rounded(mut scene: Scene) -> Scene {
     for (_, field) in fields(&scene) {
         field(&mut scene).iter_mut().for_each(|v| *v = f64::from(*v as f32));
@@ -219,7 +221,7 @@ fn f32s(v: &[f64]) -> Vec<f32> {
     v.iter().map(|&x| x as f32).collect()
 }
 
-/// The scene as tensors on `device`; all of them ask for gradients if the device is an autodiff one.
+/// Returns the scene as tensors on `device`; [`require_grad`] makes them record gradients.
 pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
     let n = scene.opacity_logits.len();
     let k = scene.sh_stride;
@@ -234,7 +236,7 @@ pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
     }
 }
 
-/// As [`inputs`], of a scene with covariances.
+/// As [`inputs`], for a scene with covariances.
 pub fn covariance_inputs(scene: &Scene, device: &Device) -> CovarianceInputs {
     let n = scene.opacity_logits.len();
     let SplatInputs { means, opacity_logits, sh, screen_offsets, .. } = inputs(scene, device);
@@ -242,7 +244,7 @@ pub fn covariance_inputs(scene: &Scene, device: &Device) -> CovarianceInputs {
     CovarianceInputs { means, covariances, opacity_logits, sh, screen_offsets }
 }
 
-/// The image `[H, W, 4]` that the op makes of the scene on `device`.
+/// Renders the image `[H, W, 4]` of the scene with the op on `device`.
 pub fn image(scene: &Scene, settings: SplatSettings, device: &Device) -> Vec<f32> {
     let out = if scene.covariances.is_empty() {
         splat(inputs(scene, device), settings)
@@ -268,7 +270,7 @@ pub fn to_vec<const D: usize>(t: Tensor<D>) -> Vec<f32> {
     t.into_data().try_into_vec::<f32>().unwrap()
 }
 
-/// Gradients of `sum(image * weights)` in the order of [`fields`], and before them the image.
+/// Returns the image, and the gradients of `sum(image * weights)` in the order of [`fields`].
 pub fn gradients(
     scene: &Scene,
     settings: SplatSettings,
@@ -318,7 +320,7 @@ pub fn relative_error(a: &[f32], b: &[f64]) -> f64 {
     distance(&a.iter().map(|&v| f64::from(v)).collect::<Vec<_>>(), b)
 }
 
-/// [`relative_error`] of numbers in f64.
+/// As [`relative_error`], for f64 values.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     let d: f64 = a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum();

@@ -1,4 +1,4 @@
-//! `volseggs edit`: an undoable stack of edits beside a run's scene, which stays as it was trained.
+//! `volseggs edit`: an undoable stack of edits stored beside a run's scene, which is left as trained.
 
 mod values;
 
@@ -12,7 +12,7 @@ use clap::{Args, Subcommand};
 use std::path::PathBuf;
 use values::{colour, point};
 
-/// Recolour, fade, hide or move segments, and take it back.
+/// Recolour, fade, hide or move segments, and undo such edits.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'\n  volseggs edit opacity RUN --segment red --segment blue --factor 0.3\n  volseggs edit isolate RUN --segment red.1\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees 30\n  volseggs edit undo RUN --count 2\n  volseggs edit list RUN\n\nEdits lie in RUN/edits.json, hold at every time, and show in `volseggs render` and `volseggs export`, unless --no-edits is given there."
@@ -22,7 +22,7 @@ pub struct EditArgs {
     command: EditCommand,
 }
 
-/// The run, and what is printed.
+/// The run, and how results are printed.
 #[derive(Debug, Args)]
 struct Target {
     /// Folder of the run.
@@ -31,10 +31,10 @@ struct Target {
     common: Common,
 }
 
-/// The segments of a run that are edited.
+/// The segments of a run to edit.
 #[derive(Debug, Args)]
 struct Targets {
-    /// Segment to edit; may be given many times.
+    /// Segment to edit; may be repeated.
     #[arg(long = "segment", value_name = "NAME", required = true)]
     segments: Vec<String>,
     #[command(flatten)]
@@ -49,8 +49,8 @@ enum EditCommand {
         /// The colour, #rrggbb.
         #[arg(long, value_name = "COLOUR", value_parser = colour)]
         colour: [f32; 3],
-        /// This colour all over (a headlight still shades it); otherwise the differences within a segment and its shading
-        /// stay.
+        /// Use this colour everywhere (a headlight still shades it); otherwise variations within a segment and its
+        /// shading are kept.
         #[arg(long)]
         flat: bool,
         #[command(flatten)]
@@ -59,10 +59,10 @@ enum EditCommand {
     /// Multiply the opacity of segments.
     #[command(after_help = "Example:\n  volseggs edit opacity RUN --segment red --factor 0.3")]
     Opacity {
-        /// At least 0; the result is at most 0.99.
+        /// Factor, at least 0; the resulting opacity is at most 0.99.
         #[arg(long, value_parser = not_negative_f32, allow_negative_numbers = true)]
         factor: f32,
-        /// Also make segments visible again that are hidden.
+        /// Also make hidden segments visible again.
         #[arg(long)]
         show: bool,
         #[command(flatten)]
@@ -74,28 +74,28 @@ enum EditCommand {
     /// Make hidden segments visible again.
     #[command(after_help = "Example:\n  volseggs edit show RUN --segment red")]
     Show(Targets),
-    /// Hide everything but segments.
+    /// Hide everything except the given segments.
     #[command(after_help = "Example:\n  volseggs edit isolate RUN --segment red --segment blue")]
     Isolate(Targets),
     /// Move segments.
     #[command(after_help = "Example:\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1")]
     Translate {
-        /// Along x, y, z, world units.
+        /// Displacement along x, y, z, world units.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         by: [f32; 3],
         #[command(flatten)]
         targets: Targets,
     },
-    /// Turn segments.
+    /// Rotate segments.
     #[command(after_help = "Example:\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees -30")]
     Rotate {
-        /// Axis to turn about, of any length but 0.
+        /// Rotation axis, of any non-zero length.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         axis: [f32; 3],
-        /// Angle, right-handed about the axis.
+        /// Angle in degrees, right-handed about the axis.
         #[arg(long, value_parser = finite_f32, allow_negative_numbers = true)]
         degrees: f32,
-        /// A point that stays, world units; without it each segment's own centre at each time.
+        /// Point that stays fixed, world units; if not given, each segment's own centre at each time.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         about: Option<[f32; 3]>,
         #[command(flatten)]
@@ -104,37 +104,37 @@ enum EditCommand {
     /// Make segments larger or smaller.
     #[command(after_help = "Example:\n  volseggs edit scale RUN --segment red --factor 1.5")]
     Scale {
-        /// More than 0.
+        /// Factor, above 0.
         #[arg(long, value_parser = positive_f32, allow_negative_numbers = true)]
         factor: f32,
-        /// A point that stays, world units; without it each segment's own centre at each time.
+        /// Point that stays fixed, world units; if not given, each segment's own centre at each time.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         about: Option<[f32; 3]>,
         #[command(flatten)]
         targets: Targets,
     },
-    /// Take back the last edits.
+    /// Undo the last edits.
     #[command(after_help = "Example:\n  volseggs edit undo RUN --count 2")]
     Undo {
-        /// How many.
+        /// Number of edits.
         #[arg(long, default_value_t = 1, value_parser = count)]
         count: usize,
         #[command(flatten)]
         target: Target,
     },
-    /// Bring back edits that were taken back last.
+    /// Redo the edits that were undone last.
     #[command(after_help = "Example:\n  volseggs edit redo RUN")]
     Redo {
-        /// How many.
+        /// Number of edits.
         #[arg(long, default_value_t = 1, value_parser = count)]
         count: usize,
         #[command(flatten)]
         target: Target,
     },
-    /// The edits in their order, then those taken back.
+    /// List the edits in order, then the undone ones.
     #[command(after_help = "Example:\n  volseggs edit list RUN --json")]
     List(Target),
-    /// Forget all edits and those taken back, also of a file that cannot be read; redo cannot bring them back.
+    /// Delete all edits, including undone ones, even if the file cannot be read; redo cannot restore them.
     #[command(after_help = "Example:\n  volseggs edit clear RUN")]
     Clear(Target),
 }

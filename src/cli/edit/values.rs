@@ -1,13 +1,13 @@
-//! Values of edits as they are typed.
+//! Parsers of the values given to edits.
 
 use crate::volume::transfer::color::parse_hex;
 
-/// A colour, `#rrggbb`.
+/// Parses a colour, `#rrggbb`.
 pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
     parse_hex(text).ok_or_else(|| "a colour is written as '#ff8800': red, green, blue, two digits each".to_owned())
 }
 
-/// Three finite numbers with commas between them.
+/// Parses three finite numbers separated by commas.
 pub(super) fn point(text: &str) -> Result<[f32; 3], String> {
     super::super::values::point(text).map(|p| p.as_vec3().to_array())
 }

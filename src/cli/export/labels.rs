@@ -1,5 +1,5 @@
-//! `volseggs export` to NRRD and VTI: labels of segments on the voxels of the volume, and how well they agree with
-//! the truth.
+//! `volseggs export` to NRRD and VTI: segment labels on the voxels of the volume, and their agreement with the ground
+//! truth.
 
 use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
@@ -16,41 +16,42 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Options of label volumes alone.
+/// Options for label volumes only.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Labels on voxels (.nrrd, .vti)")]
 pub(super) struct LabelArgs {
     /// Voxels along x, y, z; those of the prepared volume if not given.
     #[arg(long, value_name = "X,Y,Z", value_parser = voxels, conflicts_with = "like")]
     dims: Option<[usize; 3]>,
-    /// Volume file whose voxels to take: dims, spacing and origin.
+    /// Volume file whose voxel grid to use: dims, spacing and origin.
     #[arg(long, value_name = "VOLUME")]
     like: Option<PathBuf>,
-    /// The run's dataset, where it is not at its place any more.
+    /// The run's dataset, if it has moved.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
-    /// Density of Gaussians above which a voxel belongs to a segment; lower swells, higher wears off [default: 0.1].
+    /// Density of Gaussians above which a voxel belongs to a segment; lower values enlarge segments, higher ones shrink
+    /// them [default: 0.1].
     #[arg(long, value_name = "DENSITY", value_parser = not_negative_f32, allow_negative_numbers = true)]
     threshold: Option<f32>,
-    /// Labels of the scene as the edits of the run show it; if not given, as trained.
+    /// Label the scene with the edits of the run applied; if not given, as trained.
     #[arg(long, conflicts_with = "no_edits")]
     edited: bool,
-    /// Where the axes of the volume point to, for NRRD readers that care.
+    /// Directions of the volume's axes, for NRRD readers that use them.
     #[arg(long, value_enum, value_name = "SPACE")]
     space: Option<SpaceName>,
-    /// Print Dice scores against the truth: label volumes in order of time (that of the nearest time is taken), or a
-    /// synthetic scene: jets, vortices, shells, layers, beads or filaments.
+    /// Print Dice scores against the ground truth: label volumes in order of time (the one nearest in time is used), or
+    /// a synthetic scene: jets, vortices, shells, layers, beads or filaments.
     #[arg(long, value_name = "LABELS", num_args = 1..)]
     truth: Vec<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SpaceName {
-    /// A patient's left, back and head, as in 3D Slicer (the default).
+    /// The patient's left, back and head, as in 3D Slicer (the default).
     Lps,
-    /// A patient's right, front and head, as in NIfTI.
+    /// The patient's right, front and head, as in NIfTI.
     Ras,
-    /// Nothing anatomical.
+    /// No anatomical directions.
     None,
 }
 
@@ -60,7 +61,7 @@ impl LabelArgs {
         LabelPlan { segments, dims, like: self.like.clone(), data: self.data.clone(), threshold, edited }
     }
 
-    /// Where the axes point to.
+    /// Directions of the volume's axes.
     pub(super) fn space(&self) -> Space {
         match self.space {
             Some(SpaceName::Lps) | None => Space::LeftPosteriorSuperior,
@@ -69,7 +70,7 @@ impl LabelArgs {
         }
     }
 
-    /// The first of these options that is given.
+    /// The first of these options that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let all = [
             ("--dims", self.dims.is_some()),
@@ -84,7 +85,7 @@ impl LabelArgs {
     }
 }
 
-/// Numbers of voxels along x, y, z.
+/// Parses the numbers of voxels along x, y, z.
 fn voxels(text: &str) -> Result<[usize; 3], String> {
     let number = |t: &str| t.trim().parse::<usize>().ok().filter(|n| *n >= 2);
     let numbers = text.split(',').map(number).collect::<Option<Vec<_>>>();
@@ -102,7 +103,7 @@ struct Report {
     edited: bool,
     labels: Vec<Label>,
     volumes: Vec<Written>,
-    /// Over all times together.
+    /// Over all times.
     #[serde(skip_serializing_if = "Option::is_none")]
     agreement: Option<Agreement>,
 }
@@ -123,10 +124,10 @@ struct Written {
     agreement: Option<Agreement>,
 }
 
-/// Writes the labels at each time, and compares them with the truth if that is given.
+/// Writes the labels at each time, and compares them with the ground truth if given.
 ///
 /// # Errors
-/// Segments, voxels or a truth that cannot be used; a file that cannot be written.
+/// If the segments, voxels or ground truth cannot be used, or a file cannot be written.
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Result<(), CliError> {
     let options = &args.labels;
     if options.space.is_some() && !matches!(format, LabelFormat::Nrrd(_)) {
@@ -174,7 +175,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
     if args.common.json { print_json(&found) } else { print(&found) }
 }
 
-/// The place that was named, or one in `RUN/labels`, which is made.
+/// The given output path, or one in `RUN/labels`, which is created.
 fn output(args: &ExportArgs, run: &OpenRun, format: LabelFormat, needed: &[&Path]) -> Result<Output, CliError> {
     let extension = format.extension();
     let many = args.frames.is_some();
@@ -185,7 +186,7 @@ fn output(args: &ExportArgs, run: &OpenRun, format: LabelFormat, needed: &[&Path
     })
 }
 
-/// Says that edits are left out, where there are any. A file of edits that cannot be read is of no matter here.
+/// Prints that edits are not applied, if there are any. An unreadable file of edits is ignored here.
 fn tell_of_edits(run: &OpenRun) {
     let edits = run.edits().map_or(0, |edits| edits.operations.len());
     if edits > 0 {
@@ -196,7 +197,7 @@ fn tell_of_edits(run: &OpenRun) {
     }
 }
 
-/// Voxels of the labels 1 to `labels`.
+/// Number of voxels of each label from 1 to `labels`.
 fn count(ids: &[u16], labels: usize) -> Vec<u64> {
     let mut counts = vec![0; labels + 1];
     for id in ids {

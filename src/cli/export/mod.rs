@@ -1,4 +1,4 @@
-//! `volseggs export`: what every format shares; one file for each kind of output.
+//! `volseggs export`: the parts shared by all formats; each kind of output has its own file.
 
 mod labels;
 mod splats;
@@ -15,7 +15,7 @@ use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use std::path::{Path, PathBuf};
 
-/// Bytes that the list of files takes for each.
+/// Bytes per entry of the list of files.
 const FILE_BYTES: usize = 512;
 
 /// Write a run's Gaussians or the labels of its segments as standard files.
@@ -26,13 +26,13 @@ const FILE_BYTES: usize = 512;
 pub struct ExportArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Format, where --out does not say; ply for a folder.
+    /// Format, if --out does not determine it; ply for a folder.
     #[arg(long, value_enum)]
     format: Option<Format>,
     /// Time in [0, 1].
     #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = fraction, allow_negative_numbers = true, conflicts_with = "frames")]
     time: f64,
-    /// Write so many evenly spaced times from 0 to 1, into the folder OUT.
+    /// Write this many times, evenly spaced from 0 to 1, into the folder OUT.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
     /// File, or folder with --frames; labels go to RUN/labels if not given.
@@ -48,7 +48,7 @@ pub struct ExportArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
-    /// Binary PLY in the convention of 3DGS.
+    /// Binary PLY in the 3DGS layout.
     Ply,
     /// Niantic's compressed splats, about a fifth of a PLY.
     Spz,
@@ -59,7 +59,7 @@ enum Format {
 }
 
 impl Format {
-    /// The format that a file of this name has.
+    /// The format of a file with this name.
     fn of(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         [Self::Ply, Self::Spz, Self::Nrrd, Self::Vti].into_iter().find(|f| f.extension() == extension)
@@ -79,7 +79,7 @@ impl ExportArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = match (&self.out, self.format, self.frames) {
-            // labels without a name go into the run
+            // labels without --out are written into the run
             (None, Some(Format::Nrrd | Format::Vti), None) => {
                 OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)
             }
@@ -96,10 +96,10 @@ impl ExportArgs {
         }
     }
 
-    /// The format, by --format and by the ending of --out, which must agree.
+    /// The format, from --format and from the extension of --out, which must agree.
     fn format(&self) -> Result<Format, CliError> {
         let format = format_for(self.format, self.out.as_deref(), self.frames.is_some());
-        // a flag for labels says more than that a format is missing
+        // an error about a label flag is more helpful than one about a missing format
         if let (Ok(Format::Ply | Format::Spz) | Err(_), None | Some(Format::Ply | Format::Spz), Some(flag)) =
             (&format, self.format, self.labels.given())
         {
@@ -118,7 +118,7 @@ impl ExportArgs {
     }
 }
 
-/// The format of `out`, which is a folder where there are `many` files.
+/// The format of `out`, which is a folder if there are `many` files.
 fn format_for(asked: Option<Format>, out: Option<&Path>, many: bool) -> Result<Format, String> {
     let shown = out.unwrap_or(Path::new("")).display();
     match (asked, out, out.and_then(Format::of)) {

@@ -1,4 +1,4 @@
-//! `volseggs export` to PLY and SPZ: Gaussians.
+//! `volseggs export` of Gaussians to PLY and SPZ.
 
 use super::super::{CliError, print_json};
 use super::ExportArgs;
@@ -6,10 +6,10 @@ use crate::run::OpenRun;
 use crate::run::export::{Output, Record, SplatFormat, write_splats};
 use volseggs_kernels::splat::DILATION;
 
-/// Writes the Gaussians of each time.
+/// Writes the Gaussians at each time.
 ///
 /// # Errors
-/// No place to write to, nothing to write, or a file that cannot be written.
+/// If there is no output path, nothing to write, or a file cannot be written.
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError::input("--out: say where to write to, such as --out scene.ply"));
@@ -23,7 +23,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     } else {
         Output::file(out, extension, &needed)
     }?;
-    // a command has nothing that stops it but its end
+    // a command is never cancelled here
     let count = write_splats(run, &shown, &times, &output, format, || true)?.unwrap_or_default();
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();

@@ -1,4 +1,4 @@
-//! What a render shows, as it is typed.
+//! Command-line options for what a render shows.
 
 use super::super::CliError;
 use super::super::values::point;
@@ -8,20 +8,20 @@ use crate::track::velocity::Component;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
-/// What to show, as it is typed.
+/// Options for what to show.
 #[derive(Debug, Clone, Args)]
 pub(super) struct LookArgs {
-    /// What the colours stand for: colour if not given. Depth and velocity are scaled by the first frame that has any.
+    /// What to show; colour if not given. Depth and velocity are scaled by the first frame that shows any.
     #[arg(long, value_enum)]
     show: Option<Show>,
-    /// Colours of numbers: viridis, cividis or inferno for depth (viridis if not given) and speed (inferno), cool-warm or
+    /// Colour map: viridis, cividis or inferno for depth (viridis if not given) and speed (inferno), cool-warm or
     /// red-green for velocity along an axis (red-green).
     #[arg(long, value_name = "NAME")]
     pub palette: Option<Palette>,
     /// Velocity along an axis (red forward, green backward; the default is x) or speed.
     #[arg(long, value_enum, value_name = "AXIS")]
     velocity_axis: Option<Axis>,
-    /// Light from far away in this direction, world axes, in place of the light at the eye: of scenes trained with
+    /// Light from far away in this direction, world axes, instead of the light at the eye; for scenes trained with
     /// model.appearance = "headlight".
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     pub light: Option<DVec3>,
@@ -29,15 +29,15 @@ pub(super) struct LookArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Show {
-    /// What they look like.
+    /// The rendered colours.
     Colour,
     /// Distance from the camera: yellow near, dark blue far.
     Depth,
-    /// How fast the trained deformation moves each Gaussian, edits aside; brighter is faster.
+    /// Velocity of each Gaussian under the trained deformation, ignoring edits; brighter is faster.
     Velocity,
-    /// The colour of the segment each Gaussian belongs to; grey and faint in none.
+    /// The colour of each Gaussian's segment; grey and faint outside all segments.
     Segments,
-    /// What the affinity field says of each Gaussian: alike colours are alike parts.
+    /// The affinity features of each Gaussian: similar colours are similar parts.
     Affinity,
 }
 
@@ -70,7 +70,7 @@ impl LookArgs {
             .or(self.light.map(|_| "--light"))
     }
 
-    /// What is shown, as it is typed.
+    /// What is shown, as typed on the command line.
     pub(super) fn name(&self) -> String {
         let name = |v: &dyn std::fmt::Debug| format!("{v:?}").to_lowercase();
         let show = name(&self.show.unwrap_or(Show::Colour));
@@ -83,7 +83,7 @@ impl LookArgs {
     /// What is shown.
     ///
     /// # Errors
-    /// Options that do not go together.
+    /// If options do not go together.
     pub(super) fn show(&self) -> Result<Shows, CliError> {
         if self.velocity_axis.is_some() && self.show != Some(Show::Velocity) {
             return Err(CliError::input("--velocity-axis: goes with --show velocity alone"));

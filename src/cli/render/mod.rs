@@ -25,26 +25,27 @@ use views::Saved;
 pub struct RenderArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// `test` (the 181-view spiral through 100 times), `orbit`, a transforms_*.json file, or a path of keyframes that was saved
+    /// `test` (the 181-view spiral through 100 times), `orbit`, a transforms_*.json file, or a path of keyframes saved
     /// in `volseggs view`.
     #[arg(long, default_value = "test", conflicts_with_all = ["camera", "view"])]
     path: PathBuf,
     #[command(flatten)]
     view: ViewArgs,
-    /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera, the view's own for --view).
+    /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera, the view's
+    /// own for --view).
     #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true)]
     time: Option<f64>,
-    /// Frames of an orbit, 60 if not given; of a path of keyframes, its seconds times --fps if not given.
+    /// Number of frames of an orbit, 60 if not given; of a path of keyframes, its seconds times --fps if not given.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
     /// Distance of the camera from the centre; that of the training cameras if not given.
     #[arg(long, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
     radius: Option<f64>,
-    /// Frames a second of the animation.
+    /// Frames per second of the animation.
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000))]
     fps: u16,
-    /// Folder of the frames; made if it is not there. An older render in it is replaced whole; anything else is refused. Or
-    /// one film: NAME.png (animated), or NAME.mp4 where the program ffmpeg is installed.
+    /// Folder for the frames, created if missing; an older render in it is replaced as a whole, anything else is
+    /// refused. Or a single film: NAME.png (animated), or NAME.mp4 if the program ffmpeg is installed.
     #[arg(long, value_name = "DIR|FILE")]
     out: PathBuf,
     #[command(flatten)]
@@ -55,7 +56,7 @@ pub struct RenderArgs {
     common: Common,
 }
 
-/// What is shown of a run without Gaussians, and of one with them if nothing else is asked for.
+/// What is shown of a run without Gaussians, and the default for runs with Gaussians.
 const COLOUR: &str = "colour";
 
 #[derive(Serialize)]
@@ -70,7 +71,7 @@ struct Report {
 }
 
 impl RenderArgs {
-    /// What is drawn, its name, and the segments that are shown alone: as it is typed, or as a file says.
+    /// What is drawn, its name, and the segments shown alone, from the arguments or from a file.
     fn look(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<(Look, String, Vec<String>), CliError> {
         let Some(Saved { name, view: saved, .. }) = saved else {
             let look = Look::open(run, self.shown.select(run)?, self.look.show()?, self.look.palette)?;
@@ -94,7 +95,7 @@ impl RenderArgs {
         Ok((look, view.look.clone(), view.alone.clone()))
     }
 
-    /// The colours of a run without Gaussians, and their name; refuses options that say anything else.
+    /// The name of what is shown of a run without Gaussians; rejects options that ask for anything but its colours.
     fn plain(&self, run: &AnyRun, saved: Option<&Saved>) -> Result<String, CliError> {
         let what = match saved {
             None => self.look.given().or(self.shown.given()).map(str::to_owned),
@@ -114,14 +115,14 @@ impl RenderArgs {
         }
     }
 
-    /// Draws the views into a folder with its record, or into one film; gives the frames a second.
+    /// Draws the views into a folder with its record, or into one film; returns the frames per second.
     fn draw(&self, run: &Path, draw: &mut Draw<'_>, views: &[(Camera, f64)], record: &Record) -> Result<f64, CliError> {
         let stop = stop_flag("stopping; nothing is written")?;
         let seconds = if is_film(&self.out) {
             film(&self.out, draw, views, self.fps, &stop)?
         } else {
             let mut needed = vec![run];
-            // `orbit` and `test` are names of paths, not of files
+            // `orbit` and `test` are names of paths, not files
             needed.extend(self.path.is_file().then_some(self.path.as_path()));
             let mut frames = Frames::create(&self.out, &needed)?;
             frames.draw(draw, views, self.fps, &stop)?;
@@ -132,7 +133,7 @@ impl RenderArgs {
         Ok(views.len() as f64 / seconds)
     }
 
-    /// The record of `views`, all but what they show.
+    /// The record of `views`, except for what they show.
     fn record<S: Trained>(&self, run: &OpenRun<S>, views: &[(Camera, f64)]) -> Result<Record, CliError> {
         let [width, height] = views.first().map_or([0; 2], |(c, _)| [c.width, c.height]);
         Ok(Record {

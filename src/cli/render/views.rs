@@ -1,4 +1,4 @@
-//! Which cameras and times a render shows.
+//! The cameras and times of a render.
 
 use super::super::CliError;
 use super::super::camera::surroundings;
@@ -14,11 +14,11 @@ use crate::run::view::View;
 use crate::run::{OpenRun, Trained};
 use std::path::Path;
 
-/// Frames of an orbit if not told otherwise.
+/// Default number of frames of an orbit.
 const ORBIT: usize = 60;
 
 impl RenderArgs {
-    /// What is said to be shown by a saved view, or by a path of keyframes, with its name and the path.
+    /// The contents of a saved view or path of keyframes, if one was given, with its name.
     pub(super) fn saved(&self) -> Result<Option<Saved>, CliError> {
         if let Some(choice) = self.view.choice()? {
             return Ok(match choice {
@@ -44,7 +44,7 @@ impl RenderArgs {
         Ok(Some(Saved { name: format!("--path {file}"), view, path: Some(path) }))
     }
 
-    /// The cameras with the times they show; at least one, all of one size.
+    /// The cameras and their times; at least one, all of the same size.
     pub(super) fn views<S: Trained>(
         &self,
         run: &OpenRun<S>,
@@ -83,7 +83,7 @@ impl RenderArgs {
             Some("test") => Ok(hold(test_spiral(181, 100, around.sphere, lens))),
             Some("orbit") => {
                 let n = self.frames.unwrap_or(ORBIT);
-                // the cameras twice, as they are listed and as they get their times
+                // the cameras exist twice, in the list and with their times
                 let bytes = product(&[n, 2 * size_of::<(Camera, f64)>()]);
                 Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
                 let last = (n - 1).max(1) as f64;
@@ -93,7 +93,7 @@ impl RenderArgs {
         }
     }
 
-    /// Along a path of keyframes: as many frames as its seconds ask for, if no number is given.
+    /// The views along a path of keyframes: as many frames as its duration gives, unless a number is given.
     fn along(&self, name: &str, shown: &View, path: &CameraPath) -> Result<Vec<(Camera, f64)>, CliError> {
         if self.radius.is_some() {
             return Err(CliError::input(format!("--radius: does not go with {name}, which says where cameras are")));
@@ -107,13 +107,13 @@ impl RenderArgs {
     }
 }
 
-/// What a file says is shown.
+/// What to show, as stored in a file.
 pub(super) struct Saved {
-    /// As it was asked for.
+    /// The argument that named it.
     pub name: String,
     /// What is shown.
     pub view: Box<SavedView>,
-    /// Along which path.
+    /// The path to follow, if any.
     pub path: Option<CameraPath>,
 }
 

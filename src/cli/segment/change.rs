@@ -8,7 +8,7 @@ use crate::run::segments::RunSegments;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Several segments as one, under a name of its own.
+/// Group segments under a new name.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  volseggs segment group RUN pair red.1 red.2")]
 pub struct GroupArgs {
@@ -16,7 +16,7 @@ pub struct GroupArgs {
     run: PathBuf,
     /// Name of the group.
     name: Name,
-    /// Its segments, which stay as they are.
+    /// Segments of the group; they are kept as they are.
     #[arg(required = true)]
     segments: Vec<String>,
     #[command(flatten)]
@@ -39,7 +39,7 @@ impl GroupArgs {
     }
 }
 
-/// Give a segment another name; edits of it follow, and its parts keep theirs.
+/// Rename a segment; its edits follow the new name, and its parts keep theirs.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  volseggs segment rename RUN red core\n\n`volseggs segment undo RUN` brings the old name back. A track in RUN/track/ that is called after the segment must be moved first."
@@ -47,9 +47,9 @@ impl GroupArgs {
 pub struct RenameArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// What the segment is called.
+    /// Current name of the segment.
     old: String,
-    /// What it is to be called.
+    /// New name of the segment.
     new: Name,
     #[command(flatten)]
     common: Common,
@@ -71,7 +71,7 @@ impl RenameArgs {
     }
 }
 
-/// Remove segments with their parts; the Gaussians stay.
+/// Remove segments with their parts; the Gaussians are kept.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  volseggs segment remove RUN pair red.2\n\n`volseggs segment undo RUN` brings them back."

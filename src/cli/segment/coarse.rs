@@ -13,7 +13,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Segments by colour.
+/// Find segments by colour.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone. `volseggs segment undo RUN` brings back what --replace removed."
@@ -21,41 +21,42 @@ use std::path::PathBuf;
 pub struct CoarseArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Time in [0, 1] whose colours are grouped, and at which outliers are looked for.
+    /// Time in [0, 1] at which colours are grouped and outliers are found.
     #[arg(long, default_value_t = 0.5, value_parser = fraction)]
     time: f64,
     /// Number of colours; suggested from the data if not given.
     #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
-    /// What makes colours near or far.
+    /// Space in which colours are compared.
     #[arg(long, value_enum, default_value_t = Space::Material)]
     space: Space,
-    /// Gaussians less opaque than this make no colours; those that never are more opaque belong to no segment.
+    /// Gaussians less opaque than this do not define colours; those that are so at all times belong to no segment.
     #[arg(long, default_value_t = 0.02, value_name = "ALPHA", value_parser = fraction_f32)]
     min_opacity: f32,
-    /// Keep the skins of things, in the colours that a transfer function passes on their flanks, apart from them.
+    /// Keep the surface layers of objects, in the colours that a transfer function gives their flanks, as separate
+    /// segments.
     #[arg(long, conflicts_with = "clusters")]
     keep_skins: bool,
     /// Keep Gaussians without neighbours.
     #[arg(long)]
     keep_outliers: bool,
-    /// Radius in which neighbours are counted, world units; from the scene's spacing if not given.
+    /// Radius in which neighbours are counted, world units; derived from the scene's spacing if not given.
     #[arg(long, value_name = "R", value_parser = positive_f32, conflicts_with = "keep_outliers")]
     radius: Option<f32>,
-    /// Neighbours that a Gaussian has at least.
+    /// Minimum number of neighbours of a Gaussian.
     #[arg(long, value_name = "N", conflicts_with = "keep_outliers")]
     min_neighbours: Option<u32>,
     /// Seed of the clustering.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Take the place of all segments that are there.
+    /// Replace all existing segments.
     #[arg(long)]
     replace: bool,
     #[command(flatten)]
     common: Common,
 }
 
-/// What was found, and what became of each Gaussian.
+/// The segments found, and what happened to each Gaussian.
 #[derive(Serialize)]
 struct Report<'a> {
     #[serde(flatten)]
@@ -72,11 +73,11 @@ struct Report<'a> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Space {
-    /// The colour of the material, whatever its shading: hue first.
+    /// The colour of the material, regardless of its shading: hue first.
     Material,
-    /// The mean colour as displayed, as in the paper; shading makes groups too.
+    /// The mean colour as displayed, as in the paper; shading forms groups as well.
     Rgb,
-    /// The mean colour in CIE Lab, distances as people see them.
+    /// The mean colour in CIE Lab, with perceptual distances.
     Lab,
 }
 
@@ -141,7 +142,7 @@ impl CoarseArgs {
         Ok(())
     }
 
-    /// What becomes of the Gaussians that are in no segment.
+    /// The reasons why Gaussians are in no segment, with their numbers.
     fn left_out(&self, found: &Coarse) -> String {
         let mut parts = vec![
             format!(

@@ -20,26 +20,27 @@ use std::sync::atomic::Ordering;
 pub struct FineArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Steps.
+    /// Number of steps.
     #[arg(long, default_value_t = FineOptions::default().steps, value_parser = count)]
     steps: usize,
-    /// Pixels a step, of the up to 16384 that are kept of a view; with a margin, time grows with their square.
+    /// Pixels per step, of the up to 16384 kept of a view; with a margin, time grows with the square of this number.
     #[arg(long, default_value_t = 2048, value_parser = count)]
     pixels: usize,
     /// Learning rate.
     #[arg(long, default_value_t = 1e-3, value_parser = positive)]
     rate: f64,
-    /// Pixels of different masks repel where their cosine exceeds this; -1 is the paper's loss, without a margin. With
-    /// one, more parts find room beside each other.
+    /// Cosine above which pixels of different masks repel; -1 is the paper's loss, which has no margin. With a margin,
+    /// more parts can be distinguished.
     #[arg(long, value_name = "COSINE", default_value_t = MARGIN, value_parser = cosine_f32, allow_negative_numbers = true)]
     margin: f32,
-    /// Scale that a step asks at: drawn for all, or each Gaussian's own mask's, as in the paper [drawn, own].
+    /// Scale at which a step queries the field: one drawn for all Gaussians, or that of each Gaussian's own mask, as in
+    /// the paper [drawn, own].
     #[arg(long, value_name = "WHICH", default_value = "drawn")]
     mask_scale: MaskScale,
-    /// Weight of the hierarchy loss: what is together at a scale stays together at larger ones.
+    /// Weight of the hierarchy loss: what belongs together at one scale stays together at larger ones.
     #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
     hierarchy: f64,
-    /// Seed.
+    /// Random seed.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     #[command(flatten)]

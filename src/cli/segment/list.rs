@@ -9,7 +9,7 @@ use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// The segments of a run, parts under their wholes.
+/// List the segments of a run, parts below their wholes.
 #[derive(Debug, Args)]
 pub struct ListArgs {
     /// Folder of the run.
@@ -20,7 +20,7 @@ pub struct ListArgs {
 
 #[derive(Serialize)]
 struct Report<'a> {
-    /// Gaussians of the scene.
+    /// Number of Gaussians in the scene.
     gaussians: usize,
     /// Fingerprint of the scene.
     scene: &'a str,

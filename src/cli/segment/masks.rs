@@ -18,7 +18,7 @@ use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-/// 2D masks of each segment rendered alone from views all around.
+/// Make 2D masks of each segment rendered alone, from views all around it.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n  volseggs segment masks RUN --source labels           # the truth, if the dataset has it\n  volseggs segment masks RUN --source sam --points 12  # MobileSAM\n\nMasks of another program, in three steps:\n  1. volseggs segment masks RUN --pictures\n     writes RUN/segments/pictures/SEGMENT/view-000.png and so on\n  2. run the program on them and let it write one of\n     MASKS/SEGMENT/view-000_1.png, view-000_2.png, ...: grey, not 0 in the mask\n     MASKS/SEGMENT/view-000.png: grey, each value but 0 a mask\n     a COCO file with run lengths, its images called SEGMENT/view-000.png\n  3. volseggs segment masks RUN --source dir --masks MASKS (or the COCO file)\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
@@ -26,38 +26,38 @@ use std::sync::atomic::Ordering;
 pub struct MasksArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Segments to make masks of; all that are no part of another if not given.
+    /// Segments to make masks of; if not given, all that are not part of another.
     #[arg(long = "segment", value_name = "NAME")]
     segments: Vec<String>,
-    /// What finds the masks.
+    /// How masks are found.
     #[arg(long, value_enum, default_value_t = Kind::Regions)]
     source: Kind,
-    /// Views on a Fibonacci sphere [default: 30]; for labels: so many of the dataset's training views of the time, all
-    /// if not given, and its test views of the time where they are fewer.
+    /// Number of views on a Fibonacci sphere [default: 30]; for labels: number of the dataset's training views at that
+    /// time, all if not given, with its test views at that time if there are fewer.
     #[arg(long, value_parser = count)]
     views: Option<usize>,
-    /// Width in pixels; the height follows from the shape of the training images, which set both if it is not given.
+    /// Width in pixels; the height follows from the aspect ratio of the training images. If not given, these set both.
     #[arg(long, value_parser = pixels)]
     size: Option<u32>,
-    /// Time in [0, 1]; that at which the segments were found if not given.
+    /// Time in [0, 1]; the time at which the segments were found if not given.
     #[arg(long, value_parser = fraction)]
     time: Option<f64>,
-    /// For labels: the dataset that the run was trained on, if it is not where it was then.
+    /// For labels: the dataset that the run was trained on, if it has moved since.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
     /// For dir: the folder of masks, or the COCO file.
     #[arg(long, value_name = "PATH")]
     masks: Option<PathBuf>,
-    /// For sam: the weights; looked for in the cache folder if not given.
+    /// For sam: the weights; looked up in the cache folder if not given.
     #[arg(long, value_name = "FILE")]
     sam_weights: Option<PathBuf>,
-    /// For sam: points along a side of the grid that is asked [default: 32].
+    /// For sam: points along each side of the prompt grid [default: 32].
     #[arg(long, value_name = "N", value_parser = count)]
     points: Option<usize>,
-    /// Write the pictures for another program to segment, and no masks.
+    /// Write the pictures for another program to segment, and make no masks.
     #[arg(long, conflicts_with = "replace")]
     pictures: bool,
-    /// Take the place of the masks that are there.
+    /// Replace the existing masks.
     #[arg(long)]
     replace: bool,
     #[command(flatten)]
@@ -66,11 +66,11 @@ pub struct MasksArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Kind {
-    /// Regions between jumps of colour, alpha and depth.
+    /// Regions between discontinuities of colour, alpha and depth.
     Regions,
-    /// The dataset's label images, of the time nearest to that asked for.
+    /// The dataset's label images, at the time nearest to the given one.
     Labels,
-    /// Masks that another program made.
+    /// Masks made by another program.
     Dir,
     /// MobileSAM.
     Sam,
@@ -136,7 +136,7 @@ impl MasksArgs {
         Ok(())
     }
 
-    /// What finds the masks, with its files; asked for first, so that a missing one shows at once.
+    /// The mask source with its files; resolved first, so that a missing file is reported at once.
     fn kind(&self) -> Result<MaskKind, CliError> {
         Ok(match (self.source, &self.masks) {
             (Kind::Regions, _) => MaskKind::Regions,
@@ -152,7 +152,7 @@ impl MasksArgs {
         })
     }
 
-    /// What can be known to be wrong without the run.
+    /// Checks what can be checked without the run.
     fn check(&self) -> Result<(), CliError> {
         let source = self.source;
         let name = source.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();

@@ -17,7 +17,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// What is under a click; with --name, a segment of what it means.
+/// Show what is under a click; with --name, make a segment of what it selects.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs segment pick RUN --camera 3,-2,1.5 --pixel 210,180              # which segments are there\n  volseggs segment pick RUN --view 12 --pixel 210,180 --levels         # from parts to wholes\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex            # the likeliest of them\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --level 1\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --within red --scale 0.3 --threshold 0.9\n\nThe picture is the one that `volseggs render` draws from the same camera; pixels count from its top left."
@@ -27,28 +27,29 @@ pub struct PickArgs {
     run: PathBuf,
     #[command(flatten)]
     view: ViewArgs,
-    /// Column and row that are clicked.
+    /// Column and row of the clicked pixel.
     #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true)]
     pixel: Vec<u32>,
-    /// Time in [0, 1]; that of the test view, or else the one at which the segments were found.
+    /// Time in [0, 1]; if not given, that of the test view, or else the one at which the segments were found.
     #[arg(long, value_parser = fraction)]
     time: Option<f64>,
-    /// Make a segment of this name.
+    /// Make a segment with this name.
     #[arg(long)]
     name: Option<Name>,
-    /// Look in this segment only, as if the others were hidden; in the clicked colour if not given.
+    /// Search only this segment, as if the others were hidden; if not given, the clicked colour.
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
-    /// Show the levels at the click, from small parts to large wholes: what stays the same while the cosine changes.
+    /// Show the levels at the click, from small parts to large wholes: sets that stay the same while the cosine
+    /// changes.
     #[arg(long)]
     levels: bool,
-    /// Take this level, from 1, the smallest; the likeliest if not given.
+    /// Use this level, from 1, the smallest; the likeliest if not given.
     #[arg(long, value_name = "N", value_parser = count, conflicts_with_all = ["scale", "threshold"])]
     level: Option<usize>,
-    /// Mask scale in [0, 1], from small parts to large ones, in place of a level.
+    /// Mask scale in [0, 1], from small parts to large ones, instead of a level.
     #[arg(long, value_parser = fraction_f32)]
     scale: Option<f32>,
-    /// Cosine of the affinity features that what is like the click has at least, in place of a level.
+    /// Minimum cosine between the affinity features of the click and of what it selects, instead of a level.
     #[arg(long, value_parser = cosine_f32, allow_negative_numbers = true)]
     threshold: Option<f32>,
     /// Keep small pieces that do not touch the rest.
@@ -62,40 +63,40 @@ pub struct PickArgs {
 struct Report {
     /// The clicked Gaussian.
     gaussian: u32,
-    /// Its part of the pixel's colour.
+    /// Its fraction of the pixel's colour.
     weight: f32,
-    /// Where it is, world units.
+    /// Its position, world units.
     mean: [f32; 3],
-    /// Segments that hold it, wholes before their parts.
+    /// Segments that contain it, wholes before their parts.
     segments: Vec<String>,
-    /// The segment made, with the number of its Gaussians.
+    /// The segment made, with its number of Gaussians.
     made: Option<(Name, usize)>,
-    /// Those of them that are not seen at the time of the click, but at others.
+    /// Number of these that are visible only at times other than that of the click.
     from_other_times: usize,
-    /// The levels at the click, from small to large, if they were asked for.
+    /// The levels at the click, from small to large, if requested.
     levels: Vec<Shown>,
-    /// The one that was taken, from 1, if they were asked for.
+    /// The one that was used, from 1, if they were requested.
     level: Option<usize>,
-    /// Seconds from the click to what it selects.
+    /// Seconds from the click to the selection.
     seconds: f64,
-    /// Seconds to carry that to the other times.
+    /// Seconds to propagate the selection to the other times.
     carry_seconds: f64,
 }
 
-/// A level.
+/// A level at the click.
 #[derive(Serialize)]
 struct Shown {
     /// Mask scale in [0, 1].
     scale: f32,
-    /// Cosine that a member has at least.
+    /// Minimum cosine of a member.
     threshold: f32,
-    /// Whether it is what hangs together with the click, or a part of that, whatever the cosine.
+    /// Whether it is the connected piece at the click, or a part of it, regardless of the cosine.
     piece: bool,
-    /// What stays of it if the cosine rises by 0.05, in (0, 1].
+    /// Fraction, in (0, 1], that remains if the cosine rises by 0.05.
     stability: f64,
-    /// Its part of what is looked at, by what it shows, in (0, 1].
+    /// Its fraction of what is searched, weighted by visibility, in (0, 1].
     share: f64,
-    /// Gaussians, strays among them.
+    /// Number of Gaussians, including strays.
     gaussians: usize,
 }
 
@@ -107,7 +108,7 @@ impl Shown {
 }
 
 impl PickArgs {
-    /// What the click means, as far as it is said.
+    /// The meaning of the click according to the options.
     fn meaning(&self) -> Meaning {
         let (scale, threshold) = Meaning::BY_HAND;
         match (self.level, self.scale, self.threshold) {
@@ -117,7 +118,7 @@ impl PickArgs {
         }
     }
 
-    /// Refuses options that would change nothing of what is done.
+    /// Rejects options that would have no effect.
     fn check(&self) -> Result<(), CliError> {
         if self.name.is_some() {
             return Ok(());
@@ -224,7 +225,7 @@ impl PickArgs {
     }
 }
 
-/// The levels, a line each.
+/// Prints the levels, one line each.
 fn show(report: &Report) {
     outln!("level  Gaussians   share  stability  scale  cosine");
     for (n, l) in (1..).zip(&report.levels) {

@@ -11,7 +11,7 @@ use crate::segment::segmentation::Segment;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Part a segment by its affinity features.
+/// Split a segment into parts by its affinity features.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs segment split RUN red --scale 0.3\n  volseggs segment split RUN red --clusters 5\n\nThe parts are called SEGMENT.1, SEGMENT.2, ... from the largest, without names that are taken; a picture is in RUN/segments/. Parts of an earlier split of the segment give way; `volseggs segment undo RUN` brings them back. What was picked in the segment itself stays."
@@ -19,12 +19,12 @@ use std::path::PathBuf;
 pub struct SplitArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Segment to part.
+    /// Segment to split.
     segment: String,
     /// Mask scale in [0, 1], from small parts to large ones.
     #[arg(long, default_value_t = 0.5, value_parser = fraction_f32)]
     scale: f32,
-    /// Into so many parts; as many as the density of the features shows if not given.
+    /// Number of parts; determined from the density of the features if not given.
     #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
     /// Keep small pieces that do not touch the rest of their part.
@@ -33,7 +33,7 @@ pub struct SplitArgs {
     /// Seed of the clustering.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Remove also segments that were picked in the parts of an earlier split.
+    /// Also remove segments that were picked in the parts of an earlier split.
     #[arg(long)]
     replace: bool,
     #[command(flatten)]

@@ -12,14 +12,14 @@ use std::path::PathBuf;
 struct Step {
     /// Folder of the run.
     run: PathBuf,
-    /// How many.
+    /// Number of changes.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = count)]
     count: usize,
     #[command(flatten)]
     common: Common,
 }
 
-/// Take back the last changes of the segments.
+/// Undo the last changes of the segments.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  volseggs segment undo RUN\n  volseggs segment undo RUN --count 2\n\nThe last 50 changes are remembered. Masks, the affinity field and pictures stay as they are."
@@ -29,7 +29,7 @@ pub struct UndoArgs {
     step: Step,
 }
 
-/// Bring back changes of the segments that were taken back last.
+/// Redo the changes of the segments that were undone last.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  volseggs segment redo RUN")]
 pub struct RedoArgs {

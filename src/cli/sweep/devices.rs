@@ -1,4 +1,4 @@
-//! `volseggs sweep devices`: one training on every device.
+//! `volseggs sweep devices`: the same training on every device.
 
 use super::CliError;
 use crate::cli::config::ConfigSource;
@@ -10,7 +10,7 @@ use crate::train::open_dataset;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Trains the same configuration and seed on every device, and says how fast, how good, and how far apart they end.
+/// Train the same configuration and seed on every device, and report speed, quality and how far apart they end.
 #[derive(Debug, Args)]
 pub(super) struct DevicesArgs {
     /// Dataset folder.
@@ -18,10 +18,10 @@ pub(super) struct DevicesArgs {
     data: PathBuf,
     #[command(flatten)]
     config: ConfigSource,
-    /// Devices; all that start on this machine if not given. The first is the reference.
+    /// Devices, the first being the reference; if not given, all that work on this machine.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     devices: Vec<String>,
-    /// Steps between two comparisons of parameters.
+    /// Steps between two comparisons of the parameters.
     #[arg(long, default_value_t = 50, value_name = "STEPS", value_parser = count)]
     every: usize,
     /// Print one JSON object on standard output.

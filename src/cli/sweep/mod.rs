@@ -11,10 +11,10 @@ use crate::sweep::{Plan, SweepError, file::name_of, slurm::SlurmError};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
-/// Folder of sweeps where `--out` does not say another.
+/// Default folder of sweeps, overridden by `--out`.
 const OUT: &str = "checkpoints/sweeps";
 
-/// Run an ablation or a sweep: one file into runs, on this machine or on Slurm, and into one table.
+/// Run an ablation or a sweep: turn one file into runs, on this machine or on Slurm, and one table.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -30,13 +30,13 @@ pub struct SweepArgs {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// How far the runs are, here and in Slurm's queue.
+    /// Show the progress of the runs, here and in Slurm's queue.
     Status(results::StatusArgs),
-    /// Make the report from whatever is done.
+    /// Make the report from the runs done so far.
     Collect(results::CollectArgs),
-    /// Do one run of a planned sweep (what `sweep` and Slurm's tasks call).
+    /// Do one run of a planned sweep (called by `sweep` and by Slurm tasks).
     Worker(worker::WorkerArgs),
-    /// Train the same configuration on every device: speed, quality, how far parameters drift.
+    /// Train the same configuration on every device and compare speed, quality and the drift of the parameters.
     Devices(devices::DevicesArgs),
 }
 
@@ -52,13 +52,13 @@ impl SweepArgs {
     }
 }
 
-/// A sweep that was planned before.
+/// A sweep that has already been planned.
 #[derive(Debug, Args)]
 struct Planned {
     /// Sweep file, or the sweep's folder.
     #[arg(value_name = "FILE")]
     sweep: PathBuf,
-    /// Folder of sweeps, as it was given when it was started.
+    /// Folder of sweeps, as given when the sweep was started.
     #[arg(long, default_value = OUT, value_name = "OUT")]
     out: PathBuf,
 }
@@ -74,7 +74,7 @@ impl Planned {
     }
 }
 
-/// The folder of the sweep of `file`.
+/// The folder of the sweep defined by `file`.
 fn folder(out: &Path, file: &Path) -> PathBuf {
     out.join(name_of(file))
 }

@@ -31,7 +31,7 @@ pub(super) struct StatusArgs {
 pub(super) struct CollectArgs {
     #[command(flatten)]
     planned: Planned,
-    /// Where the sweep's own build has not finished a run, show that of another build.
+    /// Use a run finished by another build if the sweep's own build has not finished it.
     #[arg(long)]
     any_build: bool,
     /// Print one JSON object on standard output.
@@ -39,7 +39,7 @@ pub(super) struct CollectArgs {
     json: bool,
 }
 
-/// A run of the same recipe that another build finished.
+/// A run of the same configuration that another build finished.
 #[derive(Serialize)]
 struct OtherRun {
     key: String,
@@ -47,13 +47,13 @@ struct OtherRun {
     psnr: Option<f64>,
 }
 
-/// How far one run is.
+/// The progress of one run.
 #[derive(Serialize)]
 struct RunStatus {
     task: usize,
     key: String,
     label: String,
-    /// Build that trains it, or trained it.
+    /// Build that trains or trained it.
     build: String,
     state: &'static str,
     step: usize,
@@ -145,7 +145,7 @@ impl CollectArgs {
     }
 }
 
-/// Says which build the sweep is of, where this program is another.
+/// Notes which build planned the sweep, if it is not this one.
 fn planned_by(plan: &Plan) -> Vec<String> {
     let own = program::build().ok().filter(|own| own.digest != plan.build);
     let text = |own: &program::Build| {
@@ -158,8 +158,8 @@ fn tell(notes: &[String]) {
     notes.iter().for_each(|note| errln!("note: {note}"));
 }
 
-/// Writes the report of what is done; prints its table, or the results as JSON. Builds are mixed only if `any_build` is
-/// set.
+/// Writes the report of the finished runs; prints its table, or the results as JSON. Builds are mixed only if
+/// `any_build` is set.
 pub(super) fn report(plan: &Plan, dir: &Path, any_build: bool, json: bool) -> Result<(), CliError> {
     let view = view(plan, any_build);
     tell(&view.notes);

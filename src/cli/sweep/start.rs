@@ -21,44 +21,44 @@ pub(super) struct StartArgs {
     /// Sweep file (TOML); see configs/ablations, configs/sweeps and docs/sweeps.md.
     #[arg(required = true, value_name = "FILE")]
     file: Option<PathBuf>,
-    /// Processes at a time on this machine; the cores are shared out among them.
+    /// Number of concurrent processes on this machine; they share its cores.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = count)]
     jobs: usize,
     /// Folder of sweeps: OUT/NAME for this one, OUT/runs for the runs of all.
     #[arg(long, default_value = OUT, value_name = "OUT")]
     out: PathBuf,
-    /// Datasets in place of the file's; may be given many times.
+    /// Datasets to use instead of the file's; may be repeated.
     #[arg(long, value_name = "DATASET")]
     data: Vec<PathBuf>,
-    /// Set a key in every run, under what variants set; may be given many times.
+    /// Set a key in every run, unless a variant sets it; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seeds in place of the file's.
+    /// Seeds to use instead of the file's.
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     seeds: Vec<u64>,
-    /// Devices in place of the file's.
+    /// Devices to use instead of the file's.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     devices: Vec<String>,
     /// LPIPS weights (safetensors); may be given twice.
     #[arg(long, value_name = "FILE")]
     lpips_weights: Vec<PathBuf>,
-    /// Only runs whose name or key has this text in it; may be given many times.
+    /// Do only runs whose name contains this text or whose key starts with it; may be repeated.
     #[arg(long, value_name = "TEXT")]
     only: Vec<String>,
-    /// Run again what failed.
+    /// Retry failed runs.
     #[arg(long)]
     rerun_failed: bool,
-    /// Take over runs that other builds of the program finished, in place of training them anew; what is not measured yet
-    /// is measured by this one.
+    /// Use runs finished by other builds of the program instead of training them again; missing measurements are made
+    /// by this build.
     #[arg(long)]
     any_build: bool,
-    /// Show the runs, how they differ and what they will take; start nothing.
+    /// Show the runs, their differences and their estimated cost; start nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Submit to Slurm as one job array, in place of running here.
+    /// Submit to Slurm as one job array, instead of running here.
     #[arg(long)]
     slurm: bool,
-    /// Partition, time, memory, modules, ... for Slurm (TOML; see configs/slurm.toml).
+    /// Slurm settings: partition, time, memory, modules and so on (TOML; see configs/slurm.toml).
     #[arg(long, value_name = "FILE", requires = "slurm")]
     profile: Option<PathBuf>,
     /// Print one JSON object on standard output; logs stay on standard error.
@@ -66,7 +66,7 @@ pub(super) struct StartArgs {
     json: bool,
 }
 
-/// Says that the report in `dir` will be of other data than it is of now. The runs of both stay.
+/// Notes that the report in `dir` will be of other data than before. The runs of both are kept.
 fn tell_of_other_data(plan: &Plan, dir: &Path) {
     let folders = |plan: &Plan| plan.datasets.values().map(|data| data.folder.clone()).collect::<Vec<_>>();
     if let Ok(before) = Plan::load(dir, None)
@@ -145,7 +145,7 @@ impl StartArgs {
         Ok(())
     }
 
-    /// Tells of runs that other builds finished, of those that were chosen; takes all over if that was asked for.
+    /// Reports the chosen runs that other builds finished; takes over all of them if requested.
     fn other_builds(&self, plan: &mut Plan, runs: &[usize]) {
         let all: Vec<usize> = (0..plan.runs.len()).collect();
         let found = OtherBuilds::find(plan).instead(plan, if self.any_build { &all } else { runs });
@@ -165,7 +165,7 @@ impl StartArgs {
         }
     }
 
-    /// The runs that `--only` names.
+    /// The runs selected by `--only`.
     fn choose(&self, plan: &Plan) -> Result<Vec<usize>, CliError> {
         let wanted = |i: &usize| {
             let run = &plan.runs[*i];

@@ -1,4 +1,4 @@
-//! `volseggs sweep worker`: one run, in this process.
+//! `volseggs sweep worker`: does one run in this process.
 
 use super::CliError;
 use crate::cli::patient_stop_flag;
@@ -10,7 +10,8 @@ use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-/// Exits 0 when the run is done (or was, or another process has it), 75 when it was interrupted and can go on.
+/// Do one run; exits with 0 if it is done (or was already, or another process has it), with 75 if it was interrupted
+/// and can be resumed.
 #[derive(Debug, Args)]
 pub(super) struct WorkerArgs {
     /// Folder of the sweep, with plan.json.
@@ -21,10 +22,10 @@ pub(super) struct WorkerArgs {
     /// Hash of the plan (plans/HASH.json); the newest if not given.
     #[arg(long, value_name = "HASH")]
     plan: Option<String>,
-    /// Pause training after this many steps in all.
+    /// Pause training after this many steps in total.
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
-    /// End when this process does.
+    /// Stop when this process ends.
     #[arg(long, value_name = "PID", hide = true)]
     parent: Option<u32>,
 }
@@ -59,7 +60,7 @@ impl WorkerArgs {
             Ended::Paused => errln!("paused"),
             Ended::Held(holder) => {
                 errln!("{holder} has this run");
-                // a sweep on this machine asks again later; a task of Slurm is not needed
+                // a sweep on this machine tries again later; a Slurm task is not needed
                 if self.parent.is_some() {
                     return Err(CliError::with_code("another process has this run", HELD));
                 }
@@ -75,13 +76,13 @@ impl WorkerArgs {
     }
 }
 
-/// Has this process asked to end when process `parent` is gone.
+/// Requests that this process be asked to stop when process `parent` ends.
 fn end_with(parent: u32, stop: &AtomicBool) {
     #[cfg(target_os = "linux")]
     {
         use rustix::process::{Signal, getppid, set_parent_process_death_signal};
         let _ = set_parent_process_death_signal(Some(Signal::TERM));
-        // it may be gone already
+        // the parent may have ended already
         if getppid().map(|p| p.as_raw_nonzero().get().unsigned_abs()) != Some(parent) {
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
         }

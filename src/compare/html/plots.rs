@@ -15,13 +15,13 @@ use crate::nesting::check_toml;
 use crate::report::Block;
 use std::path::Path;
 
-/// Most curves in a plot: as many as its legend names.
+/// Maximum number of curves in a plot: the number that its legend names.
 const MOST_CURVES: usize = 12;
-/// Most settings in parallel coordinates.
+/// Maximum number of settings in a parallel-coordinates plot.
 const MOST_SETTINGS: usize = 8;
-/// Cost in the scatter plots.
+/// Cost in the scatter plots: metric and axis label.
 const COST: (&str, &str) = ("training_minutes", "training, min");
-/// A numeric setting whose largest value is so many times its least has a logarithmic axis.
+/// Ratio of the largest to the smallest value from which a numeric setting has a logarithmic axis.
 const LOG_FROM: f64 = 15.0;
 
 /// Three plots for each place: test and training PSNR over steps, test PSNR over time.
@@ -69,7 +69,7 @@ fn titled(title: &str, place: &Place) -> String {
     if place.name.is_empty() { title.to_owned() } else { format!("{title}: {}", place.name) }
 }
 
-/// Folders of the finished runs of a variant, or of all where none is finished.
+/// Folders of the finished runs of a variant, or of all its runs if none is finished.
 fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path> {
     let of = |done: bool| {
         let outcomes = set.outcomes.iter().filter(|o| place.holds(o) && o.variant == variant);
@@ -80,7 +80,7 @@ fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path
     if done.is_empty() { of(false) } else { done }
 }
 
-/// The baseline and the variants that are best by the first metric.
+/// The baseline and the best variants by the first metric, at most `most` in all.
 fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], most: usize) -> Vec<&'a str> {
     let mut ranked = names.to_vec();
     if let Some(Column { id, better, .. }) = first_metric(set) {
@@ -116,7 +116,7 @@ pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
                 Some(Point { x: stats::mean(&xs)?, y: stats::mean(&ys)?, x_error, y_error, group, name })
             })
             .collect();
-        // one point has nothing to be laid beside
+        // a single point has nothing to be compared with
         (points.len() > 1).then(|| Block::Svg {
             svg: scatter_plot(&titled(&format!("{} against cost", quantity(&head)), place), COST.1, &head, &points),
             caption: format!("{head}, against minutes of training, of each variant."),
@@ -130,7 +130,7 @@ pub(super) fn quantity(head: &str) -> &str {
     head.split_once(", ").map_or(head, |(quantity, _)| quantity)
 }
 
-/// Parallel coordinates for each place where two settings or more vary, in four ways or more.
+/// A parallel-coordinates plot for each place where at least two settings vary, in at least four combinations.
 pub(super) fn settings(set: &ResultSet) -> Vec<Block> {
     places(set).iter().filter_map(|place| settings_at(set, place)).collect()
 }
@@ -189,7 +189,7 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
     Some(Block::Svg { svg: parallel_plot(&titled("Settings and outcome", place), &axes, &lines), caption })
 }
 
-/// How values lie along an axis, and their numbers there.
+/// The ticks of an axis for these values, and the position of each value on it.
 fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
     let number = |value: &Setting| match value {
         Setting::Number(number) => Some(*number),
@@ -213,7 +213,7 @@ fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
     (Ticks::Names(names), places)
 }
 
-/// The run's resolved configuration, in which settings stand that a variant leaves at the base's value.
+/// The run's resolved configuration, which also has the settings that a variant leaves at the base's value.
 fn config(run: &Path) -> Option<toml::Table> {
     let text = crate::files::read_text(&RunPaths(run).config()).ok()?;
     check_toml(&text).ok()?;

@@ -9,10 +9,10 @@ use crate::report::{Block, Number};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Most places whose best variant is a headline.
+/// Maximum number of places whose best variant is a headline figure.
 const MOST_PLACES: usize = 4;
 
-/// How many runs, the best variant of each place, the time it all took.
+/// The headline figures: number of measured outcomes, best variant of each place, total training time.
 pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
     let count = |of: fn(&OutcomeState) -> bool| set.outcomes.iter().filter(|o| of(&o.state)).count();
     let done = count(|state| *state == OutcomeState::Done);
@@ -41,7 +41,7 @@ pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
     numbers
 }
 
-/// The best variant by the first metric, and how far it is from the baseline.
+/// The best variant by the first metric, and its difference to the baseline.
 fn best(set: &ResultSet, place: &Place) -> Option<Number> {
     let Column { id, head, digits, better, .. } = first_metric(set)?;
     let higher = match better {
@@ -49,7 +49,7 @@ fn best(set: &ResultSet, place: &Place) -> Option<Number> {
         Better::Lower => false,
         Better::Neither => return None,
     };
-    // means over other segments are no fair comparison
+    // means over different segments cannot be compared fairly
     let segments = |variant: &str| -> BTreeSet<&str> {
         let of_it = set.outcomes.iter().filter(|o| place.holds(o) && o.variant == variant && value(o, &id).is_some());
         of_it.map(|o| o.segment.as_str()).collect()
@@ -80,7 +80,7 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     }
     let folder = common_folder(set.outcomes.iter().map(|o| o.run.as_path()));
     let name = if set.head.is_empty() { "variant" } else { &set.head };
-    // Columns that hold nothing, or the same all along, only make the table wide.
+    // columns that are empty or constant only make the table wider
     let all = &set.outcomes;
     let several = |of: fn(&Outcome) -> &String| all.iter().any(|o| of(o) != of(&all[0]));
     let columns: [TextColumn<'_>; 4] = [
@@ -121,7 +121,7 @@ fn state(state: &OutcomeState) -> String {
     }
 }
 
-/// The folder that all `runs` lie in; empty where there is none.
+/// The deepest folder that contains all `runs`; empty if there is none.
 fn common_folder<'a>(runs: impl Iterator<Item = &'a Path>) -> PathBuf {
     let parents = runs.map(|run| run.parent().unwrap_or(Path::new("")).to_owned());
     let common = parents.reduce(|a, b| {
@@ -130,7 +130,7 @@ fn common_folder<'a>(runs: impl Iterator<Item = &'a Path>) -> PathBuf {
     common.filter(|folder| folder.parent().is_some()).unwrap_or_default()
 }
 
-/// What each failed run said.
+/// The error of each failed run.
 pub(super) fn failures(set: &ResultSet) -> Vec<Block> {
     let text = |o: &Outcome| {
         let OutcomeState::Failed(error) = &o.state else { return None };

@@ -1,4 +1,4 @@
-//! What the page shows of a set of runs, and that nothing breaks it.
+//! Tests of what the page shows of a set of runs, and that odd input does not break it.
 
 use super::*;
 use crate::compare::places::places;
@@ -99,7 +99,7 @@ fn settings_need_two_that_vary_in_four_ways() {
             set.outcomes.push(outcome);
         }
     }
-    // the base's own value stands in its configuration alone
+    // the base's own value is only in its configuration
     let base = &mut set.outcomes[5];
     base.settings.remove("optim.rate");
     std::fs::create_dir_all(&base.run).unwrap();

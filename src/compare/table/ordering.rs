@@ -1,4 +1,4 @@
-//! Whether variants come in the paper's order, judged by confidence intervals.
+//! Whether variants rank in the paper's order, judged by confidence intervals.
 
 use super::{Row, Table};
 use crate::compare::metric::{Better, Column};
@@ -7,64 +7,65 @@ use crate::compare::stats::{Difference, difference, mean};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// How one metric orders the variants, here and in the paper.
+/// How one metric ranks the variants, here and in the paper.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Ordering {
-    /// Where the paper's table stands.
+    /// Where the table is in the paper.
     pub source: String,
     /// The dataset that was measured.
     pub dataset: String,
     /// The device that was measured.
     pub device: String,
-    /// Our metric.
+    /// The metric measured here.
     pub metric: Column,
     /// Whether all pairs hold.
     pub holds: bool,
-    /// The variants that the paper tells apart.
+    /// The pairs of variants that the paper distinguishes.
     pub pairs: Vec<Pair>,
-    /// The metric, and where it was measured if that is not the same everywhere.
+    /// The metric, with the dataset and device if there are several.
     pub what: String,
     /// The paper's variants, best first, with a sign between neighbours.
     pub theirs: String,
-    /// Ours with their values, likewise; empty if nothing was measured.
+    /// The variants measured here with their values, in the same form; empty if nothing was measured.
     pub ours: String,
-    /// How many pairs hold, and what became of the others.
+    /// How many pairs hold, and the verdicts on the others.
     pub outcome: String,
-    /// All of it in a sentence.
+    /// All of this in a sentence.
     pub text: String,
 }
 
-/// Two variants that the paper tells apart.
+/// Two variants that the paper distinguishes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pair {
     /// The better one in the paper.
     pub better: String,
     /// The worse one in the paper.
     pub worse: String,
-    /// What we found.
+    /// The verdict of the measurements here.
     pub verdict: Verdict,
-    /// Our difference, the first less the second.
+    /// The difference measured here, `better` minus `worse`.
     pub difference: Option<Difference>,
 }
 
-/// What became of a pair of the paper's.
+/// Whether a pair is in the paper's order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// The order is the paper's.
+    /// The order is that of the paper.
     Holds,
-    /// The order is the other way round.
+    /// The order is reversed.
     Reversed,
-    /// The interval of the difference includes zero; or without one, the digits that are shown do not differ.
+    /// The interval of the difference includes zero or, without an interval, the displayed digits do not differ.
     Undecided,
     /// One of the two has no value here.
     Unmeasured,
 }
 
-/// The paper's table beside ours, for each metric that both have and each dataset and device. Variants that are only in
-/// one of them are passed over.
+/// Compares `table` with the paper's, for each metric that both have and each dataset and device. Variants that are in
+/// only one of them are skipped.
 ///
-/// Where the paper has rows by segment (`variant/segment`), means over its segments stand beside means over ours.
+/// If the paper has rows by segment (`variant/segment`), means over its segments are compared with means over the
+/// segments measured here.
 #[must_use]
 pub fn orderings(set: &ResultSet, table: &Table) -> Vec<Ordering> {
     let Some(paper) = &set.paper else {
@@ -82,14 +83,14 @@ pub fn orderings(set: &ResultSet, table: &Table) -> Vec<Ordering> {
     out
 }
 
-/// The paper's name of our metric `at`, if its table has it.
+/// The paper's name for the table's metric `at`, if the paper has it.
 fn paper_id(paper: &PaperTable, table: &Table, at: usize) -> Option<String> {
     let ours = &table.metrics[at].id;
     let has = |id: &str| paper.rows.values().any(|row| row.contains_key(id));
     if has(ours) {
         return Some(ours.clone());
     }
-    // the paper does not say which network
+    // the paper does not say which network LPIPS uses
     let networks = ["lpips_alex", "lpips_vgg"];
     let column = |id: &str| table.metrics.iter().position(|m| m.id == id);
     let measured = |at: &usize| table.rows.iter().any(|row| row.cells[*at].n() > 0);
@@ -148,7 +149,7 @@ fn ordering(paper: &PaperTable, table: &Table, rows: &[Row], at: usize, metric: 
     })
 }
 
-/// Equal but for rounding: a mean over segments depends on their order.
+/// Whether both are equal up to rounding: a mean over segments depends on their order.
 fn same(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.abs().max(b.abs())
 }
@@ -167,13 +168,13 @@ fn variants(rows: &[Row]) -> Vec<&str> {
     out
 }
 
-/// The paper's value of each of our variants, and whether it is a mean over segments.
+/// The paper's value of each variant in `rows`, and whether these are means over segments.
 fn paper_values(paper: &PaperTable, rows: &[Row], id: &str) -> (Vec<(String, f64)>, bool) {
     let variants = variants(rows);
     let mut found: BTreeMap<&str, BTreeMap<&str, f64>> = BTreeMap::new();
     for (key, metrics) in &paper.rows {
         let value = metrics.get(id).copied().filter(|v| v.is_finite());
-        // the longest name that fits, as names may have slashes of their own
+        // the longest name that matches, as names may contain slashes
         let fits = |name: &&&str| key.strip_prefix(**name).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
         if let (Some(value), Some(name)) = (value, variants.iter().filter(fits).max_by_key(|name| name.len())) {
             found.entry(name).or_default().insert(key[name.len()..].trim_start_matches('/'), value);
@@ -187,13 +188,13 @@ fn paper_values(paper: &PaperTable, rows: &[Row], id: &str) -> (Vec<(String, f64
     (values, by_segment)
 }
 
-/// The mean over these segments; none if one is lacking, as a mean over others is no fair comparison.
+/// The mean over these segments; `None` if one is missing, as means over different segments cannot be compared fairly.
 fn mean_over(by_segment: &BTreeMap<&str, f64>, segments: &BTreeSet<&str>) -> Option<f64> {
     let values: Option<Vec<f64>> = segments.iter().map(|segment| by_segment.get(segment).copied()).collect();
     mean(&values?)
 }
 
-/// Our values of each variant by seed; means over all segments that any variant was measured on.
+/// The measured values of each variant by seed; means over all segments that any variant was measured on.
 fn our_values(rows: &[Row], at: usize, by_segment: bool) -> BTreeMap<&str, Vec<(u64, f64)>> {
     let kind = |segments: bool| -> Vec<&Row> {
         rows.iter().filter(|row| row.segment.is_empty() != segments && row.cells[at].n() > 0).collect()
@@ -256,11 +257,11 @@ fn chain(
     out
 }
 
-/// How many pairs hold, and what is the matter with the others.
+/// How many pairs hold, and the verdicts on the others.
 fn tally(metric: &Column, pairs: &[Pair]) -> String {
     let holding = pairs.iter().filter(|pair| pair.verdict == Verdict::Holds).count();
     let mut parts = match (holding, pairs.len()) {
-        // what is the matter with it follows
+        // the verdict on it follows
         (0, 1) => Vec::new(),
         (1, 1) => vec!["the pair holds".to_owned()],
         (2, 2) => vec!["both pairs hold".to_owned()],

@@ -1,4 +1,4 @@
-//! Tables of made-up numbers, and the makers of these for tests elsewhere in this folder.
+//! Tests on tables of made-up numbers, and builders of such tables for other tests of the comparison.
 
 use super::*;
 use crate::compare::results::PaperTable;
@@ -18,7 +18,7 @@ pub(crate) fn outcome(variant: &str, seed: u64, metrics: &[(&str, f64)]) -> Outc
     }
 }
 
-/// The same of a segment.
+/// The same for a segment.
 pub(crate) fn part(segment: &str, variant: &str, seed: u64, metrics: &[(&str, f64)]) -> Outcome {
     Outcome { segment: segment.to_owned(), ..outcome(variant, seed, metrics) }
 }
@@ -45,7 +45,7 @@ pub(crate) fn paper(values: &[(&str, &str, f64)]) -> Option<PaperTable> {
     Some(out)
 }
 
-/// Three losses with three seeds each, the middle one not told from the first.
+/// Three losses with three seeds each, of which the second cannot be distinguished from the first.
 pub(crate) fn losses() -> ResultSet {
     let seeds = |variant: &'static str, values: [f64; 3]| {
         (0..3u64).zip(values).map(move |(seed, psnr)| outcome(variant, seed, &[("psnr", psnr), ("lpips_vgg", 0.1)]))

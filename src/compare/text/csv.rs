@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 /// Columns that every set has.
 const FIXED: [&str; 7] = ["variant", "dataset", "device", "seed", "segment", "state", "run"];
 
-/// One line an outcome: who it is, settings by key, metrics by id. A value that is not there is empty.
+/// Writes one line per outcome: what identifies it, settings by key, metrics by id. Missing values are empty.
 ///
-/// A setting or metric whose name is taken by a column before it is headed `setting.NAME` or `metric.NAME`.
+/// A setting or metric whose name an earlier column has is headed `setting.NAME` or `metric.NAME`.
 #[must_use]
 pub fn csv(set: &ResultSet) -> String {
     let settings: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.settings.keys()).collect();
@@ -55,7 +55,7 @@ fn state(state: &OutcomeState) -> &'static str {
     }
 }
 
-/// A TOML string without its quotes; anything else as it is.
+/// A TOML string without its quotes; any other text unchanged.
 fn plain(text: &str) -> String {
     let parsed = toml::from_str::<toml::Table>(&format!("value = {text}"));
     match parsed.ok().and_then(|mut table| table.remove("value")) {

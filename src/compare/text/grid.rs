@@ -1,4 +1,4 @@
-//! A table as rows of plain text, before any escaping: what Markdown and pages share.
+//! A table as rows of plain text, before any escaping; used by both Markdown and pages.
 
 use crate::compare::metric::{Better, Column};
 use crate::compare::table::{Cell, Row, Table};
@@ -8,9 +8,9 @@ use crate::compare::table::{Cell, Row, Table};
 pub struct Grid {
     /// Headings of the columns.
     pub head: Vec<String>,
-    /// Rows as long as the heading.
+    /// Rows, each as long as the heading.
     pub rows: Vec<Vec<Entry>>,
-    /// How many columns from the left are words; the others are numbers.
+    /// Number of columns on the left that hold words; the others hold numbers.
     pub words: usize,
 }
 
@@ -30,7 +30,7 @@ impl From<String> for Entry {
 }
 
 impl Grid {
-    /// The rows with the best cells between `**` and `**`.
+    /// Returns the rows with the best cells enclosed in `**`.
     #[must_use]
     pub fn starred(&self) -> Vec<Vec<String>> {
         let star = |e: &Entry| if e.bold { format!("**{}**", e.text) } else { e.text.clone() };
@@ -38,10 +38,10 @@ impl Grid {
     }
 }
 
-/// Where there is no value.
+/// Shown where there is no value.
 const NONE: &str = "–";
 
-/// Mean and deviation of each metric; and how many runs they are of, where that differs or some did not end well.
+/// Mean and deviation of each metric, and the number of runs if it differs between rows or some were not measured.
 #[must_use]
 pub fn results(table: &Table) -> Grid {
     let complete = table.rows.iter().all(|row| row.done == row.outcomes() && row.done == table.rows[0].done);
@@ -62,7 +62,7 @@ pub fn results(table: &Table) -> Grid {
     Grid { head, rows: rows.collect(), words }
 }
 
-/// Differences to the baseline with their intervals; `None` where there are none.
+/// Differences to the baseline with their intervals; `None` if there are none.
 #[must_use]
 pub fn differences(table: &Table) -> Option<Grid> {
     if !table.has_differences() {
@@ -90,7 +90,7 @@ pub(super) fn names_head(table: &Table) -> Vec<String> {
         .collect()
 }
 
-/// The same columns of a row.
+/// The entries of a row in those columns.
 pub(super) fn names(table: &Table, row: &Row) -> Vec<Entry> {
     let shows = table.shows;
     let segment = if row.segment.is_empty() { "whole scene" } else { &row.segment };

@@ -6,7 +6,7 @@ use crate::compare::table::{Cell, Ordering, Row, Table};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
-/// `set` (as it can be read back), `columns`, `rows` with their cells by metric, and `orderings`.
+/// Returns an object of `set` (which can be read back), `columns`, `rows` with their cells by metric, and `orderings`.
 #[must_use]
 pub fn json(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> Value {
     json!({
@@ -17,7 +17,7 @@ pub fn json(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> Value {
     })
 }
 
-/// Without what JSON cannot hold: paths that are no text, numbers that are none.
+/// The set with paths as valid Unicode and without non-finite values, which JSON cannot hold.
 fn writable(set: &ResultSet) -> ResultSet {
     let mut set = set.clone();
     for outcome in &mut set.outcomes {

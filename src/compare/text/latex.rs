@@ -1,10 +1,10 @@
-//! A table in LaTeX, in the shape of the paper's; it needs the package booktabs.
+//! A table in LaTeX, in the form of the paper's; it needs the booktabs package.
 
 use super::grid::{names, names_head};
 use crate::compare::metric::{Better, Column};
 use crate::compare::table::{Cell, Row, Table};
 
-/// A `table` with caption and label `tab:NAME`. Names of groups stand in the first row of their group only.
+/// Writes a `table` with caption and label `tab:NAME`. Names of groups appear only in the first row of their group.
 #[must_use]
 pub fn latex(table: &Table) -> String {
     let heads = names_head(table);
@@ -42,7 +42,7 @@ fn caption(table: &Table) -> String {
     parts.join(" ")
 }
 
-/// The paper's abbreviation, or the whole heading where two columns share it.
+/// The paper's abbreviation, or the heading without its unit if two columns share the abbreviation.
 fn heading(table: &Table, metric: &Column) -> String {
     let shared = table.metrics.iter().filter(|m| m.short == metric.short).count() > 1;
     let text = escape(if shared { metric.name() } else { &metric.short });
@@ -78,7 +78,7 @@ fn value(metric: &Column, cell: &Cell) -> String {
     }
 }
 
-/// On one line, with nothing that LaTeX takes for its own. A star or bracket after `\\` would be its argument.
+/// Puts text on one line and escapes what LaTeX would interpret. A star or bracket after `\\` would be its argument.
 fn escape(text: &str) -> String {
     let mut out = String::new();
     for c in text.split_whitespace().collect::<Vec<_>>().join(" ").chars() {

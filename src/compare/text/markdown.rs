@@ -4,7 +4,7 @@ use super::grid::{Grid, differences, names, results};
 use crate::compare::table::{Ordering, Table};
 use std::collections::BTreeSet;
 
-/// The table as Markdown that is readable as it stands.
+/// Writes the table as Markdown that is also readable as plain text.
 #[must_use]
 pub fn markdown(table: &Table, orderings: &[Ordering]) -> String {
     let mut parts = Vec::new();
@@ -49,7 +49,7 @@ fn list(items: impl IntoIterator<Item = String>) -> String {
     items.into_iter().map(|item| format!("- {item}")).collect::<Vec<_>>().join("\n")
 }
 
-/// One line a run: a run that was to be measured on many segments failed once.
+/// One line per failed run, even if it was to be measured on many segments.
 fn failures(table: &Table) -> Vec<String> {
     let mut seen = BTreeSet::new();
     let mut out = Vec::new();
@@ -65,7 +65,7 @@ fn failures(table: &Table) -> Vec<String> {
     out
 }
 
-/// A table in which the columns stand below each other.
+/// A table with aligned columns.
 fn grid(grid: &Grid) -> String {
     let head: Vec<String> = grid.head.iter().map(|text| escape(text)).collect();
     let rows: Vec<Vec<String>> = grid
@@ -102,7 +102,8 @@ fn grid(grid: &Grid) -> String {
     lines.join("\n")
 }
 
-/// On one line, with nothing that Markdown takes for its own. Underscores within words and signs between spaces stay.
+/// Puts text on one line and escapes what Markdown would interpret. Underscores within words and signs between
+/// spaces are kept.
 fn escape(text: &str) -> String {
     let text: Vec<char> = text.split_whitespace().collect::<Vec<_>>().join(" ").chars().collect();
     let mut out = String::new();
@@ -112,7 +113,7 @@ fn escape(text: &str) -> String {
         let word = |c: Option<&char>| c.is_some_and(|c| c.is_alphanumeric());
         let special = match c {
             '\\' | '|' | '*' | '`' | '~' => true,
-            // an interval is no link
+            // an interval is not a link
             '[' => !after.is_some_and(|c| c.is_ascii_digit() || *c == '-'),
             '_' => !(word(before) && word(after)),
             '<' => after.is_some_and(|c| !c.is_whitespace()),
@@ -127,7 +128,7 @@ fn escape(text: &str) -> String {
     out
 }
 
-/// A code span that may hold backticks.
+/// A code span, of text that may contain backticks.
 fn code(text: &str) -> String {
     let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
     if text.contains('`') { format!("`` {text} ``") } else { format!("`{text}`") }

@@ -1,4 +1,4 @@
-//! What each writer makes of made-up sets.
+//! Tests of each writer on made-up sets.
 
 use super::*;
 use crate::compare::results::{Outcome, OutcomeState, ResultSet};
@@ -20,7 +20,7 @@ fn judged() -> (ResultSet, String) {
 #[test]
 fn markdown_is_all_of_it() {
     let (_, text) = judged();
-    // by hand: half an interval is 4.303 * 0.1 / sqrt(3) seed by seed, and 3.26 * sqrt(0.005 / 2 + 0.01 / 3) by Welch
+    // by hand: half-widths are 4.303 * 0.1 / sqrt(3) seed by seed, and 3.26 * sqrt(0.005 / 2 + 0.01 / 3) by Welch
     let expected = "\
 # Losses
 
@@ -114,7 +114,7 @@ fn json_has_rows_and_can_be_read_back() {
     assert_eq!(value["columns"][0]["better"], "higher");
     assert_eq!(value["orderings"][0]["pairs"][0]["verdict"], "holds");
     assert_eq!(serde_json::from_value::<ResultSet>(value["set"].clone()).unwrap(), set);
-    // what is no number is left out, so that it can still be read
+    // non-finite values are omitted, so that the set can still be read
     set.outcomes[0].metrics.insert("psnr".to_owned(), f64::NAN);
     let value = json(&set, &Table::new(&set), &[]);
     assert!(serde_json::from_value::<ResultSet>(value["set"].clone()).is_ok());

@@ -1,4 +1,4 @@
-//! What can be wrong with a configuration, each with the place it came from.
+//! Configuration errors, each with the place it came from.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// What the system reported.
         source: std::io::Error,
     },
     /// Neither a file nor a built-in preset.
@@ -34,10 +34,10 @@ pub enum ConfigError {
     Syntax {
         /// The file or preset.
         place: String,
-        /// The parser's message with the line.
+        /// The parser's message, with the line.
         message: String,
     },
-    /// `extends` comes back to a file already being read.
+    /// `extends` leads back to a file that is already being read.
     #[error("`extends` runs in a circle: {0}; remove one of these keys")]
     Cycle(String),
     /// `extends` is not a string.
@@ -67,7 +67,7 @@ pub enum ConfigError {
     /// A value of the wrong type or outside its range.
     #[error(transparent)]
     Value(Box<ValueError>),
-    /// The values are each fine but not together.
+    /// Values that are valid individually but not together.
     #[error("the configuration is not consistent: {0}")]
     Inconsistent(String),
     /// The built-in defaults cannot be written as TOML.

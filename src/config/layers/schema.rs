@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value as Json;
 
-/// Depth at which a self-referring schema is no longer followed.
+/// Depth beyond which a self-referencing schema is no longer expanded.
 const MAX_DEPTH: usize = 16;
 
 /// The JSON schema of `T`, for editors and documentation.
@@ -13,13 +13,13 @@ pub fn schema<T: JsonSchema>() -> Json {
     schemars::schema_for!(T).to_value()
 }
 
-/// The JSON schema of a configuration file for `T`: every key may be left out, since the layers below give
-/// it a value, and `extends` names the file or preset to start from. Beside each key of `defaults` stands its value there.
+/// The JSON schema of a configuration file for `T`: every key is optional, since the lower layers supply its value, and
+/// `extends` names the file or preset to start from. Each key carries its value in `defaults`.
 #[must_use]
 pub fn file_schema<T: JsonSchema + Serialize>(defaults: &T) -> Json {
     let mut schema = schema::<T>();
     relax(&mut schema);
-    // what cannot be written as JSON leaves the schema without built-in values
+    // a value that cannot be written as JSON leaves the schema without built-in values
     fill(&mut schema, &serde_json::to_value(defaults).unwrap_or_default());
     if let Some(properties) = schema.get_mut("properties").and_then(Json::as_object_mut) {
         let description = "File or preset whose values this file starts from.";
@@ -39,12 +39,12 @@ fn relax(node: &mut Json) {
     }
 }
 
-/// Puts the built-in value of each key into the schema, in the place of that with which a file from before the key is read.
+/// Writes the built-in value of each key into the schema, replacing the default used for files that predate the key.
 fn fill(schema: &mut Json, defaults: &Json) {
     for (name, value) in defaults.as_object().into_iter().flatten() {
         let properties = format!("/properties/{name}");
         let section = schema.pointer(&properties).and_then(|p| p.get("$ref")).and_then(Json::as_str);
-        // a reference is written `#/$defs/Name`, which is a pointer but for its first character
+        // a reference has the form `#/$defs/Name`, which is a pointer after its first character
         match section.and_then(|s| s.strip_prefix('#')).map(str::to_owned) {
             Some(section) => {
                 for (key, value) in value.as_object().into_iter().flatten() {
@@ -57,13 +57,13 @@ fn fill(schema: &mut Json, defaults: &Json) {
 }
 
 fn set_default(schema: &mut Json, pointer: &str, value: &Json) {
-    // a method of its own has no section unless it is used
+    // the section of another method is absent unless it is used
     if let (Some(Json::Object(node)), false) = (schema.pointer_mut(pointer), value.is_null()) {
         node.insert("default".into(), value.clone());
     }
 }
 
-/// A node of the schema: all alternatives a value at this place may match.
+/// A node of the schema: all alternatives that a value at this place may match.
 #[derive(Debug, Clone)]
 pub(super) struct View<'a> {
     root: &'a Json,
@@ -116,7 +116,7 @@ impl<'a> View<'a> {
         self.has("format", "float") && !self.has("format", "double")
     }
 
-    /// Whether text is the only thing (beside null) that may stand here.
+    /// Whether only text (or null) is accepted here.
     pub(super) fn is_text(&self) -> bool {
         let others = ["integer", "number", "boolean", "array", "object"];
         let enumerated = |node: &&&Json| node.get("enum").is_some() || node.get("const").is_some();
@@ -164,10 +164,10 @@ fn expand<'a>(root: &'a Json, node: &'a Json, depth: usize, out: &mut Vec<&'a Js
     }
 }
 
-/// Longest key for which a closest one is sought, bytes; nobody mistypes so much.
+/// Longest key, in bytes, for which the closest known key is sought; longer keys are not typing mistakes.
 const LONGEST_KEY: usize = 100;
 
-/// The key of `known` closest to `key`, if one is close enough to be what was meant.
+/// The key of `known` closest to `key`, if it is close enough to be a likely intention.
 pub(super) fn closest(key: &str, known: &[String]) -> Option<String> {
     if key.len() > LONGEST_KEY {
         return None;
@@ -175,7 +175,7 @@ pub(super) fn closest(key: &str, known: &[String]) -> Option<String> {
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     let score = |candidate: &String| {
         let whole = distance(key, candidate);
-        // A right name in the wrong section is as good a guess as one slip of the keyboard.
+        // a correct name in the wrong section counts like a single typing mistake
         whole.min(1 + distance(&last(key), &last(candidate)))
     };
     let best = known.iter().min_by_key(|c| (score(c), distance(key, c)))?;

@@ -10,7 +10,7 @@ use super::schema::View;
 use super::text::dotted;
 use super::{ConfigError, Origin};
 
-/// One key path with its value. Tables are taken apart, so a value is a table only when empty.
+/// A key path with its value. Tables are flattened, so a value is a table only if empty.
 #[derive(Debug, Clone)]
 pub(super) struct Leaf {
     pub(super) path: Vec<String>,
@@ -18,7 +18,7 @@ pub(super) struct Leaf {
     pub(super) origin: Origin,
 }
 
-/// Appends the leaves of `value` at `path`; `origin` is asked for each leaf's place.
+/// Appends the leaves of `value` at `path`; `origin` gives the origin of each leaf.
 pub(super) fn flatten(path: &mut Vec<String>, value: Value, origin: &dyn Fn(&[String]) -> Origin, out: &mut Vec<Leaf>) {
     match value {
         Value::Table(table) if !table.is_empty() => {
@@ -52,7 +52,7 @@ impl<'a> Reader<'a> {
         Self { presets, open: Vec::new() }
     }
 
-    /// Leaves of the file or preset `name`, sought in `dir` first (`None`: presets only).
+    /// Appends the leaves of the file or preset `name`, looked up in `dir` first (`None`: presets only).
     pub(super) fn read(
         &mut self,
         name: &str,
@@ -141,15 +141,15 @@ fn lines_of(text: &str, table: &DeTable<'_>) -> BTreeMap<Vec<String>, usize> {
             at.pop();
         }
     }
-    // where lines end
+    // positions of the line ends
     let ends: Vec<usize> = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i).collect();
     let mut out = BTreeMap::new();
     walk(&ends, &mut Vec::new(), table, &mut out);
     out
 }
 
-/// A value as typed by hand: TOML where it is TOML, text otherwise; always text where the
-/// configuration takes nothing else, so that a name such as `2024` needs no quotes.
+/// Parses a value typed by hand: TOML if it parses as TOML, text otherwise; always text where the configuration accepts
+/// only text, so that a name such as `2024` needs no quotes.
 fn parse_value(text: &str, node: Option<&View<'_>>) -> Value {
     let plain = || Value::String(text.to_owned());
     if crate::nesting::check_toml(text).is_err() {
@@ -167,7 +167,7 @@ fn node_at<'a>(root: &View<'a>, path: &[String]) -> Option<View<'a>> {
     path.iter().try_fold(root.clone(), |node, key| node.child(key))
 }
 
-/// Leaves of one `a.b=value`.
+/// Appends the leaves of one `a.b=value`.
 pub(super) fn parse_set(text: &str, root: &View<'_>, out: &mut Vec<Leaf>) -> Result<(), ConfigError> {
     let wrong = || ConfigError::Override(text.to_owned());
     let (key, value) = text.split_once('=').ok_or_else(wrong)?;
@@ -180,7 +180,7 @@ pub(super) fn parse_set(text: &str, root: &View<'_>, out: &mut Vec<Leaf>) -> Res
     Ok(())
 }
 
-/// Leaves of one environment variable; `key` is its name without the prefix.
+/// Appends the leaves of one environment variable; `key` is its name without the prefix.
 pub(super) fn parse_env(
     name: &str,
     key: &str,
@@ -200,7 +200,7 @@ pub(super) fn parse_env(
     Ok(())
 }
 
-/// An error for the first part of a leaf's path that the configuration does not have.
+/// Returns an error if the configuration does not have the leaf's path.
 pub(super) fn check_known(leaf: &Leaf, root: &View<'_>) -> Result<(), ConfigError> {
     if node_at(root, &leaf.path).is_some() {
         return Ok(());

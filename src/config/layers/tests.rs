@@ -187,11 +187,11 @@ fn hostile_files_are_refused_in_time() {
     let key = ["a"; 79].join(".");
     let nested = error(&format!("seed = 1\n{}b = 1{}", format!("{key} = {{").repeat(79), "}".repeat(79)));
     assert!(nested.contains("a.toml") && nested.contains("line 2: more than 64"), "{nested}");
-    // no key that exists is sought for it
+    // no closest known key is sought for it
     let long = "x".repeat(2_000_000);
     let unknown = error(&format!("{long} = 1"));
     assert!(unknown.contains(&format!("unknown key `{long}`")) && !unknown.contains("did you mean"));
-    // each line is found without looking at those before
+    // each line is found without scanning the preceding ones
     let lines: String = (0..50_000).map(|k| format!("k{k} = 1\n")).collect();
     assert!(error(&format!("[free]\n{lines}[train]\nsede = 1")).contains("a.toml:50003"));
 }

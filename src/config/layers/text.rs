@@ -2,7 +2,7 @@
 
 use toml::Value;
 
-/// `prefix.key`, the key quoted where TOML asks for it.
+/// `prefix.key`, with the key quoted where TOML requires it.
 pub(super) fn join(prefix: &str, key: &str) -> String {
     let bare = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     let key = if !key.is_empty() && key.chars().all(bare) { key.to_owned() } else { quoted(key) };

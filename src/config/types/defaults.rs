@@ -137,13 +137,13 @@ pub(super) fn method() -> String {
     VOLSEGGS.into()
 }
 
-/// What a scene from before the key was drawn with.
+/// The dilation used by scenes that predate the key.
 pub(crate) fn dilation_of_3dgs() -> f64 {
-    // the decimal number, not the nearest of single precision: it is written into files
+    // the decimal number, not the nearest `f32`: it is written into files
     0.3
 }
 
-/// Of the default implicit encoder; also what a scene from before its keys is read with.
+/// The value of the default implicit encoder, also used for scenes that predate its keys.
 pub(super) fn implicit_time_octaves() -> usize {
     6
 }

@@ -7,45 +7,47 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DensifyConfig {
-    /// Number of Gaussians that additions never exceed and, in `budget` mode, reach exactly. Where there are more already,
-    /// none are added, and none removed for it.
+    /// Number of Gaussians that additions never exceed and, in `budget` mode, reach exactly. If there are already more,
+    /// none are added and none are removed for this reason.
     pub budget: usize,
-    /// The same for warm-up; 0 for `budget`.
+    /// The same for warm-up; 0 uses `budget`.
     pub warmup_budget: usize,
     /// How new Gaussians are chosen.
     pub mode: DensifyMode,
     /// Steps between densifications.
     pub every: usize,
-    /// First step of warm-up after which Gaussians are added.
+    /// Gaussians are added only after this step of warm-up.
     pub warmup_from: usize,
     /// Last step of warm-up at which Gaussians are added or removed.
     pub warmup_until: usize,
-    /// First joint step after which Gaussians are added.
+    /// Gaussians are added only after this joint step.
     pub joint_from: usize,
     /// Last joint step at which Gaussians are added or removed.
     pub joint_until: usize,
-    /// Mean norm of the screen-space gradient (normalised device coordinates) above which `threshold` mode adds.
+    /// Mean norm of the screen-space gradient (normalised device coordinates) above which `threshold` mode adds
+    /// Gaussians.
     pub threshold: f64,
-    /// Gaussians larger than this fraction of the scene's extent are split, smaller ones cloned.
+    /// Gaussians larger than this fraction of the scene's extent are split, smaller ones are cloned.
     pub split_above: f64,
-    /// Gaussians whose opacity, as `prune_by` takes it, is below this are removed; 0 keeps them.
+    /// Gaussians whose opacity, as defined by `prune_by`, is below this are removed; 0 keeps them.
     pub prune_opacity: f64,
-    /// The largest opacity of a Gaussian since the last pruning (`largest`) or its present canonical one (`present`, 3DGS's).
+    /// The opacity used by `prune_opacity`: the largest of a Gaussian since the last pruning (`largest`), or its
+    /// current canonical one (`present`, as in 3DGS).
     pub prune_by: PruneBy,
-    /// Gaussians larger than this fraction of the scene's extent are removed with them, once opacities have been reset;
-    /// 0 keeps them.
+    /// Gaussians larger than this fraction of the scene's extent are also removed, once opacities have been reset; 0
+    /// keeps them.
     pub prune_size: f64,
     /// Steps between prunings.
     pub prune_every: usize,
-    /// Step of warm-up after which Gaussians are removed, if that is later than `warmup_from`.
+    /// Gaussians are removed only after this step of warm-up, if it is later than `warmup_from`.
     pub prune_from: usize,
-    /// Whether they are removed in the joint stage as well.
+    /// Whether Gaussians are removed in the joint stage as well.
     pub prune_joint: bool,
     /// Warm-up step at which opacities are reset to at most 0.01; 0 for never.
     pub opacity_reset: usize,
-    /// They are reset again every `opacity_reset` steps up to this step of warm-up; 0 for once only.
+    /// Opacities are reset again every `opacity_reset` steps up to this step of warm-up; 0 resets them only once.
     pub opacity_reset_until: usize,
-    /// Whether that goes on in the joint stage, up to the same step counted from the first of the run.
+    /// Whether the resets continue in the joint stage, up to the same step counted from the start of the run.
     pub opacity_reset_joint: bool,
 }
 
@@ -53,9 +55,9 @@ pub struct DensifyConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DensifyMode {
-    /// Those with the largest gradients, as many as a straight line towards the budget asks for.
+    /// Those with the largest gradients, as many as needed to reach the budget along a straight line.
     Budget,
-    /// Those above the threshold, as in 3DGS, cut at the budget.
+    /// Those above the threshold, as in 3DGS, limited by the budget.
     Threshold,
     /// None are added.
     Off,
@@ -65,14 +67,14 @@ pub enum DensifyMode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PruneBy {
-    /// The largest that it was drawn with since the last pruning, at whatever time.
+    /// The largest it was drawn with since the last pruning, at any time.
     Largest,
-    /// Its canonical one, as it is now.
+    /// Its current canonical opacity.
     Present,
 }
 
 impl DensifyConfig {
-    /// The number of Gaussians that warm-up adds up to.
+    /// Maximum number of Gaussians that additions in warm-up lead to.
     pub fn warmup_most(&self) -> usize {
         if self.warmup_budget == 0 { self.budget } else { self.warmup_budget }
     }

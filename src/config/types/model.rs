@@ -1,4 +1,4 @@
-//! The configuration's section on the model.
+//! The `model` section of the configuration.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -7,80 +7,83 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
-    /// Spherical-harmonics degree, 0 to 3; with `appearance = "headlight"` of what shading leaves, 0 for none.
+    /// Spherical-harmonics degree, 0 to 3; with `appearance = "headlight"` the degree of the residual after shading, 0
+    /// for none.
     pub sh_degree: usize,
-    /// Colours written out over directions (`sh`, as 3DGS and the paper), or a base colour and a normal under a headlight
-    /// (`headlight`).
-    #[serde(default)] // a scene from before this key still loads
+    /// Colours as functions of direction (`sh`, as in 3DGS and the paper), or a base colour and a normal under a
+    /// headlight (`headlight`).
+    #[serde(default)] // scenes that predate this key can still be loaded
     pub appearance: Appearance,
-    /// The space-time encoder: `factorised` (the paper's), `hexplane` (planes of space and time in the place of its
-    /// lines), `implicit` (the paper's ablation) or `extra` (a registered one).
+    /// The space-time encoder: `factorised` (the paper's), `hexplane` (planes of space and time instead of its lines),
+    /// `implicit` (the paper's ablation) or `extra` (a registered one).
     pub encoder: EncoderKind,
     /// Name of the registered encoder for `encoder = "extra"`, see `docs/research.md`; empty otherwise.
-    #[serde(default)] // a scene from before this key still loads
+    #[serde(default)] // scenes that predate this key can still be loaded
     pub extra_encoder: String,
-    /// Levels of the factorised encoder; level m has `m * resolution` nodes an axis.
+    /// Levels of the factorised encoder; level m has `m * resolution` nodes per axis.
     pub levels: usize,
-    /// Nodes an axis of the first level.
+    /// Nodes per axis of the first level.
     pub resolution: usize,
     /// Knots of the temporal vectors, or of the planes of space and time.
     pub time_knots: usize,
-    /// How these go from knot to knot: `linear` (the paper's) or `cubic`, without corners.
-    #[serde(default)] // a scene from before this key still loads
+    /// Interpolation between these knots: `linear` (the paper's) or `cubic`, which is smooth.
+    #[serde(default)] // scenes that predate this key can still be loaded
     pub time_curve: TimeCurve,
     /// Channels of every plane, line and temporal vector.
     pub channels: usize,
-    /// How planes and lines start.
+    /// How planes and lines are initialised.
     pub grid_init: GridInit,
-    /// Map time onto the whole temporal grid (`full`) or its second half (`half`, as the reference code).
+    /// Map time onto the whole temporal grid (`full`) or its second half (`half`, as in the reference code).
     pub time_range: TimeRange,
-    /// The box that the grid covers: that of the visual hull (`hull`) or of the first Gaussians (`points`).
+    /// The box that the grid covers: that of the visual hull (`hull`) or of the initial Gaussians (`points`).
     pub bounds: Bounds,
     /// Margin added around the box, as a fraction of its size.
     pub bounds_margin: f64,
-    /// Octaves of a point in the implicit encoder, which sees p, sin(2^k p) and cos(2^k p), k from 0.
+    /// Octaves of the implicit encoder's input for a point p: p, sin(2^k p) and cos(2^k p), k from 0.
     pub implicit_octaves: usize,
-    /// Octaves of time there.
+    /// Octaves of time in the implicit encoder.
     #[serde(default = "super::defaults::implicit_time_octaves")]
-    // a scene with another encoder from before these keys still loads
+    // scenes with another encoder that predate these keys can still be loaded
     pub implicit_time_octaves: usize,
-    /// Width of its layers but the last, which gives the `levels * channels` features.
+    /// Width of the implicit encoder's layers, except the last, which outputs the `levels * channels` features.
     #[serde(default = "super::defaults::implicit_width")]
     pub implicit_width: usize,
-    /// How many layers it has.
+    /// Number of layers of the implicit encoder.
     #[serde(default = "super::defaults::implicit_depth")]
     pub implicit_depth: usize,
-    /// After so many of them its input goes in again; 0 for never.
+    /// Number of layers after which the implicit encoder's input is concatenated again; 0 for never.
     #[serde(default = "super::defaults::implicit_skip")]
     pub implicit_skip: usize,
-    /// Numbers of each Gaussian's own that the decoder sees beside the features of its place and time; 0 for none, as the paper.
-    #[serde(default)] // a scene from before this key still loads
+    /// Length of the per-Gaussian embedding that the decoder receives with the features of place and time; 0 for
+    /// none, as in the paper.
+    #[serde(default)] // scenes that predate this key can still be loaded
     pub embedding: usize,
-    /// Variance that each Gaussian is widened by on the screen, pixels squared, so that none falls between the centres of pixels;
-    /// at least 0. 3DGS and the paper's code have 0.3, which blurs what is a pixel or two wide.
-    #[serde(default = "super::defaults::dilation_of_3dgs")] // a scene from before this key still loads
+    /// Variance added to each Gaussian on the screen, pixels squared, so that none falls between pixel centres; at
+    /// least 0. 3DGS and the paper's code use 0.3, which blurs details one or two pixels wide.
+    #[serde(default = "super::defaults::dilation_of_3dgs")] // scenes that predate this key can still be loaded
     pub dilation: f64,
     /// Width of the decoder's hidden layers.
     pub width: usize,
-    /// One hidden layer for each output (`heads`, the paper's) or one for all (`shared`, cheaper).
+    /// One hidden layer per output (`heads`, the paper's) or one for all (`shared`, cheaper).
     pub decoder: DecoderKind,
-    /// Start the outputs at zero, so that joint training begins where warm-up ended.
+    /// Initialise the outputs to zero, so that joint training begins where warm-up ended.
     pub zero_init_heads: bool,
-    /// How the decoder's biases start.
-    #[serde(default)] // a scene from before this key still loads
+    /// How the decoder's biases are initialised.
+    #[serde(default)] // scenes that predate this key can still be loaded
     pub bias_init: BiasInit,
     /// Whether opacity changes over time.
     pub deform_opacity: bool,
 }
 
-/// What gives a Gaussian its colour.
+/// What determines a Gaussian's colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Appearance {
     /// Spherical harmonics.
     #[default]
     Sh,
-    /// Base colour, normal and a material of all, shaded by Blinn-Phong with a light at the eye; harmonics for the rest.
+    /// Base colour, normal and one material for all, shaded by Blinn-Phong with a light at the eye; harmonics for the
+    /// residual.
     Headlight,
 }
 
@@ -90,7 +93,7 @@ pub enum Appearance {
 pub enum EncoderKind {
     /// Planes, lines and temporal vectors.
     Factorised,
-    /// Planes of space and planes of space and time, those of HexPlane.
+    /// Planes of space and planes of space and time, as in HexPlane.
     #[serde(rename = "hexplane")]
     HexPlane,
     /// A multi-layer perceptron on a positional encoding.
@@ -99,24 +102,24 @@ pub enum EncoderKind {
     Extra,
 }
 
-/// How the grid starts.
+/// How the grid is initialised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum GridInit {
     /// Planes and lines uniform in [0.1, 0.5], temporal vectors 1.
     Uniform,
-    /// All zero, as the reference code; needs `loss.one_prior`, or nothing is ever learnt.
+    /// All zero, as in the reference code; needs `loss.one_prior`, as nothing is learnt otherwise.
     Zero,
 }
 
-/// How temporal vectors go from knot to knot.
+/// Interpolation of temporal vectors between knots.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeCurve {
-    /// Straight.
+    /// Linear.
     #[default]
     Linear,
-    /// On the cubic of Catmull and Rom.
+    /// Catmull-Rom cubic.
     Cubic,
 }
 
@@ -136,27 +139,27 @@ pub enum TimeRange {
 pub enum Bounds {
     /// Bounding box of the visual hull.
     Hull,
-    /// Bounding box of the first Gaussians.
+    /// Bounding box of the initial Gaussians.
     Points,
 }
 
-/// The decoder's shape.
+/// The decoder's architecture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DecoderKind {
-    /// A hidden layer for each of mean, rotation, scale and opacity.
+    /// One hidden layer each for mean, rotation, scale and opacity.
     Heads,
     /// One hidden layer for all.
     Shared,
 }
 
-/// How the decoder's biases start.
+/// How the decoder's biases are initialised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum BiasInit {
-    /// At zero.
+    /// Zero.
     #[default]
     Zero,
-    /// Uniform in +-1 / sqrt(inputs), PyTorch's default; those of the outputs at zero with `zero_init_heads`.
+    /// Uniform in +-1 / sqrt(inputs), PyTorch's default; those of the outputs are zero with `zero_init_heads`.
     Uniform,
 }

@@ -1,4 +1,4 @@
-//! `output.*`: logs, checkpoints, and when a run has had its time.
+//! `output.*`: logs, checkpoints, and the time limit of a run.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -11,13 +11,13 @@ pub struct OutputConfig {
     pub log_every: usize,
     /// Steps between evaluations on a few test views; 0 for never.
     pub eval_every: usize,
-    /// Test views in such an evaluation, evenly spaced.
+    /// Number of test views in such an evaluation, evenly spaced.
     pub eval_views: usize,
     /// Steps between checkpoints.
     pub checkpoint_every: usize,
-    /// Checkpoints kept.
+    /// Number of checkpoints to keep.
     pub keep: usize,
-    /// Minutes of training after which a run is complete, whatever step it has come to; 0 for no limit.
-    #[serde(default)] // a run from before this key still opens
+    /// Minutes of training after which a run is complete, whatever step it has reached; 0 for no limit.
+    #[serde(default)] // runs that predate this key can still be opened
     pub max_minutes: f64,
 }

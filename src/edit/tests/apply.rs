@@ -113,11 +113,11 @@ fn a_quarter_turn_about_z_turns_x_into_y() {
 fn without_a_point_each_segment_turns_and_grows_about_its_own_centre_where_it_is_now() {
     let away = Operation::Translate { by: [10.0, -3.0, 2.0] };
     for own in [rotate([1.0, 2.0, 3.0], 40.0, None), Operation::Scale { factor: 2.5, about: None }] {
-        // Turning in place and moving commute, as at another time where the segment is elsewhere.
+        // Rotating in place and moving commute, as at another time where the segment is elsewhere.
         let first = applied(&[edit(&["a"], away.clone()), edit(&["a"], own.clone())]);
         let last = applied(&[edit(&["a"], own.clone()), edit(&["a"], away.clone())]);
         assert!(super::distance(&first, &last) < 1e-5);
-        // Two segments named at once are two segments named one after the other, not their union.
+        // Two segments named at once are like two segments named one after the other, not like their union.
         let at_once = applied(&[edit(&["a", "b"], own.clone())]);
         let in_turn = applied(&[edit(&["a"], own.clone()), edit(&["b"], own.clone())]);
         assert_eq!(at_once, in_turn);

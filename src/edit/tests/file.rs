@@ -1,4 +1,4 @@
-//! What files are read and refused, and what edits look like in a list.
+//! Which files are read and refused, and how edits look in a list.
 
 use super::super::{EditError, EditStack, Operation, VERSION};
 use super::edit;

@@ -45,7 +45,7 @@ fn filled() -> impl Strategy<Value = EditStack> {
     })
 }
 
-/// The operation that takes back a move, turn or scale.
+/// Returns the operation that reverses a move, rotation or scaling.
 fn inverse(operation: &Operation) -> Option<Operation> {
     match operation.clone() {
         Operation::Translate { by } => Some(Operation::Translate { by: by.map(|c| -c) }),

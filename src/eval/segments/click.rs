@@ -1,6 +1,6 @@
-//! A click: all that a method is told of what is wanted.
+//! A click: all that a method learns about what is wanted.
 
-/// What a clicked pixel is made of. Where it was placed, and by whom, a method is not told.
+/// What a clicked pixel is made of. A method does not learn where it was placed, or by whom.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Click {
     /// Indices of Gaussians and their weights, nearest first.

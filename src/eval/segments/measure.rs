@@ -1,4 +1,4 @@
-//! A selection drawn alone against the truth, view by view.
+//! Comparison of a selection, drawn alone, with the ground truth, view by view.
 
 use super::select::Selected;
 use super::truth::{TruthFrame, TruthImage};
@@ -10,49 +10,49 @@ use crate::segment::pictures::draw;
 use burn::tensor::Device;
 use serde::Serialize;
 
-/// How a segment alone compares with the truth in one view.
+/// How a segment drawn alone compares with the ground truth in one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameScore {
     /// Time in [0, 1].
     pub time: f64,
-    /// Intersection over union of the masks; none where both are empty: the segment is not there, and nothing is shown.
+    /// Intersection over union of the masks; `None` if both are empty: the segment is not there, and nothing is shown.
     pub iou: Option<f64>,
-    /// How the pictures compare; none of several segments, which have no picture together.
+    /// How the pictures compare; `None` for several segments, of which there is no picture together.
     pub picture: Option<PictureScore>,
 }
 
 /// How two pictures compare.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PictureScore {
-    /// Decibels, over all pixels of the 8-bit pictures.
+    /// PSNR in decibels, over all pixels of the 8-bit pictures.
     pub psnr: f64,
     /// SSIM on RGB, 11-tap Gaussian window.
     pub ssim: f64,
     /// SSIM on grey values, 7x7 uniform window.
     pub ssim_gray: f64,
-    /// LPIPS, AlexNet; none without weights.
+    /// LPIPS, AlexNet; `None` without weights.
     pub lpips: Option<f64>,
 }
 
 /// What all comparisons share.
 pub struct Judge<'a> {
-    /// Where to draw.
+    /// Device to draw on.
     pub device: &'a Device,
-    /// What the scene is drawn with.
+    /// How the scene is drawn.
     pub rendering: Rendering,
-    /// Least alpha of a pixel of a mask; the truth's own where `None`.
+    /// Minimum alpha of a pixel of a mask; the ground truth's own if `None`.
     pub mask_alpha: Option<f32>,
-    /// Least alpha of the truth's masks.
+    /// Minimum alpha of the ground truth's masks.
     pub truth_alpha: f32,
     /// Networks for LPIPS.
     pub networks: &'a [Lpips],
 }
 
 impl Judge<'_> {
-    /// Draws `selected` of the Gaussians at the frame's time and compares. Also gives the picture, RGB.
+    /// Draws the `selected` Gaussians at the frame's time and compares them. Also returns the picture, RGB.
     ///
     /// # Errors
-    /// A message: the truth cannot be read, or is too small for a metric.
+    /// A message if the ground truth cannot be read, or is too small for a metric.
     pub fn score(
         &self,
         at: &HostGaussians,
@@ -91,7 +91,7 @@ impl Judge<'_> {
         })
     }
 
-    /// What the truth looks like over the background, RGB `[H, W, 3]`; of several segments their mask, white on black.
+    /// Returns the ground truth over the background, RGB `[H, W, 3]`; for several segments their mask, white on black.
     pub fn shown(&self, truth: &TruthImage) -> Vec<f32> {
         match &truth.rgba {
             Some(rgba) => self.composite(rgba),

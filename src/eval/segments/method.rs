@@ -1,4 +1,4 @@
-//! The methods that are compared.
+//! The methods compared.
 
 use serde::Serialize;
 use std::fmt;
@@ -7,7 +7,7 @@ use std::str::FromStr;
 /// A way to turn a click into a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 pub enum Method {
-    /// All of the clicked colour.
+    /// All Gaussians of the clicked colour.
     #[serde(rename = "coarse")]
     Coarse,
     /// The affinity field alone, trained on masks of the whole scene.
@@ -25,10 +25,10 @@ pub enum Method {
 }
 
 impl Method {
-    /// All, in the order of the tables.
+    /// All methods, in the order of the tables.
     pub const ALL: [Self; 5] = [Self::Sagd, Self::Saga, Self::Coarse, Self::Fine, Self::CoarseFine];
 
-    /// Its name on the command line and in files.
+    /// Returns its name on the command line and in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

@@ -1,10 +1,10 @@
-//! How right segments are: selections made by one click, measured against the truth that `prepare` rendered.
+//! Accuracy of segments: selections made by one click, measured against the ground truth that `prepare` rendered.
 //!
-//! `truth` reads what is known, `target` says what is measured of it, `prompt` places the clicks, `train` makes what the
-//! methods need. `setting` has each method's fixed setting, which is the headline, and the tries of the oracle; `select`
-//! turns clicks into selections and knows no truth; `oracle` chooses among selections by the clicked view. `volume`
-//! compares selections in space, `measure` in pictures; `result` has what was found and its means, `table` writes it
-//! down, and `run` does one after the other.
+//! `truth` reads the ground truth, `target` defines what is measured of it, `prompt` places the clicks, and `train`
+//! makes what the methods need. `setting` has each method's fixed setting, which gives the headline figures, and the
+//! tries of the oracle; `select` turns clicks into selections without knowing the ground truth; `oracle` chooses among
+//! selections by the clicked view. `volume` compares selections in space, `measure` in pictures; `result` holds the
+//! results and their means, `table` writes them, and `run` performs all these steps in order.
 
 mod click;
 mod measure;

@@ -1,4 +1,4 @@
-//! What to evaluate, and why it cannot be.
+//! Options of an evaluation of segments, and why it can fail.
 
 use super::method::Method;
 use super::target::Union;
@@ -12,36 +12,36 @@ use crate::segment::masks::origin::MaskKind;
 /// What to evaluate.
 #[derive(Clone, Debug)]
 pub struct SegmentOptions {
-    /// Time of the clicks in [0, 1]; the training time nearest to it is taken.
+    /// Time of the clicks in [0, 1]; the nearest training time is used.
     pub time: f64,
     /// The methods.
     pub methods: Vec<Method>,
     /// Known segments to measure; all if empty.
     pub segments: Vec<String>,
-    /// Known segments to measure as one, beside those.
+    /// Known segments to measure as one, in addition to those.
     pub unions: Vec<Union>,
-    /// Clicks on a segment at most, each further one on what is still missing.
+    /// Maximum number of clicks on a segment, each further one on what is still missing.
     pub clicks: usize,
-    /// Whether the settings that fit best in the clicked view are looked for too, beside the fixed ones.
+    /// Whether to also find the settings that fit best in the clicked view, in addition to the fixed ones.
     pub oracle: bool,
     /// Source of the masks.
     pub masks: MaskKind,
-    /// Views with masks; not for [`MaskKind::Labels`], whose views are those of the dataset.
+    /// Number of views with masks; unused for [`MaskKind::Labels`], whose views are those of the dataset.
     pub views: usize,
-    /// Take these views within an angle (radians) of an axis, in place of the whole sphere.
+    /// Take these views within an angle (radians) of an axis, instead of on the whole sphere.
     pub bias: Option<(Axis, f64)>,
-    /// Colours.
+    /// How colours are found.
     pub coarse: CoarseOptions,
     /// Training of the affinity field.
     pub fine: FineOptions,
     /// Training of SAGA.
     pub saga: SagaOptions,
-    /// Least alpha of a pixel of a mask; that of the dataset's masks if `None`.
+    /// Minimum alpha of a pixel of a mask; that of the dataset's masks if `None`.
     pub mask_alpha: Option<f32>,
 }
 
 impl Default for SegmentOptions {
-    /// What `eval --segments` and sweeps measure if nothing else is said: every method, with one click on each segment.
+    /// What `eval --segments` and sweeps measure by default: every method, with one click on each segment.
     fn default() -> Self {
         Self {
             time: 0.5,
@@ -64,13 +64,13 @@ impl Default for SegmentOptions {
 /// Why segments cannot be evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum SegmentEvalError {
-    /// What the dataset knows of its segments cannot be used.
+    /// The dataset's information about its segments cannot be used.
     #[error(transparent)]
     Data(#[from] DataError),
-    /// Masks that were given cannot be used.
+    /// The given masks cannot be used.
     #[error("masks: {0}")]
     Masks(String),
-    /// What was asked for cannot be had; other options can.
+    /// The request cannot be met; other options can.
     #[error("{0}")]
     Input(String),
     /// A method failed.

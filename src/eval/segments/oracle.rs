@@ -1,6 +1,6 @@
-//! The oracle: of [`TRIES`] settings, the one whose selection fits the known segment best **in the clicked view**. No user
-//! has it, as it knows the truth there; it shows what a method could give if its setting were always chosen well. Each
-//! method has as many tries.
+//! The oracle: of [`TRIES`] settings, the one whose selection fits the known segment best **in the clicked view**. No
+//! user has it, as it knows the ground truth there; it shows what a method could achieve if its setting were always
+//! chosen well. Every method has the same number of tries.
 
 use super::click::Click;
 use super::method::Method;
@@ -10,14 +10,14 @@ use super::setting::{Setting, TRIES};
 use crate::segment::coarse::CoarseOptions;
 use std::time::Instant;
 
-/// What a further click has to add to the fit.
+/// Gain in fit that a further click must exceed.
 const WORTH: f64 = 0.005;
 
-/// The best selection of up to `clicks` clicks, the first of equals; each further click is on what is still missing, is
-/// tried at all settings again, and is kept only if it is worth it.
+/// Returns the best selection of up to `clicks` clicks, the first among equals. Each further click is on what is still
+/// missing, is tried at all settings again, and is kept only if it improves the fit enough.
 ///
 /// # Errors
-/// A message: the method failed.
+/// A message if the method failed.
 pub fn best(
     scenery: Scenery<'_>,
     method: Method,
@@ -46,7 +46,7 @@ pub fn best(
     Ok(best)
 }
 
-/// The best of all settings for one click, with what was selected `before`.
+/// Returns the best of all settings for one click, with what was selected `before` added.
 fn round(
     scenery: Scenery<'_>,
     (method, tries): (Method, &[Setting]),
@@ -71,7 +71,7 @@ fn round(
     best.ok_or_else(|| "no setting was tried".to_owned())
 }
 
-/// `[N]`: whether each Gaussian is one of `members`.
+/// Returns whether each Gaussian is one of `members`, `[N]`.
 pub fn flags(members: &[u32], gaussians: usize) -> Vec<bool> {
     let mut flags = vec![false; gaussians];
     members.iter().for_each(|&i| flags[i as usize] = true);

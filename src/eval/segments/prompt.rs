@@ -1,7 +1,7 @@
-//! Where clicks are placed, and how well a selection fits in the view that was clicked. Both know the truth: a person
-//! who clicks sees what they want, so the first click is on the pixel that lies deepest inside the segment, in the view
-//! that shows most of it, and each further one deepest in what is still missing there. What a method is given is a
-//! [`Click`], which tells no more; only the [`oracle`](super::oracle) asks for the fit.
+//! Where clicks are placed, and how well a selection fits in the clicked view. Both use the ground truth: a user who
+//! clicks sees what they want, so the first click is on the pixel that lies deepest inside the segment, in the view
+//! that shows most of it, and each further one is deepest in what is still missing there. A method receives only a
+//! [`Click`], which tells it nothing else; only the [`oracle`](super::oracle) asks for the fit.
 
 use super::click::Click;
 use super::truth::Labelled;
@@ -11,13 +11,13 @@ use crate::segment::click::{seen, under};
 use burn::tensor::Device;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError};
 
-/// Pixels by which a selection is judged.
+/// Maximum number of pixels of the segment, and of the rest, by which a selection is judged.
 const PIXELS: usize = 6000;
-/// Part of a pixel's colour from which it counts as covered by a selection.
+/// Fraction of a pixel's colour above which it counts as covered by a selection.
 const SHARE: f32 = 0.5;
-/// Least alpha of a pixel that can be covered.
+/// Minimum alpha of a pixel that can be covered.
 const LEAST: f32 = 0.02;
-/// Pixels of the segment among which a further click is placed, at most.
+/// Maximum number of pixels of the segment among which a further click is placed.
 const PLACES: usize = 24_000;
 
 /// A click on a segment, and what is needed to judge what it selects.
@@ -28,33 +28,32 @@ pub struct Prompt {
     /// Column and row of the first click.
     pub pixel: [u32; 2],
     first: Click,
-    /// What the pixels are made of by which selections are judged, the clicked one first.
+    /// Contributors of the pixels by which selections are judged, the clicked one first.
     pixels: Contributors,
     inside: Vec<bool>,
-    /// None where there is one click.
+    /// `None` if there is only one click.
     places: Option<Places>,
 }
 
-/// Pixels of a segment where further clicks may be placed. Those by which selections are judged are scattered, and on
-/// a scatter no pixel lies deep in anything.
+/// Pixels of a segment where further clicks may be placed. Those by which selections are judged are scattered, and in a
+/// scatter no pixel lies deep inside anything.
 #[derive(Clone, Debug)]
 struct Places {
-    /// Columns and rows of the picture that has these pixels only: of all pixels, those of every so many columns and
-    /// rows.
+    /// Columns and rows of the picture that consists of every k-th column and row only.
     size: [usize; 2],
     /// Which of that picture's pixels are inside the segment, ascending.
     inside: Vec<u32>,
-    /// What each of these is made of.
+    /// Contributors of each of these.
     pixels: Contributors,
 }
 
 impl Prompt {
-    /// A click on what the segments `ids` show: on the pixel that lies deepest inside it, in the view that shows most of
-    /// it. `None` where no view shows it: it is hidden behind others. With up to `clicks` clicks, of which those after the
-    /// first need the pixels to be looked at once more.
+    /// Places a click on what the segments `ids` show: on the pixel that lies deepest inside them, in the view that
+    /// shows most of them. Returns `None` if no view shows them, as they are hidden behind others. Prepares up to
+    /// `clicks` clicks; those after the first need the pixels to be examined once more.
     ///
     /// # Errors
-    /// As [`contributors`](volseggs_kernels::splat::contributors::contributors).
+    /// As for [`contributors`](volseggs_kernels::splat::contributors::contributors).
     pub fn new(
         views: &[Labelled],
         ids: &[u16],
@@ -69,7 +68,7 @@ impl Prompt {
         let within: Vec<bool> = view.labels.iter().map(|l| ids.contains(l)).collect();
         let clicked = deepest(&within, width, height);
 
-        // as many pixels of the segment as of the rest of what is seen, at most
+        // candidates: at most `PIXELS` pixels of the segment, and as many of the rest
         let number = ids.first().copied().unwrap_or_default();
         let mut rng = Rng::new(0, u64::from(number), Purpose::PromptPixels);
         let mut choose = |wanted: bool| {
@@ -82,7 +81,7 @@ impl Prompt {
         let (inner, _) = choose(true);
         let (outer, _) = choose(false);
         let mut chosen = vec![clicked as u32];
-        // the two samples must stand for the same number of pixels each
+        // both samples must be drawn at the same rate
         let share = |part: usize, of: usize| if of == 0 { 1.0 } else { part as f64 / of as f64 };
         let inner_total = within.iter().filter(|w| **w).count();
         let outer_total = within.len() - inner_total;
@@ -109,14 +108,14 @@ impl Prompt {
         Ok(Some(Self { view, pixel, first, pixels: found, inside, places }))
     }
 
-    /// The first click.
+    /// Returns the first click.
     #[must_use]
     pub fn first(&self) -> Click {
         self.first.clone()
     }
 
-    /// A click on the pixel that lies deepest in what `selected` leaves out of the segment, as far as the scene shows anything
-    /// there; `None` if it leaves out none, or there is to be one click only.
+    /// Returns a click on the pixel that lies deepest in the part of the segment that `selected` misses, where the
+    /// scene shows anything; `None` if it misses nothing, or there is only one click.
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
         let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
@@ -129,8 +128,8 @@ impl Prompt {
         left_out[place].then(|| Click { under: pixels.pairs(p).collect() })
     }
 
-    /// Intersection over union, in the clicked view, of where the selected Gaussians make up most of what is seen and of
-    /// where the segment is. `selected` holds a value for each Gaussian of the scene.
+    /// Returns the intersection over union, in the clicked view, of where the selected Gaussians make up most of what
+    /// is visible and where the segment is. `selected` holds a value for each Gaussian of the scene.
     #[must_use]
     pub fn fit(&self, selected: &[bool]) -> f64 {
         let (mut both, mut either) = (0usize, 0usize);
@@ -143,12 +142,12 @@ impl Prompt {
     }
 }
 
-/// Whether anything is seen at pixel `p` of these: a person does not click where nothing is.
+/// Returns whether anything is visible at pixel `p` of these: a user does not click where nothing is.
 fn shows(pixels: &Contributors, p: usize) -> bool {
     pixels.row(p).1.iter().sum::<f32>() > LEAST
 }
 
-/// Whether the selected Gaussians make up most of what is seen at pixel `p` of these.
+/// Returns whether the selected Gaussians make up most of what is visible at pixel `p` of these.
 fn covered(pixels: &Contributors, p: usize, selected: &[bool]) -> bool {
     let (indices, weights) = pixels.row(p);
     let (mut part, mut whole) = (0.0, 0.0);
@@ -159,7 +158,8 @@ fn covered(pixels: &Contributors, p: usize, selected: &[bool]) -> bool {
     whole > LEAST && part > SHARE * whole
 }
 
-/// The pixels of a segment in every k-th column and row, ascending, and k: the least with which they are few enough.
+/// Returns the smallest k for which the pixels of a segment in every k-th column and row are few enough, and these,
+/// ascending.
 fn regular(within: &[bool], width: usize, height: usize) -> (usize, Vec<u32>) {
     let mut step = 1;
     loop {
@@ -172,8 +172,9 @@ fn regular(within: &[bool], width: usize, height: usize) -> (usize, Vec<u32>) {
     }
 }
 
-/// The pixel of a segment that is farthest from what is not of it and from the border; steps along rows and columns count 1. Of
-/// equals the one nearest to the middle of all of them, not the tip of a thin thing; of those the first.
+/// Returns the pixel of a segment that is farthest from the pixels outside it and from the border; steps along rows and
+/// columns count 1. Among equals, this is the one nearest to their centre, not the tip of a thin object; among those,
+/// the first.
 fn deepest(within: &[bool], width: usize, height: usize) -> usize {
     let mut depth = vec![0u32; within.len()];
     for y in 0..height {
@@ -196,7 +197,7 @@ fn deepest(within: &[bool], width: usize, height: usize) -> usize {
     }
     let most = depth.iter().copied().max().unwrap_or(0);
     let equals: Vec<usize> = (0..depth.len()).filter(|&i| depth[i] == most).collect();
-    // distances to the sum of the places of n equals, in n-ths of a pixel: whole numbers, exact
+    // distances to the sum of the positions of n equals, in n-ths of a pixel: integers, exact
     let n = equals.len();
     let sum = equals.iter().fold([0, 0], |[x, y], i| [x + i % width, y + i / width]);
     let distance = |i: usize| (n * (i % width)).abs_diff(sum[0]).pow(2) + (n * (i / width)).abs_diff(sum[1]).pow(2);
@@ -214,7 +215,7 @@ mod tests {
 
     #[test]
     fn the_click_is_in_the_middle_of_the_largest_part() {
-        // a 2x2 part at the left, a 5x5 part at the right
+        // a 2x2 part on the left, a 5x5 part on the right
         let mut within = vec![false; 12 * 7];
         for y in 1..6 {
             (6..11).for_each(|x| within[y * 12 + x] = true);
@@ -241,7 +242,7 @@ mod tests {
     fn a_further_click_is_deep_in_the_largest_missing_part_of_a_large_segment() {
         const SIZE: u32 = 200;
         let device = crate::device::DeviceName::Flex.open().unwrap();
-        // a wall of Gaussians that fills the picture; missing are a disc and, far away, a thin long line
+        // a wall of Gaussians that fills the picture; a disc and, far away, a long thin line are missing
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         for (i, j) in (-27..28).flat_map(|i| (-27..28).map(move |j| (i, j))) {
             add(&mut at, [0.04 * i as f32, 0.0, 0.04 * j as f32], [-3.9; 3]);

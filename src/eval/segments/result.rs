@@ -1,4 +1,4 @@
-//! What an evaluation finds, and its means.
+//! Results of an evaluation, and their means.
 
 use super::measure::{FrameScore, PictureScore};
 use super::method::Method;
@@ -8,13 +8,13 @@ use image::RgbImage;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// How a selection fits the true segment in space, at one time.
+/// How well a selection fits the true segment in space, at one time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct VolumeScore {
     /// Time in [0, 1].
     pub time: f64,
-    /// Intersection over union of the cells, weighted by their true opacity, percent; none where the segment is
-    /// nowhere, and nothing is selected.
+    /// Intersection over union of the cells, weighted by their true opacity, percent; `None` if the segment is nowhere
+    /// and nothing is selected, or if it is part of something larger at this time.
     pub iou_3d: Option<f64>,
 }
 
@@ -23,25 +23,25 @@ pub struct VolumeScore {
 pub struct Row {
     /// Time in [0, 1].
     pub time: f64,
-    /// Views: PSNR, SSIM and LPIPS are means over all of them.
+    /// Number of views; PSNR, SSIM and LPIPS are means over all of them.
     pub views: usize,
-    /// Views in which the segment is, or something is shown; IoU is the mean over these.
+    /// Number of views in which the segment is present or something is shown; IoU is the mean over these.
     pub iou_views: usize,
-    /// Intersection over union of the silhouettes, percent; none where the segment is nowhere, and nothing was shown.
+    /// Intersection over union of the silhouettes, percent; `None` if the segment is nowhere and nothing was shown.
     pub iou: Option<f64>,
-    /// Decibels; none of several segments as one, of which there are no pictures.
+    /// PSNR in decibels; `None` for several segments as one, of which there are no pictures.
     pub psnr: Option<f64>,
     /// SSIM, RGB.
     pub ssim: Option<f64>,
     /// SSIM, grey.
     pub ssim_gray: Option<f64>,
-    /// LPIPS, AlexNet; none without weights.
+    /// LPIPS, AlexNet; `None` without weights.
     pub lpips: Option<f64>,
 }
 
 impl Row {
-    /// The means of `scores`, which are of one time; `None` without any. A view in which the segment is not there and
-    /// nothing is shown has no IoU, but its picture counts: to show nothing where nothing is is right.
+    /// Returns the means of `scores`, which are of one time; `None` if there are none. A view in which the segment is
+    /// absent and nothing is shown has no IoU, but its picture counts: showing nothing is then correct.
     #[must_use]
     pub fn mean(time: f64, scores: &[&FrameScore]) -> Option<Self> {
         let picture = |f: &dyn Fn(&PictureScore) -> Option<f64>| {
@@ -60,52 +60,52 @@ impl Row {
     }
 }
 
-/// The mean, in the order given; `None` of nothing.
+/// Returns the mean, summed in the order given; `None` if there are no values.
 pub(super) fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0usize), |(sum, count), v| (sum + v, count + 1));
     (count > 0).then(|| sum / count as f64)
 }
 
-/// The least; `None` of nothing.
+/// Returns the minimum; `None` if there are no values.
 fn least(values: impl Iterator<Item = f64>) -> Option<f64> {
     values.min_by(f64::total_cmp)
 }
 
-/// One selection and how right it is.
+/// One selection and its accuracy.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Outcome {
-    /// IoU in space at the time nearest to that of the click, percent; none where the dataset has no volumes of ids.
+    /// IoU in space at the time nearest to that of the click, percent; `None` if the dataset has no volumes of ids.
     pub iou_3d: Option<f64>,
-    /// The least IoU in space over all times that have a volume.
+    /// Minimum IoU in space over all times that have a volume.
     pub least_iou_3d: Option<f64>,
-    /// The least IoU of the silhouettes over all times.
+    /// Minimum IoU of the silhouettes over all times.
     pub least_iou: Option<f64>,
     /// Silhouettes and pictures at the time nearest to that of the click.
     pub at: Option<Row>,
     /// The setting in words.
     pub setting: String,
-    /// Mask scale and cosine that a field was asked with, at the first click.
+    /// Mask scale and cosine that a field was queried with, at the first click.
     pub asked: Option<(f32, f32)>,
     /// Intersection over union in the clicked view, in [0, 1], by which an oracle chose the setting.
     pub fit: Option<f64>,
-    /// Clicks that it took.
+    /// Number of clicks used.
     pub clicks: usize,
-    /// Gaussians selected.
+    /// Number of Gaussians selected.
     pub gaussians: usize,
     /// Their indices, ascending.
     #[serde(skip)]
     pub members: Vec<u32>,
-    /// Seconds from a click to a segment: to the selection, the least of all clicks (and of all settings that an oracle
-    /// tried), and of fields the seconds that it took to carry it to the other times.
+    /// Seconds from a click to a segment: those to the selection, the minimum over all clicks (and over all settings
+    /// that an oracle tried), and, for fields, those to propagate it to the other times.
     pub click_seconds: f64,
-    /// In space at each time.
+    /// Scores in space at each time.
     pub volumes: Vec<VolumeScore>,
-    /// Silhouettes and pictures at each time: tracking.
+    /// Silhouettes and pictures at each time, for tracking.
     pub times: Vec<Row>,
 }
 
 impl Outcome {
-    /// Fills in what is told of views, `scores`, and of volumes; `time` is that of the click.
+    /// Fills in the results from views, `scores`, and from volumes; `time` is that of the click.
     pub(super) fn fill(&mut self, time: f64, scores: &[FrameScore], volumes: Vec<VolumeScore>) {
         let mut times: Vec<f64> = scores.iter().map(|s| s.time).collect();
         times.sort_by(f64::total_cmp);
@@ -119,7 +119,7 @@ impl Outcome {
         self.volumes = volumes;
     }
 
-    /// IoU of the silhouettes at the time nearest to that of the click, percent.
+    /// Returns the IoU of the silhouettes at the time nearest to that of the click, percent.
     #[must_use]
     pub fn iou(&self) -> Option<f64> {
         self.at.as_ref().and_then(|r| r.iou)
@@ -130,7 +130,7 @@ fn nearest<T>(rows: &[T], time: f64, of: impl Fn(&T) -> f64) -> Option<&T> {
     rows.iter().min_by(|a, b| (of(a) - time).abs().total_cmp(&(of(b) - time).abs()))
 }
 
-/// One segment by one method.
+/// One segment selected by one method.
 #[derive(Clone, Debug, Serialize)]
 pub struct SegmentResult {
     /// Name of the known segment, or of several as one.
@@ -141,9 +141,9 @@ pub struct SegmentResult {
     pub view: String,
     /// Column and row of the first click.
     pub pixel: [u32; 2],
-    /// With the setting that was fixed beforehand.
+    /// Outcome with the setting that was fixed in advance.
     pub fixed: Outcome,
-    /// With the best of [`TRIES`] settings in the clicked view.
+    /// Outcome with the best of [`TRIES`] settings in the clicked view.
     pub oracle: Option<Outcome>,
 }
 
@@ -152,13 +152,13 @@ pub struct SegmentResult {
 pub struct Means {
     /// IoU in space at the clicked time, percent.
     pub iou_3d: Option<f64>,
-    /// Of each segment's least IoU in space.
+    /// Minimum IoU in space of each segment.
     pub least_iou_3d: Option<f64>,
     /// IoU of silhouettes at the clicked time, percent.
     pub iou: Option<f64>,
-    /// Of each segment's least IoU of silhouettes.
+    /// Minimum IoU of silhouettes of each segment.
     pub least_iou: Option<f64>,
-    /// Decibels at the clicked time.
+    /// PSNR in decibels at the clicked time.
     pub psnr: Option<f64>,
     /// SSIM, RGB, at the clicked time.
     pub ssim: Option<f64>,
@@ -167,7 +167,7 @@ pub struct Means {
 }
 
 impl Means {
-    /// Over some outcomes.
+    /// Returns the means over some outcomes.
     #[must_use]
     pub fn of(outcomes: &[&Outcome]) -> Self {
         let over = |f: &dyn Fn(&Outcome) -> Option<f64>| mean(outcomes.iter().filter_map(|o| f(o)));
@@ -191,54 +191,55 @@ pub struct MethodMeans {
     pub method: Method,
     /// With the fixed setting.
     pub fixed: Means,
-    /// By the oracle, if it was asked.
+    /// With the oracle's setting, if it was used.
     pub oracle: Option<Means>,
 }
 
-/// All of it.
+/// All results of an evaluation.
 #[derive(Clone, Debug, Serialize)]
 pub struct SegmentEvaluation {
-    /// The data; the caller says which.
+    /// The data, filled in by the caller.
     #[serde(flatten)]
     pub data: DataId,
     /// Time of the clicks.
     pub time: f64,
     /// Source of the masks.
     pub masks: &'static str,
-    /// Views with masks.
+    /// Number of views with masks.
     pub mask_views: usize,
     /// Seed of clusters and fields.
     pub seed: u64,
-    /// Settings that the oracle tried for each method and click; 0 if it was not asked. The fixed setting is one try.
+    /// Number of settings that the oracle tried for each method and click; 0 if it was not used. The fixed setting is
+    /// one of them.
     pub oracle_tries: usize,
     /// Times that have a volume of ids.
     pub volume_times: Vec<f64>,
     /// Names of the coarse colours.
     pub palette: Vec<String>,
-    /// Seconds of masks and training by method.
+    /// Seconds spent on masks and training, by method.
     pub training_seconds: BTreeMap<String, f64>,
-    /// Over the segments, method by method; unions of segments are not among them.
+    /// Means over the segments, method by method; unions of segments are excluded.
     pub means: Vec<MethodMeans>,
-    /// Segments that no view shows at the time of the clicks, so that they could not be clicked: they are not among the
-    /// results, and not in the means.
+    /// Segments that no view shows at the time of the clicks, so that they could not be clicked: they are excluded from
+    /// the results and the means.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub not_seen: Vec<String>,
-    /// Segments that are part of something larger at some times, as they merge into it or have split off it; no id tells
-    /// their part there, so that these times do not count for them.
+    /// Segments that are part of something larger at some times, as they merge into it or have split off it; no id
+    /// identifies their part at these times, which therefore do not count for them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub partly_known: Vec<String>,
-    /// Segment by segment, method by method.
+    /// Results, segment by segment and method by method.
     pub results: Vec<SegmentResult>,
-    /// Truth and each method's fixed setting, a row for each segment.
+    /// Ground truth and each method's fixed setting, a row per segment.
     #[serde(skip)]
     pub pictures: Vec<(String, RgbImage)>,
-    /// Pictures in a row.
+    /// Number of pictures in a row.
     #[serde(skip)]
     pub columns: usize,
 }
 
 impl SegmentEvaluation {
-    /// Takes the means over the results of `segments`.
+    /// Computes the means over the results of `segments`.
     pub(super) fn take_means(&mut self, methods: &[Method], segments: &[&str]) {
         let means = |method: &Method| {
             let of = |r: &&SegmentResult| r.method == *method && segments.contains(&r.segment.as_str());

@@ -1,5 +1,5 @@
-//! One evaluation from beginning to end: coarse colours, masks, fields and baselines at the chosen time; a click on each
-//! known segment; what each method selects, measured at every time, in space and in pictures.
+//! A complete evaluation: coarse colours, masks, fields and baselines at the chosen time; a click on each known
+//! segment; what each method selects, measured at every time, in space and in pictures.
 
 use super::measure::{FrameScore, Judge};
 use super::method::Method;
@@ -24,10 +24,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-/// Evaluates; `work` is a folder for files that nobody needs afterwards, and `say` is told what is being done.
+/// Runs an evaluation; `work` is a folder for temporary files, and `say` receives messages about progress.
 ///
 /// # Errors
-/// The truth is not there, masks cannot be used, or a method failed.
+/// If the ground truth is missing, masks cannot be used, or a method failed.
 pub fn evaluate_segments(
     scene: &Scene,
     truth: &Truth,
@@ -134,7 +134,7 @@ pub fn evaluate_segments(
     Ok(evaluation)
 }
 
-/// Something of the fixed setting, and of the oracle's if it was asked.
+/// A value for the fixed setting and, if the oracle was used, one for its setting.
 struct Pair<T> {
     fixed: T,
     oracle: Option<T>,
@@ -150,7 +150,8 @@ struct Clicked<'a> {
 }
 
 impl Clicked<'_> {
-    /// Whether some ids tell at every time of the truth where the matter is that was clicked at the time `from`.
+    /// Returns whether, at every time of the ground truth, some ids identify the material that was clicked at time
+    /// `from`.
     fn is_known_at_all_times(&self, truth: &Truth, from: f64) -> bool {
         let own = truth.file.segments.iter().filter(|s| self.target.ids.contains(&s.id));
         let pictures = own.flat_map(|s| &s.frames).map(|f| f.time);
@@ -158,7 +159,7 @@ impl Clicked<'_> {
     }
 }
 
-/// What a method selects: at its fixed setting, which is told where the clicks are and nothing else, and by the oracle.
+/// Returns what a method selects: at its fixed setting, which knows only where the clicks are, and by the oracle.
 fn choose(
     method: Method,
     scenery: Scenery<'_>,
@@ -172,7 +173,7 @@ fn choose(
     let best = || oracle::best(scenery, method, &options.coarse, prompt, options.clicks.max(1));
     let mut oracle = options.oracle.then(best).transpose()?;
     if matches!(method, Method::Fine | Method::CoarseFine) {
-        // as `segment pick` does, and who clicks waits for it
+        // as `segment pick` does, and the user waits for it
         for Chosen { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
             let started = Instant::now();
             let within = scenery.looked_in(method, &selected.members);
@@ -196,8 +197,8 @@ fn outcome(chosen: Chosen) -> Outcome {
     }
 }
 
-/// The IoU in space of all selections at one time: by segment, then by method, in [0, 1]; none where the segment is part of
-/// something larger then.
+/// Returns the IoU in space of all selections at one time: by segment, then by method, in [0, 1]; `None` if the segment
+/// is part of something larger then.
 fn in_space(
     truth: &Truth,
     at: &HostGaussians,
@@ -227,7 +228,7 @@ fn in_space(
     Ok(out)
 }
 
-/// Scores of each method in each frame; adds a row of pictures to the sheet.
+/// Returns the scores of each method in each frame, and adds a row of pictures to the sheet.
 fn in_pictures(
     judge: &Judge<'_>,
     deformed: &mut Times<'_>,
@@ -268,12 +269,12 @@ fn in_pictures(
     Ok(scores)
 }
 
-/// The time of a frame nearest to `time`.
+/// Returns the time of the frame nearest to `time`.
 fn nearest(frames: &[TruthFrame], time: f64) -> Option<f64> {
     frames.iter().map(|f| f.time).min_by(|a, b| (a - time).abs().total_cmp(&(b - time).abs()))
 }
 
-/// The scene at the times of the truth, each deformed once.
+/// The scene at the times of the ground truth, each deformed once.
 struct Times<'a> {
     scene: &'a Scene,
     known: BTreeMap<u64, HostGaussians>,
@@ -281,7 +282,7 @@ struct Times<'a> {
 
 impl Times<'_> {
     fn at(&mut self, time: f64) -> &HostGaussians {
-        // a few times stay; a dataset in which each view has its own would hold the scene hundreds of times
+        // only a few times are kept: if each view had its own, they would hold the scene hundreds of times
         if self.known.len() > 16 && !self.known.contains_key(&time.to_bits()) {
             self.known.clear();
         }

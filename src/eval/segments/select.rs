@@ -1,5 +1,5 @@
-//! Clicks -> a selection, by a setting. Nothing here has the truth or can judge a selection: what a method is given is
-//! the scene, what was trained on it, clicks, and a setting.
+//! From clicks to a selection, by a setting. Nothing here has the ground truth or can judge a selection: a method
+//! receives the scene, what was trained on it, clicks, and a setting.
 
 use super::click::Click;
 use super::method::Method;
@@ -13,25 +13,25 @@ use crate::segment::pick::{meant, pick, pick_saga};
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-/// Gaussians that a method selects.
+/// Gaussians selected by a method.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selected {
     /// Their indices, ascending.
     pub members: Vec<u32>,
-    /// What to add to each one's mean, `[M, 3]`, and log-scales, `[M, 3]`; empty for nothing.
+    /// Offsets added to each one's mean, `[M, 3]`, and log-scales, `[M, 3]`; empty for none.
     pub moved: (Vec<f32>, Vec<f32>),
-    /// Mask scale and cosine that a field was asked with.
+    /// Mask scale and cosine that a field was queried with.
     pub asked: Option<(f32, f32)>,
 }
 
 impl Selected {
-    /// Whether any Gaussian is changed.
+    /// Returns whether any Gaussian is changed.
     #[must_use]
     pub fn moves(&self) -> bool {
         !self.moved.0.is_empty() || !self.moved.1.is_empty()
     }
 
-    /// The selected of the scene's Gaussians at any time.
+    /// Returns the selected ones of the scene's Gaussians at any time.
     #[must_use]
     pub fn of(&self, at: &HostGaussians) -> HostGaussians {
         let mut alone = at.subset(&self.members);
@@ -40,7 +40,7 @@ impl Selected {
         alone
     }
 
-    /// All of the scene's Gaussians, the selected ones as they are in the selection.
+    /// Returns all of the scene's Gaussians, the selected ones as they are in the selection.
     #[must_use]
     pub fn within(&self, at: &HostGaussians) -> HostGaussians {
         let mut all = at.clone();
@@ -52,7 +52,7 @@ impl Selected {
         all
     }
 
-    /// All of both; where both have a Gaussian, as this one has it. A field was asked as for this one.
+    /// Returns the Gaussians of both; those in both are as in this one, and so are the scale and cosine.
     #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         let mut rows: Vec<(u32, bool, usize)> = self.members.iter().enumerate().map(|(r, &m)| (m, false, r)).collect();
@@ -77,20 +77,21 @@ impl Selected {
     }
 }
 
-/// What clicks are put to.
+/// What clicks are applied to.
 #[derive(Clone, Copy)]
 pub struct Scenery<'a> {
     /// The Gaussians at the time of the clicks.
     pub at: &'a HostGaussians,
-    /// What the methods have learnt of them.
+    /// What the methods have learnt about them.
     pub trained: &'a Trained,
 }
 
 impl Scenery<'_> {
-    /// What `method` selects by one click at a setting; nothing where nothing is under the click, or nothing is like it.
+    /// Returns what `method` selects by one click at a setting; nothing if nothing is under the click, or nothing is
+    /// similar to it.
     ///
     /// # Errors
-    /// A message: the method failed.
+    /// A message if the method failed.
     pub fn select(&self, method: Method, setting: &Setting, click: &Click) -> Result<Selected, String> {
         let whole = |members| Selected { members, ..Selected::default() };
         let trained = self.trained;
@@ -106,7 +107,8 @@ impl Scenery<'_> {
                 let Lifted { field, frame } = field.as_ref().ok_or("the field was not trained beforehand")?;
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
-                    // as `segment pick` does: in the clicked colour, or in all if no colour holds what is there
+                    // as `segment pick` does: in the clicked colour, or in the whole scene if no colour contains what
+                    // is there
                     Method::CoarseFine => self.colour(trained.coarse(), click),
                     _ => None,
                 };
@@ -136,8 +138,8 @@ impl Scenery<'_> {
         }
     }
 
-    /// The Gaussians among which a field was asked for what it selected: all of the colours of these, or of the scene if
-    /// one has none.
+    /// Returns the Gaussians among which a field selected `members`: all of their colours for `coarse+fine`, if each of
+    /// them has a colour, otherwise all of the scene.
     pub fn looked_in(&self, method: Method, members: &[u32]) -> Vec<u32> {
         let labels = &self.trained.coarse().labels;
         let colours: BTreeSet<u32> = members.iter().map(|&i| labels[i as usize]).collect();
@@ -145,7 +147,7 @@ impl Scenery<'_> {
         (0..labels.len() as u32).filter(|&i| all || colours.contains(&labels[i as usize])).collect()
     }
 
-    /// The clicked Gaussian that has a colour, and all of that colour.
+    /// Returns the clicked Gaussian that has a colour, and all Gaussians of that colour.
     fn colour(&self, colours: &Coarse, click: &Click) -> Option<(u32, Vec<u32>)> {
         let clicked = meant(&click.under, |i| Some(colours.labels[i as usize]).filter(|l| *l > 0))?;
         let label = colours.labels[clicked as usize];
@@ -161,19 +163,20 @@ pub struct Chosen {
     pub selected: Selected,
     /// The setting in words, one for each click.
     pub setting: String,
-    /// Clicks that it took.
+    /// Number of clicks used.
     pub clicks: usize,
-    /// Seconds from a click to a selection, the least of all; of what is carried to the other times, with that.
+    /// Seconds from a click to a selection, the minimum over all clicks, plus those to propagate it to the other times,
+    /// if this is done.
     pub seconds: f64,
-    /// Intersection over union in the clicked view, of those that were chosen by it.
+    /// Intersection over union in the clicked view, if the setting was chosen by it.
     pub fit: Option<f64>,
 }
 
-/// The selection at one setting that was fixed beforehand: up to `clicks` clicks, each adding what it selects. `next`
-/// places the next click, by what is selected so far.
+/// Returns the selection at one setting that was fixed in advance: up to `clicks` clicks, each adding what it selects.
+/// `next` places the next click, given what is selected so far.
 ///
 /// # Errors
-/// A message: the method failed.
+/// A message if the method failed.
 pub fn fixed(
     scenery: Scenery<'_>,
     (method, setting): (Method, &Setting),
@@ -190,7 +193,7 @@ pub fn fixed(
         let before = out.members.len();
         out = if count == 0 { more } else { out.with(&more) };
         count += 1;
-        // one that adds nothing would be made at the same place again
+        // after a click that adds nothing, the next would be at the same place
         if count < clicks && (count == 1 || out.members.len() > before) {
             click = next(&out.members);
         }

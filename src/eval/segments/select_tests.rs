@@ -1,4 +1,4 @@
-//! The fixed selection knows nothing of the truth but where it was clicked.
+//! Tests that the fixed selection knows nothing of the ground truth but where it was clicked.
 
 use super::super::oracle;
 use super::super::prompt::Prompt;
@@ -19,7 +19,7 @@ use std::collections::HashMap;
 
 const SIZE: u32 = 40;
 
-/// Two balls of two colours, and what every method needs; fields that have learnt nothing select something too.
+/// Two balls of two colours, and what every method needs; untrained fields select something too.
 fn scene() -> (HostGaussians, Trained) {
     let device = DeviceName::all()[0].open().unwrap();
     let mut at = APART.gaussians();
@@ -44,7 +44,7 @@ fn scene() -> (HostGaussians, Trained) {
     (at, trained)
 }
 
-/// A view from the front, whose pixel at column `x` and row `y` has the label that `label` says.
+/// A view from the front, whose pixel at column `x` and row `y` has the label that `label` returns.
 fn view(label: impl Fn(u32, u32) -> u16) -> Labelled {
     let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.5), DVec3::ZERO, DVec3::Z, 0.6, SIZE, SIZE);
     let labels = (0..SIZE * SIZE).map(|p| label(p % SIZE, p / SIZE)).collect();
@@ -59,10 +59,10 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     let prompt = |labels: &dyn Fn(u32, u32) -> u16| {
         Prompt::new(&[view(labels)], &[3], (&at, rendering()), 1, &device).unwrap().unwrap()
     };
-    // a disc about where one of the balls is seen
+    // a disc around where one of the balls is seen
     let whole = prompt(&|x, y| if x.abs_diff(12).pow(2) + y.abs_diff(20).pow(2) < 36 { 3 } else { 5 });
     let [x, y] = whole.pixel;
-    // all other pixels blank; all others something else
+    // all other pixels blank, and all other pixels with other labels
     let alone = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 0 });
     let others = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 4 + ((7 * i + 3 * j) % 5) as u16 });
     let mut chosen = 0;
@@ -79,7 +79,7 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
         chosen += usize::from(!found.selected.members.is_empty());
     }
     assert_eq!(chosen, 5, "each method selects something, so that there is something to compare");
-    // the oracle does know them
+    // the oracle does know the other labels
     let best = |p: &Prompt| oracle::best(scenery, Method::Coarse, &CoarseOptions::default(), p, 1).unwrap().fit;
     assert_ne!(best(&whole), best(&alone));
 }

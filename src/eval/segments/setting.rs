@@ -1,4 +1,4 @@
-//! The settings of each method: the one that is fixed beforehand, and the tries of the oracle, as many for each.
+//! Settings of each method: the one fixed in advance, and the tries of the oracle, the same number for each method.
 
 use super::method::Method;
 use crate::segment::baselines::sagd::{MaskChoice, SagdOptions};
@@ -6,24 +6,24 @@ use crate::segment::coarse::{CoarseOptions, ColourSpace};
 use crate::segment::pick::{Meaning, PickOptions, SagaPick};
 use std::fmt;
 
-/// Tries of the oracle, of every method.
+/// Number of the oracle's tries for every method.
 pub const TRIES: usize = 12;
 
-/// Scales that fields and SAGA are tried at ...
+/// Scales that fields and SAGA are tried at, ...
 const SCALES: [f32; 3] = [0.1, 0.5, 0.9];
 /// ... each with these cosines.
 const COSINES: [f32; 4] = [0.5, 0.8, 0.9, 0.97];
-/// Shares of the votes that SAGD is tried with, for each choice of a mask.
+/// Fractions of the votes that SAGD is tried with, for each choice of a mask.
 const AGREEMENTS: [f32; 4] = [0.5, 0.6, 0.7, 0.8];
-/// Numbers of colours that `coarse` is tried with beside the one asked for or suggested, in each space.
+/// Numbers of colours that `coarse` is tried with in each space, besides the requested or suggested one.
 const COLOURS: [usize; 5] = [2, 3, 4, 6, 8];
-/// Number of colours in place of one of these that is the one asked for: none of them.
+/// Number of colours, none of these, that replaces the one of them that equals the requested number.
 const SPARE: usize = 5;
 
-/// How a method is asked.
+/// A setting of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Setting {
-    /// Colours.
+    /// How colours are found.
     Coarse(CoarseOptions),
     /// An affinity field, of the scene or within a colour.
     Field(PickOptions),
@@ -34,8 +34,8 @@ pub enum Setting {
 }
 
 impl Setting {
-    /// The setting that a method has where nobody has tried any: the default of `segment coarse` and `segment pick`; of
-    /// SAGA, what corresponds to it; of SAGD, the published one. `coarse` is how colours are found.
+    /// Returns the setting of a method that nobody has tuned: the default of `segment coarse` and `segment pick`; for
+    /// SAGA, what corresponds to it; for SAGD, the published one. `coarse` is how colours are found.
     #[must_use]
     pub fn fixed(method: Method, coarse: &CoarseOptions) -> Self {
         match method {
@@ -46,10 +46,9 @@ impl Setting {
         }
     }
 
-    /// What the oracle may choose from, the fixed setting among them. Fields: that, and eleven of three scales with four
-    /// cosines; SAGA: all twelve;
-    /// SAGD: three choices of a mask with four shares of the votes; `coarse`: six numbers of colours in two spaces. No two
-    /// are equal.
+    /// Returns what the oracle may choose from, including the fixed setting. Fields: the fixed setting, and eleven
+    /// combinations of three scales with four cosines; SAGA: all twelve combinations; SAGD: three choices of a mask
+    /// with four fractions of the votes; `coarse`: six numbers of colours in two spaces. No two are equal.
     #[must_use]
     pub fn tries(method: Method, coarse: &CoarseOptions) -> [Self; TRIES] {
         std::array::from_fn(|i| match method {
@@ -63,7 +62,7 @@ impl Setting {
                 let space = if i % 2 == 0 { coarse.space } else { other };
                 Self::Coarse(CoarseOptions { clusters, space, ..*coarse })
             }
-            // the levels that the masks show take the place of the smallest scale with the lowest cosine
+            // the levels that the masks show replace the smallest scale with the lowest cosine
             Method::Fine | Method::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
             Method::Fine | Method::CoarseFine => {
                 let (scale, threshold) = by_hand(i);
@@ -81,7 +80,7 @@ impl Setting {
     }
 }
 
-/// Scale and cosine of try `i` of a field.
+/// Returns the scale and cosine of try `i` of a field.
 fn by_hand(i: usize) -> (f32, f32) {
     (SCALES[i / 4], COSINES[i % 4])
 }

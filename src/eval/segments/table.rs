@@ -1,5 +1,5 @@
-//! Results as tables: a row for each segment and method at the chosen time, and for tracking a row for each segment and
-//! time. What was selected with fixed settings comes first, in space before pictures.
+//! Results as tables: a row per segment and method at the chosen time, and for tracking a row per segment and time.
+//! Selections with fixed settings come first, and scores in space before those in pictures.
 
 use super::method::Method;
 use super::result::{Means, Outcome, Row, SegmentEvaluation, SegmentResult};
@@ -11,8 +11,9 @@ use crate::files::{AtomicDir, FolderKind};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// The table at the chosen time, as Markdown: what the terminal shows. First what is selected with the fixed setting of
-/// each method, in space and in pictures; then what the oracle selects; under it, what the numbers rest on.
+/// Formats the table at the chosen time as Markdown, as the terminal shows it: first what is selected with the fixed
+/// setting of each method, in space and in pictures; then what the oracle selects; below it, what the numbers are based
+/// on.
 #[must_use]
 pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     let asked = evaluation.oracle_tries > 0;
@@ -49,7 +50,7 @@ fn cell(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".into(), |v| format!("{v:.digits$}"))
 }
 
-/// What the numbers rest on: views, times, seed, tries.
+/// Returns what the numbers are based on: views, times, seed, tries.
 fn note(evaluation: &SegmentEvaluation) -> String {
     let views = |of: &dyn Fn(&Row) -> usize| {
         let counts = || evaluation.results.iter().filter_map(|r| r.fixed.at.as_ref()).map(of);
@@ -104,7 +105,7 @@ fn note(evaluation: &SegmentEvaluation) -> String {
     out
 }
 
-/// The outcomes of all results with what they are called: the fixed setting's, then the oracle's.
+/// Returns the outcomes of all results with their names: the fixed setting's, then the oracle's.
 fn outcomes(evaluation: &SegmentEvaluation) -> impl Iterator<Item = (&SegmentResult, &'static str, &Outcome)> {
     evaluation
         .results
@@ -132,7 +133,7 @@ fn row_cells(r: &Row) -> String {
 
 const ROW_HEAD: &str = "time,views,iou_views,iou,psnr,ssim,ssim_gray,lpips_alex";
 
-/// At the clicked time.
+/// Formats the scores at the clicked time.
 fn csv_at(evaluation: &SegmentEvaluation) -> String {
     let mut out = format!("segment,method,setting,iou_3d,least_iou_3d,least_iou,{ROW_HEAD}\n");
     for (r, setting, o) in outcomes(evaluation) {
@@ -144,7 +145,7 @@ fn csv_at(evaluation: &SegmentEvaluation) -> String {
     out
 }
 
-/// Silhouettes and pictures at every time.
+/// Formats the scores of silhouettes and pictures at every time.
 fn csv_tracking(evaluation: &SegmentEvaluation) -> String {
     let mut out = format!("segment,method,setting,{ROW_HEAD}\n");
     for (r, setting, o) in outcomes(evaluation) {
@@ -155,7 +156,7 @@ fn csv_tracking(evaluation: &SegmentEvaluation) -> String {
     out
 }
 
-/// In space at every time that has a volume.
+/// Formats the scores in space at every time that has a volume.
 fn csv_volumes(evaluation: &SegmentEvaluation) -> String {
     let mut out = String::from("segment,method,setting,time,iou_3d\n");
     for (r, setting, o) in outcomes(evaluation) {
@@ -166,18 +167,19 @@ fn csv_volumes(evaluation: &SegmentEvaluation) -> String {
     out
 }
 
-/// The folder of an evaluation of segments.
+/// Kind of the folder of an evaluation of segments.
 pub const KIND: FolderKind = FolderKind {
     what: "an evaluation of segments",
     markers: &["segments.json"],
     entries: &["*.csv", "table.md", "*.svg", "segments.png"],
 };
 
-/// Writes `segments.json`, `segments.csv` (at the chosen time), `tracking.csv` (pictures of every time), `volumes.csv` (in
-/// space), `table.md`, `iou-METHOD.svg`, `iou-3d-METHOD.svg` and `segments.png` into `folder`, in place of what was there.
+/// Writes `segments.json`, `segments.csv` (at the chosen time), `tracking.csv` (pictures of every time), `volumes.csv`
+/// (in space), `table.md`, `iou-METHOD.svg`, `iou-3d-METHOD.svg` and `segments.png` into `folder`, replacing what was
+/// there.
 ///
 /// # Errors
-/// If something else stands there, or a file cannot be written.
+/// If something else is there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<(), WriteError> {
     if let Some(parent) = folder.parent() {
         std::fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
@@ -211,7 +213,7 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
     Ok(out.commit_replacing(&KIND, &[])?)
 }
 
-/// From an outcome to the points of a plot.
+/// Function from an outcome to the points of a plot.
 type Points = dyn Fn(&Outcome) -> Vec<(f64, f64)>;
 
 #[cfg(test)]

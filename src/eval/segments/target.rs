@@ -6,7 +6,7 @@ use crate::name::Name;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
-/// Several known segments that count as one, as in `pair=tube-a+tube-b`.
+/// Several known segments measured as one, as in `pair=tube-a+tube-b`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Union {
     /// Its name in tables.
@@ -43,16 +43,17 @@ pub struct Target {
     pub name: String,
     /// Ids of its segments in label images and volumes, at the time of the click.
     pub ids: Vec<u16>,
-    /// The views in which it is known alone; not those of times at which it is part of something larger, see
+    /// The views in which it is known alone; those of times at which it is part of something larger are excluded, see
     /// [`Truth::ids_at`].
     pub frames: Vec<TruthFrame>,
 }
 
-/// The targets: the segments in `only`, all if it is empty, and the unions, as they are at the time `clicked`.
+/// Returns the targets: the segments in `only`, or all if it is empty, and the unions, as they are at the time
+/// `clicked`.
 ///
 /// # Errors
-/// If a segment is not known, a union has a segment's or another union's name, or segments of one are known in
-/// different views.
+/// If a segment is unknown, a union has the name of a segment or of another union, or the segments of a union are known
+/// in different views.
 pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -> Result<Vec<Target>, DataError> {
     let path = truth.root.join(truth::FILE);
     let bad = |problem: String| {
@@ -84,8 +85,8 @@ pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -
     Ok(out)
 }
 
-/// The views in which the matter of what `ids` are at the time `clicked` is known alone; `None` if the segments that it is
-/// made of are known in different ones.
+/// Returns the views in which the material of the segments `ids` at the time `clicked` is known alone; `None` if the
+/// segments that it consists of are known in different views.
 fn followed(truth: &Truth, ids: &[u16], clicked: f64) -> Option<Vec<TruthFrame>> {
     let mut of: BTreeMap<u16, Vec<TruthFrame>> = BTreeMap::new();
     let mut out = Vec::new();
@@ -180,7 +181,7 @@ mod tests {
         };
         assert_eq!(times(0.5), [vec![(0.0, 1), (0.5, 1)], vec![(0.0, 2), (0.5, 1)]]);
         assert_eq!(times(0.0), [vec![(0.0, 1)], vec![(0.0, 1)]]);
-        // nothing of 1 is left at 0.5, so that it cannot be clicked; both as one are the whole at any time
+        // nothing of 1 is left at 0.5, so it cannot be clicked; both as one are the whole at any time
         let both = targets(&truth, &["a".to_owned()], &["both=a+b".parse().unwrap()], 0.0).unwrap();
         assert_eq!(both[1].frames.len(), 2);
     }

@@ -1,5 +1,6 @@
-//! What the methods need before a click: colours, masks, affinity fields, and the baselines' features and votes. Each
-//! method is timed for all that it needs, masks too. The truth is read here only where label images are the masks.
+//! What the methods need before a click: colours, masks, affinity fields, and the features and votes of the baselines.
+//! Each method is timed for everything it needs, including masks. The ground truth is read here only if label images
+//! are the masks.
 
 use super::method::Method;
 use super::options::{SegmentEvalError, SegmentOptions};
@@ -26,7 +27,7 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
 
-/// Masks, lifted to a field of features.
+/// A field of features, lifted from masks.
 pub struct Lifted {
     /// The field.
     pub field: AffinityField,
@@ -34,7 +35,7 @@ pub struct Lifted {
     pub frame: Frame,
 }
 
-/// What clicks are put to.
+/// What the methods have learnt before the clicks.
 pub struct Trained {
     /// Gaussians by colour: first as `segment coarse` finds them, then at the settings that the oracle tries.
     pub colours: Vec<(CoarseOptions, Coarse)>,
@@ -51,33 +52,33 @@ pub struct Trained {
 }
 
 impl Trained {
-    /// Gaussians by colour, as `segment coarse` finds them.
+    /// Returns the Gaussians by colour, as `segment coarse` finds them.
     pub fn coarse(&self) -> &Coarse {
         &self.colours[0].1
     }
 }
 
-/// How to get there.
+/// What training needs.
 pub struct Trainers<'a> {
     /// The scene.
     pub scene: &'a Scene,
-    /// What is known.
+    /// The ground truth.
     pub truth: &'a Truth,
     /// The Gaussians at the time of the clicks.
     pub at: &'a HostGaussians,
     /// Labelled views of that time.
     pub views: &'a [Labelled],
-    /// What is asked for.
+    /// Options of the evaluation.
     pub options: &'a SegmentOptions,
-    /// Where to draw and train.
+    /// Device to draw and train on.
     pub device: &'a Device,
 }
 
-/// The group of the methods that have masks of the whole scene.
+/// Name of the group for methods with masks of the whole scene.
 const SCENE: &str = "scene";
 
 impl Trainers<'_> {
-    /// Makes all that the chosen methods need; masks go through files in `work`.
+    /// Makes everything that the chosen methods need; masks are kept in files in `work`.
     pub fn train(&self, time: f64, work: &Path, say: &mut impl FnMut(&str)) -> Result<Trained, SegmentEvalError> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
@@ -147,13 +148,13 @@ impl Trainers<'_> {
         self.options.methods.contains(&method)
     }
 
-    /// Views that have masks.
+    /// Returns the number of views that have masks.
     pub fn mask_views(&self) -> usize {
         if self.options.masks == MaskKind::Labels { self.views.len() } else { self.options.views }
     }
 
-    /// What is drawn alone: each colour, if `coarse+fine` is asked for, and the whole scene, if another method is that
-    /// needs masks.
+    /// Returns the groups to draw alone: each colour, if `coarse+fine` is requested, and the whole scene, if another
+    /// method that needs masks is.
     fn groups(&self, coarse: &Coarse) -> (Vec<Group>, Vec<Group>) {
         let name = |(label, entry): (u32, &crate::segment::palette::PaletteEntry)| Group {
             name: entry.name.replace(' ', "-"),
@@ -165,7 +166,7 @@ impl Trainers<'_> {
         ((1..).zip(parts).map(name).collect(), whole.then(all).into_iter().collect())
     }
 
-    /// From where groups are drawn.
+    /// Returns the views that groups are drawn from.
     fn shots(&self) -> Result<Vec<Shot>, String> {
         if self.options.masks == MaskKind::Labels {
             let shot = |v: &Labelled| Shot { file: v.view.name.clone(), camera: v.view.camera.clone() };
@@ -220,18 +221,18 @@ impl Trainers<'_> {
     }
 }
 
-/// Makes files of masks.
+/// Makes mask files.
 struct Masker<'a> {
     trainers: &'a Trainers<'a>,
     shots: Vec<Shot>,
     time: f64,
     work: &'a Path,
-    /// All groups of which there may be masks.
+    /// All groups that may have masks.
     all: Vec<Group>,
 }
 
 impl Masker<'_> {
-    /// Masks of some of the groups.
+    /// Makes masks of some of the groups.
     fn make(
         &self,
         which: std::ops::Range<usize>,
@@ -245,7 +246,7 @@ impl Masker<'_> {
             let seconds = SamSource::seconds(self.shots.len() * groups.len(), *points);
             say(&format!("sam: about {:.0} min on two cores", seconds / 60.0));
         }
-        // opened for all groups, so that one file of masks may have those of every method
+        // opened for all groups, so that one mask file may hold those of every method
         let every = self.trainers.job(&self.all, &self.shots, self.time);
         let inner = self.trainers.origin().open(&every).map_err(|e| SegmentEvalError::Masks(e.to_string()))?;
         let path = self.work.join(file);
@@ -258,7 +259,7 @@ impl Masker<'_> {
     }
 }
 
-/// A source opened for more groups than it is asked for: group 0 of the job is its group `first`.
+/// A source opened for more groups than it is queried for: group 0 of the job is its group `first`.
 struct Shifted {
     inner: Box<dyn MaskSource>,
     first: usize,
@@ -282,12 +283,12 @@ impl MaskSource for Shifted {
     }
 }
 
-/// Writes the pictures that masks of another program are to be of ([`MaskKind::Dir`]) into the folder `folder`:
-/// `GROUP/view-000.png` and so on, for the groups of the chosen methods, and a list of them. Gives the number of
+/// Writes the pictures for which another program is to make masks ([`MaskKind::Dir`]) into `folder`:
+/// `GROUP/view-000.png` and so on, for the groups of the chosen methods, and a list of them. Returns the number of
 /// pictures; `progress` is called after each and says whether to go on.
 ///
 /// # Errors
-/// The truth is not there, no method needs masks, or a file cannot be written.
+/// If the ground truth is missing, no method needs masks, or a file cannot be written.
 pub fn write_mask_pictures(
     scene: &Scene,
     truth: &Truth,
@@ -314,7 +315,7 @@ pub fn write_mask_pictures(
     Ok(groups.len() * shots.len())
 }
 
-/// The masks of each view, for votes.
+/// Reads the masks of each view, for votes.
 fn votes(masks: &MaskReader) -> Result<Vec<SagdView>, String> {
     let header = masks.header();
     let views = header.views.iter().enumerate();

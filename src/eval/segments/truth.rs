@@ -1,4 +1,4 @@
-//! The pictures of known segments: each rendered alone with its mask, several as one, and the label images of training
+//! Pictures of known segments: each rendered alone with its mask, several as one, and the label images of training
 //! views.
 
 use crate::data::png::check_claim;
@@ -16,32 +16,32 @@ pub struct TruthFrame {
     pub camera: Camera,
     /// Time in [0, 1].
     pub time: f64,
-    /// Picture and mask of each segment that it is of.
+    /// Picture and mask of each of its segments.
     images: Vec<(PathBuf, PathBuf)>,
 }
 
-/// What is known of one or more segments alone in a view, `[H, W]` pixels.
+/// Ground truth of one or more segments alone in a view, `[H, W]` pixels.
 #[derive(Clone, Debug)]
 pub struct TruthImage {
-    /// RGBA with straight alpha, `[H, W, 4]`; none of several segments, as there is no picture of them together.
+    /// RGBA with straight alpha, `[H, W, 4]`; `None` for several segments, as there is no picture of them together.
     pub rgba: Option<Vec<u8>>,
-    /// Alpha in [0, 1], `[H, W]`. That of several segments is what light gets through none of them, which is right
-    /// wherever no two share a voxel.
+    /// Alpha in [0, 1], `[H, W]`. For several segments, this is the fraction of light that does not pass through all of
+    /// them, which is correct wherever no two share a voxel.
     pub alpha: Vec<f32>,
-    /// The mask `[H, W]`: where any of the segments shows.
+    /// The mask `[H, W]`: whether any of the segments shows.
     pub mask: Vec<bool>,
 }
 
-/// A training view with the segment seen at each pixel.
+/// A training view with the segment visible at each pixel.
 #[derive(Clone, Debug)]
 pub struct Labelled {
     /// The view.
     pub view: truth::LabelledView,
-    /// Id of the segment seen, `[H, W]`; 0 where none is.
+    /// Id of the visible segment, `[H, W]`; 0 if none is.
     pub labels: Vec<u16>,
 }
 
-/// The views in which segment `id` is rendered alone.
+/// Returns the views in which segment `id` is rendered alone.
 #[must_use]
 pub fn frames(truth: &Truth, id: u16) -> Vec<TruthFrame> {
     let [width, height] = truth.file.size;
@@ -58,7 +58,7 @@ pub fn frames(truth: &Truth, id: u16) -> Vec<TruthFrame> {
         .collect()
 }
 
-/// The training views at the time nearest to `time`, with their labels.
+/// Returns the training views at the time nearest to `time`, with their labels.
 ///
 /// # Errors
 /// If there are no label images, or one is damaged.
@@ -68,7 +68,7 @@ pub fn labelled(truth: &Truth, time: f64) -> Result<Vec<Labelled>, DataError> {
 }
 
 impl TruthFrame {
-    /// Makes `other` a part of what this is of; false, and nothing done, if it is another view.
+    /// Adds the segments of `other` to this frame; does nothing and returns false if it is another view.
     pub(super) fn join(&mut self, other: Self) -> bool {
         let same = self.time == other.time && self.camera == other.camera;
         if same {
@@ -77,7 +77,7 @@ impl TruthFrame {
         same
     }
 
-    /// How many segments it is of.
+    /// Returns the number of its segments.
     #[cfg(test)]
     pub(super) fn segments(&self) -> usize {
         self.images.len()
@@ -86,7 +86,7 @@ impl TruthFrame {
     /// Reads its pictures and masks.
     ///
     /// # Errors
-    /// If a file is missing, damaged or of another size.
+    /// If a file is missing, damaged or of the wrong size.
     pub fn load(&self) -> Result<TruthImage, DataError> {
         let pixels = self.camera.width as usize * self.camera.height as usize;
         let mut out = TruthImage { rgba: None, alpha: vec![0.0; pixels], mask: vec![false; pixels] };

@@ -1,12 +1,12 @@
-//! Intersection over union in space: whose Gaussians fill the cells that the true segment fills.
+//! Intersection over union in space: whose Gaussians occupy the cells that the true segment occupies.
 //!
-//! Every cell of a truth volume that shows anything belongs to the selection or to the rest. It belongs to the selection
-//! if the selected Gaussians have more than half of the density at its centre (density as in
+//! Every cell of a ground-truth volume that shows anything belongs to the selection or to the rest. It belongs to the
+//! selection if the selected Gaussians have more than half of the density at its centre (density as in
 //! [`voxels`](crate::segment::voxels)). Interiors of opaque bodies hold no Gaussians, as no picture shows them: a cell
-//! that no Gaussian reaches within three standard deviations belongs to what the densest Gaussian about it belongs to,
-//! by the logarithm of its density, which orders Gaussians also where the density itself is as good as nothing; looked
-//! at are the [`NEAREST`] ones by the distance of their centres. Cells count by their true opacity, so that what hardly
-//! shows hardly counts, and empty space not at all.
+//! that no Gaussian reaches within three standard deviations goes with the Gaussian of the highest density there.
+//! Densities are compared by their logarithm, which orders Gaussians even where the density itself is practically 0,
+//! among the [`NEAREST`] Gaussians by the distance of their centres. Cells are weighted by their true opacity, so that
+//! what is barely visible hardly counts, and empty space not at all.
 
 use super::select::Selected;
 use crate::data::TruthVolume;
@@ -17,36 +17,37 @@ use crate::volume::grid::Grid;
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Cells of a true opacity up to this are empty: a thousandth over the length of a cell shows nowhere.
+/// Cells of a true opacity up to this are empty: a thousandth over the length of a cell is not visible anywhere.
 const FLOOR: f32 = 1e-3;
-/// Gaussians that an unreached cell looks at.
+/// Number of Gaussians considered for an unreached cell.
 const NEAREST: usize = 16;
 /// Opacity below which a Gaussian is invisible, as in drawing and in votes.
 const INVISIBLE: f32 = 1.0 / 255.0;
-/// Labels of the vote; of equal votes the smaller wins, so that half is not more than half.
+/// Labels of the vote; the smaller one wins a tie, so that half is not more than half.
 const REST: u32 = 1;
 const CHOSEN: u32 = 2;
 
-/// How the vote is held: all that is reached counts. The smallest scale is the default one, in cells.
+/// Returns how the vote is held: everything that is reached counts. The smallest scale is the default one, in cells.
 fn vote() -> Vote {
     Vote { threshold: 0.0, ..Vote::default() }
 }
 
-/// The cells of a truth volume with the Gaussians of its time.
+/// The cells of a ground-truth volume with the Gaussians at its time.
 pub struct Cells<'a> {
     volume: &'a TruthVolume,
     at: &'a HostGaussians,
     grid: Grid,
-    /// For each cell that shows something and that no Gaussian reaches, ascending, the Gaussian whose it is.
+    /// The cells that show something and that no Gaussian reaches, ascending, each with the Gaussian that it belongs
+    /// to.
     owners: Vec<(usize, u32)>,
 }
 
 impl<'a> Cells<'a> {
-    /// Finds the cells that no Gaussian reaches, and whose they are. `at` are all Gaussians of the scene, `[N]`, at the
-    /// volume's time.
+    /// Finds the cells that no Gaussian reaches, and the Gaussians they belong to. `at` are all Gaussians of the scene,
+    /// `[N]`, at the volume's time.
     ///
     /// # Errors
-    /// If the grid of the volume is none, or arrays of `at` disagree.
+    /// If arrays of the volume do not match its grid, or arrays of `at` disagree.
     pub fn new(volume: &'a TruthVolume, at: &'a HostGaussians) -> Result<Self, VoxelError> {
         let grid = Grid { dims: volume.dims, spacing: volume.spacing, origin: volume.origin };
         for (field, found) in [("ids", volume.ids.len()), ("opacity", volume.opacity.len())] {
@@ -58,14 +59,14 @@ impl<'a> Cells<'a> {
         Ok(Self { volume, at, grid, owners })
     }
 
-    /// Sum of the true opacities of the cells that are both of a segment in `ids` and of the selection, over that of
-    /// those that are either, in [0, 1]; `None` where no cell is either.
+    /// Returns the sum of the true opacities of the cells that are both in a segment of `ids` and in the selection,
+    /// over that of those in either, in [0, 1]; `None` if no cell is in either.
     ///
     /// # Errors
     /// If arrays disagree.
     pub fn iou(&self, selected: &Selected, ids: &[u16]) -> Result<Option<f64>, VoxelError> {
         if selected.moves() {
-            // what was cut back reaches other cells
+            // Gaussians that were cut back reach other cells
             let moved = selected.within(self.at);
             let owners = owners(self.volume, &self.grid, &moved)?;
             return self.compare(&moved, &owners, selected, ids);
@@ -86,7 +87,7 @@ impl<'a> Cells<'a> {
         for &(cell, owner) in owners {
             of_cells[cell] = labels[owner as usize] as u16;
         }
-        // one after the other: the same sum for any number of threads
+        // one after the other, for the same sum with any number of threads
         let (mut both, mut either) = (0.0f64, 0.0f64);
         for ((label, id), opacity) in of_cells.iter().zip(&self.volume.ids).zip(&self.volume.opacity) {
             if !shows(*opacity) {
@@ -100,7 +101,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// Whether a cell of that true opacity counts; NaN does not.
+/// Returns whether a cell of this true opacity counts; NaN does not.
 fn shows(opacity: f32) -> bool {
     opacity > FLOOR && opacity.is_finite()
 }
@@ -109,8 +110,8 @@ fn cloud<'a>(at: &'a HostGaussians, opacity: &'a [f32], labels: &'a [u32]) -> La
     LabelledCloud { means: &at.means, rotations: &at.rotations, log_scales: &at.log_scales, opacity, labels }
 }
 
-/// The cells that show something and that no Gaussian reaches, ascending, with the Gaussian that each belongs to; none
-/// where there is no visible Gaussian at all.
+/// Returns the cells that show something and that no Gaussian reaches, ascending, each with the Gaussian that it
+/// belongs to; none if there is no visible Gaussian at all.
 fn owners(volume: &TruthVolume, grid: &Grid, at: &HostGaussians) -> Result<Vec<(usize, u32)>, VoxelError> {
     let opacity = at.opacity();
     let reached = label_voxels(&cloud(at, &opacity, &vec![REST; at.len()]), grid, &vote())?;
@@ -153,7 +154,7 @@ struct Bell {
 }
 
 impl Bell {
-    /// `None` for those that do not vote either: invisible, or not finite.
+    /// Returns `None` for those that do not vote either: invisible or non-finite ones.
     fn new(at: &HostGaussians, opacity: &[f32], i: usize, smallest: f64) -> Option<Self> {
         let q = &at.rotations[4 * i..4 * i + 4];
         let q = DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into());
@@ -169,7 +170,7 @@ impl Bell {
         })
     }
 
-    /// Natural logarithm of the density at `place`.
+    /// Returns the natural logarithm of the density at `place`.
     fn log_density(&self, place: DVec3) -> f64 {
         self.log_opacity - 0.5 * (self.turn * (place - self.mean) / self.sigma).length_squared()
     }

@@ -1,8 +1,8 @@
-//! Two balls of known overlap, hollow bodies, poison, threads.
+//! Tests with two balls of known overlap, hollow bodies, non-finite values, and several threads.
 
 use super::*;
 
-/// Cells of 0.1 in [-1.55, 1.55]^3, whose ids and opacity are of what `cell` says.
+/// Cells of 0.1 in [-1.55, 1.55]^3, with the ids and opacity that `cell` returns.
 fn volume(cell: impl Fn(DVec3) -> (u16, f32)) -> TruthVolume {
     let dims = [32; 3];
     let (spacing, origin) = ([0.1; 3], [-1.55; 3]);
@@ -18,7 +18,7 @@ fn volume(cell: impl Fn(DVec3) -> (u16, f32)) -> TruthVolume {
 const CENTRES: [DVec3; 2] = [DVec3::new(-0.7, 0.0, 0.0), DVec3::new(0.7, 0.0, 0.0)];
 const RADIUS: f64 = 0.6;
 
-/// Ball 1 at the left, ball 2 at the right.
+/// Ball 1 on the left, ball 2 on the right.
 fn balls(place: DVec3) -> (u16, f32) {
     let ball = CENTRES.iter().position(|c| c.distance(place) <= RADIUS);
     ball.map_or((0, 0.0), |b| (b as u16 + 1, 0.5))
@@ -36,7 +36,8 @@ fn nobody() -> HostGaussians {
     HostGaussians { sh_stride: 1, ..HostGaussians::default() }
 }
 
-/// A Gaussian in each cell of the balls for which `keep` holds, in the order of the cells, and which ball has it.
+/// A Gaussian in each cell of the balls for which `keep` holds, in the order of the cells, and the ball that each is
+/// in.
 fn filled(keep: impl Fn(DVec3) -> bool) -> (HostGaussians, Vec<u16>) {
     let truth = volume(balls);
     let (mut at, mut of) = (nobody(), Vec::new());
@@ -68,7 +69,7 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
     assert_eq!(cells.iou(&both, &[1, 2]).unwrap(), Some(1.0));
     assert_eq!(cells.iou(&both, &[7]).unwrap(), Some(0.0), "a segment that is not there");
     assert_eq!(cells.iou(&select(&of, |_, _| false), &[7]).unwrap(), None);
-    // a half of the left ball, cut at its centre
+    // half of the left ball, cut at its centre
     let half = select(&of, |i, b| b == 1 && f64::from(at.means[3 * i]) < CENTRES[0].x);
     let found = cells.iou(&half, &[1]).unwrap().unwrap();
     assert!((found - 0.5).abs() < 0.01, "{found}");
@@ -81,13 +82,13 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
 #[test]
 fn the_inside_of_a_body_belongs_to_its_surface_and_empty_space_to_nobody() {
     let truth = volume(balls);
-    // a skin of a tenth, and nothing inside
+    // a surface layer of a tenth, and nothing inside
     let skin = |p: DVec3| CENTRES.iter().any(|c| c.distance(p) > RADIUS - 0.1 && c.distance(p) <= RADIUS);
     let (at, of) = filled(skin);
     let cells = Cells::new(&truth, &at).unwrap();
     assert!(cells.owners.len() > 200, "{} cells are reached by no Gaussian", cells.owners.len());
     assert_eq!(cells.iou(&select(&of, |_, b| b == 1), &[1]).unwrap(), Some(1.0));
-    // what lies in empty space takes nothing
+    // what lies in empty space claims no cells
     let mut more = at.clone();
     for _ in 0..50 {
         add(&mut more, DVec3::new(0.0, 1.4, 1.4), 0.02);
@@ -95,7 +96,7 @@ fn the_inside_of_a_body_belongs_to_its_surface_and_empty_space_to_nobody() {
     let mut with = select(&of, |_, b| b == 1);
     with.members.extend(at.len() as u32..more.len() as u32);
     assert_eq!(Cells::new(&truth, &more).unwrap().iou(&with, &[1]).unwrap(), Some(1.0));
-    // the larger of two as near reaches farther, whatever its place in the list
+    // of two equally near Gaussians, the larger reaches farther, whatever its place in the list
     let mut two = nobody();
     let cell = volume(|p| if p.distance(DVec3::new(0.05, 0.05, 0.05)) < 0.01 { (1, 0.5) } else { (0, 0.0) });
     add(&mut two, DVec3::new(-0.95, 0.05, 0.05), 0.06);
@@ -114,7 +115,7 @@ fn half_of_the_density_is_not_more_than_half() {
     let of = |members: &[u32]| Selected { members: members.to_vec(), ..Selected::default() };
     assert_eq!(cells.iou(&of(&[0]), &[1]).unwrap(), Some(0.0));
     assert_eq!(cells.iou(&of(&[0, 1]), &[1]).unwrap(), Some(1.0));
-    // cut back to a place beside the cell, the selected one loses it
+    // cut back to a place beside the cell, the selected ones lose it
     let moved = (vec![0.5, 0.0, 0.0, 0.5, 0.0, 0.0], vec![0.0; 6]);
     let cut = Selected { members: vec![0, 1], moved, asked: None };
     add(&mut at, DVec3::new(0.17, 0.05, 0.05), 0.06);
@@ -144,7 +145,7 @@ fn poison_and_nothing_are_taken() {
     let mut holes = truth.clone();
     holes.opacity.iter_mut().step_by(7).for_each(|o| *o = f32::NAN);
     assert_eq!(Cells::new(&holes, &at).unwrap().iou(&left, &[1]).unwrap(), Some(1.0));
-    // no Gaussian, nothing selected, no opacity, arrays that disagree
+    // no Gaussians, nothing selected, no opacity, arrays that disagree
     let none = nobody();
     assert_eq!(Cells::new(&truth, &none).unwrap().iou(&Selected::default(), &[1]).unwrap(), Some(0.0));
     let clear = volume(|_| (1, 0.0));

@@ -1,4 +1,4 @@
-//! NRRD: a header of text, then the labels packed with gzip. The keys `Segment...` are those of 3D Slicer.
+//! NRRD: a text header, then the labels compressed with gzip. The keys `Segment...` are those of 3D Slicer.
 
 use super::{Cells, Extent, LabelVolume};
 use flate2::Compression;
@@ -6,19 +6,19 @@ use flate2::write::GzEncoder;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 
-/// What the axes x, y, z of the grid point to.
+/// Directions of the axes x, y, z of the grid.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Space {
-    /// A patient's left, back and head: what 3D Slicer itself writes.
+    /// A patient's left, back and head, as 3D Slicer itself writes.
     #[default]
     LeftPosteriorSuperior,
     /// A patient's right, front and head, as in NIfTI.
     RightAnteriorSuperior,
-    /// Nothing anatomical.
+    /// No anatomical directions.
     Plain,
 }
 
-/// The whole file; `extents` are those of the named labels.
+/// Encodes the whole file; `extents` are those of the named labels.
 pub fn encode(volume: &LabelVolume<'_>, extents: &[Extent], cells: &Cells, space: Space) -> io::Result<Vec<u8>> {
     let mut file = header(volume, extents, cells.wide, space).into_bytes();
     let mut gzip = GzEncoder::new(&mut file, Compression::default());
@@ -49,7 +49,7 @@ fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool, space: Space
          encoding: gzip\n\
          space origin: ({ox},{oy},{oz})\n"
     );
-    // Slicer renamed Master to Source; old versions need the first, new ones read both.
+    // Slicer renamed Master to Source; old versions need the former, new ones read both.
     let mut key = |key: &str, value: &str| {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{key}:={}", value.replace('\\', "\\\\"));

@@ -1,4 +1,4 @@
-//! Tests of what is written, read back with small readers of the two layouts, and of what is refused.
+//! Tests of what is written, read back with small readers of the two formats, and of what is refused.
 
 use super::*;
 use flate2::read::{GzDecoder, ZlibDecoder};

@@ -1,14 +1,14 @@
-//! VTK XML image data: the labels as one appended array, packed with zlib block by block.
+//! VTK XML image data: the labels as one appended array, compressed with zlib block by block.
 
 use super::{Cells, LabelVolume};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use std::io::{self, Write as _};
 
-/// Bytes in a block before packing.
+/// Bytes in a block before compression.
 const BLOCK: usize = 1 << 18;
 
-/// The whole file.
+/// Encodes the whole file.
 pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     let kind = if cells.wide { "UInt16" } else { "UInt8" };
     let [nx, ny, nz] = volume.grid.dims.map(|d| d - 1);
@@ -48,13 +48,14 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     Ok(file)
 }
 
-/// The names as VTK writes strings in text: the number of each byte, and 0 after each name.
+/// Encodes the names as VTK writes strings in text: the number of each byte, and 0 after each name.
 fn codes(volume: &LabelVolume<'_>) -> String {
     let bytes = volume.names.iter().flat_map(|l| l.name.bytes().chain([0]));
     bytes.map(|b| b.to_string()).collect::<Vec<_>>().join(" ")
 }
 
-/// Packs `bytes` behind VTK's header: number of blocks, size of a block, of the last if it is smaller, of each packed.
+/// Compresses `bytes` after VTK's header: the number of blocks, the size of a block, that of the last if it is smaller,
+/// and the compressed size of each.
 fn append(file: &mut Vec<u8>, bytes: &[u8]) -> io::Result<()> {
     let blocks = bytes.len().div_ceil(BLOCK);
     for number in [blocks, BLOCK, bytes.len() % BLOCK] {

@@ -1,14 +1,14 @@
-//! The text header of a PLY file: which property lies where in a row.
+//! The text header of a PLY file: where each property lies in a row.
 
 use std::io::{BufRead, Read};
 
 use super::{MAX_SH_DEGREE, ReadError};
 use crate::files::MARK;
 
-/// Longest header that is read; a file without `end_header` must not fill the memory.
+/// Maximum length of a header; a file without `end_header` must not fill the memory.
 const MAX_HEADER: u64 = 1 << 16;
 
-/// The header for `count` Gaussians with `k` coefficients per channel; its comment says whose file it is.
+/// Returns the header for `count` Gaussians with `k` coefficients per channel; its comment identifies the program.
 pub(super) fn text(count: usize, k: usize) -> String {
     let fixed = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     let mut names = fixed(&["x", "y", "z", "nx", "ny", "nz"]);
@@ -28,7 +28,7 @@ fn numbered(prefix: &str, count: usize) -> Vec<String> {
     (0..count).map(|i| format!("{prefix}{i}")).collect()
 }
 
-/// Where a floating-point property lies in a row.
+/// Position of a floating-point property in a row.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Slot {
     offset: usize,
@@ -36,7 +36,7 @@ pub(super) struct Slot {
 }
 
 impl Slot {
-    /// The value in `row`, which is as long as the header's stride.
+    /// Returns the value in `row`, which is as long as the header's stride.
     pub(super) fn value(&self, row: &[u8]) -> f32 {
         let mut wide = [0; 8];
         if self.double {
@@ -56,7 +56,7 @@ pub(super) struct Header {
     pub(super) stride: usize,
     pub(super) mean: [Slot; 3],
     pub(super) dc: [Slot; 3],
-    /// All of red, then green, then blue.
+    /// All of red, then all of green, then all of blue.
     pub(super) rest: Vec<Slot>,
     pub(super) opacity: Slot,
     pub(super) scale: [Slot; 3],
@@ -106,7 +106,7 @@ impl Header {
                     Ok(number) => count = Some(number),
                     Err(_) => return wrong(format!("`{line}`: {number:?} is not a count")),
                 },
-                // Elements after the vertices lie behind them in the file and are not read.
+                // Elements after the vertices follow them in the file and are not read.
                 ["element", ..] if count.is_some() => {
                     while next("end_header")? != "end_header" {}
                     break;

@@ -111,7 +111,7 @@ fn wrong_files_are_named() {
     assert!(with("ply\n", "plx\n").contains("no PLY file"));
     let cut = read(&good[..good.len() - 1]).unwrap_err();
     assert!(cut.contains("Gaussian 1 of 2"), "{cut}");
-    // A count of rows that could never fit the memory fails at the first missing row.
+    // A number of rows that could never fit into memory fails at the first missing row.
     assert!(with("vertex 2", "vertex 18446744073709551615").contains("cut short"));
 }
 

@@ -1,7 +1,8 @@
-//! Hyperparameters for TensorBoard's `HPARAMS` page: which settings a run has, which metrics tell how good it is.
+//! Hyperparameters for TensorBoard's `HPARAMS` page: which settings a run has, and which metrics judge it.
 //!
 //! The page reads three summaries without numbers, whose metadata holds a protobuf message of the plugin: what the
-//! experiment varies, what this session (run) has, and how it ended. Of each the first in a run's folder counts.
+//! experiment varies, the settings of this session (run), and how it ended. Only the first of each in a run's folder
+//! counts.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -11,9 +12,9 @@ use super::{EventWriter, Message, field::TAG, now};
 /// A setting of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum HyperParameter {
-    /// A number. One that is not finite is shown as text, as TensorBoard refuses it otherwise.
+    /// A number. Non-finite values are written as text, as TensorBoard refuses them otherwise.
     Number(f64),
-    /// A text.
+    /// Text.
     Text(String),
     /// True or false.
     Flag(bool),
@@ -22,7 +23,7 @@ pub enum HyperParameter {
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SessionEnd {
-    /// As it should.
+    /// Without an error.
     Success,
     /// With an error.
     Failure,
@@ -100,8 +101,8 @@ impl EventWriter {
     /// `metrics` the tags of scalars with the names that the page shows. Runs of the same `group` (a variant, whose
     /// runs differ in their seeds) are one row of the page.
     ///
-    /// Of several runs in one log folder TensorBoard takes the experiment of any: all should name the same settings
-    /// and metrics.
+    /// Of several runs in one log folder, TensorBoard takes the experiment of any one: all should name the same
+    /// settings and metrics.
     ///
     /// # Errors
     /// Any error of the file system.
@@ -117,7 +118,7 @@ impl EventWriter {
             let (mut info, mut entry) = (Message::default(), Message::default());
             info.bytes(field::HPARAM_NAME, name.as_bytes());
             info.varint(field::HPARAM_TYPE, setting.kind());
-            // TensorBoard cannot know, and shows these first.
+            // TensorBoard cannot know this, and shows these settings first
             info.varint(field::HPARAM_DIFFERS, 1);
             experiment.bytes(field::HPARAM_INFOS, &info.0);
             entry.bytes(field::KEY, name.as_bytes());
@@ -152,8 +153,8 @@ impl EventWriter {
         self.plugin("_hparams_/session_end_info", field::SESSION_END, &message)
     }
 
-    /// A summary whose metadata holds the plugin's `message` as its field `kind`. The tensor, which a summary must
-    /// have, is an empty vector of floats.
+    /// Appends a summary whose metadata holds the plugin's `message` as its field `kind`. The tensor, which a summary
+    /// must have, is an empty vector of floats.
     fn plugin(&mut self, tag: &str, kind: u32, message: &Message) -> io::Result<()> {
         let (mut content, mut data) = (Message::default(), Message::default());
         content.bytes(kind, &message.0);

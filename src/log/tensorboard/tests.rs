@@ -114,7 +114,7 @@ i = e.Images("view")[0]
 print(i.step, i.width, i.height, i.encoded_image_string[1:4].decode())
 "#;
 
-/// What a Python with TensorBoard says to `script`; without the package the test skips.
+/// Output and errors of `script` in a Python with TensorBoard; `None` without the package, so that the test is skipped.
 fn ask_tensorboard(script: &str, dir: &Path) -> Option<(String, String)> {
     let python = volseggs_testing::python_with("tensorboard", volseggs_testing::Need::Tensorboard)?;
     let output = Command::new(&python).arg("-c").arg(script).arg(dir).output().unwrap();
@@ -139,7 +139,7 @@ fn tensorboard_itself_reads_the_files() {
     assert!(text.contains("[(0, 0.0), (1, 0.5), (2, 1.0), (3, 8.0)]\n5 3 2 PNG"), "{text}\n{errors}");
 }
 
-/// Settings as a run has them, with numbers that JSON cannot hold and letters that are not ASCII.
+/// Settings as a run has them, with a number that JSON cannot hold and a letter that is not ASCII.
 fn settings(rate: f64) -> BTreeMap<String, HyperParameter> {
     [
         ("loss.rate", HyperParameter::Number(rate)),
@@ -158,7 +158,7 @@ fn session(dir: &Path, rate: f64, group: &str, psnr: f32, end: Option<SessionEnd
     writer.scalar(10, "eval/psnr", psnr).unwrap();
     writer.flush().unwrap();
     if let Some(end) = end {
-        // A run that was stopped and resumed says its settings again.
+        // a run that was stopped and resumed writes its settings again
         let mut resumed = EventWriter::resume(dir, 20).unwrap();
         resumed.hparams(&settings(rate), &metrics, group).unwrap();
         resumed.scalar(20, "eval/psnr", psnr + 1.0).unwrap();

@@ -1,4 +1,4 @@
-//! What a step minimises, and how a view becomes the network's inputs.
+//! The loss of a step, and the network's inputs for the pixels of a view.
 
 use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_of_a_pixel};
 use crate::config::types::Config;
@@ -16,19 +16,19 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use volseggs_kernels::Camera;
 
-/// Pixels that are drawn at a time: hidden layers of so many rows fit into a few dozen megabytes.
+/// Number of pixels drawn at a time: hidden layers with this many rows fit into a few dozen megabytes.
 const PART: usize = 32_768;
 
 /// CoordNet, see [`super`]. Its settings are the section `[coordnet]`.
 #[derive(Clone, Copy, Debug)]
 pub struct CoordNet;
 
-/// What cannot be read off the tensors.
+/// What the tensors do not determine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CoordNetSpec {
     /// The network's settings.
     pub config: CoordNetConfig,
-    /// Where the training cameras stand.
+    /// The sphere of the training cameras.
     pub sphere: ViewSphere,
 }
 
@@ -40,7 +40,7 @@ impl Network for CoordNet {
         let none = "method = \"coordnet\" asks for the section [coordnet]: begin with --method coordnet";
         let settings = config.coordnet.as_ref().ok_or(none)?;
         settings.check()?;
-        // what the tape keeps of each hidden value
+        // values that the autodiff tape keeps per hidden value
         let bytes = product(&[settings.batch, 3 * size_of::<f32>()]).saturating_mul(values_of_a_pixel(settings));
         let what = format!("coordnet.batch = {} with layers this wide", settings.batch);
         Budget::now().check(what, bytes).map_err(|e| e.to_string())
@@ -71,7 +71,7 @@ impl Network for CoordNet {
         SineNetwork::new(&spec.config, seed, device)
     }
 
-    /// The mean squared difference of the colours of the step's pixels, which span 2 here, and the decay.
+    /// The mean squared difference of the colours of the step's pixels, which span 2 here, plus the weight decay.
     fn loss(&self, network: &SineNetwork, seen: &Seen<'_, CoordNetSpec>) -> [Tensor<1>; 2] {
         let (settings, images) = (&seen.spec.config, &seen.split.images);
         let size = [images.width as usize, images.height as usize];
@@ -102,7 +102,7 @@ impl Network for CoordNet {
         (spec.sphere.centre, spec.sphere.half_size)
     }
 
-    /// Alpha is 1: the network gives colours alone.
+    /// Alpha is 1, as the network outputs only colours.
     fn image(&self, network: &SineNetwork, spec: &CoordNetSpec, camera: Camera, time: f32) -> Tensor<3> {
         let device = network.device();
         let size = [camera.width, camera.height];
@@ -120,7 +120,7 @@ impl Network for CoordNet {
     }
 }
 
-/// What all pixels of a view share: polar angle, azimuth and time, each in [-1, 1].
+/// The inputs shared by all pixels of a view: polar angle, azimuth and time, each in [-1, 1].
 fn view_inputs(sphere: &ViewSphere, camera: &Camera, time: f32) -> [f32; 3] {
     let angles = sphere.angles(camera);
     let scaled = |part: f64| (2.0 * part - 1.0) as f32;
@@ -134,8 +134,8 @@ pub(super) fn pixel_inputs(at: usize, [width, height]: [usize; 2], view: [f32; 3
     [scaled(at % width, width), scaled(at / width, height), polar, azimuth, time]
 }
 
-/// The sum of the squares of all parameters, `[1]`: half of it times the decay is what PyTorch's `weight_decay` adds to the
-/// gradient.
+/// The sum of the squares of all parameters, `[1]`; the gradient of half this sum times the decay is what PyTorch's
+/// `weight_decay` adds to the gradient.
 fn squares(network: &SineNetwork) -> Tensor<1> {
     struct Squares(Tensor<1>);
     impl ModuleVisitor for Squares {

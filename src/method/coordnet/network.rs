@@ -9,13 +9,13 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use volseggs_kernels::sine::sine;
 
-/// Numbers that a pixel becomes: across, down, polar angle, azimuth, time, each in [-1, 1].
+/// Inputs per pixel: horizontal and vertical position, polar angle, azimuth and time, each in [-1, 1].
 pub const INPUTS: usize = 5;
 /// Red, green and blue, each in [-1, 1].
 pub const OUTPUTS: usize = 3;
 
-/// A residual block, `(S2(S1(x)) + x) / 2` with `S(x) = sin(omega (x W + b))`. Where it changes the width, a third layer
-/// `S3(x)` takes the place of x in the sum.
+/// A residual block, `(S2(S1(x)) + x) / 2` with `S(x) = sin(omega (x W + b))`. If it changes the width, a third layer
+/// `S3(x)` replaces x in the sum.
 #[derive(Module, Debug)]
 pub struct Block {
     first: Layer,
@@ -44,14 +44,15 @@ impl Block {
     }
 }
 
-/// Weights start uniform within this of zero: `sqrt(6 / inputs) / omega` (Sitzmann et al., "Implicit neural representations
-/// with periodic activation functions", NeurIPS 2020, section 3.2), so that what goes into each sine varies by about 1 whatever
-/// the depth. Theirs starts the first layer within `1 / inputs`; CoordNet has one rule for all.
+/// Bound of the initial weights, which are uniform around zero: `sqrt(6 / inputs) / omega` (Sitzmann et al., "Implicit
+/// neural representations with periodic activation functions", NeurIPS 2020, section 3.2), so that the input of each
+/// sine varies by about 1 at any depth. Their first layer has the bound `1 / inputs`; CoordNet uses one rule for all
+/// layers.
 fn weight_bound(inputs: usize, omega: f64) -> f64 {
     (6.0 / inputs as f64).sqrt() / omega
 }
 
-/// All blocks: those that widen the input, those of one width, and one that gives the colour.
+/// All blocks: those that widen the input, those of constant width, and one that outputs the colour.
 #[derive(Module, Debug)]
 pub struct SineNetwork {
     blocks: Vec<Block>,
@@ -70,7 +71,7 @@ fn sizes(config: &CoordNetConfig) -> impl Iterator<Item = [usize; 2]> {
     })
 }
 
-/// How many weights and biases the network has; saturates.
+/// Number of weights and biases of the network; saturates.
 #[must_use]
 pub fn parameters(config: &CoordNetConfig) -> u128 {
     let of = |[inputs, outputs]: [usize; 2]| {
@@ -81,7 +82,7 @@ pub fn parameters(config: &CoordNetConfig) -> u128 {
     sizes(config).map(of).fold(0, u128::saturating_add)
 }
 
-/// How many hidden values a pixel has in all layers together; saturates.
+/// Total number of hidden values per pixel in all layers; saturates.
 pub(super) fn values_of_a_pixel(config: &CoordNetConfig) -> u128 {
     let of = |[inputs, outputs]: [usize; 2]| product(&[outputs, if inputs == outputs { 2 } else { 3 }]);
     sizes(config).map(of).fold(0, u128::saturating_add)
@@ -105,7 +106,8 @@ impl SineNetwork {
         }
     }
 
-    /// Colours `[N, 3]` in [-1, 1] for `[N, 5]`. There is no linear layer at the end: the last block is of sines, too.
+    /// Colours `[N, 3]` in [-1, 1] for inputs `[N, 5]`. There is no final linear layer: the last block also consists of
+    /// sines.
     #[must_use]
     pub fn forward(&self, inputs: Tensor<2>) -> Tensor<2> {
         self.blocks.iter().fold(inputs, |x, block| block.forward(x, self.omega))
@@ -169,8 +171,8 @@ mod tests {
 
     #[test]
     fn what_goes_into_each_sine_has_the_published_spread() {
-        // The argument of a sine has twice the variance of what goes into its layer. Inputs that are uniform in [-1, 1] have
-        // 1/3; the sine of a normal distribution of variance v has (1 - exp(-2 v)) / 2.
+        // The argument of a sine has twice the variance of its layer's input. Inputs that are uniform in [-1, 1] have
+        // variance 1/3; the sine of a normal distribution of variance v has (1 - exp(-2 v)) / 2.
         let (device, width, n) = (device(), 256, 512);
         let mut rng = Rng::new(5, 0, Purpose::Custom(1));
         let mut x = parameter(uniform(&mut rng, n * width, 1.0), [n, width], &device).val();

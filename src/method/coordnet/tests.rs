@@ -42,7 +42,7 @@ fn a_resumed_training_has_the_bits_of_a_whole_one() {
 #[test]
 fn bits_do_not_depend_on_the_number_of_threads() {
     let mut config = config(3);
-    // large enough for the matrix products to be shared out
+    // large enough for the matrix products to be split among threads
     config.coordnet.as_mut().unwrap().widths = vec![64, 128];
     check_threads(&METHOD, &config, &ball(2, 32));
 }
@@ -58,7 +58,7 @@ fn pixels_reach_from_edge_to_edge() {
 
 #[test]
 fn decay_alone_is_the_published_one() {
-    // where the picture's own gradient is nothing beside it, Adam's first step takes every weight towards 0 by the rate
+    // where the image's own gradient is negligible, Adam's first step moves every weight towards 0 by the rate
     let mut config = config(1);
     let settings = config.coordnet.as_mut().unwrap();
     (settings.weight_decay, settings.rate) = (1e6, 1e-4);

@@ -1,4 +1,4 @@
-//! The first 4D Gaussians: those of 3DGS, spread over time and not turned in it.
+//! The initial 4D Gaussians: those of 3DGS, spread over time and not rotated in it.
 
 use super::model::{Scene4d, Spec};
 use crate::config::types::Config;
@@ -11,7 +11,7 @@ use crate::train::{TrainError, init};
 use burn::tensor::Device;
 use std::collections::BTreeMap;
 
-/// The first Gaussians as `[init]` places them in space, their peaks at random over time, of colours that stay.
+/// The initial Gaussians: placed in space according to `[init]`, with random peak times and constant colours.
 ///
 /// # Errors
 /// As [`init::initialise`].

@@ -1,4 +1,4 @@
-//! N Gaussians in space and time as they are trained, and what is drawn of them.
+//! N trainable Gaussians in space and time, and what is drawn of them.
 
 use super::rotation::rotations;
 use super::{Moment, harmonics_at};
@@ -7,11 +7,11 @@ use burn::tensor::Tensor;
 use burn::tensor::activation::{log_sigmoid, sigmoid};
 use volseggs_kernels::splat::CovarianceInputs;
 
-/// What is left of a Gaussian at a time if less than this share of its opacity is, is not drawn (official code).
+/// Gaussians whose marginal at a time is at most this are not drawn, as in the official code.
 const LEAST_MARGINAL: f32 = 0.05;
-/// The logit of an opacity that is none.
+/// The logit of a vanishing opacity.
 const TRANSPARENT: f32 = -1e4;
-/// The least share of light that passes, so that its logarithm is finite.
+/// Minimum transmittance, so that its logarithm is finite.
 const LEAST_PASSED: f32 = 1e-30;
 
 /// N Gaussians in space and time.
@@ -25,28 +25,28 @@ pub struct Gaussians4d {
     pub log_scales: Param<Tensor<2>>,
     /// Left quaternions of the rotations (w, i, j, k) `[N, 4]`, see [`super::rotation_matrices`].
     pub left: Param<Tensor<2>>,
-    /// Right ones `[N, 4]`.
+    /// Right quaternions `[N, 4]`.
     pub right: Param<Tensor<2>>,
     /// Opacity at the peak before the sigmoid `[N]`.
     pub opacity_logits: Param<Tensor<1>>,
-    /// Spherindrical-harmonics coefficients `[N, O K, 3]`: K of each of O orders in time, see [`harmonics_at`].
+    /// Spherindrical-harmonics coefficients `[N, O K, 3]`: K for each of O orders in time, see [`harmonics_at`].
     pub sh: Param<Tensor<3>>,
 }
 
-/// How far the series of colours goes.
+/// Extent of the colour series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColourSeries {
-    /// Coefficients over directions of each order in time, K: 1, 4, 9 or 16.
+    /// Directional coefficients per order in time, K: 1, 4, 9 or 16.
     pub sh_stride: usize,
-    /// The highest order in time that is in use; those beyond it are ignored and get no gradient.
+    /// The highest order in time in use; higher ones are ignored and get no gradient.
     pub time_degree: usize,
-    /// Length of time after which the first order repeats, T.
+    /// Duration after which the first order repeats, T.
     pub duration: f32,
 }
 
 impl Gaussians4d {
-    /// What is drawn at `time`: [`Moment`], the opacity times its marginal, colours by [`harmonics_at`]. With gradients
-    /// where the parameters have them.
+    /// Returns what is drawn at `time`: [`Moment`], the opacity times its marginal, colours by [`harmonics_at`].
+    /// Gradients are kept if the parameters have them.
     ///
     /// # Panics
     /// As [`harmonics_at`].
@@ -55,7 +55,7 @@ impl Gaussians4d {
         self.drawn(self.moment(time), time, colours)
     }
 
-    /// The same, of what [`Gaussians4d::moment`] gave for that time.
+    /// As [`Gaussians4d::at`], with the result of [`Gaussians4d::moment`] for that time.
     ///
     /// # Panics
     /// As [`harmonics_at`].
@@ -71,7 +71,7 @@ impl Gaussians4d {
         }
     }
 
-    /// Where they are at `time`, how they extend and move, and how much is there of each.
+    /// Positions, extents, velocities and marginals of the Gaussians at `time`.
     #[must_use]
     pub fn moment(&self, time: f32) -> Moment {
         let rotations = rotations(self.left.val(), self.right.val());
@@ -85,10 +85,10 @@ impl Gaussians4d {
     }
 }
 
-/// The logits of opacities, which are given as logits, times marginals, which are given as logarithms; all `[N]`.
+/// The logits of opacities (given as logits) times marginals (given as logarithms); all `[N]`.
 fn faded(logits: Tensor<1>, log_marginals: Tensor<1>) -> Tensor<1> {
     let gone = log_marginals.clone().lower_equal_elem(LEAST_MARGINAL.ln());
-    // 1 - o m = (1 - o) + o (1 - m), which cancels nothing
+    // 1 - o m = (1 - o) + o (1 - m), which avoids cancellation
     let lost = 1.0 - log_marginals.clone().exp();
     let passed: Tensor<1> = sigmoid(logits.clone().neg()) + sigmoid(logits.clone()) * lost;
     let faded = log_sigmoid(logits) + log_marginals - passed.clamp_min(LEAST_PASSED).log();

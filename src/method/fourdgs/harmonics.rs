@@ -3,12 +3,12 @@
 use burn::tensor::Tensor;
 use std::f32::consts::TAU;
 
-/// Spherical-harmonics coefficients `[N, K, 3]` at `time` of the spherindrical ones (4DGS) `coefficients` `[N, O K, 3]`, of
-/// orders 0 to O - 1 in time, one after the other: `sum_n cos(2 pi n (mu_t - t) / T) k_n`, with `times` `[N]`, the `duration` T
-/// and orders up to `time_degree`.
+/// Spherical-harmonics coefficients `[N, K, 3]` at `time` from the spherindrical ones (4DGS) `coefficients`
+/// `[N, O K, 3]`, stored by order in time from 0 to O - 1: `sum_n cos(2 pi n (mu_t - t) / T) k_n`, with `times` `[N]`,
+/// the `duration` T and orders up to `time_degree`.
 ///
 /// # Panics
-/// If there are no coefficients of that order, or not as many of each.
+/// If the coefficients do not reach that order, or their number is not a multiple of `sh_stride`.
 #[must_use]
 pub fn harmonics_at(
     coefficients: Tensor<3>,

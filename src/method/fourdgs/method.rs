@@ -10,12 +10,12 @@ use crate::train::TrainError;
 use burn::tensor::Device;
 use std::path::Path;
 
-/// 4DGS. Its settings are the section `[4dgs]` and, of what its Gaussians have in common with those of 3DGS, the sections that
-/// ours has; all its steps are `stages.warmup_steps`.
+/// 4DGS. Its settings are the section `[4dgs]` and, for what its Gaussians share with those of 3DGS, the same sections
+/// as for VolSegGS; the number of steps is `stages.warmup_steps`.
 #[derive(Clone, Copy, Debug)]
 pub struct FourDgs;
 
-/// Its name, and that of its section.
+/// Its name, also that of its section.
 pub(in crate::method) const NAME: &str = "4dgs";
 
 impl Method for FourDgs {
@@ -50,7 +50,7 @@ impl Method for FourDgs {
     }
 }
 
-/// Refuses settings of the shared sections that would do nothing here.
+/// Rejects settings of the shared sections that would have no effect here.
 fn check_shared(config: &Config) -> Result<(), String> {
     let no_stages = "it has one stage, and its steps are stages.warmup_steps";
     let [joint, coarse, visits] = [config.stages.joint_steps, config.speed.coarse_steps, config.speed.cull_visits];

@@ -1,19 +1,18 @@
-//! Native 4D Gaussians (4DGS: Yang, Yang, Pan, Zhang: *Real-time Photorealistic Dynamic Scene Representation and Rendering
-//! with 4D Gaussian Splatting*, ICLR 2024): Gaussians in space and time, of which a picture shows what they are at its
-//! time. They are not the same ones at every time, so that there are no segments or tracks of them. The primitives, in
-//! tensor operations:
+//! Native 4D Gaussians (4DGS: Yang, Yang, Pan, Zhang: *Real-time Photorealistic Dynamic Scene Representation and
+//! Rendering with 4D Gaussian Splatting*, ICLR 2024): Gaussians in space and time, drawn as they are at the time of an
+//! image. They do not persist over time, so they have no segments or tracks. The primitives, in tensor operations:
 //!
 //! ```text
 //! Gaussians4d  means and scales in x, y, z, t; two quaternions; opacity; colours over directions and time
 //!   rotation   the quaternions -> a 4x4 rotation
-//!   moment     4D Gaussians and a time -> 3D means, covariances and velocities, and how much is there of each
+//!   moment     4D Gaussians and a time -> 3D means, covariances, velocities and marginals
 //!   harmonics  colours over directions and time, and a time -> spherical harmonics
 //! ```
 //!
-//! [`Gaussians4d::at`] gives all of it to [`volseggs_kernels::splat::splat_covariances`]: a 4D Gaussian at a time has a
-//! covariance of its own, not a rotation with scales. They are trained as those of 3DGS: `first` places them, `training` is
-//! their [`crate::train::Training`] with `rows` (added and removed ones) and `rigid` (neighbours move alike), `model` their
-//! [`crate::model::Model`] with its file, and `method` their [`crate::method::Method`].
+//! [`Gaussians4d::at`] passes the result to [`volseggs_kernels::splat::splat_covariances`]: a 4D Gaussian at a time has
+//! a covariance of its own, not a rotation with scales. They are trained like those of 3DGS: `first` places them,
+//! `training` is their [`crate::train::Training`] with `rows` (added and removed Gaussians) and `rigid` (neighbours
+//! move alike), `model` their [`crate::model::Model`] with its file, and `method` their [`crate::method::Method`].
 
 mod first;
 mod gaussians;

@@ -1,4 +1,4 @@
-//! A trained scene of 4D Gaussians: what draws it, and its file.
+//! A trained scene of 4D Gaussians: rendering and file format.
 
 use super::{ColourSeries, Gaussians4d};
 use crate::model::params::{self, HostTensor};
@@ -16,30 +16,30 @@ use volseggs_kernels::splat::{DILATION, splat_covariances};
 
 /// Entry of the file's header.
 const HEADER: &str = "4dgs";
-/// The most orders that a file may claim.
+/// Maximum number of orders that a file may claim.
 const MOST_ORDERS: usize = 64;
-/// The whole time, after which the first order of the colours repeats.
+/// The whole time range, after which the first order of the colours repeats.
 const DURATION: f32 = 1.0;
 
-/// What cannot be read off the tensors.
+/// What the tensors do not determine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Spec {
-    /// Coefficients over directions of each order in time: 1, 4, 9 or 16.
+    /// Directional coefficients per order in time: 1, 4, 9 or 16.
     pub sh_stride: usize,
-    /// Orders in time, with the constant one.
+    /// Number of orders in time, including the constant one.
     pub orders: usize,
     /// Spherical-harmonics degree in use.
     pub sh_degree: usize,
     /// Highest order in time in use.
     pub time_degree: usize,
-    /// What lies behind.
+    /// The background colour.
     pub background: [f32; 3],
-    /// Variance that each is widened by on the screen, pixels squared.
-    #[serde(default = "widened_as_3dgs")] // a scene from before it was a key still loads
+    /// Variance added to each Gaussian on the screen, pixels squared.
+    #[serde(default = "widened_as_3dgs")] // scenes that predate this key can still be loaded
     pub dilation: f32,
-    /// Centre of the box of the first Gaussians, world units.
+    /// Centre of the box of the initial Gaussians, world units.
     pub centre: [f32; 3],
-    /// Its half sides, world units.
+    /// Half the side lengths of this box, world units.
     pub half_size: [f32; 3],
 }
 
@@ -52,13 +52,13 @@ impl Spec {
         ColourSeries { sh_stride: self.sh_stride, time_degree: self.time_degree, duration: DURATION }
     }
 
-    /// What they are drawn with.
+    /// The rendering settings.
     pub(super) fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, dilation, .. } = *self;
         Rendering { background, sh_degree, dilation }
     }
 
-    /// Refuses what no scene has, before anything is allocated as it says.
+    /// Rejects invalid values before anything is allocated accordingly.
     fn check(&self) -> Result<(), String> {
         let Self { sh_stride, orders, sh_degree, time_degree, .. } = *self;
         if ![1, 4, 9, 16].contains(&sh_stride) || !(1..=MOST_ORDERS).contains(&orders) {
@@ -78,14 +78,14 @@ impl Spec {
     }
 }
 
-/// The module whose parameters are called `gaussians.*`, as those of our scenes.
+/// The module whose parameters are called `gaussians.*`, as in VolSegGS scenes.
 #[derive(Module, Debug)]
 pub(super) struct Named {
     pub gaussians: Gaussians4d,
 }
 
 impl Named {
-    /// One Gaussian of a spec, every number 0: a place for those of a file.
+    /// One Gaussian of all zeros, into which the parameters of a file are loaded.
     fn one(spec: &Spec, device: &Device) -> Self {
         fn zeros<const D: usize>(shape: [usize; D], device: &Device) -> Param<Tensor<D>> {
             Param::from_tensor(Tensor::zeros(shape, device))
@@ -106,14 +106,14 @@ impl Named {
 /// A scene of 4D Gaussians.
 #[derive(Debug)]
 pub(super) struct Scene4d {
-    /// Absent only while the optimiser holds it.
+    /// `None` only while the optimiser holds it.
     pub module: Option<Named>,
     pub spec: Spec,
     device: Device,
 }
 
 impl Scene4d {
-    /// One whose parameters, by name, are these.
+    /// Returns a scene with these parameters, by name.
     pub(super) fn of(
         spec: Spec,
         tensors: &BTreeMap<String, HostTensor>,
@@ -126,7 +126,7 @@ impl Scene4d {
     /// Reads what [`Model::save`] wrote.
     ///
     /// # Errors
-    /// If it is missing or damaged, of another method, or holds numbers that are none.
+    /// If the file is missing or damaged, belongs to another method, or holds non-finite values.
     pub(super) fn read(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
         let (tensors, metadata) = read_tensors(path)?;
@@ -153,7 +153,7 @@ impl Scene4d {
         }
     }
 
-    /// Puts other Gaussians in the place of those that are there.
+    /// Replaces the Gaussians.
     pub(super) fn replace(&mut self, tensors: &BTreeMap<String, HostTensor>) {
         match params::load(Named::one(&self.spec, &self.device), tensors) {
             Ok(module) => self.module = Some(module),

@@ -1,6 +1,6 @@
-//! The primitives against the official code: what its Python functions `build_rotation_4d`,
+//! Tests of the primitives against the official code: the results of its Python functions `build_rotation_4d`,
 //! `get_current_covariance_and_mean_offset`, `get_marginal_t` and `eval_shfs_4d`
-//! (<https://github.com/fudan-zvg/4d-gaussian-splatting>, commit 63725f2) give for two Gaussians, computed in f64.
+//! (<https://github.com/fudan-zvg/4d-gaussian-splatting>, commit 63725f2) for two Gaussians, computed in f64.
 
 use super::{ColourSeries, Gaussians4d, rotation_matrices};
 use crate::model::params::to_vec;
@@ -20,7 +20,7 @@ const COVARIANCES: [f32; 12] = [
 const OFFSETS: [f32; 6] = [0.089_125, 0.062_762, 0.111_879, -0.186_690, -0.022_880, 0.538_471];
 const MARGINALS: [f32; 2] = [0.817_639, 0.191_748];
 const COLOURS: [f32; 6] = [0.044_375, 0.048_434, -0.084_686, 0.068_860, -0.087_339, 0.003_832];
-/// Directions from which they are seen.
+/// View directions.
 const DIRECTIONS: [[f32; 3]; 2] = [[0.48, -0.6, 0.64], [-0.36, 0.48, 0.8]];
 
 fn close(what: &str, ours: &[f32], official: &[f32]) {

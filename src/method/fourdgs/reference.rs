@@ -1,7 +1,7 @@
-//! 4D Gaussians at a time in plain f64: the oracle of the tests. Rotations are products of quaternions, covariances are
-//! sums over axes and conditioned as the textbook has it.
+//! 4D Gaussians at a time in plain f64: the reference for the tests. Rotations are products of quaternions; covariances
+//! are sums over axes, conditioned by the textbook formula.
 
-/// One Gaussian, with the numbers of [`super::Gaussians4d`].
+/// One Gaussian, with the parameters of [`super::Gaussians4d`].
 #[derive(Clone, Debug)]
 pub(super) struct Gaussian {
     pub mean: [f64; 3],
@@ -14,7 +14,7 @@ pub(super) struct Gaussian {
     pub sh: Vec<f64>,
 }
 
-/// What is drawn of it.
+/// The Gaussian as drawn at a time.
 #[derive(Clone, Debug)]
 pub(super) struct Drawn {
     pub mean: [f64; 3],
@@ -42,7 +42,7 @@ fn unit(q: [f64; 4]) -> [f64; 4] {
     q.map(|v| v / length)
 }
 
-/// `l v conj(r)` with `v = t + z i + y j + x k`, of a vector (x, y, z, t).
+/// `l v conj(r)` with `v = t + z i + y j + x k`, for a vector (x, y, z, t).
 pub(super) fn rotated([x, y, z, t]: [f64; 4], left: [f64; 4], right: [f64; 4]) -> [f64; 4] {
     let [w, i, j, k] = unit(right);
     let [t, z, y, x] = product(product(unit(left), [t, z, y, x]), [w, -i, -j, -k]);
@@ -50,7 +50,7 @@ pub(super) fn rotated([x, y, z, t]: [f64; 4], left: [f64; 4], right: [f64; 4]) -
 }
 
 impl Gaussian {
-    /// At `time`, with K coefficients of each order in time up to `time_degree`.
+    /// The Gaussian at `time`, with K coefficients for each order in time up to `time_degree`.
     pub(super) fn at(&self, time: f64, stride: usize, time_degree: usize, duration: f64) -> Drawn {
         let axes: [[f64; 4]; 4] = std::array::from_fn(|k| {
             let axis = std::array::from_fn(|r| if r == k { self.log_scales[k].exp() } else { 0.0 });

@@ -1,4 +1,4 @@
-//! Neighbours move alike: the regulariser of the published code (`lambda_rigid`).
+//! The regulariser that makes neighbours move alike, as in the published code (`lambda_rigid`).
 
 use crate::model::params::HostTensor;
 use crate::points::neighbours::Grid;
@@ -6,11 +6,11 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// How fast the weight of a neighbour falls with its distance, 1 / world units (published code).
+/// Decay of a neighbour's weight with its distance, 1 / world units (published code).
 const FALL: f32 = 100.0;
-/// The time over which motions are compared; the whole time is 1 (published code).
+/// The duration over which motions are compared; the whole time range is 1 (published code).
 const WHILE: f32 = 0.1;
-/// Below this, a squared difference counts as none: the root of 0 has no gradient.
+/// Minimum squared difference, as the square root has no gradient at 0.
 const LEAST_SQUARE: f32 = 1e-12;
 /// The names in a checkpoint.
 const NEIGHBOURS: &str = "rigid.neighbours";
@@ -19,7 +19,7 @@ const WEIGHTS: &str = "rigid.weights";
 /// The neighbours of N Gaussians.
 #[derive(Debug)]
 pub(super) struct Neighbours {
-    /// Neighbours of each, itself among them: K.
+    /// Number of neighbours of each, itself included: K.
     count: usize,
     /// Their indices `[N K]`.
     indices: Tensor<1, Int>,
@@ -28,7 +28,7 @@ pub(super) struct Neighbours {
 }
 
 impl Neighbours {
-    /// The `count` (K) nearest to each of the `means` `[N, 3]`, itself with them.
+    /// The `count` (K) Gaussians nearest to each of the `means` `[N, 3]`, itself included.
     pub(super) fn of(means: &[f32], count: usize, device: &Device) -> Self {
         let n = means.len() / 3;
         let Ok(grid) = Grid::adaptive(means) else { unreachable!("means are [N, 3]") };
@@ -37,7 +37,7 @@ impl Neighbours {
             .map(|i| {
                 let at = [means[3 * i], means[3 * i + 1], means[3 * i + 2]];
                 let mut near = grid.nearest(at, count - 1, Some(i as u32));
-                // itself, and again where there are too few: without weight, as it moves like itself
+                // itself, repeated if there are too few; this adds nothing to the loss, as it moves like itself
                 near.resize(count, (i as u32, f32::INFINITY));
                 near
             })
@@ -57,8 +57,8 @@ impl Neighbours {
         }
     }
 
-    /// The mean over all Gaussians i and their K neighbours j of `exp(-100 d_ij) |v_i - v_j|`, with the way v that a mean moves
-    /// in a tenth of the time, from `velocities` `[N, 3]`; `[1]`.
+    /// The mean over all Gaussians i and their K neighbours j of `exp(-100 d_ij) |v_i - v_j|`, where v is the
+    /// displacement of a mean in a tenth of the time range, from `velocities` `[N, 3]`; `[1]`.
     pub(super) fn loss(&self, velocities: Tensor<2>) -> Tensor<1> {
         let [n, _] = velocities.dims();
         let ways = velocities.mul_scalar(WHILE);
@@ -68,7 +68,7 @@ impl Neighbours {
         (square.clamp_min(LEAST_SQUARE).sqrt() * self.weights.clone()).mean()
     }
 
-    /// What a checkpoint keeps of it: indices are exact in f32 below 2^24.
+    /// The neighbours as tensors for a checkpoint; indices are exact in f32 below 2^24.
     pub(super) fn to_tensors(&self) -> BTreeMap<String, HostTensor> {
         let indices = self.indices.clone().into_data().convert::<i32>().try_into_vec::<i32>().unwrap_or_default();
         let shape = self.weights.dims().to_vec();
@@ -80,10 +80,10 @@ impl Neighbours {
         ])
     }
 
-    /// Those of `n` Gaussians from [`Neighbours::to_tensors`]; none if there were none.
+    /// The neighbours of `n` Gaussians from [`Neighbours::to_tensors`]; `None` if there were none.
     ///
     /// # Errors
-    /// What does not fit.
+    /// A description of what does not fit.
     pub(super) fn from_tensors(
         tensors: &BTreeMap<String, HostTensor>,
         n: usize,

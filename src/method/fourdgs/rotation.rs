@@ -1,11 +1,11 @@
-//! Rotations of four dimensions by two unit quaternions.
+//! Four-dimensional rotations given by two unit quaternions.
 
 use burn::tensor::Tensor;
 
-/// Squares of lengths below this count as this: a quaternion without a length makes a point of its Gaussian, and no NaN.
+/// Minimum squared length of a quaternion: one of zero length collapses its Gaussian to a point instead of giving NaN.
 const SMALLEST: f32 = 1e-24;
 
-/// Which component of a quaternion (w, i, j, k: 1 to 4), with which sign, stands at an entry of a 4x4 matrix.
+/// The component of a quaternion (w, i, j, k: 1 to 4) at each entry of a 4x4 matrix, with its sign.
 type Layout = [[i8; 4]; 4];
 
 /// `v -> l v`, the left-isoclinic rotation.
@@ -13,30 +13,30 @@ const LEFT: Layout = [[1, -2, -3, -4], [2, 1, -4, 3], [3, 4, 1, -2], [4, -3, 2, 
 /// `v -> v conj(r)`, the right-isoclinic rotation.
 const RIGHT: Layout = [[1, 2, 3, 4], [-2, 1, -4, 3], [-3, 4, 1, -2], [-4, -3, 2, 1]];
 
-/// Rotation matrices `[N, 4, 4]` of x, y, z, t by quaternions `left` and `right` `[N, 4]` (w, i, j, k), normalised inside:
-/// `v -> l v conj(r)` with `v = t + z i + y j + x k`, as 4DGS has it. Where the two are equal, time stays as it is.
+/// Rotation matrices `[N, 4, 4]` of x, y, z, t from quaternions `left` and `right` `[N, 4]` (w, i, j, k), normalised
+/// inside: `v -> l v conj(r)` with `v = t + z i + y j + x k`, as in 4DGS. If the two are equal, time is unchanged.
 #[must_use]
 pub fn rotation_matrices(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
     rotations(left, right).permute([2, 0, 1])
 }
 
-/// The same with the Gaussians last, `[4, 4, N]`: a row of a matrix is then one piece of memory, and each operation goes along
-/// all Gaussians.
+/// As [`rotation_matrices`], with the Gaussians last, `[4, 4, N]`: a matrix row is then contiguous in memory, and each
+/// operation runs over all Gaussians.
 pub(super) fn rotations(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
     let (left, right) = (matrix(unit(left), &LEFT), matrix(unit(right), &RIGHT));
-    // their product, a column of the one by a row of the other at a time
+    // their product, as a sum of outer products of a column and a row
     let term = |k: usize| left.clone().narrow(1, k, 1) * right.clone().narrow(0, k, 1);
     term(0) + term(1) + term(2) + term(3)
 }
 
-/// Quaternions `[N, 4]` of unit length, `[4, N]`.
+/// Normalises quaternions `[N, 4]`, returned as `[4, N]`.
 fn unit(quaternions: Tensor<2>) -> Tensor<2> {
     let quaternions = quaternions.transpose();
     let square = (quaternions.clone() * quaternions.clone()).sum_dim(0);
     quaternions / square.clamp_min(SMALLEST).sqrt()
 }
 
-/// The matrices `[4, 4, N]` of a layout, for x, y, z, t in place of t, z, y, x: rows and columns in reverse order.
+/// The matrices `[4, 4, N]` of a layout, for the order x, y, z, t instead of t, z, y, x: rows and columns are reversed.
 fn matrix(quaternions: Tensor<2>, layout: &Layout) -> Tensor<3> {
     let [_, n] = quaternions.dims();
     let plus: [Tensor<2>; 4] = std::array::from_fn(|k| quaternions.clone().narrow(0, k, 1));

@@ -1,4 +1,4 @@
-//! Gaussians that are added and removed: the plan is that of 3DGS, halves are drawn from their parent in space and time.
+//! Adding and removing Gaussians: planned as in 3DGS, with halves drawn from their parent in space and time.
 
 use super::rotation_matrices;
 use crate::model::params::{HostTensor, to_vec};
@@ -7,16 +7,16 @@ use crate::train::densify::{Row, gather};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 
-/// What halves are smaller by, as in 3DGS.
+/// Factor by which halves are smaller, as in 3DGS.
 const SMALLER: f32 = 1.6;
 
-/// Numbers of each row of a tensor.
+/// Number of values per row of a tensor.
 pub(super) fn width(tensor: &HostTensor) -> usize {
     tensor.shape.iter().skip(1).product()
 }
 
-/// The new parameters by name, made of the `old` ones. Halves are drawn from their parent's distribution in space and time
-/// and are smaller in all four directions.
+/// The new parameters by name, made from the `old` ones. Halves are drawn from their parent's distribution in space and
+/// time and are smaller in all four directions.
 pub(super) fn apply(
     rows: &[Row],
     old: &BTreeMap<String, HostTensor>,

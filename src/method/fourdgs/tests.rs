@@ -1,4 +1,4 @@
-//! The primitives against plain f64, on every device.
+//! Tests of the primitives against plain f64, on every device.
 
 use super::reference::{Drawn, Gaussian, rotated};
 use super::{ColourSeries, Gaussians4d, rotation_matrices};
@@ -10,7 +10,7 @@ use volseggs_kernels::Camera;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, render};
 use volseggs_kernels::splat::{DILATION, SplatInputs, SplatSettings, splat, splat_covariances};
 
-/// Coefficients over directions, and orders in time.
+/// Directional coefficients, and orders in time.
 const SERIES: ColourSeries = ColourSeries { sh_stride: 4, time_degree: 2, duration: 1.3 };
 const TIME: f32 = 0.4;
 
@@ -56,14 +56,14 @@ fn drawn(of: &[Gaussian]) -> Vec<Drawn> {
     of.iter().map(|g| g.at(f64::from(TIME), sh_stride, time_degree, f64::from(duration))).collect()
 }
 
-/// The numbers of a Gaussian in the order of [`Gaussians4d`].
+/// The parameters of a Gaussian in the order of [`Gaussians4d`].
 fn numbers(g: &mut Gaussian) -> Vec<&mut f64> {
     let Gaussian { mean, time, log_scales, left, right, opacity_logit, sh } = g;
     let parts = mean.iter_mut().chain([time]).chain(log_scales).chain(left).chain(right);
     parts.chain([opacity_logit]).chain(sh).collect()
 }
 
-/// The gradient of `loss` by difference quotients of fourth order, a row a Gaussian.
+/// The gradient of `loss` by difference quotients of fourth order, one row per Gaussian.
 fn quotients(of: &[Gaussian], loss: impl Fn(&[Gaussian]) -> f64) -> Vec<Vec<f64>> {
     const STEP: f64 = 1e-4;
     let mut moved = of.to_vec();
@@ -85,7 +85,7 @@ fn quotients(of: &[Gaussian], loss: impl Fn(&[Gaussian]) -> f64) -> Vec<Vec<f64>
     (0..of.len()).map(|i| row(i, &mut moved)).collect()
 }
 
-/// The gradients that autodiff gives, in the order of [`numbers`].
+/// The gradients from autodiff, in the order of [`numbers`].
 fn gradients(of: &Gaussians4d, loss: Tensor<1>) -> Vec<Vec<f64>> {
     let g = loss.backward();
     let columns = [
@@ -138,7 +138,7 @@ fn numbers_at_a_time_are_those_of_the_reference(device: Device) {
     }
 }
 
-/// Velocities have no gradient here: nothing is drawn of them.
+/// Velocities have no gradient here, as nothing is drawn from them.
 fn gradients_of_what_is_drawn_are_difference_quotients(device: Device) {
     let of = random(10, 2);
     let device = device.autodiff();
@@ -188,7 +188,7 @@ fn settings() -> SplatSettings {
     SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree: 1, dilation: DILATION }
 }
 
-/// The picture in f64, of the f64 primitives.
+/// The image in f64, from the f64 primitives.
 fn picture(of: &[Gaussian], cutoffs: Cutoffs) -> Vec<f64> {
     let drawn = drawn(of);
     let column = |f: fn(&Drawn) -> Vec<f64>| drawn.iter().flat_map(f).collect::<Vec<f64>>();
@@ -205,10 +205,10 @@ fn picture(of: &[Gaussian], cutoffs: Cutoffs) -> Vec<f64> {
     render(&scene, &settings(), cutoffs)
 }
 
-/// From the parameters to the loss of a picture, and back.
+/// From the parameters to the loss of an image, and back.
 fn gradients_of_a_picture_are_difference_quotients(device: Device) {
     let mut of = random(8, 6);
-    // so large that each is seen everywhere
+    // so large that each is visible everywhere
     of.iter_mut().flat_map(|g| &mut g.log_scales).for_each(|s| *s += 1.2);
     assert_eq!(picture(&of, Cutoffs::OP), picture(&of, Cutoffs::NONE), "a cutoff is met");
     let gpu = crate::device::runs_ahead(&device);
@@ -231,7 +231,7 @@ fn gradients_of_a_picture_are_difference_quotients(device: Device) {
     }
 }
 
-/// Equal quaternions leave time alone: nothing moves, and what is drawn is a Gaussian of three dimensions.
+/// Equal quaternions leave time unchanged: nothing moves, and what is drawn is a three-dimensional Gaussian.
 fn equal_quaternions_turn_space_alone(device: Device) {
     let mut of = random(8, 9);
     for g in &mut of {
@@ -246,7 +246,7 @@ fn equal_quaternions_turn_space_alone(device: Device) {
     let at = module.at(TIME, SERIES);
     let opacities = worst(&wide(at.opacity_logits.clone()), &wide(module.opacity_logits.val()));
     assert!(opacities < 1e-6, "at its peak a Gaussian has its whole opacity, off by {opacities:.1e}");
-    // i, j, k stand for z, y, x, a reflection: the axis is the negative one
+    // i, j, k stand for z, y, x, which is a reflection: the axis is negated
     let rotations = of.iter().flat_map(|g| [g.left[0], -g.left[3], -g.left[2], -g.left[1]].map(|v| v as f32));
     let log_scales = of.iter().flat_map(|g| g.log_scales[..3].iter().map(|&v| v as f32).collect::<Vec<_>>());
     let rows = |values: Vec<f32>, width| Tensor::<2>::from_data(TensorData::new(values, [of.len(), width]), &device);
@@ -264,7 +264,7 @@ fn equal_quaternions_turn_space_alone(device: Device) {
     assert!(off < 1e-4, "off by {off:.1e}");
 }
 
-/// Finite numbers however far out leave finite gradients; what is not finite is not drawn and stays where it is.
+/// Extreme finite values leave finite gradients; a non-finite Gaussian is not drawn and does not affect the others.
 fn extremes_spread_no_nan(device: Device) {
     let clean = random(5, 10);
     let device = device.autodiff();
@@ -276,7 +276,7 @@ fn extremes_spread_no_nan(device: Device) {
     let mut without = clean.clone();
     without[2].opacity_logit = -1e4;
     let (expected, expected_gradients) = run(&without);
-    // all but the colours, and one of these
+    // all parameters, but only one of the colours
     for (k, value) in (0..18).flat_map(|k| [f64::NAN, f64::INFINITY, f64::NEG_INFINITY].map(|v| (k, v))) {
         let mut of = clean.clone();
         *numbers(&mut of[2])[k] = value;

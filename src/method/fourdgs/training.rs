@@ -1,4 +1,4 @@
-//! Training of 4D Gaussians: that of 3DGS, with the gradients of what they are at the time of a view.
+//! Training of 4D Gaussians: as in 3DGS, with gradients through the Gaussians at the time of a view.
 
 use super::first::first;
 use super::model::Scene4d;
@@ -28,19 +28,19 @@ use std::time::{Duration, Instant};
 use volseggs_kernels::activation::logit;
 use volseggs_kernels::splat::{CovarianceInputs, splat_covariances};
 
-/// Opacities are reset to that (3DGS).
+/// Opacities are reset to at most this value (3DGS).
 const RESET: f32 = 0.01;
-/// The name in a checkpoint of the sums of the gradients by the times of peaks.
+/// The name in a checkpoint of the summed absolute gradients with respect to peak times.
 const BY_TIME: &str = "statistics.by_time";
 
-/// 4D Gaussians that are being trained.
+/// 4D Gaussians in training.
 pub(super) struct Fit {
     config: Config,
     settings: FourDgsConfig,
     scene: Scene4d,
     optimizer: Optimizer,
     statistics: Gathered,
-    /// Sums of the sizes of the gradients by the times of peaks `[N]`, where they are asked for.
+    /// Sums of the absolute gradients with respect to peak times `[N]`, if they are needed.
     by_time: Option<Tensor<1>>,
     neighbours: Option<Neighbours>,
     step: usize,
@@ -89,7 +89,7 @@ impl Fit {
         })
     }
 
-    /// The Gaussians at a time, and the loss of how differently neighbours move.
+    /// The Gaussians at a time, and the loss on the differences of neighbours' velocities.
     fn at(&mut self, time: f32) -> (CovarianceInputs, Option<Tensor<1>>) {
         let moment = self.scene.gaussians().moment(time);
         let rigid = (self.settings.rigid > 0.0).then(|| {
@@ -99,7 +99,7 @@ impl Fit {
         (self.scene.gaussians().drawn(moment, time, self.scene.spec.colours()), rigid)
     }
 
-    /// The neighbours, looked for anew when it is time.
+    /// The neighbours, searched again when due.
     fn neighbours(&mut self) -> &Neighbours {
         if self.step.is_multiple_of(self.settings.rigid_every) {
             self.neighbours = None;
@@ -108,7 +108,8 @@ impl Fit {
         self.neighbours.get_or_insert_with(|| Neighbours::of(&to_vec(gaussians.means.val()), count, &self.device))
     }
 
-    /// One more degree of the spherical harmonics every `stages.sh_every` steps, then one more order in time as often.
+    /// Raises the spherical-harmonics degree by one every `stages.sh_every` steps, then the order in time at the same
+    /// rate.
     fn raise_degrees(&mut self, stage: Stage) {
         let (most, orders) = (self.config.model.sh_degree, self.settings.time_orders);
         let raised = self.step.checked_div(self.config.stages.sh_every).unwrap_or(usize::MAX);
@@ -129,7 +130,8 @@ impl Fit {
         }
     }
 
-    /// The statistics, where gradients by time count as those on the screen do, each in units of its threshold.
+    /// The statistics, with gradients with respect to time counted like those on the screen, each in units of its
+    /// threshold.
     fn combined(&self) -> Statistics {
         let mut statistics = self.statistics.to_host();
         if let Some(by_time) = &self.by_time {
@@ -160,7 +162,7 @@ impl Fit {
         self.by_time = None;
     }
 
-    /// Puts the Gaussians along a space-filling curve, with all that is kept about each.
+    /// Sorts the Gaussians along a space-filling curve, with everything stored per Gaussian.
     fn sort(&mut self) {
         let host = self.scene.parameters();
         let rows = spatial::curve_order(host.get("gaussians.means").map_or(&[], |t| &t.values));
@@ -172,7 +174,7 @@ impl Fit {
         });
     }
 
-    /// Makes the Gaussians and their moments those of `rows`.
+    /// Replaces the Gaussians and their moments by those of `rows`.
     fn rearrange(&mut self, rows: &[Row], host: &BTreeMap<String, HostTensor>) {
         let rng = Rng::new(self.config.seed, self.step as u64, Purpose::Split);
         let new = rows::apply(rows, host, rng, &self.device.clone().inner());
@@ -240,7 +242,7 @@ impl Training for Fit {
             size: [split.images.width as usize, split.images.height as usize],
         });
         lap(&mut times.densify);
-        // taken out, so that the optimiser is the only owner of the memory and may write in place
+        // taken out, so that the optimiser is the only owner of the memory and can write in place
         if let Some(module) = self.scene.module.take() {
             let (settings, config, extent) = (&self.settings, &self.config, self.extent);
             let (module, bad) =
@@ -303,7 +305,7 @@ impl Training for Fit {
     }
 }
 
-/// Learning rate of a parameter by its name: that of 3DGS, for quaternions that of its rotations.
+/// Learning rate of a parameter by its name: as in 3DGS; quaternions use that of its rotations.
 fn rate(name: &str, stage: Stage, settings: &FourDgsConfig, config: &Config, extent: f64) -> Option<f64> {
     match name {
         "gaussians.times" => Some(settings.times * extent),

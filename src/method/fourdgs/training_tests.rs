@@ -1,4 +1,4 @@
-//! Training of 4D Gaussians: it learns, is the same however it is run, and its file is refused where it is damaged.
+//! Training of 4D Gaussians: it learns, gives the same result however it is run, and damaged files are refused.
 
 use super::model::Scene4d;
 use super::rotation_matrices;
@@ -18,7 +18,7 @@ use crate::train::open_dataset;
 use burn::tensor::{Tensor, TensorData};
 use std::collections::BTreeMap;
 
-/// The small preset in some steps on some Gaussians, with everything switched on.
+/// The small preset with few steps and few Gaussians, and with everything switched on.
 fn config(more: &[&str]) -> Config {
     let few = [
         "init.points=200",
@@ -59,12 +59,12 @@ fn every_parameter_is_trained_and_gaussians_are_added_up_to_the_budget() {
     assert_eq!(training.model().counts().primitives, 260);
     assert_eq!(training.model().counts().parameters, 260 * 53);
     assert_eq!(end["gaussians.sh"].shape, [260, 3 * 4, 3]);
-    // sorted along a curve and split, no row is where it was, so it is the extent of each column that tells
+    // after sorting and splitting no row is in its place, so the magnitude of each column is compared
     for (name, tensor) in &end {
         let spread = |t: &HostTensor| t.values.iter().map(|v| f64::from(v.abs())).sum::<f64>() / t.values.len() as f64;
         assert!((spread(tensor) - spread(&start[name])).abs() > 1e-6, "{name} was not trained");
     }
-    // colours at every order in time
+    // colours of every order in time
     let last = end["gaussians.sh"].values.chunks_exact(36).map(|row| row[24].abs()).fold(0.0, f32::max);
     assert!(last > 0.0, "the last order has no colours");
     let mean = |losses: &[f64]| losses.iter().sum::<f64>() / losses.len() as f64;
@@ -79,7 +79,7 @@ fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
     let (config, data, folder) = (config(&["densify.opacity_reset=15"]), data(), tempfile::tempdir().unwrap());
     let text = toml::to_string(&config).unwrap();
     let mut whole = method::start(&config, &data, &device()).unwrap();
-    // between two searches of neighbours, two densifications and two sortings
+    // between two neighbour searches, two densifications and two sorts
     stepped(&mut *whole, &data, 23);
     let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
     let state =

@@ -1,4 +1,4 @@
-//! The discriminator: how true a picture looks for a time and a direction of view.
+//! The discriminator: how real an image looks for a time and a view direction.
 
 use super::generator::{Encoder, GROUPS};
 use super::layers::{Conv, halved, orthogonal_layer};
@@ -15,7 +15,7 @@ use burn::tensor::{Device, Tensor};
 /// Red, green and blue.
 const COLOURS: usize = 3;
 
-/// A residual block that halves the side, but for the last.
+/// A residual block that halves the side length; the last one keeps it.
 #[derive(Module, Debug)]
 struct DownBlock {
     convs: [Conv; 2],
@@ -35,23 +35,23 @@ impl DownBlock {
     }
 }
 
-/// From a picture and its inputs to a number, high for true ones.
+/// Maps an image and its inputs to a score, high for real images.
 #[derive(Module, Debug)]
 pub struct Discriminator {
     encoder: Encoder,
-    /// From what the encoder gives to as many numbers as the last block has channels.
+    /// Maps the encoder's output to as many values as the last block has channels.
     condition: Layer,
-    /// Each halves the side.
+    /// Each halves the side length.
     blocks: Vec<DownBlock>,
-    /// Of the last side.
+    /// Keeps the side length.
     last: DownBlock,
     score: Layer,
-    /// Estimates of the left singular vectors of all layers' matrices `[outputs, inputs]`, see [`spectral`]; none without
-    /// spectral normalisation. Changed by [`Discriminator::follow`] alone.
+    /// Estimates of the left singular vectors of all layers' matrices `[outputs, inputs]`, see [`spectral`]; empty
+    /// without spectral normalisation. Changed only by [`Discriminator::follow`].
     left: Vec<Param<Tensor<1>>>,
 }
 
-/// Divides the matrices of layers, in the order in which they are asked for, by their largest singular value.
+/// Divides the matrices of layers by their largest singular value, in the order in which they are requested.
 struct Normal<'a> {
     left: std::slice::Iter<'a, Param<Tensor<1>>>,
 }
@@ -113,7 +113,7 @@ impl Discriminator {
         first.chain(blocks).chain([of(&self.score)]).collect()
     }
 
-    /// Takes a step of power iteration on every layer.
+    /// Performs one step of power iteration on every layer.
     pub fn follow(&mut self) {
         let matrices = self.matrices();
         for (left, matrix) in self.left.iter_mut().zip(matrices) {
@@ -121,9 +121,9 @@ impl Discriminator {
         }
     }
 
-    /// Scores `[N, 1]` of pictures `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`:
-    /// `s(h) + <h, e>` with h what the convolutions make of the picture, summed over its pixels, and e of the inputs (Miyato
-    /// and Koyama, "cGANs with projection discriminator", ICLR 2018).
+    /// Scores `[N, 1]` of images `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`: `s(h) + <h, e>`, where h is the
+    /// output of the convolutions for the image, summed over its pixels, and e an embedding of the inputs (Miyato and
+    /// Koyama, "cGANs with projection discriminator", ICLR 2018).
     #[must_use]
     pub fn forward(&self, pictures: Tensor<4>, inputs: Tensor<2>) -> Tensor<2> {
         let mut normal = Normal { left: self.left.iter() };
@@ -131,7 +131,7 @@ impl Discriminator {
         let encoded = relu(linear(encoded, normal.linear(&self.condition), Some(self.condition.bias.val())));
         let mut x = pictures;
         for (k, block) in self.blocks.iter().enumerate() {
-            // a picture has not been made of what ReLU would cut
+            // no ReLU on the input image, whose negative values it would cut off
             let inner = if k == 0 { x.clone() } else { relu(x.clone()) };
             let inner = normal.conv(&block.convs[0], inner);
             let inner = normal.conv(&block.convs[1], relu(inner));
@@ -171,8 +171,8 @@ mod tests {
 
     #[test]
     fn every_layer_is_divided_by_its_largest_singular_value() {
-        // orthogonal matrices have 1: with and without normalisation the scores are the same, and ten times the weights
-        // change them only without
+        // orthogonal matrices have singular values of 1: the scores are the same with and without normalisation, and
+        // weights ten times as large change them only without it
         let new = |spectral_norm: bool, factor: f32| {
             let config = InSituNetConfig { spectral_norm, ..config() };
             let mut new = Discriminator::new(&config, &mut Rng::new(2, 0, Purpose::Custom(0)), &device());
@@ -192,7 +192,7 @@ mod tests {
         };
         let (layers, plain) = new(false, 1.0);
         let (followed, normal) = new(true, 1.0);
-        // two encoders of two, the condition, three blocks of three, the score
+        // two encoders of two layers, the condition, three blocks of three, the score
         assert_eq!((layers, followed), (0, 15));
         let off = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(off(&plain, &normal) < 1e-3 * plain[0].abs().max(1.0), "{plain:?} {normal:?}");

@@ -1,4 +1,4 @@
-//! The generator: from when and from where to look, to a picture.
+//! The generator: maps a time and a view direction to an image.
 
 use super::layers::{BatchNorm, Conv, Moments, doubled, orthogonal_layer};
 use crate::config::types::methods::InSituNetConfig;
@@ -10,33 +10,33 @@ use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 
-/// Numbers of each group of inputs: the time; the direction of view.
+/// Number of values in each group of inputs: the time; the view direction.
 pub const GROUPS: [usize; 2] = [1, 3];
 
-/// Pixels along a side that the first convolution sees.
+/// Side length in pixels at the first convolution.
 const FIRST_SIDE: usize = 4;
 /// Red, green and blue.
 const COLOURS: usize = 3;
 
-/// Two layers for each group of inputs, each by itself, side by side in the end.
+/// Two layers per group of inputs; the outputs of the groups are concatenated.
 #[derive(Module, Debug)]
 pub struct Encoder {
     groups: Vec<[Layer; 2]>,
 }
 
 impl Encoder {
-    /// For groups of so many numbers, `width` of each.
+    /// Creates an encoder for groups of the given sizes, with `width` outputs each.
     pub fn new(groups: &[usize], width: usize, rng: &mut Rng, device: &Device) -> Self {
         let mut group = |inputs: usize| [inputs, width].map(|n| orthogonal_layer(rng, [n, width], device));
         Self { groups: groups.iter().map(|inputs| group(*inputs)).collect() }
     }
 
-    /// `[N, sum of the groups]` to `[N, groups * width]`.
+    /// Maps `[N, sum of the groups]` to `[N, groups * width]`.
     pub fn forward(&self, inputs: Tensor<2>) -> Tensor<2> {
         self.forward_with(inputs, &mut |layer| layer.weight.val())
     }
 
-    /// The same with weights that `weight` makes of a layer's own.
+    /// As [`Encoder::forward`], with the weights that `weight` computes from a layer.
     pub fn forward_with(&self, inputs: Tensor<2>, weight: &mut dyn FnMut(&Layer) -> Tensor<2>) -> Tensor<2> {
         let mut column = 0;
         let mut parts = Vec::with_capacity(self.groups.len());
@@ -52,13 +52,13 @@ impl Encoder {
         Tensor::cat(parts, 1)
     }
 
-    /// All layers, in the order that [`Encoder::forward_with`] asks for them.
+    /// All layers, in the order in which [`Encoder::forward_with`] requests them.
     pub fn layers(&self) -> impl Iterator<Item = &Layer> {
         self.groups.iter().flatten()
     }
 }
 
-/// A residual block that doubles the side.
+/// A residual block that doubles the side length.
 #[derive(Module, Debug)]
 pub struct UpBlock {
     norms: [BatchNorm; 2],
@@ -84,7 +84,7 @@ impl UpBlock {
     }
 }
 
-/// From the inputs to a picture of `4 * 2^blocks` pixels.
+/// Maps the inputs to an image of `4 * 2^blocks` pixels.
 #[derive(Module, Debug)]
 pub struct Generator {
     encoder: Encoder,
@@ -95,7 +95,7 @@ pub struct Generator {
     colour: Conv,
 }
 
-/// How many numbers of the generator are trained, and how many are statistics beside them; saturates.
+/// Numbers of the generator's trained values and of its statistics; saturates.
 #[must_use]
 pub fn parameters(config: &InSituNetConfig, groups: &[usize]) -> [u128; 2] {
     let wide = |n: usize| n as u128;
@@ -118,7 +118,7 @@ pub fn parameters(config: &InSituNetConfig, groups: &[usize]) -> [u128; 2] {
     [all(&[encoder, dense, blocks, colour]), statistics]
 }
 
-/// How many values the images between the blocks have for one picture, one of each block; saturates.
+/// Number of values of the images between the blocks for one image, one per block; saturates.
 #[must_use]
 pub(super) fn image_values(config: &InSituNetConfig) -> u128 {
     let of = |(k, channels): (usize, &usize)| product(&[FIRST_SIDE << k, FIRST_SIDE << k, *channels]);
@@ -149,8 +149,8 @@ impl Generator {
         self.dense.device()
     }
 
-    /// Pictures `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`. In training moments of the batch normalise it, and go to
-    /// `seen`.
+    /// Images `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`. In training (`seen` is given) a batch is normalised
+    /// by its own moments, which are appended to `seen`.
     #[must_use]
     pub fn forward(&self, inputs: Tensor<2>, mut seen: Option<&mut Vec<Moments>>) -> Tensor<4> {
         let n = inputs.dims()[0];
@@ -163,7 +163,7 @@ impl Generator {
         self.colour.forward(relu(self.norm.forward(x, seen))).tanh()
     }
 
-    /// Takes the moments of a batch in, in the order in which [`Generator::forward`] gave them.
+    /// Updates the statistics with the moments of a batch, in the order in which [`Generator::forward`] returned them.
     pub fn renew(&mut self, seen: Vec<Moments>) {
         let norms = self.blocks.iter_mut().flat_map(|block| &mut block.norms).chain([&mut self.norm]);
         norms.zip(seen).for_each(|(norm, moments)| norm.renew(moments));
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn it_is_as_large_as_the_published_one() {
-        // counted from the published code for pictures of 256x256: inputs in groups of 1, 3 and 3
+        // counted from the published code for images of 256x256: inputs in groups of 1, 3 and 3
         let channels = vec![1024, 1024, 512, 512, 256, 128, 64];
         let published = InSituNetConfig { channels, ..InSituNetConfig::default() };
         assert_eq!(parameters(&published, &[1, 3, 3])[0], 60_972_995);
@@ -216,7 +216,8 @@ mod tests {
         assert_eq!((picture.dims(), seen.len(), config.side()), ([2, 3, 16, 16], 5, 16));
         let values = to_vec(picture);
         assert!(values.iter().all(|v| v.abs() <= 1.0) && values[..768] != values[768..]);
-        // after many batches of the same the statistics are theirs, but for variances being of samples
+        // after many identical batches the statistics are those of the batch, except that variances are sample
+        // variances
         let before = to_vec(generator.forward(inputs.clone(), None));
         for _ in 0..100 {
             let mut seen = Vec::new();

@@ -1,4 +1,4 @@
-//! Layers of images: convolutions, normalisation by batch, sides doubled and halved.
+//! Image layers: convolutions, batch normalisation, doubling and halving of the side length.
 
 use crate::method::layers::parameter;
 use crate::model::implicit::Layer;
@@ -19,7 +19,7 @@ pub struct Conv {
 }
 
 impl Conv {
-    /// A convolution with windows of `side` pixels, its weights an orthogonal matrix, its biases 0.
+    /// A convolution with windows of `side` pixels; its weights are an orthogonal matrix, its biases 0.
     pub fn new(rng: &mut Rng, [inputs, outputs]: [usize; 2], side: usize, has_bias: bool, device: &Device) -> Self {
         let weight = orthogonal(rng, outputs, inputs * side * side);
         Self {
@@ -28,19 +28,19 @@ impl Conv {
         }
     }
 
-    /// `[N, inputs, H, W]` to `[N, outputs, H, W]`.
+    /// Maps `[N, inputs, H, W]` to `[N, outputs, H, W]`.
     pub fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         self.forward_with(x, self.weight.val())
     }
 
-    /// The same with other weights of that shape.
+    /// As [`Conv::forward`], with other weights of the same shape.
     pub fn forward_with(&self, x: Tensor<4>, weight: Tensor<4>) -> Tensor<4> {
         let padding = self.weight.dims()[2] / 2;
         conv2d(x, weight, self.bias.as_ref().map(Param::val), ConvOptions::new([1; 2], [padding; 2], [1; 2], 1))
     }
 }
 
-/// A linear layer, its weights an orthogonal matrix, its biases 0.
+/// A linear layer; its weights are an orthogonal matrix, its biases 0.
 pub fn orthogonal_layer(rng: &mut Rng, [inputs, outputs]: [usize; 2], device: &Device) -> Layer {
     Layer {
         weight: parameter(orthogonal(rng, inputs, outputs), [inputs, outputs], device),
@@ -48,8 +48,8 @@ pub fn orthogonal_layer(rng: &mut Rng, [inputs, outputs]: [usize; 2], device: &D
     }
 }
 
-/// A random matrix `[rows, columns]`, row-major, whose rows (or columns, if they are fewer) are orthonormal: normal numbers
-/// made orthogonal one after the other, twice, as once leaves rounding errors in.
+/// A random matrix `[rows, columns]`, row-major, whose rows (or columns, if they are fewer) are orthonormal: normal
+/// deviates orthogonalised one after the other, twice, to remove rounding errors.
 pub fn orthogonal(rng: &mut Rng, rows: usize, columns: usize) -> Vec<f32> {
     let (few, many) = (rows.min(columns), rows.max(columns));
     let mut vectors: Vec<Vec<f64>> = (0..few).map(|_| (0..many).map(|_| f64::from(rng.normal())).collect()).collect();
@@ -75,34 +75,35 @@ pub fn orthogonal(rng: &mut Rng, rows: usize, columns: usize) -> Vec<f32> {
 
 /// Added to variances.
 const EPSILON: f64 = 1e-5;
-/// How much of the statistics each batch renews.
+/// Fraction of the statistics that each batch replaces.
 const MOMENTUM: f64 = 0.1;
 
-/// Normalisation of each channel: in training by the batch's mean and variance, in drawing by those of the batches before.
+/// Normalisation of each channel: by the batch's mean and variance in training, by running statistics in drawing.
 #[derive(Module, Debug)]
 pub struct BatchNorm {
     scale: Param<Tensor<1>>,
     shift: Param<Tensor<1>>,
-    /// Mean of the last batches; changed by [`BatchNorm::renew`] alone.
+    /// Running mean; changed only by [`BatchNorm::renew`].
     running_mean: Param<Tensor<1>>,
-    /// Their variance.
+    /// Running variance.
     running_variance: Param<Tensor<1>>,
 }
 
 /// Mean and variance `[C]` of a batch, without gradients.
 pub type Moments = [Tensor<1>; 2];
 
-/// Names of parameters that are statistics, not trained, end so.
+/// Suffixes of the names of parameters that are statistics and not trained.
 pub const STATISTICS: [&str; 2] = ["running_mean", "running_variance"];
 
 impl BatchNorm {
-    /// For so many channels.
+    /// Creates a normalisation of `channels` channels.
     pub fn new(channels: usize, device: &Device) -> Self {
         let all = |value: f32| parameter(vec![value; channels], [channels], device);
         Self { scale: all(1.0), shift: all(0.0), running_mean: all(0.0), running_variance: all(1.0) }
     }
 
-    /// `[N, C, H, W]` by its own moments, which go to `seen`, or by those of earlier batches where there is no such list.
+    /// Normalises `[N, C, H, W]` by its own moments, which are appended to `seen`, or by the running statistics if
+    /// `seen` is `None`.
     pub fn forward(&self, x: Tensor<4>, seen: Option<&mut Vec<Moments>>) -> Tensor<4> {
         let [n, channels, height, width] = x.dims();
         let wide = |t: Tensor<1>| t.reshape([1, channels, 1, 1]);
@@ -113,7 +114,7 @@ impl BatchNorm {
                 let mean = over(x.clone());
                 let variance = over((x.clone() - mean.clone()).square());
                 let count = (n * height * width) as f64;
-                // as PyTorch: divided by the number in normalising, by one less in what is kept
+                // as in PyTorch: divided by the count to normalise, by one less for the running variance
                 let kept = variance.clone().mul_scalar(count / (count - 1.0).max(1.0));
                 seen.push([mean.clone(), kept].map(|t| t.reshape([channels]).detach()));
                 (mean, variance)
@@ -123,7 +124,7 @@ impl BatchNorm {
         normal * wide(self.scale.val()) + wide(self.shift.val())
     }
 
-    /// Takes the moments of a batch in.
+    /// Updates the running statistics with the moments of a batch.
     pub fn renew(&mut self, moments: Moments) {
         let [mean, variance] = moments;
         for (kept, new) in [(&mut self.running_mean, mean), (&mut self.running_variance, variance)] {
@@ -134,14 +135,14 @@ impl BatchNorm {
     }
 }
 
-/// Twice as wide and high, each pixel four times.
+/// Doubles width and height, repeating each pixel four times.
 pub fn doubled(x: Tensor<4>) -> Tensor<4> {
     let [n, c, h, w] = x.dims();
     let x = x.reshape([n, c, h, 1, w, 1]).expand([n, c, h, 2, w, 2]);
     x.reshape([n, c, 2 * h, 2 * w])
 }
 
-/// Half as wide and high, each pixel the mean of four.
+/// Halves width and height, averaging four pixels.
 pub fn halved(x: Tensor<4>) -> Tensor<4> {
     let [n, c, h, w] = x.dims();
     x.reshape([n, c, h / 2, 2, w / 2, 2]).mean_dim(5).mean_dim(3).reshape([n, c, h / 2, w / 2])
@@ -186,7 +187,8 @@ mod tests {
 
     #[test]
     fn a_batch_is_normalised_and_remembered_as_in_pytorch() {
-        // torch.nn.BatchNorm2d(2) on torch.arange(16.).reshape(2, 2, 2, 2): values from its documentation's formula
+        // torch.nn.BatchNorm2d(2) on torch.arange(16.).reshape(2, 2, 2, 2): values from the formula in its
+        // documentation
         let x = image((0..16).map(|v| v as f32).collect(), [2, 2, 2, 2]);
         let mut norm = BatchNorm::new(2, &device());
         let mut seen = Vec::new();

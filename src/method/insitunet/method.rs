@@ -1,4 +1,4 @@
-//! InSituNet as a method among others.
+//! InSituNet as a [`Method`].
 
 use super::generator::{GROUPS, image_values, parameters};
 use super::model::{InSituNet, NAME};
@@ -40,7 +40,7 @@ impl Method for InSituNetMethod {
             channels.windows(2).enumerate().map(of).sum()
         };
         let generator = of_pictures(&settings.channels);
-        // made and true pictures, and once more for the generator
+        // generated and real images, and the generated ones again for the generator
         let critic = match settings.adversarial > 0.0 {
             true => 3.0 * of_pictures(&settings.critic_channels.iter().rev().copied().collect::<Vec<_>>()),
             false => 0.0,

@@ -1,20 +1,21 @@
-//! InSituNet: a generator of pictures from when and from where to look.
+//! InSituNet: a generator of images from a time and a view direction.
 //!
-//! He et al., "InSituNet: Deep image synthesis for parameter space exploration of ensemble simulations", IEEE TVCG 26(1), 2020.
-//! Residual blocks that double the side make a picture of a few numbers ([`generator`]); it is to have the features of the
-//! true one in a VGG network, and to look true to a [`discriminator`]. Nothing in it stands for space.
+//! He et al., "InSituNet: Deep image synthesis for parameter space exploration of ensemble simulations", IEEE TVCG
+//! 26(1), 2020. Residual blocks that double the side length make an image from a few numbers ([`generator`]). They are
+//! trained so that the image matches the features of the real one in a VGG network and looks real to a
+//! [`discriminator`]. The networks have no representation of space.
 //!
-//! As published, but for this:
+//! As published, except that:
 //!
-//! - The published generator makes pictures of 256x256. VolSegGS enlarges it to 1024x1024 and does not say how: two more
-//!   blocks of 64 channels here, and as many in the discriminator. Pictures are brought to the size of the images in
-//!   evaluation, images to the size of the pictures in training.
-//! - Inputs are the time, and the direction of view. There is no visual mapping, whose parameters the published networks take
-//!   in as a third group.
-//! - Features are those of VGG-16 after its second ReLU, not of VGG-19: the weights are those that LPIPS needs too. Without
-//!   them (`insitunet.vgg`) pixels are compared, with a note.
-//! - Power iteration goes one step for each step of training, where PyTorch goes one for each time a layer is used.
-//! - An image with alpha is put over the background first.
+//! - The published generator makes images of 256x256. The VolSegGS paper enlarges it to 1024x1024 and does not say how;
+//!   here this adds two blocks of 64 channels, and as many to the discriminator. Generated images are resized to those
+//!   of the dataset in evaluation, and the reverse in training.
+//! - The inputs are the time and the view direction. There are no visual-mapping parameters, which are a third group of
+//!   inputs of the published networks.
+//! - Features are those of VGG-16 after its second ReLU, not of VGG-19: LPIPS needs the same weights. Without them
+//!   (`insitunet.vgg`), pixels are compared and a note is printed.
+//! - There is one step of power iteration per training step, whereas PyTorch does one each time a layer is used.
+//! - An image with alpha is composited over the background first.
 
 pub mod discriminator;
 pub mod generator;

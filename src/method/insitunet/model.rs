@@ -1,4 +1,4 @@
-//! A trained generator, and how a view becomes its inputs.
+//! A trained generator, and its inputs for a view.
 
 use super::generator::{GROUPS, Generator, image_values, parameters};
 use super::layers::STATISTICS;
@@ -20,24 +20,24 @@ use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 use volseggs_kernels::Camera;
 
-/// The name of the method, of its section of the configuration and of the header's entry in its file.
+/// The name of the method, of its configuration section and of the header entry in its file.
 pub(super) const NAME: &str = "insitunet";
-/// Numbers that a view becomes.
+/// Number of inputs for a view.
 pub(super) const INPUTS: usize = 4;
 
-/// What cannot be read off the tensors.
+/// What the tensors do not determine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InSituNetSpec {
     /// Settings.
     pub config: InSituNetConfig,
-    /// Where the training cameras stand.
+    /// The sphere of the training cameras.
     pub sphere: ViewSphere,
     /// Background colour of the training images.
     pub background: [f32; 3],
 }
 
 impl InSituNetSpec {
-    /// The inputs of a view: the time in [-1, 1]; cosine and sine of the azimuth, and the elevation in quarters of a turn.
+    /// The inputs of a view: the time in [-1, 1]; cosine and sine of the azimuth; and the elevation in quarter turns.
     #[must_use]
     pub fn inputs(&self, camera: &Camera, time: f32) -> [f32; INPUTS] {
         let angles = self.sphere.angles(camera);
@@ -46,7 +46,7 @@ impl InSituNetSpec {
     }
 }
 
-/// A generator with what its inputs stand for.
+/// A generator with the meaning of its inputs.
 #[derive(Module, Debug)]
 pub struct InSituNet {
     /// The generator.
@@ -67,7 +67,7 @@ impl InSituNet {
     /// Opens the file of a model.
     ///
     /// # Errors
-    /// If it is missing or damaged, holds a NaN or an infinity, or is of another method.
+    /// If the file is missing or damaged, holds a NaN or an infinity, or belongs to another method.
     pub fn read(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let file = file::read::<InSituNetSpec>(path, NAME)?;
         file.spec
@@ -77,7 +77,7 @@ impl InSituNet {
             .map_err(|e| file::wrong(path, format!("header: {e}")))?;
         let [trained, statistics] = parameters(&file.spec.config, &GROUPS);
         file.check_size(path, trained.saturating_add(statistics))?;
-        // few channels make a small file of a large picture
+        // with few channels, a small file can make a large image
         let picture = image_values(&file.spec.config).saturating_mul(4 * 4);
         let what = format!("a picture of {0}x{0}", file.spec.config.side());
         Budget::now().check(what, picture).map_err(|e| file::wrong(path, e.to_string()))?;
@@ -86,8 +86,8 @@ impl InSituNet {
 }
 
 impl Model for InSituNet {
-    /// The generator's picture in the camera's size; what a pixel shows follows from its place between the edges alone. Alpha
-    /// is 1: the generator gives colours alone.
+    /// The generator's image, resized to that of the camera; what a pixel shows depends only on its relative position.
+    /// Alpha is 1, as the generator outputs only colours.
     fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
         let (generator, device) = plain(&self.generator);
         let inputs = TensorData::new(self.spec.inputs(&camera, time).to_vec(), [1, INPUTS]);

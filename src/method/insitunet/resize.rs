@@ -1,9 +1,10 @@
-//! Images of another size, by two matrix products: linear between the centres of pixels along each axis.
+//! Resizing of images by two matrix products: linear interpolation between pixel centres along each axis.
 
 use burn::tensor::{Device, Tensor, TensorData};
 
-/// How `from` pixels become `to`: a matrix `[to, from]` that takes each new pixel's centre from the two nearest old ones, as
-/// PyTorch's `interpolate(mode="bilinear", align_corners=False)` does. Nothing is averaged where there are fewer pixels.
+/// A matrix `[to, from]` that resizes `from` pixels to `to`: it interpolates at each new pixel's centre between the two
+/// nearest old ones, as PyTorch's `interpolate(mode="bilinear", align_corners=False)` does. There is no averaging when
+/// reducing.
 #[must_use]
 pub fn weights(from: usize, to: usize) -> Vec<f32> {
     let mut out = vec![0.0; from * to];
@@ -17,7 +18,7 @@ pub fn weights(from: usize, to: usize) -> Vec<f32> {
     out
 }
 
-/// Images `[N, C, H, W]` as `[N, C, height, width]`.
+/// Resizes images `[N, C, H, W]` to `[N, C, height, width]`.
 #[must_use]
 pub fn resized(x: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4> {
     let [_, _, h, w] = x.dims();

@@ -1,20 +1,20 @@
-//! The largest singular value of a matrix, followed by one step of power iteration at a time.
+//! The largest singular value of a matrix, tracked by one step of power iteration at a time.
 //!
 //! Miyato et al., "Spectral normalization for generative adversarial networks", ICLR 2018.
 
 use burn::tensor::Tensor;
 
-/// Lengths below count as this, as in the published code.
+/// Minimum length by which vectors are divided, as in the published code.
 const LEAST: f64 = 1e-4;
 
-/// The vector `[outputs]` of length 1, or shorter if it has next to none.
+/// Normalises a vector `[n, 1]` to length 1, or less if it is close to zero.
 fn unit(x: Tensor<2>) -> Tensor<2> {
     let length = x.clone().square().sum_dim(0).sqrt().clamp_min(LEAST);
     x / length
 }
 
-/// The next estimate of the left singular vector, from the last one, `[outputs]`, and a matrix `[outputs, inputs]`. No
-/// gradients.
+/// Returns the next estimate of the left singular vector from the last one, `[outputs]`, and a matrix
+/// `[outputs, inputs]`. Without gradients.
 #[must_use]
 pub fn next(matrix: &Tensor<2>, left: &Tensor<1>) -> Tensor<1> {
     let matrix = matrix.clone().detach();
@@ -28,8 +28,8 @@ fn right(matrix: &Tensor<2>, left: &Tensor<1>) -> Tensor<2> {
     unit(matrix.clone().transpose().matmul(left.clone().detach().reshape([outputs, 1])))
 }
 
-/// The largest singular value `[1, 1]` by the estimate of its left vector, which counts as a constant: its gradient goes to
-/// the matrix.
+/// The largest singular value `[1, 1]` from the estimate of its left vector, which is treated as constant: gradients
+/// flow to the matrix.
 #[must_use]
 pub fn norm(matrix: &Tensor<2>, left: &Tensor<1>) -> Tensor<2> {
     let [outputs, _] = matrix.dims();
@@ -46,7 +46,7 @@ mod tests {
     use crate::rng::{Purpose, Rng};
     use burn::tensor::TensorData;
 
-    /// `U diag(values) V` with orthogonal U and V: a matrix that is made of its singular value decomposition.
+    /// `U diag(values) V` with orthogonal U and V: a matrix built from its singular value decomposition.
     fn matrix(rows: usize, columns: usize, values: &[f32]) -> Vec<f32> {
         let mut rng = Rng::new(4, 0, Purpose::Custom(5));
         let n = values.len();
@@ -85,7 +85,7 @@ mod tests {
         }
         let gradients = norm(&m, &left).backward();
         let gradient = to_vec(m.grad(&gradients).unwrap());
-        // at the maximum over both vectors their own change has no part in the slope
+        // at the maximum over both vectors, changes of the vectors do not contribute to the slope
         let plain = left.inner();
         let of = |values: &[f32]| {
             let m = at(values, &device());

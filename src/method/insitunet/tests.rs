@@ -4,7 +4,7 @@ use crate::config::types::methods::{AdversarialLoss, InSituNetConfig};
 use crate::method::Method;
 use crate::method::test_support::{ball, check_resume, check_threads, device, error_of, preset, psnr};
 
-/// Pictures of 8x8, pixels compared, no discriminator.
+/// Images of 8x8, pixels compared, no discriminator.
 fn config(steps: usize) -> Config {
     let settings = InSituNetConfig {
         channels: vec![12, 8],
@@ -21,7 +21,7 @@ fn config(steps: usize) -> Config {
     Config { method: "insitunet".into(), insitunet: Some(settings), ..Config::default() }
 }
 
-/// The same with a discriminator.
+/// As [`config`], with a discriminator.
 fn adversarial(steps: usize) -> Config {
     let mut config = config(steps);
     config.insitunet.as_mut().unwrap().adversarial = 1e-2;
@@ -91,12 +91,12 @@ fn the_discriminator_learns_to_tell() {
     for loss in [AdversarialLoss::Vanilla, AdversarialLoss::Hinge] {
         let mut config = adversarial(3);
         let settings = config.insitunet.as_mut().unwrap();
-        // the generator stands still, so that the discriminator alone can change what it minimises
+        // the generator stands still, so that only the discriminator can change its own loss
         (settings.adversarial_loss, settings.rate, settings.adversarial) = (loss, 1e-12, 1.0);
         let data = ball(2, 8);
         let mut training = InSituNetMethod.start(&config, &data, &device()).unwrap();
         let losses: Vec<f64> = (0..20).map(|_| training.step(&data.train).unwrap().loss).collect();
-        // what the generator minimises rises as its pictures are seen through
+        // the generator's loss rises as its images are recognised
         assert!(losses[19] > losses[0], "{loss:?}: {} then {}", losses[0], losses[19]);
     }
 }

@@ -1,4 +1,4 @@
-//! Training: a few views at each step; a step of the discriminator, then one of the generator.
+//! Training: a few views per step; a step of the discriminator, then one of the generator.
 
 use super::discriminator::Discriminator;
 use super::generator::{GROUPS, image_values, parameters};
@@ -27,18 +27,18 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-/// What the names of the discriminator's tensors in a checkpoint begin with.
+/// Prefix of the names of the discriminator's tensors in a checkpoint.
 const CRITIC: &str = "discriminator.";
 
-/// What is said where features are asked for and cannot be had.
+/// The note printed if features are requested but not available.
 const NO_VGG: &str = "note: insitunet.vgg is not given: pixels are compared, not features of VGG-16; `volseggs lpips --help` \
                       says where its weights are published and makes the file";
 
-/// A training that is under way.
+/// A training in progress.
 #[derive(Debug)]
 pub struct InSituNetTraining {
     learner: Learner<InSituNet>,
-    /// None where its verdict has no weight.
+    /// `None` if its score has no weight.
     critic: Option<Learner<Discriminator>>,
     vgg: Option<Lpips>,
     views: Pixels,
@@ -84,7 +84,8 @@ impl InSituNetTraining {
         &self.learner.module().spec
     }
 
-    /// Inputs `[N, 4]` and images `[N, 3, side, side]` in [-1, 1] of the views of the step: in one round each once.
+    /// Inputs `[N, 4]` and images `[N, 3, side, side]` in [-1, 1] of the views of the step; each view occurs once per
+    /// round.
     fn batch(&self, split: &Split) -> (Tensor<2>, Tensor<4>) {
         let spec = self.spec();
         let n = spec.config.batch;
@@ -102,7 +103,7 @@ impl InSituNetTraining {
         (inputs, resized(images, [spec.config.side(); 2]))
     }
 
-    /// A step of the discriminator on true pictures and made ones.
+    /// Performs a step of the discriminator on real and generated images.
     fn judge(&mut self, truth: &Tensor<4>, made: &Tensor<4>, inputs: &Tensor<2>) -> Result<(), TrainError> {
         let (settings, step) = (self.spec().config.clone(), self.step);
         let Some(critic) = &mut self.critic else { return Ok(()) };
@@ -119,11 +120,11 @@ impl InSituNetTraining {
         critic.update(step, &mut gradients, |_| Some(settings.critic_rate))
     }
 
-    /// What the generator minimises, and the mean squared difference of colours, for PSNR.
+    /// The generator's loss, and the mean squared difference of colours, for PSNR.
     fn loss(&self, truth: Tensor<4>, made: Tensor<4>, inputs: Tensor<2>) -> [Tensor<1>; 2] {
         let settings = &self.spec().config;
         let pixel = (made.clone() - truth.clone()).square().mean();
-        // colours span 2 here, 1 where PSNR is measured
+        // colours span 2 here, but 1 where PSNR is measured
         let squared = pixel.clone().detach().mul_scalar(0.25);
         let [of_features, of_pixels] = settings.comparison();
         let mut terms = Vec::new();
@@ -225,7 +226,7 @@ fn vgg(path: &Path, device: &Device) -> Result<Lpips, TrainError> {
 
 fn check_memory(settings: &InSituNetConfig, budget: Budget) -> Result<(), TrainError> {
     let [trained, statistics] = parameters(settings, &GROUPS);
-    // parameters, gradients and moments; of each block some eight images are kept
+    // parameters, gradients and moments; about eight images are kept per block
     let numbers = trained.saturating_add(statistics).saturating_mul(5);
     let images = image_values(settings).saturating_mul(product(&[settings.batch, 8]));
     let what = format!("insitunet.batch = {} with channels as many", settings.batch);

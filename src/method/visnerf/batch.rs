@@ -1,4 +1,4 @@
-//! The rays of a step, and where they are sampled.
+//! The rays of a step and their samples.
 
 use super::grid::{Times, mixture, neighbours};
 use super::model::VisNerf;
@@ -9,14 +9,14 @@ use crate::rng::{Purpose, Rng};
 use burn::tensor::Device;
 use volseggs_kernels::march::{Ray, Samples, sample};
 
-/// How often another pixel is drawn for one whose ray misses the box; then the ray is left out.
+/// Number of pixels tried for each ray, as its ray may miss the box; after that the ray is omitted.
 const TRIES: usize = 16;
 
-/// Rays of all views, with the colours that they are to see.
+/// Rays of all views, with their target colours.
 #[derive(Debug)]
 pub(super) struct Batch {
     pub rays: Vec<Ray>,
-    /// Places in the box, and which ray has which.
+    /// Positions in the box, and the ray of each.
     pub samples: Samples,
     /// Colours `[R, 3]` over the background.
     pub colours: Vec<f32>,
@@ -29,7 +29,7 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    /// The rays of a step, each with its own shift of all its samples.
+    /// Draws the rays of a step, each with a random offset of its samples.
     pub fn draw(model: &VisNerf, split: &Split, pixels: &Pixels, step: usize, seed: u64) -> Self {
         let spec = &model.spec;
         let times = split.times();
@@ -86,7 +86,7 @@ impl Batch {
     }
 }
 
-/// Samples along the longest ray of a step.
+/// Number of samples along the longest ray of a step.
 fn samples_of(model: &VisNerf, step: usize) -> usize {
     let config = &model.spec.config;
     let part = (step as f64 / config.samples_until.max(1) as f64).min(1.0);

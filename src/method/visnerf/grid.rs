@@ -1,4 +1,4 @@
-//! Planes, lines and vectors of time: a place and a time in, features out.
+//! Planes, lines and time vectors: they map a position and a time to features.
 
 use crate::method::layers::{parameter, pytorch_bound, uniform};
 use crate::rng::Rng;
@@ -6,7 +6,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use volseggs_kernels::field::{FieldShape, LevelShape, field};
 
-/// How much planes and lines differ from 0 at first, a standard deviation; vectors of time start at this value.
+/// Initial standard deviation of planes and lines around 0, and initial value of time vectors.
 const START: f32 = 0.1;
 
 /// The grid of density or of appearance.
@@ -15,14 +15,14 @@ const START: f32 = 0.1;
 /// f(x, t) = W (sum_k M_k(x) o v_k(x), v(t))        k over xy z, xz y, yz x
 /// ```
 ///
-/// The vector of time stands beside the products of planes and lines; VolSegGS multiplies.
+/// The time vector is concatenated with the products of planes and lines, whereas VolSegGS multiplies it.
 #[derive(Module, Debug)]
 pub struct Grid {
-    /// Planes, flat as [`FieldShape`] says.
+    /// Planes, flattened as described by [`FieldShape`].
     pub planes: Param<Tensor<1>>,
     /// Lines, likewise.
     pub lines: Param<Tensor<1>>,
-    /// `[knots, time_ranks]`: of each training time its numbers.
+    /// `[knots, time_ranks]`: the values of each training time.
     pub times: Param<Tensor<2>>,
     /// `[ranks + time_ranks, features]`: W.
     pub basis: Param<Tensor<2>>,
@@ -35,17 +35,17 @@ pub struct Grid {
 pub struct GridSize {
     /// Nodes along each axis.
     pub resolution: [usize; 3],
-    /// Planes and lines of a kind.
+    /// Planes and lines per orientation.
     pub ranks: usize,
-    /// Training times.
+    /// Number of training times.
     pub knots: usize,
-    /// Numbers of each.
+    /// Number of values per training time.
     pub time_ranks: usize,
-    /// Features.
+    /// Number of features.
     pub features: usize,
 }
 
-/// Times of a batch, and which of them each point is at.
+/// The times of a batch, and the time of each point.
 #[derive(Clone, Debug)]
 pub struct Times {
     /// `[T, knots]`: each time as a mixture of training times.
@@ -55,14 +55,14 @@ pub struct Times {
 }
 
 impl GridSize {
-    /// How its planes and lines lie in memory.
+    /// The layout of its planes and lines in memory.
     #[must_use]
     pub fn shape(&self) -> FieldShape {
         let levels = vec![LevelShape { resolution: self.resolution }];
         FieldShape { levels, time_knots: 1, channels: self.ranks }
     }
 
-    /// How many numbers the grid has; saturates.
+    /// Number of values in the grid; saturates.
     #[must_use]
     pub fn parameters(&self) -> u128 {
         let [x, y, z] = self.resolution.map(|n| n as u128);
@@ -74,7 +74,8 @@ impl GridSize {
     }
 }
 
-/// Time `part` of the way from the first of `knots` times to the last, as a mixture of them: linear between neighbours.
+/// The time at fraction `part` of the way from the first of `knots` times to the last, as a mixture of them: linear
+/// between neighbours.
 #[must_use]
 pub fn mixture(knots: usize, part: f64) -> Vec<f32> {
     let mut out = vec![0.0; knots];
@@ -85,7 +86,7 @@ pub fn mixture(knots: usize, part: f64) -> Vec<f32> {
     out
 }
 
-/// The times on either side.
+/// The times on either side of it.
 #[must_use]
 pub fn neighbours(knots: usize, part: f64) -> [usize; 2] {
     let place = part.clamp(0.0, 1.0) * (knots - 1) as f64;
@@ -170,7 +171,7 @@ mod tests {
         let [planes, lines] = [&grid.planes, &grid.lines].map(|p| to_vec(p.val()));
         let [times, basis] = [&grid.times, &grid.basis].map(|p| to_vec(p.val()));
         assert!(times.iter().all(|v| *v == START));
-        // a place in the middle of nodes, so that interpolation is a mean of four and of two
+        // a position halfway between nodes, so that interpolation is a mean of four and of two
         let (x, y, z) = (0.5f64, 1.0 / 3.0, -0.25);
         let products: Vec<f64> = (0..2)
             .map(|r| {
@@ -185,7 +186,7 @@ mod tests {
                 let line = |offset: usize, nodes: [usize; 2]| {
                     nodes.iter().map(|i| 0.5 * f64::from(lines[offset + i * 2 + r])).sum::<f64>()
                 };
-                // x = 0.5 of 3 nodes lies at 1.5; y = 1/3 of 4 at 2, taken as half of 2 and 2; z = -0.25 of 5 at 1.5
+                // x = 0.5 of 3 nodes lies at 1.5; y = 1/3 of 4 at 2, computed as half of 2 and 2; z = -0.25 of 5 at 1.5
                 let (nx, ny, nz) = ([1, 2], [2, 2], [1, 2]);
                 let (xy, xz, yz) = (plane(0, 3, nx, ny), plane(24, 3, nx, nz), plane(54, 4, ny, nz));
                 xy * line(14, nz) + xz * line(6, ny) + yz * line(0, nx)

@@ -1,22 +1,22 @@
-//! What is minimised beside the colours: density is to be sparse, appearance smooth in space and time.
+//! Regularisation in addition to the colour loss: density is made sparse, appearance smooth in space and time.
 
 use super::grid::Grid;
 use super::network::Network;
 use burn::tensor::Tensor;
 use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, total_variation};
 
-/// Weights of the terms.
+/// Weights of the regularisation terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
-    /// Of the absolute values of the grid of density.
+    /// Weight of the absolute values of the density grid.
     pub sparsity: f64,
-    /// Of the total variation of appearance planes.
+    /// Weight of the total variation of appearance planes.
     pub tv: f64,
-    /// Of the total variation of vectors of time.
+    /// Weight of the total variation of time vectors.
     pub tv_time: f64,
 }
 
-/// All terms, weighted, `[1]`; none if no weight is above 0.
+/// The weighted sum of all terms, `[1]`; `None` if no weight is above 0.
 #[must_use]
 pub fn regularisers(network: &Network, weights: Weights) -> Option<Tensor<1>> {
     let Weights { sparsity: sparse, tv, tv_time } = weights;
@@ -33,7 +33,7 @@ pub fn regularisers(network: &Network, weights: Weights) -> Option<Tensor<1>> {
     terms.into_iter().reduce(|a, b| a + b)
 }
 
-/// The mean absolute value of each plane and each line, and of what vectors of time differ from 1 by, added up: `[1]`.
+/// The sum of the mean absolute values of each plane and each line, and of the time vectors' deviation from 1: `[1]`.
 fn sparsity(grid: &Grid) -> Tensor<1> {
     let (shape, channels) = (grid.shape(), grid.shape().channels);
     let planes = grid.planes.val();
@@ -46,7 +46,7 @@ fn sparsity(grid: &Grid) -> Tensor<1> {
     of_planes.chain(of_lines).fold(of_times, |sum, term| sum + term)
 }
 
-/// Twice the mean squared difference of neighbours of planes, along either axis, times `weight`: `[1]`.
+/// Twice the mean squared difference of neighbours on planes, along both axes, times `weight`: `[1]`.
 fn plane_variation(grid: &Grid, weight: f64) -> Tensor<1> {
     let weights = TvWeights {
         space: 2.0 * weight as f32,
@@ -56,13 +56,13 @@ fn plane_variation(grid: &Grid, weight: f64) -> Tensor<1> {
         reduction: TvReduction::Mean,
     };
     let (planes, device) = (grid.planes.val(), grid.planes.val().device());
-    // the op weighs lines like planes: lines that vary in nothing leave the planes' share alone
+    // the op weights lines like planes; constant lines add nothing
     let lines = Tensor::zeros([grid.shape().lines_len()], &device);
     let times = Tensor::ones([grid.shape().times_len()], &device);
     total_variation(planes, lines, times, grid.shape(), TvKind::First, weights)
 }
 
-/// Twice the mean squared difference of the vectors of neighbouring times: `[1]`; none if there is one time alone.
+/// Twice the mean squared difference of the vectors of neighbouring times: `[1]`; `None` for a single time.
 fn time_variation(grid: &Grid) -> Option<Tensor<1>> {
     let [knots, ranks] = grid.times.dims();
     let times = grid.times.val();

@@ -1,4 +1,4 @@
-//! ViSNeRF as a method among others.
+//! ViSNeRF as a [`Method`].
 
 use super::model::{NAME, VisNerf};
 use super::training::VisNerfTraining;
@@ -20,7 +20,7 @@ fn settings(config: &Config) -> Result<&VisNerfConfig, String> {
     settings.ok_or_else(|| format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"))
 }
 
-/// Numbers in the planes, and weights of the two networks that a sample goes through.
+/// Number of values in the planes, and of weights in the two networks that a sample passes through.
 fn sizes(settings: &VisNerfConfig) -> [f64; 2] {
     let width = settings.width as f64;
     let inputs = ((3 + settings.features) * (1 + 2 * settings.octaves)) as f64;
@@ -41,7 +41,7 @@ impl Method for VisNerfMethod {
     fn work(&self, config: &Config) -> Option<Work> {
         let settings = config.visnerf.as_ref()?;
         let [planes, weights] = sizes(settings);
-        // rays cross half of the longest way through the box, about, and the samples along it grow over the training
+        // rays cross about half of the box's longest chord, and the number of samples along it grows during training
         let samples = 0.25 * (settings.samples_first + settings.samples_last) as f64;
         let of_picture = 0.5 * 3f64.sqrt() * (settings.voxels as f64).cbrt() / settings.render_step;
         let rays = settings.batch as f64;

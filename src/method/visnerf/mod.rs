@@ -1,22 +1,23 @@
-//! ViSNeRF: a radiance field in factorised grids, of which rays are marched.
+//! ViSNeRF: a radiance field in factorised grids, rendered by ray marching.
 //!
-//! Yao, Lu and Wang, "ViSNeRF: Efficient multidimensional neural radiance field representation for visualization synthesis of
-//! dynamic volumetric scenes", IEEE PacificVis 2025, on the grids of TensoRF (Chen et al., ECCV 2022). Density and appearance
-//! each have planes, lines and vectors of time ([`grid`]); two networks make density and colour of their features
-//! ([`network`]); `kernels::march` samples rays and adds up what they see.
+//! Yao, Lu and Wang, "ViSNeRF: Efficient multidimensional neural radiance field representation for visualization
+//! synthesis of dynamic volumetric scenes", IEEE PacificVis 2025, on the grids of TensoRF (Chen et al., ECCV 2022).
+//! Density and appearance each have planes, lines and time vectors ([`grid`]); two networks compute density and colour
+//! from their features ([`network`]); `kernels::march` samples rays and accumulates their colours.
 //!
-//! As published, but for this:
+//! As published, except that:
 //!
-//! - The box is that of the visual hull of the images with a margin, where the published code is given it.
-//! - The rate falls from the first step to the last. There Adam was made anew five times, at the rate of the start, although
-//!   the grids keep their size; `visnerf.restarts = [6000, 9000, 12000, 16500, 21000]` does so here.
-//! - Places that are empty may be passed over (`visnerf.occupancy`): cells are marked for each training time by the opacity
-//!   at their centres, with their neighbours. The published code has such a mask for the last of its parameters alone, and its
-//!   option to turn it on never does.
-//! - A ray that misses the box is replaced by another one; there such rays are taken out before training.
-//! - The last sample of a ray counts as the others, where there it has no length.
-//! - Biases of the linear map behind the grids: none, as there. Total variation of a single vector is left out; there it is 0
-//!   divided by 0.
+//! - The box is that of the images' visual hull with a margin; the published code takes it as an input.
+//! - The learning rate decays from the first step to the last. The published code recreates Adam five times, at the
+//!   initial rate, although the grids keep their size; `visnerf.restarts = [6000, 9000, 12000, 16500, 21000]` does the
+//!   same here.
+//! - Empty space can be skipped (`visnerf.occupancy`): cells are marked for each training time by the opacity at their
+//!   centres, together with their neighbours. The published code has such a mask only for the last of its parameters,
+//!   and its option to enable it has no effect.
+//! - A ray that misses the box is replaced by another one; the published code removes such rays before training.
+//! - The last sample of a ray counts like the others; in the published code it has no length.
+//! - The linear map after the grids has no biases, as in the published code. The total variation of a single vector is
+//!   omitted; in the published code it is 0 divided by 0.
 
 mod batch;
 pub mod grid;

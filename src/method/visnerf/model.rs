@@ -1,4 +1,4 @@
-//! A trained model: grids and networks in a box, and how pictures are made of them.
+//! A trained model: grids and networks in a box, and how images are rendered from them.
 
 use super::grid::{Times, mixture, neighbours};
 use super::network::{Network, parameters};
@@ -20,39 +20,39 @@ use std::path::Path;
 use volseggs_kernels::Camera;
 use volseggs_kernels::march::{Box3, Ray, RaySamples, Samples, cpu, sample};
 
-/// The name of the method, of its section of the configuration and of the header's entry in its file.
+/// The name of the method, of its configuration section and of the header entry in its file.
 pub(super) const NAME: &str = "visnerf";
 
 /// The tensor of the file that is not a parameter.
 const OCCUPANCY: &str = "occupancy";
 
-/// Rays that are drawn at a time.
+/// Number of rays drawn at a time.
 const PART: usize = 4096;
-/// Places that the networks see at a time: their inputs take some 80 MB.
+/// Number of positions that the networks evaluate at a time: their inputs take some 80 MB.
 const PLACES: usize = 131_072;
 
-/// What cannot be read off the tensors.
+/// What the tensors do not determine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VisNerfSpec {
     /// Settings.
     pub config: VisNerfConfig,
     /// Centre of the box, world units.
     pub centre: [f32; 3],
-    /// Half sides of the box, world units.
+    /// Half the side lengths of the box, world units.
     pub half: [f32; 3],
     /// Nodes of the grids along each axis.
     pub resolution: [usize; 3],
     /// The first and the last training time.
     pub ends: [f64; 2],
-    /// How many training times there are, taken as evenly spread.
+    /// Number of training times, assumed to be evenly spaced.
     pub knots: usize,
     /// Background colour of the training images.
     pub background: [f32; 3],
 }
 
 impl VisNerfSpec {
-    /// Of a training on a split: the box of the visual hull with its margin, cut into voxels that are as nearly cubes as
-    /// whole numbers of them allow.
+    /// The spec for training on a split: the box of the visual hull with its margin, divided into voxels that are as
+    /// nearly cubic as whole numbers of them allow.
     ///
     /// # Errors
     /// If the hull is empty.
@@ -79,14 +79,14 @@ impl VisNerfSpec {
         Box3 { centre: self.centre, half: self.half }
     }
 
-    /// How far `time` is on the way from the first to the last training time.
+    /// Fraction of the way from the first to the last training time at which `time` lies.
     #[must_use]
     pub fn part(&self, time: f64) -> f64 {
         let [first, last] = self.ends;
         if last > first { (time - first) / (last - first) } else { 0.0 }
     }
 
-    /// The distance of samples in pictures, world units, and how many fit into the box's diagonal.
+    /// The distance between samples in rendered images, world units, and the number that fit into the box's diagonal.
     #[must_use]
     pub fn render_step(&self) -> (f32, usize) {
         let voxel = (0..3).map(|k| 2.0 * self.half[k] / (self.resolution[k] - 1) as f32).sum::<f32>() / 3.0;
@@ -95,7 +95,7 @@ impl VisNerfSpec {
         (step, (diagonal / step) as usize + 1)
     }
 
-    /// Refuses what no training gives; a file may hold anything.
+    /// Rejects values that no training produces, since a file may hold anything.
     fn check(&self) -> Result<(), String> {
         self.config.check()?;
         let numbers = self.centre.iter().chain(&self.half).chain(&self.background);
@@ -110,12 +110,12 @@ impl VisNerfSpec {
     }
 }
 
-/// Grids and networks with the box they stand for.
+/// Grids and networks with the box that they represent.
 #[derive(Module, Debug)]
 pub struct VisNerf {
     /// What is trained.
     pub network: Network,
-    /// Where there is something.
+    /// The occupied cells.
     #[module(skip)]
     pub occupancy: Occupancy,
     /// Everything else.
@@ -134,7 +134,7 @@ impl VisNerf {
     /// Opens the file of a model.
     ///
     /// # Errors
-    /// If it is missing or damaged, holds a NaN or an infinity, or is of another method.
+    /// If the file is missing or damaged, holds a NaN or an infinity, or belongs to another method.
     pub fn read(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let mut file = file::read::<VisNerfSpec>(path, NAME)?;
         let occupancy = file.tensors.remove(OCCUPANCY);
@@ -146,7 +146,7 @@ impl VisNerf {
         Ok(Self { occupancy: occupancy.map_err(|e| file::wrong(path, e))?, ..model })
     }
 
-    /// Marks where the networks see something at each training time.
+    /// Marks the cells in which the networks have density, at each training time.
     #[must_use]
     pub fn occupied(&self) -> Occupancy {
         let (network, device) = plain(&self.network);
@@ -167,7 +167,7 @@ impl VisNerf {
         Occupancy::new(side, (0..spec.knots).map(at).collect())
     }
 
-    /// What rays see at one time, `[R, 4]`.
+    /// Colour and alpha of rays at one time, `[R, 4]`.
     fn see(&self, network: &Network, rays: &[Ray], time: f64, device: &Device) -> Vec<f32> {
         let spec = &self.spec;
         let part = spec.part(time);

@@ -1,4 +1,4 @@
-//! Grids and networks: density of places, colour of places seen from directions.
+//! Grids and networks: density of positions, colour of positions seen from directions.
 
 use super::grid::{Grid, GridSize, Times};
 use crate::config::types::methods::VisNerfConfig;
@@ -11,7 +11,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 
-/// Two hidden layers with ReLU and an output without.
+/// Two hidden layers with ReLU and an output layer without.
 #[derive(Module, Debug)]
 pub struct Mlp {
     first: Layer,
@@ -20,7 +20,7 @@ pub struct Mlp {
 }
 
 impl Mlp {
-    /// Weights and biases as PyTorch starts them, but for the output's biases, which start at 0.
+    /// Weights and biases are initialised as in PyTorch, except for the output's biases, which start at 0.
     fn new([inputs, width, outputs]: [usize; 3], rng: &mut Rng, device: &Device) -> Self {
         let bound = pytorch_bound;
         Self {
@@ -39,7 +39,7 @@ impl Mlp {
     }
 }
 
-/// All that is trained.
+/// All trained parameters.
 #[derive(Module, Debug)]
 pub struct Network {
     /// The grid of density.
@@ -52,7 +52,7 @@ pub struct Network {
     pub(super) density_shift: f64,
 }
 
-/// Inputs of a network: three numbers and some features, each as it is and as sines and cosines.
+/// Inputs of a network: three values and some features, each unchanged and as sines and cosines.
 fn inputs(config: &VisNerfConfig) -> usize {
     (3 + config.features) * (1 + 2 * config.octaves)
 }
@@ -70,7 +70,7 @@ pub fn grid_sizes(config: &VisNerfConfig, resolution: [usize; 3], knots: usize) 
     })
 }
 
-/// How many numbers are trained; saturates.
+/// Number of trained values; saturates.
 #[must_use]
 pub fn parameters(config: &VisNerfConfig, resolution: [usize; 3], knots: usize) -> u128 {
     let (width, inputs) = (config.width as u128, inputs_wide(config));
@@ -83,7 +83,7 @@ pub fn parameters(config: &VisNerfConfig, resolution: [usize; 3], knots: usize) 
     [grids[0], grids[1], mlp(1), mlp(3)].into_iter().fold(0, u128::saturating_add)
 }
 
-/// [`inputs`] of any configuration.
+/// [`inputs`] for any configuration, without overflow.
 fn inputs_wide(config: &VisNerfConfig) -> u128 {
     (3 + config.features as u128).saturating_mul(1 + 2 * config.octaves as u128)
 }
@@ -105,7 +105,7 @@ impl Network {
         }
     }
 
-    /// Densities `[N]`, at least 0, of places `points` `[N, 3]` in [-1, 1].
+    /// Densities `[N]`, at least 0, at positions `points` `[N, 3]` in [-1, 1].
     #[must_use]
     pub fn densities(&self, points: &[f32], times: &Times, device: &Device) -> Tensor<1> {
         let n = points.len() / 3;
@@ -115,7 +115,7 @@ impl Network {
         softplus(out.reshape([n]).sub_scalar(self.density_shift))
     }
 
-    /// Colours `[N, 3]` in [0, 1] of places `points` `[N, 3]`, seen along unit vectors `directions` `[N, 3]`.
+    /// Colours `[N, 3]` in [0, 1] at positions `points` `[N, 3]`, seen along unit vectors `directions` `[N, 3]`.
     #[must_use]
     pub fn colours(&self, points: &[f32], directions: &[f32], times: &Times, device: &Device) -> Tensor<2> {
         let n = points.len() / 3;
@@ -124,8 +124,8 @@ impl Network {
         sigmoid(self.colour_mlp.forward(self.encoded(directions, features, device)))
     }
 
-    /// `vectors` `[N, 3]` and features side by side, each as they are and as sines and cosines of 1, 2, 4, .. times them.
-    /// The order of the columns is not the published one, which no result depends on.
+    /// Concatenates `vectors` `[N, 3]` and features, each unchanged and as sines and cosines of 1, 2, 4, ... times
+    /// them. The order of the columns differs from the published one, which no result depends on.
     fn encoded(&self, vectors: &[f32], features: Tensor<2>, device: &Device) -> Tensor<2> {
         let columns = 3 * (1 + 2 * self.octaves);
         let mut fixed = vec![0.0; vectors.len() / 3 * columns];
@@ -139,7 +139,8 @@ impl Network {
         });
         let fixed = TensorData::new(fixed, [vectors.len() / 3, columns]);
         let mut parts = vec![Tensor::from_data(fixed, device), features.clone()];
-        // each octave from the last by the double-angle formulas: one sine and one cosine are computed of each feature
+        // each octave from the last by the double-angle formulas, so that one sine and one cosine are computed per
+        // feature
         let (mut sine, mut cosine) = (features.clone().sin(), features.cos());
         for k in 0..self.octaves {
             if k > 0 {
@@ -155,7 +156,7 @@ impl Network {
 
 #[cfg(test)]
 impl Network {
-    /// The same with networks that give 0 whatever they see.
+    /// The same network with outputs that are always 0.
     pub(super) fn with_outputs_of_zero(mut self) -> Self {
         for mlp in [&mut self.density_mlp, &mut self.colour_mlp] {
             let weight = mlp.output.weight.val();
@@ -174,8 +175,8 @@ mod tests {
 
     #[test]
     fn it_is_as_large_as_the_published_one() {
-        // counted from the published code with a cubic box of 128^3 voxels and 30 training times: 12.38 MiB, the VolSegGS
-        // paper's table has 12.32 and 12.39
+        // counted from the published code with a cubic box of 128^3 voxels and 30 training times: 12.38 MiB; the
+        // VolSegGS paper's table has 12.32 and 12.39
         let config = VisNerfConfig::default();
         assert_eq!(inputs(&config), 150);
         assert_eq!(parameters(&config, [128; 3], 30), 3_244_684);

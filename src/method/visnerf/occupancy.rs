@@ -1,11 +1,12 @@
-//! Where there is something at all: cells of the box that rays need not skip, for each training time.
+//! Occupied cells of the box, which rays must not skip, for each training time.
 
 use crate::model::params::HostTensor;
 
-/// Cells that are kept in one value of a tensor: single precision counts exactly so far.
+/// Cells stored in one value of a tensor: the number of bits up to which `f32` counts exactly.
 const BITS: usize = 24;
 
-/// Marked cells of a cubic grid over the box, one grid for each training time. Without any cell, everything counts as marked.
+/// Marked cells of a cubic grid over the box, one grid per training time. Without any cells, everything counts as
+/// marked.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Occupancy {
     side: usize,
@@ -14,14 +15,14 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Nothing is known yet.
+    /// The state before anything is known.
     #[must_use]
     pub fn unknown() -> Self {
         Self::default()
     }
 
-    /// Marks, for each time, cells that `is_something` `[side^3]` says and their neighbours, also those across a corner: what a
-    /// cell's centre shows of it may miss what lies at its border.
+    /// Marks, for each time, the cells given by `is_something` `[side^3]` and their neighbours, diagonal ones included:
+    /// the value at a cell's centre may miss what lies at its border.
     #[must_use]
     pub fn new(side: usize, is_something: Vec<Vec<bool>>) -> Self {
         let cells = is_something.into_iter().map(|cells| grown(side, cells)).collect();
@@ -36,7 +37,7 @@ impl Occupancy {
         cells.flat_map(|i| [at(i % side), at(i / side % side), at(i / (side * side))]).collect()
     }
 
-    /// Whether something may be at `point`, in [-1, 1], between the training times `knots`.
+    /// Whether `point`, in [-1, 1], may be occupied between the training times `knots`.
     #[must_use]
     pub fn holds(&self, knots: [usize; 2], point: [f32; 3]) -> bool {
         if self.cells.is_empty() {
@@ -48,7 +49,7 @@ impl Occupancy {
         knots.iter().any(|knot| self.cells[*knot][at])
     }
 
-    /// The fraction of cells that are marked.
+    /// The fraction of marked cells.
     #[must_use]
     pub fn filled(&self) -> f64 {
         let all: usize = self.cells.iter().map(Vec::len).sum();
@@ -58,7 +59,7 @@ impl Occupancy {
         self.cells.iter().flatten().filter(|is| **is).count() as f64 / all as f64
     }
 
-    /// As a tensor; none if nothing is known.
+    /// The cells as a tensor; `None` if nothing is known.
     #[must_use]
     pub fn to_tensor(&self) -> Option<HostTensor> {
         let bits: Vec<bool> = self.cells.concat();
@@ -67,10 +68,10 @@ impl Occupancy {
         (!bits.is_empty()).then(|| HostTensor { shape: vec![values.len()], values })
     }
 
-    /// From [`Occupancy::to_tensor`], for grids of that side at so many training times.
+    /// Reads [`Occupancy::to_tensor`], for grids of the given side at `knots` training times.
     ///
     /// # Errors
-    /// If the tensor holds something else.
+    /// If the tensor does not fit.
     pub fn from_tensor(tensor: Option<&HostTensor>, side: usize, knots: usize) -> Result<Self, String> {
         let Some(tensor) = tensor else { return Ok(Self::unknown()) };
         let of_knot = side.checked_pow(3).filter(|n| *n > 0).ok_or("occupancy: there is a tensor, but no cells")?;

@@ -3,7 +3,7 @@
 use volseggs_kernels::Camera;
 use volseggs_kernels::march::Ray;
 
-/// A camera, ready to give the rays through its pixels.
+/// A camera prepared for casting rays through its pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct RayCamera {
     camera: Camera,
@@ -11,14 +11,14 @@ pub struct RayCamera {
 }
 
 impl RayCamera {
-    /// The rays of that camera.
+    /// Prepares the camera.
     #[must_use]
     pub fn new(camera: Camera) -> Self {
         let across = |k: usize| -(0..3).map(|r| camera.rotation[r][k] * camera.translation[r]).sum::<f32>();
         Self { camera, origin: [across(0), across(1), across(2)] }
     }
 
-    /// The ray through the centre of pixel `at` (row-major), of unit length.
+    /// The ray through the centre of pixel `at` (row-major), with a direction of unit length.
     #[must_use]
     pub fn ray(&self, at: usize, jitter: f32) -> Ray {
         let c = &self.camera;

@@ -44,7 +44,7 @@ fn one_image_is_learnt_by_heart() {
 #[test]
 fn a_resumed_training_has_the_bits_of_a_whole_one() {
     let mut config = config(5);
-    // places are marked at step 2 and 4, Adam starts anew at 4: on either side of the stop
+    // cells are marked at steps 2 and 4, Adam restarts at 4: on either side of the stop
     config.visnerf.as_mut().unwrap().restarts = vec![4];
     check_resume(&VisNerfMethod, &config, &ball(4, 16));
 }
@@ -54,12 +54,13 @@ fn bits_do_not_depend_on_the_number_of_threads() {
     check_threads(&VisNerfMethod, &config(3), &ball(4, 16));
 }
 
-/// A model of a ball's views whose density network is made to give one density everywhere, and its colour network grey.
+/// A model of a ball's views with a density network that gives one density everywhere and a colour network that gives
+/// grey.
 fn constant(data: &Dataset, density: f64) -> VisNerf {
     let settings = config(1).visnerf.unwrap();
     let spec = VisNerfSpec::new(&settings, &data.train, [1.0; 3]).unwrap();
     let mut model = VisNerf::new(spec, 0, &device());
-    // the last biases start at 0: softplus(out - shift) with an output of weights that are 0
+    // the output biases start at 0: softplus(out - shift) with output weights of 0
     model.network = model.network.with_outputs_of_zero();
     model.network.density_shift = -density.exp_m1().ln();
     model
@@ -77,7 +78,7 @@ fn a_constant_medium_has_its_closed_form() {
     let (step, _) = model.spec.render_step();
     let mut thickest = 0.0f64;
     for (at, pixel) in picture.chunks_exact(4).enumerate() {
-        // as many samples as steps fit: what a ray sees is off by the part of a step that is left at its end
+        // as many samples as steps fit: a ray's result is off by the fraction of a step left at its end
         let chord = model.spec.bounds().chord(&rays.ray(at, 0.0)).map_or(0.0, |[enter, leave]| leave - enter);
         let alpha = |length: f64| 1.0 - (-25.0 * density * length).exp();
         let (least, most) = (alpha(f64::from(chord)), alpha(f64::from(chord + step)));

@@ -1,4 +1,4 @@
-//! Training: rays of all views at each step, squared differences of colours, Adam.
+//! Training: rays of all views at each step, squared colour differences, Adam.
 
 use super::batch::Batch;
 use super::loss::{Weights, regularisers};
@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use volseggs_kernels::march::{RaySamples, composite, cpu};
 
-/// A training that is under way.
+/// A training in progress.
 #[derive(Debug)]
 pub struct VisNerfTraining {
     learner: Learner<VisNerf>,
@@ -36,7 +36,7 @@ impl VisNerfTraining {
     /// Starts a training on a device without gradients.
     ///
     /// # Errors
-    /// If it does not fit into memory, or no place is inside the alpha masks of all views of a time.
+    /// If it does not fit into memory, or no position is inside the alpha masks of all views of any time.
     pub fn new(
         settings: &VisNerfConfig,
         config: &Config,
@@ -59,14 +59,14 @@ impl VisNerfTraining {
         &self.learner.module().spec.config
     }
 
-    /// How far rates have fallen since Adam last started anew, and the weights of smoothness since the first step.
+    /// The decay of the learning rates since Adam last restarted, and of the smoothness weights since the first step.
     fn decays(&self) -> [f64; 2] {
         let settings = self.settings();
         let start = settings.restarts.iter().copied().filter(|s| *s <= self.step).max().unwrap_or(0);
         [self.step - start, self.step].map(|n| settings.decay.powf(n as f64 / settings.steps as f64))
     }
 
-    /// What is marked and what starts anew before a step.
+    /// Updates the occupancy and restarts Adam before a step, if due.
     fn prepare(&mut self) {
         let settings = self.settings();
         let (marks, restarts) = (
@@ -82,7 +82,7 @@ impl VisNerfTraining {
         }
     }
 
-    /// What the rays of a batch see, `[R, 3]`; none where no ray has a sample.
+    /// The colours of the rays of a batch, `[R, 3]`; `None` if no ray has a sample.
     fn see(&self, batch: &Batch, times: &mut StepTimes) -> Option<Tensor<2>> {
         let clock = Instant::now();
         let model = self.learner.module();
@@ -98,7 +98,7 @@ impl VisNerfTraining {
         let weights = cpu::weights(&batch.samples.offsets, &to_vec(depths.clone().inner()));
         let mut coloured: Vec<bool> = weights.iter().map(|w| *w > spec.config.least_weight as f32).collect();
         if !coloured.contains(&true) {
-            // not every device can hold an empty tensor, and a sample of little weight may as well have its colour
+            // not every device can hold an empty tensor, and colouring a sample of little weight does no harm
             coloured[0] = true;
         }
         let chosen: Vec<usize> = (0..coloured.len()).filter(|s| coloured[*s]).collect();
@@ -139,7 +139,7 @@ impl Training for VisNerfTraining {
             tv: settings.tv * smoothness,
             tv_time: settings.tv_time * smoothness,
         };
-        // where every ray passes by what there is, pictures are background whatever is learnt
+        // if no ray has a sample, images show only the background whatever is learnt
         let difference = seen.map(|seen| {
             let colours = TensorData::new(batch.colours, [batch.rays.len(), 3]);
             (seen - Tensor::from_data(colours, &self.device)).square().mean()
@@ -185,7 +185,7 @@ fn check_memory(spec: &VisNerfSpec, budget: Budget) -> Result<(), TrainError> {
     let config = &spec.config;
     // parameters, gradients and moments
     let held = parameters(config, spec.resolution, spec.knots).saturating_mul(5);
-    // of a sample: what goes into either network, and what the tape keeps of it and of the grids
+    // per sample: the inputs of both networks, and what the autodiff tape keeps of them and of the grids
     let inputs = (3 + config.features as u128).saturating_mul(1 + 2 * config.octaves as u128);
     let of_sample =
         inputs.saturating_mul(4).saturating_add(2 * (config.density_ranks + config.appearance_ranks) as u128);

@@ -1,5 +1,5 @@
-//! LPIPS weights from the files in which they are published: a backbone of torchvision and the heads of LPIPS v0.1 become
-//! the one file that [`Lpips::load`](super::Lpips::load) reads.
+//! Conversion of published LPIPS weights: a torchvision backbone and the heads of LPIPS v0.1 become the one file that
+//! [`Lpips::load`](super::Lpips::load) reads.
 
 use super::LpipsNet;
 use super::state_dict::{StateDict, StateDictError};
@@ -14,17 +14,17 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The first convolution of both backbones, whose kernel tells them apart.
+/// The first convolution of both backbones, whose kernel distinguishes them.
 const FIRST: &str = "features.0.weight";
 const NETS: [LpipsNet; 2] = [LpipsNet::Alex, LpipsNet::Vgg];
 
-/// What is published of a network.
+/// The published files of a network.
 struct Published {
-    /// Places of the convolutions in torchvision's `features`.
+    /// Indices of the convolutions in torchvision's `features`.
     features: &'static [usize],
-    /// How the SHA-256 of the backbone's file begins, which is a part of its name too.
+    /// First digits of the SHA-256 of the backbone's file, which are also part of its name.
     backbone: &'static str,
-    /// How the SHA-256 of the heads' file begins.
+    /// First digits of the SHA-256 of the heads' file.
     heads: &'static str,
 }
 
@@ -32,11 +32,11 @@ const ALEX: Published = Published { features: &[0, 3, 6, 8, 10], backbone: "7be5
 const VGG: Published =
     Published { features: &[0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28], backbone: "397923af", heads: "a78928a0" };
 
-/// Why weights are not converted.
+/// Why weights cannot be converted.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConvertError {
-    /// A file gives no tensors, or lacks the right one.
+    /// A file yields no tensors, or lacks a required one.
     #[error("{}: {source}{}", path.display(), hint(source))]
     Source {
         /// The file.
@@ -44,7 +44,7 @@ pub enum ConvertError {
         /// What is wrong.
         source: StateDictError,
     },
-    /// The backbone is of another network.
+    /// The backbone belongs to another network.
     #[error(
         "{}: `{FIRST}` has shape {found:?}; AlexNet has [64, 3, 11, 11] and VGG-16 [64, 3, 3, 3] there; \
          `volseggs lpips --help` says which file is needed",
@@ -56,19 +56,19 @@ pub enum ConvertError {
         /// The shape in it.
         found: Vec<usize>,
     },
-    /// The heads were given as backbone.
+    /// The heads were given as the backbone.
     #[error("{}: holds the heads of LPIPS (`lin0.model.1.weight`) and no `{FIRST}`; give it with --heads", path.display())]
     HeadsAsBackbone {
         /// The file.
         path: PathBuf,
     },
-    /// The backbone was given as heads.
+    /// The backbone was given as the heads.
     #[error("{}: holds a backbone (`{FIRST}`) and no `lin0.model.1.weight`; give it with --backbone", path.display())]
     BackboneAsHeads {
         /// The file.
         path: PathBuf,
     },
-    /// The heads are of the other network.
+    /// The heads belong to the other network.
     #[error(
         "{}: holds the heads of {found} (`{key}` has shape {shape:?}), and the backbone is {net}; give {net}.pth",
         path.display()
@@ -80,7 +80,7 @@ pub enum ConvertError {
         found: LpipsNet,
         /// The network of the backbone.
         net: LpipsNet,
-        /// A tensor in which they differ.
+        /// A tensor that differs between the networks.
         key: String,
         /// Its shape in the file.
         shape: Vec<usize>,
@@ -88,7 +88,7 @@ pub enum ConvertError {
     /// The weights do not fit into memory.
     #[error(transparent)]
     Memory(#[from] TooLarge),
-    /// The result may not be written where it was asked for.
+    /// The result must not be written to the requested path.
     #[error(transparent)]
     Out(#[from] ReplaceError),
     /// The result cannot be written.
@@ -96,7 +96,7 @@ pub enum ConvertError {
     Write(#[from] TensorFileError),
 }
 
-/// What to do where the file itself is sound.
+/// Advice for a file that is intact but not the right one.
 fn hint(source: &StateDictError) -> &'static str {
     use StateDictError::{Missing, Shape, Unsupported};
     match source {
@@ -106,7 +106,7 @@ fn hint(source: &StateDictError) -> &'static str {
 }
 
 impl ConvertError {
-    /// Whether the user can mend it with other files or another name.
+    /// Whether the user can fix it with other files or another name.
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {
@@ -117,20 +117,20 @@ impl ConvertError {
     }
 }
 
-/// A file that was read.
+/// An input file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Input {
     /// The file.
     pub file: PathBuf,
-    /// Tensors taken from it.
+    /// Number of tensors read from it.
     pub tensors: usize,
     /// The first eight digits of its SHA-256.
     pub sha256: String,
-    /// Whether that is the published file's.
+    /// Whether this is the hash of the published file.
     pub published: bool,
 }
 
-/// A tensor that was written.
+/// A tensor in the output file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Written {
     /// Its name.
@@ -139,33 +139,33 @@ pub struct Written {
     pub shape: Vec<usize>,
 }
 
-/// What a conversion found and wrote.
+/// The result of a conversion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Converted {
     /// `alex` or `vgg`.
     pub network: String,
-    /// Where the backbone came from.
+    /// The backbone's file.
     pub backbone: Input,
-    /// Where the heads came from.
+    /// The heads' file.
     pub heads: Input,
     /// The file that was written.
     pub file: PathBuf,
-    /// Its size.
+    /// Its size in bytes.
     pub bytes: u64,
     /// The tensors in it, all F32.
     pub tensors: Vec<Written>,
 }
 
-/// Tensors on their way into the file: names, shapes, little-endian values.
+/// Tensors to be written: names, shapes, little-endian values.
 type Tensors = Vec<(Written, Vec<u8>)>;
 
-/// Converts the backbone of torchvision (`features.0.weight`, ...) and the heads of LPIPS v0.1 (`lin0.model.1.weight`,
-/// ...), each a PyTorch file or safetensors, F32 or F16, to the safetensors file `out`: `net.conv{i}.weight`
+/// Converts a torchvision backbone (`features.0.weight`, ...) and the heads of LPIPS v0.1 (`lin0.model.1.weight`, ...),
+/// each a PyTorch or safetensors file in F32 or F16, to the safetensors file `out`: `net.conv{i}.weight`
 /// `[output, input, k, k]`, `net.conv{i}.bias` `[output]` and `lin{0..4}.weight` `[1, C, 1, 1]`.
 ///
 /// # Errors
-/// If a file is unreadable or damaged, a tensor is missing, of another shape or not finite, the heads are of the other
-/// network, or `out` cannot be written or is not this program's to replace. Nothing is written then.
+/// If a file is unreadable or damaged, a tensor is missing, of another shape or not finite, the heads belong to the
+/// other network, or `out` cannot be written or was not written by this program. Nothing is written then.
 pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, ConvertError> {
     check_file(out)?;
     for input in [backbone, heads] {
@@ -181,7 +181,7 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, C
 
     let shapes = net.stages().iter().flat_map(|s| s.convs).map(|c| [c.output, c.input, c.kernel, c.kernel]);
     let values: u128 = shapes.clone().map(|s| product(&s)).sum();
-    // the tensors and the file made of them, four bytes a value, and room for biases, heads and the one being read
+    // the tensors and the file made of them, four bytes per value, and room for biases, heads and the one being read
     Budget::now().check(format!("--backbone {}", backbone.display()), values * 10)?;
 
     let mut all = Tensors::new();
@@ -235,7 +235,7 @@ fn open_backbone(path: &Path) -> Result<(StateDict<File>, LpipsNet), ConvertErro
     }
 }
 
-/// The heads of `net`; what is missing in them or of another shape is found when it is read.
+/// Opens the heads of `net`; missing tensors or wrong shapes are detected when they are read.
 fn open_heads(path: &Path, net: LpipsNet) -> Result<StateDict<File>, ConvertError> {
     let file = open(path)?;
     if file.shape(&head_key(0)).is_none() && file.shape(FIRST).is_some() {
@@ -271,7 +271,7 @@ fn input(path: &Path, tensors: usize, published: &str) -> Result<Input, ConvertE
     Ok(Input { file: path.into(), tensors, published: sha256 == published, sha256 })
 }
 
-/// Writes the file; the entry of its header is the mark by which it is known again.
+/// Writes the file; the header entry marks it as written by this program.
 fn save(out: &Path, all: &Tensors, net: LpipsNet) -> Result<u64, ConvertError> {
     let io = |source| TensorFileError::Io { path: out.into(), source };
     let mut views = Vec::new();

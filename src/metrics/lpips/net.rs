@@ -15,7 +15,7 @@ pub(super) struct ConvSpec {
 /// Convolutions up to a feature map that LPIPS reads, after an optional max pool of stride 2.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stage {
-    /// Side of the pool's window.
+    /// Side length of the pooling window.
     pub pool: Option<usize>,
     pub convs: &'static [ConvSpec],
 }
@@ -55,9 +55,9 @@ impl LpipsNet {
         }
     }
 
-    /// The smallest height and width whose feature maps all hold at least one position.
+    /// The minimum height and width for which every feature map has at least one position.
     pub fn min_side(self) -> usize {
-        // Backwards from one position in the last map: a window needs (n - 1) stride + kernel inputs.
+        // backwards from one position in the last map: a window needs (n - 1) stride + kernel inputs
         let mut side = 1;
         for stage in self.stages().iter().rev() {
             for conv in stage.convs.iter().rev() {

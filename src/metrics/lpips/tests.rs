@@ -4,7 +4,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, serialize_to_file};
 use std::collections::BTreeMap;
 
-/// Name, type, shape and bytes of the tensors of a file.
+/// Type, shape and bytes of the tensors of a file, by name.
 type Tensors = BTreeMap<String, (Dtype, Vec<usize>, Vec<u8>)>;
 
 /// The first device of this build.
@@ -49,7 +49,7 @@ fn synthetic(net: LpipsNet) -> Tensors {
     tensors
 }
 
-/// Only the first convolution's kernel: enough to tell the net.
+/// Only the first convolution's kernel, which is enough to identify the net.
 fn stub(shape: [usize; 4]) -> Tensors {
     Tensors::from([("net.conv0.weight".to_owned(), f32_tensor(&shape, std::iter::repeat(0.1)))])
 }
@@ -87,7 +87,7 @@ fn smallest_sides() {
 fn a_distance_of_images() {
     let lpips = alex();
     assert_eq!(lpips.net(), LpipsNet::Alex);
-    // The smallest image must pass through every layer, and height and width must not be mixed up.
+    // the smallest image must pass through every layer, and height and width must not be mixed up
     for (height, width) in [(31, 31), (31, 45), (64, 40)] {
         let (a, b) = (image(1, height, width), image(2, height, width));
         let near: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.95 * a + 0.05 * b).collect();
@@ -216,7 +216,7 @@ fn a_file_cut_short() {
     assert!(matches!(Lpips::load(&path, &device()), Err(LpipsError::Read { .. })));
 }
 
-/// The published example images and their published distances; needs the real weights.
+/// Checks the published example images against their published distances; needs the real weights.
 #[test]
 fn published_distances() {
     let Some(weights) = volseggs_testing::test_data("weights", volseggs_testing::Need::Weights) else { return };
@@ -234,7 +234,7 @@ fn published_distances() {
             assert!((distance - expected).abs() < tolerance, "{net}: {distance}, expected {expected}");
         }
     };
-    // The weights are stored in half precision, with which the published 0.657102 becomes 0.657140.
+    // the weights are stored in half precision, with which the published 0.657102 becomes 0.657140
     check("lpips_vgg16_v0.1_f16.safetensors", LpipsNet::Vgg, &[("apple.png", "pear.png", 0.657_140, 2e-6)]);
     let pairs = [("ex_ref.png", "ex_p0.png", 0.7219, 1e-4), ("ex_ref.png", "ex_p1.png", 0.1376, 1e-4)];
     check("lpips_alexnet_v0.1_f16.safetensors", LpipsNet::Alex, &pairs);

@@ -74,7 +74,7 @@ impl Source<'_> {
         self.file.tensor(name).map_err(|_| LpipsError::Missing { path: self.path(), tensor: name.to_owned() })
     }
 
-    /// The kernel of the first convolution tells the nets apart.
+    /// Identifies the net by the kernel of the first convolution.
     fn net(&self) -> Result<LpipsNet, LpipsError> {
         let name = "net.conv0.weight";
         let found = self.view(name)?.shape().to_vec();

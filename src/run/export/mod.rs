@@ -1,4 +1,4 @@
-//! A run's Gaussians and the labels of its segments as files of other programs.
+//! Export of a run's Gaussians, and of the labels of its segments, to files of other programs.
 
 mod output;
 
@@ -15,14 +15,14 @@ use std::path::Path;
 /// The format of a file of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SplatFormat {
-    /// Of the 3DGS viewers, as exact as the scene.
+    /// That of 3DGS viewers, as exact as the scene.
     Ply,
-    /// Niantic's, about a fifth of that.
+    /// Niantic's, about a fifth of the size.
     Spz,
 }
 
 impl SplatFormat {
-    /// How the names of its files end.
+    /// Returns the file name extension.
     #[must_use]
     pub fn extension(self) -> &'static str {
         match self {
@@ -35,14 +35,14 @@ impl SplatFormat {
 /// The format of a label volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LabelFormat {
-    /// For 3D Slicer and others; where its axes point to.
+    /// For 3D Slicer and others, with the directions of its axes.
     Nrrd(Space),
     /// For VTK and ParaView.
     Vti,
 }
 
 impl LabelFormat {
-    /// How the names of its files end.
+    /// Returns the file name extension.
     #[must_use]
     pub fn extension(self) -> &'static str {
         match self {
@@ -52,11 +52,12 @@ impl LabelFormat {
     }
 }
 
-/// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, those of the segments alone, without
-/// those that edits hide. Gives how many Gaussians each file holds; `None` if `goes_on`, asked after each, stopped it.
+/// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, reduced to the selected
+/// segments, without the Gaussians that edits hide. Returns the number of Gaussians in each file, or `None` if
+/// `goes_on`, called after each file, stopped it.
 ///
 /// # Errors
-/// If nothing is left to be written, an edit cannot be applied, or a file cannot be written.
+/// If nothing is left to write, an edit cannot be applied, or a file cannot be written.
 pub fn write_splats(
     run: &OpenRun,
     shown: &Selection,
@@ -65,7 +66,7 @@ pub fn write_splats(
     format: SplatFormat,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<usize>, RunError> {
-    // what is hidden is so at every time
+    // what is hidden is hidden at every time
     let count = shown.visible(&run.scene, 0.0)?.len();
     if count == 0 {
         return Err(RunError::input(
@@ -89,10 +90,11 @@ pub fn write_splats(
     Ok(Some(count))
 }
 
-/// Writes the label of each voxel, as [`Labels::at`] gives them, to `path`; `edited` says of which scene they are.
+/// Writes the label of each voxel, as returned by [`Labels::at`], to `path`; `edited` says whether they are of the
+/// edited scene.
 ///
 /// # Errors
-/// If something else stands there, or it cannot be written.
+/// If something else is there, or it cannot be written.
 pub fn write_labels(
     path: &Path,
     labels: &Labels<'_>,

@@ -1,4 +1,4 @@
-//! Where exported files go: one file that a person named, or a folder of one file for each time.
+//! Destination of exported files: a single file that the user named, or a folder with one file per time.
 
 use super::super::{OpenRun, RunError};
 use crate::files::{AtomicDir, FolderKind, check_file};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Name of the record in a folder of exported files.
 const RECORD: &str = "export.json";
 
-/// A folder of exported files, which the next export may replace.
+/// Kind of a folder of exported files, which the next export may replace.
 const KIND: FolderKind = FolderKind {
     what: "a folder of exported files",
     markers: &[RECORD],
@@ -22,18 +22,18 @@ pub struct Record<'a> {
     pub version: &'static str,
     /// Folder of the run.
     pub run: String,
-    /// Its ending.
+    /// File name extension of the files.
     pub format: &'static str,
-    /// Time of each file in [0, 1], in their order.
+    /// Time of each file in [0, 1], in order.
     pub times: &'a [f64],
     /// Whether the edits of the run are applied.
     pub edited: bool,
-    /// The segments in the files; all of the scene if empty.
+    /// Segments in the files; the whole scene if empty.
     pub segments: &'a [String],
 }
 
 impl<'a> Record<'a> {
-    /// Of files that this version writes of `run`.
+    /// Creates the record of files that this version writes from `run`.
     #[must_use]
     pub fn new(run: &OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
         let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
@@ -41,7 +41,7 @@ impl<'a> Record<'a> {
     }
 }
 
-/// The place of the files. A folder appears when all of them are in it.
+/// The destination of the files. A folder appears once all of them are in it.
 #[derive(Debug)]
 pub struct Output {
     path: PathBuf,
@@ -50,10 +50,10 @@ pub struct Output {
 }
 
 impl Output {
-    /// The single file `path`.
+    /// Creates the destination for the single file `path`.
     ///
     /// # Errors
-    /// Something else stands there, it is itself of `needed`, or its folder is missing.
+    /// If something else is there, it is itself one of `needed`, or its folder is missing.
     pub fn file(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, RunError> {
         check_file(path)?;
         let whole = std::fs::canonicalize(path);
@@ -65,19 +65,20 @@ impl Output {
         Ok(Self { path: path.to_owned(), extension, folder: None })
     }
 
-    /// Files called by number in the folder `path`, whose parents are made.
+    /// Creates the destination for numbered files in the folder `path`, and its missing parents.
     ///
     /// # Errors
-    /// Something other than an older export stands there, or it holds something of `needed`.
+    /// If something other than an older export is there, or it contains something of `needed`.
     pub fn folder(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, RunError> {
         let folder = AtomicDir::create_replacing(path, &KIND, needed)?;
         Ok(Self { path: path.to_owned(), extension, folder: Some(folder) })
     }
 
-    /// A place in the `folder` of the run, which is made: the file `name`, or the folder `frames` where there are `many`.
+    /// Creates a destination in the `folder` of the run, which is created if missing: the file `name`, or the folder
+    /// `frames` if there are `many` files.
     ///
     /// # Errors
-    /// As [`Output::file`] and [`Output::folder`]; if the folder cannot be made.
+    /// As for [`Output::file`] and [`Output::folder`], or if the folder cannot be created.
     pub fn within(
         folder: &Path,
         name: &str,
@@ -93,13 +94,13 @@ impl Output {
         }
     }
 
-    /// The file or folder itself.
+    /// Returns the path of the file or folder itself.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Where the file of time `i` is written to, and how it will be called in the end.
+    /// Returns the path that the file of time `i` is written to, and its final path.
     #[must_use]
     pub fn place(&self, i: usize) -> (PathBuf, PathBuf) {
         match &self.folder {
@@ -111,10 +112,10 @@ impl Output {
         }
     }
 
-    /// Publishes a folder with its record, in place of an older export.
+    /// Publishes a folder with its record, replacing an older export.
     ///
     /// # Errors
-    /// Something else stands there by now, or the file system says no.
+    /// If something else is there by now, or the file system reports an error.
     pub fn finish(self, record: &Record<'_>, needed: &[&Path]) -> Result<(), RunError> {
         let Some(folder) = self.folder else { return Ok(()) };
         let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;

@@ -1,20 +1,20 @@
-//! Which segments a label volume holds, and which of them each Gaussian counts for.
+//! Which segments a label volume holds, and which of them each Gaussian belongs to.
 
 use crate::segment::segmentation::{Origin, Segmentation, SegmentationError};
 
-/// Names of segments, whose labels count from 1, and the label of each Gaussian (0 is none).
+/// Names of segments, labelled from 1 in this order, and the label of each Gaussian (0 for none).
 #[derive(Debug, PartialEq)]
 pub(super) struct Choice {
     pub names: Vec<String>,
     pub labels: Vec<u32>,
 }
 
-/// The segments that were `asked` for, each once, where a Gaussian counts for the last that holds it. If none was asked
-/// for, those that have no parts: a Gaussian then counts for a group only where no part holds it, and a group of which
-/// nothing is left is left out.
+/// Chooses the segments that were `asked` for, each once; a Gaussian in several of them belongs to the last. If none
+/// were asked for, chooses those without parts; a Gaussian then belongs to a group only if no part contains it, and a
+/// group that is left without Gaussians is omitted.
 ///
 /// # Errors
-/// A name that no segment has.
+/// If a name is unknown.
 pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, SegmentationError> {
     if !asked.is_empty() {
         let mut names: Vec<String> = Vec::new();
@@ -32,7 +32,7 @@ pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, Seg
     }
     let mut labels = all.labels(&names)?;
     for name in groups {
-        // the parts have theirs already; of two groups the later one keeps what the earlier one took
+        // Gaussians of parts are labelled already; of two groups, the earlier one keeps the Gaussians in both
         let label = names.len() as u32 + 1;
         let free = all.get(&name)?.members.iter().filter(|i| labels[**i as usize] == 0);
         let free: Vec<u32> = free.copied().collect();

@@ -1,5 +1,5 @@
-//! The voxels that labels fall on: where they lie in the scene, and what the file says of them. Labels themselves are
-//! in `labels`.
+//! The voxels that labels are assigned to: where they lie in the scene, and how the file describes them. The labels
+//! themselves are in `labels`.
 
 use super::super::{OpenRun, RunError};
 use crate::prepare::PrepareRecord;
@@ -9,24 +9,26 @@ use crate::volume::placement::{Placement, published_side};
 use crate::volume::source::Header;
 use std::path::Path;
 
-/// Largest relative difference between the proportions of a volume and of the one the dataset was prepared from.
+/// Largest accepted relative difference between the proportions of a volume and of the one the dataset was prepared
+/// from.
 const TOLERANCE: f64 = 1e-3;
 
-/// One set of voxels in two systems of coordinates.
+/// One set of voxels in two coordinate systems.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LabelGrid {
-    /// In scene units, where the Gaussians are.
+    /// In scene units, like the Gaussians.
     pub scene: Grid,
-    /// In the units of the volume file, where they are known; else as `scene`.
+    /// In the units of the volume file if these are known; otherwise as `scene`.
     pub file: Grid,
-    /// True if these are the very voxels that the dataset was prepared from.
+    /// Whether these are the voxels that the dataset was prepared from.
     pub is_source: bool,
 }
 
-/// The record of the run's dataset, or of the one at `data` in its place; none if it was not prepared here.
+/// Reads the record of the run's dataset, or of the one at `data` instead; `None` if it was not prepared by this
+/// program.
 ///
 /// # Errors
-/// A record that cannot be read, or no folder at `data`.
+/// If the record cannot be read, or `data` is not a folder.
 pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, RunError> {
     let folder = data.unwrap_or(&run.record.dataset);
     if data.is_some() && !folder.is_dir() {
@@ -37,11 +39,11 @@ pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<Prepar
 }
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
-/// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Beside them what had to be assumed,
-/// and what the reader of the file notes, such as an orientation that is ignored.
+/// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Also returns notes: what had to be
+/// assumed, and what the reader of the file reports, such as an orientation that is ignored.
 ///
 /// # Errors
-/// A file that cannot be read or is of other proportions than the prepared volume; nothing that says how many voxels.
+/// If a file cannot be read or has other proportions than the prepared volume, or nothing gives the number of voxels.
 pub(super) fn choose(
     run: &OpenRun,
     data: &Path,
@@ -116,7 +118,7 @@ fn around(centre: [f32; 3], half: [f32; 3], dims: [usize; 3]) -> LabelGrid {
     LabelGrid { scene, file: scene, is_source: false }
 }
 
-/// The outermost voxel centres lie on the faces of the box.
+/// Lays voxels over a box, with the outermost voxel centres on its faces.
 fn over_box(low: [f64; 3], high: [f64; 3], dims: [usize; 3]) -> Grid {
     Grid { dims, spacing: std::array::from_fn(|a| (high[a] - low[a]) / (dims[a] - 1) as f64), origin: low }
 }

@@ -1,6 +1,6 @@
-//! Labels of a run's segments on the voxels of its volume: which segments count (`choice`), where the voxels lie (`grid`),
-//! and the truth to compare with (`truth`). How Gaussians vote for a voxel is in `segment::voxels`; the files are written
-//! by `export::labels`.
+//! Labels of a run's segments on the voxels of its volume: which segments count (`choice`), where the voxels lie
+//! (`grid`), and the ground truth to compare with (`truth`). How Gaussians vote for a voxel is in `segment::voxels`;
+//! the files are written by `export::labels`.
 
 mod choice;
 mod grid;
@@ -19,42 +19,42 @@ use crate::shell;
 use choice::Choice;
 use std::path::{Path, PathBuf};
 
-/// Bytes that a voxel takes: the votes, the labels, the truth beside them, and what is written.
+/// Bytes per voxel: the votes, the labels, the truth to compare with, and what is written.
 const VOXEL_BYTES: usize = 24;
 
-/// Which labels are wanted, and where.
+/// Which labels to compute, and on which voxels.
 #[derive(Debug, Clone, Default)]
 pub struct LabelPlan {
-    /// Names of segments; those that have no parts if there is none.
+    /// Names of segments; those without parts if empty.
     pub segments: Vec<String>,
-    /// Voxels along x, y, z; those of the prepared volume if not given.
+    /// Voxels along x, y, z; those of the prepared volume if `None`.
     pub dims: Option<[usize; 3]>,
-    /// Volume file whose voxels are taken.
+    /// Volume file whose voxels are used.
     pub like: Option<PathBuf>,
-    /// The run's dataset, where it is not at its place any more.
+    /// The run's dataset, if it is no longer at its place.
     pub data: Option<PathBuf>,
     /// Density of Gaussians above which a voxel belongs to a segment.
     pub threshold: Option<f32>,
-    /// Labels of the scene as the edits of the run show it, not as trained.
+    /// Whether to label the scene with the run's edits, not as trained.
     pub edited: bool,
 }
 
-/// Labels of a run's segments, to be found at any time.
+/// Labels of a run's segments, which can be computed at any time.
 pub struct Labels<'r> {
     run: &'r OpenRun,
     selection: Selection,
     vote: Vote,
     /// Label of each Gaussian, 0 for none.
     labels: Vec<u32>,
-    /// Names of the segments, whose labels count from 1.
+    /// Names of the segments, labelled from 1 in this order.
     pub names: Vec<String>,
     /// The same with values and colours, for files.
     pub listed: Vec<NamedLabel>,
     /// The voxels.
     pub grid: LabelGrid,
-    /// The dataset that they were taken from.
+    /// The dataset that the voxels come from.
     pub data: PathBuf,
-    /// What had to be assumed about the voxels, and what the reader of their file notes, one sentence each.
+    /// What had to be assumed about the voxels, and what the reader of their file reports, one sentence each.
     pub notes: Vec<String>,
 }
 
@@ -62,7 +62,8 @@ impl<'r> Labels<'r> {
     /// Chooses segments and voxels.
     ///
     /// # Errors
-    /// A run without segments, or names it has not; voxels that are not known, do not fit the dataset or memory.
+    /// If the run has no segments or a name is unknown, or if the voxels are unknown or do not fit the dataset or
+    /// memory.
     pub fn new(run: &'r OpenRun, plan: &LabelPlan) -> Result<Self, RunError> {
         let all = run.segments()?;
         let Choice { names, labels } = choice::choose(&all, &plan.segments).map_err(RunError::input)?;
@@ -80,10 +81,10 @@ impl<'r> Labels<'r> {
         Ok(Self { run, selection, vote, labels, names, listed, grid, data, notes })
     }
 
-    /// Labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.
+    /// Returns the labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.
     ///
     /// # Errors
-    /// An edit that cannot be applied, or more labels than a volume holds.
+    /// If an edit cannot be applied, or there are more labels than a volume can hold.
     pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
         let at = self.selection.edited(&self.run.scene, time as f32)?;
         let cloud = LabelledCloud {

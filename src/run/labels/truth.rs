@@ -1,5 +1,5 @@
-//! The truth about segments on voxels, from label volumes or a synthetic scene, and how well labels agree with it.
-//! The scores themselves are in `segment::dice`.
+//! Ground truth for segments on voxels, from label volumes or a synthetic scene, and how well labels agree with it. The
+//! scores themselves are in `segment::dice`.
 
 use super::super::RunError;
 use super::grid::LabelGrid;
@@ -11,38 +11,38 @@ use crate::volume::synthetic::Synthetic;
 use serde::Serialize;
 use std::path::Path;
 
-/// Where the true labels come from.
+/// Source of the true labels.
 pub enum Truth {
     /// Label volumes.
     Files {
         /// The volumes.
         series: Box<Series>,
-        /// The names of their labels as far as the dataset knows them.
+        /// Names of their labels, as far as the dataset knows them.
         names: Vec<(u32, String)>,
-        /// The time of each in [0, 1].
+        /// Time of each volume in [0, 1].
         times: Vec<f64>,
     },
-    /// A synthetic scene on so many voxels.
+    /// A synthetic scene, sampled on this many voxels along x, y, z.
     Synthetic(Synthetic, [usize; 3]),
 }
 
 /// How well the labels agree with the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agreement {
-    /// Mean Dice score over true labels, each with one segment; none where there is no true label.
+    /// Mean Dice score over true labels, each matched with one segment; `None` if there is no true label.
     pub mean_dice: Option<f64>,
-    /// The same where a true label may be put together of several segments.
+    /// The same, where several segments together may match a true label.
     pub mean_dice_of_sets: Option<f64>,
-    /// One entry for each true label.
+    /// One entry per true label.
     pub segments: Vec<Score>,
 }
 
-/// A true label and what stands for it.
+/// A true label and the segments matched with it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Score {
     /// Name of the true label.
     pub truth: String,
-    /// The segment that stands for it in the assignment with the highest sum of Dice scores; none if all are taken.
+    /// The segment matched with it in the assignment with the highest sum of Dice scores; `None` if all are taken.
     pub segment: Option<String>,
     /// Dice score of the two.
     pub dice: f64,
@@ -50,19 +50,20 @@ pub struct Score {
     pub iou: f64,
     /// Voxels of the true label.
     pub voxels: u64,
-    /// The segments that cover it best together.
+    /// The set of segments that covers it best.
     pub set: Vec<String>,
-    /// Dice score of those.
+    /// Dice score of that set.
     pub set_dice: f64,
 }
 
 impl Truth {
-    /// Opens the label volumes that `inputs` name, or the synthetic scene of that name, to be compared at `times`. `data` is
-    /// the run's dataset.
+    /// Opens the label volumes that `inputs` name, or the synthetic scene of that name, for comparison at `times`.
+    /// `data` is the run's dataset.
     ///
     /// # Errors
-    /// Files that cannot be read, are not on the voxels of `grid`, or are several, but not one for each step that the
-    /// dataset was prepared from: nothing says then at which times they are. One file of a series for several times.
+    /// If a file cannot be read or is not on the voxels of `grid`; if there are several files, but not one for each
+    /// step that the dataset was prepared from, so that their times are unknown; or if there is one file of a series
+    /// for several times.
     pub fn open(inputs: &[String], grid: &LabelGrid, data: &Path, times: &[f64]) -> Result<Self, RunError> {
         if let [name] = inputs
             && let Ok(scene) = name.parse::<Synthetic>()
@@ -115,7 +116,7 @@ impl Truth {
         Ok(Self::Files { series: Box::new(series), names, times })
     }
 
-    /// The files that are read.
+    /// Returns the files that are read.
     pub fn files(&self) -> Vec<&Path> {
         match self {
             Self::Files { series, .. } => series.files().iter().map(std::path::PathBuf::as_path).collect(),
@@ -123,7 +124,7 @@ impl Truth {
         }
     }
 
-    /// What a person should know about the files, one sentence each.
+    /// Returns notes for the user about the files, one sentence each.
     #[must_use]
     pub fn notes(&self) -> &[String] {
         match self {
@@ -132,10 +133,10 @@ impl Truth {
         }
     }
 
-    /// The true labels at `time` in [0, 1], `[z, y, x]`; of files those of the nearest step.
+    /// Returns the true labels at `time` in [0, 1], `[z, y, x]`; of files, those of the nearest step.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// If a file cannot be read.
     pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
         match self {
             Self::Files { series, times, .. } => {
@@ -147,7 +148,7 @@ impl Truth {
         }
     }
 
-    /// Matches the true labels with the segments `names`, whose labels count from 1.
+    /// Matches the true labels with the segments `names`, labelled from 1.
     pub fn agreement(&self, pairs: &Confusion, names: &[String]) -> Agreement {
         let segments = |m: &Match| -> Vec<String> {
             m.predicted.iter().filter_map(|p| names.get((*p as usize).checked_sub(1)?)).cloned().collect()
@@ -178,9 +179,9 @@ impl Truth {
     }
 }
 
-/// What the dataset at `data` says of the series that it was prepared from, where that is known.
+/// Returns what the dataset at `data` records about the series that it was prepared from, if known.
 fn prepared(data: &Path) -> Option<PrepareRecord> {
-    // a record that is damaged was told of when the voxels were looked for
+    // a damaged record was already reported when the voxels were chosen
     PrepareRecord::read(data).ok().flatten()
 }
 

@@ -1,8 +1,8 @@
-//! Published segmentation methods to compare with, over the same masks and the same scene: [`saga`] learns a feature
-//! for each Gaussian, [`sagd`] learns nothing and votes.
+//! Published segmentation methods for comparison, on the same masks and the same scene: [`saga`] learns a feature for
+//! each Gaussian, [`sagd`] learns nothing and lets masks vote.
 //!
-//! Both are written anew from what their papers and the settings in the VolSegGS paper say; each module lists where it
-//! differs. Nothing here is used by the project's own segmentation.
+//! Both are re-implemented from their papers and the settings in the VolSegGS paper; each module lists its differences.
+//! Nothing here is used by the project's own segmentation.
 
 pub mod saga;
 pub mod sagd;

@@ -1,21 +1,22 @@
 //! SAGA (Cen et al., "Segment Any 3D Gaussians", AAAI 2025): a feature for each Gaussian, gated by a scale, learnt from
-//! masks by contrast; a click selects what points the same way.
+//! masks with a contrastive loss; a click selects the Gaussians with similar features.
 //!
-//! A step takes one view and some of its masked pixels. Features are normalised, averaged over neighbours (half of them
-//! left out at random), normalised again, summed over each pixel with the weights of rendering, and gated channel by
-//! channel with `sigmoid(weight * scale + bias)`. At each of some scales, pixels that share a mask there attract,
-//! others repel (`loss`). Gradients are written out by hand, and a step costs what its pixels touch.
+//! A step uses one view and some of its masked pixels. Features are normalised, averaged over neighbours (half of them
+//! dropped at random), normalised again, summed over each pixel with the rendering weights, and gated channel by
+//! channel with `sigmoid(weight * scale + bias)`. At each of several scales, pixels that share a mask there attract,
+//! others repel (`loss`). Gradients are written by hand, and the cost of a step depends on what its pixels touch.
 //!
-//! A re-implementation from descriptions, not the authors' program. What differs:
+//! This is a re-implementation from descriptions, not the authors' program. Differences:
 //! * Masks, their 3D scales and their ranks are those of the affinity field ([`FineView`]): the scale is the weighted
-//!   spread of a mask's Gaussians, not that of points from depth, and faint contributions are left out.
-//! * Adam steps only the Gaussians that a step touches, each with its own count of steps; the usual one also moves
-//!   all others by their momentum.
+//!   spread of a mask's Gaussians, not that of points from depth, and faint contributions are skipped.
+//! * Adam updates only the Gaussians that a step touches, each with its own step count; the usual one also moves all
+//!   others by their momentum.
 //! * Features start with length 1 in random directions.
-//! * Of pairs that are the same at all scales and not hard, a fixed eighth counts, in place of a drawn number of them.
+//! * Of the pairs that are the same at all scales and not hard, one in eight counts, instead of a randomly drawn
+//!   number.
 //! * A pair's weight, 1 to 10, is linear in the product of one over the mean size of the masks of its two pixels.
 //! * A click is a Gaussian, whose smoothed feature is compared, not a pixel and its rendered feature.
-//! * Clustering of features and prompts other than a click are not here.
+//! * Clustering of features and prompts other than a click are not implemented.
 
 mod loss;
 mod model;
@@ -30,24 +31,24 @@ use crate::segment::fine::views::FineView;
 pub use model::SagaModel;
 use step::Trainer;
 
-/// How to train.
+/// Options of [`train`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SagaOptions {
-    /// Steps; the published 10,000.
+    /// Number of steps; 10,000 as published.
     pub steps: usize,
-    /// Pixels a step; the published 1,000. Time grows with their square.
+    /// Pixels per step; 1,000 as published. Time grows with their square.
     pub pixels: usize,
-    /// Scales a step, beside the largest; the published 8. Time grows with them.
+    /// Scales per step besides the largest; 8 as published. Time grows with their number.
     pub scales: usize,
-    /// Learning rate of Adam; the published 2.5e-3.
+    /// Learning rate of Adam; 2.5e-3 as published.
     pub rate: f32,
-    /// Gaussians, itself among them, that a feature is averaged over; the published 16. At least 1.
+    /// Gaussians that a feature is averaged over, including its own; 16 as published. At least 1.
     pub neighbours: usize,
-    /// Part of the neighbours that a training step leaves out, in [0, 1); the published 0.5.
+    /// Fraction of the neighbours that a training step drops, in [0, 1); 0.5 as published.
     pub dropout: f32,
-    /// Below this cosine a pair that should be alike is hard; the published 0.75.
+    /// Cosine below which a pair that should be similar is hard; 0.75 as published.
     pub hard_alike: f32,
-    /// Above this cosine a pair that should differ is hard; the published 0.5.
+    /// Cosine above which a pair that should differ is hard; 0.5 as published.
     pub hard_apart: f32,
     /// Seed of features, gate, views, scales and pixels.
     pub seed: u64,
@@ -72,31 +73,31 @@ impl Default for SagaOptions {
 /// Why training stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum SagaError {
-    /// There is nothing to learn from.
+    /// No view has a mask that covers a pixel.
     #[error("no mask covers any pixel of any view: make masks first, or from other views")]
     NoMasks,
-    /// A number is not finite.
+    /// The loss is not finite.
     #[error("step {step}: the loss is {loss}; lower the learning rate")]
     NotFinite {
         /// The step, from 0.
         step: usize,
-        /// What it came to.
+        /// Value of the loss.
         loss: f64,
     },
-    /// The positions are not points.
+    /// The positions are not rows of three.
     #[error(transparent)]
     Points(#[from] PointsError),
 }
 
 /// Trains features for the Gaussians with `means` `[N, 3]` (world units) on views of them, whose scales are ranked
-/// ([`rank_scales`](crate::segment::fine::views::rank_scales)); `progress` is told each step's loss and may end
+/// ([`rank_scales`](crate::segment::fine::views::rank_scales)); `progress` receives each step and its loss, and stops
 /// training by `false`.
 ///
 /// # Errors
 /// If there are no views, the loss is not finite, or `means` is not a whole number of rows.
 ///
 /// # Panics
-/// If a view shows a Gaussian that is not below N: it is of another scene.
+/// If a view shows a Gaussian whose index is not below N, that is, one of another scene.
 pub fn train(
     views: &[FineView],
     means: &[f32],

@@ -1,18 +1,18 @@
 //! SAGD (Hu et al., "Boundary-Enhanced Segment Anything in 3D Gaussian via Gaussian Decomposition", 2024): a click
-//! becomes a mask in each view, each mask labels Gaussians by where their centres fall, the labels vote, and Gaussians
-//! that reach over a mask's edge are cut back (`cut`). Nothing is trained.
+//! selects a mask in each view, each mask labels Gaussians by where their centres project, the labels vote, and
+//! Gaussians that extend beyond a mask's edge are cut back (`cut`). Nothing is trained.
 //!
-//! A re-implementation from descriptions, not the authors' program. What differs:
-//! * Masks are stored ones; the published method asks Segment Anything in each view with the projected prompt. Of the
-//!   masks over the prompt one is taken by its area ([`MaskChoice`]); the published takes the largest of three. A view
-//!   without any mask there does not vote.
-//! * The prompt is a Gaussian, and its nearest neighbours if asked for; finding the Gaussian under a pixel is up to the
-//!   caller. As there, nothing checks that the prompt can be seen in a view.
-//! * Gaussians off the screen or behind the camera abstain; there, -1 is a label among the others. A Gaussian is kept if
-//!   more than [`SagdOptions::agreement`] of its votes are for it.
-//! * The part of the long axis inside a mask is found in 3D, so that perspective does not matter, and an end off the
-//!   screen cuts nothing. Only the scale along that axis changes, all views of the vote are used, not every 20th, and
-//!   of a cut Gaussian the outer part is dropped, not kept for the rest of the scene.
+//! This is a re-implementation from descriptions, not the authors' program. Differences:
+//! * Masks are read from storage; the published method runs Segment Anything in each view with the projected prompt. Of
+//!   the masks that cover the prompt, one is chosen by its area ([`MaskChoice`]); the published method takes the
+//!   largest of three. A view without any mask there does not vote.
+//! * The prompt is a Gaussian, optionally with its nearest neighbours; finding the Gaussian under a pixel is up to the
+//!   caller. As in the published method, nothing checks that the prompt is visible in a view.
+//! * Gaussians off screen or behind the camera abstain; in the published method, -1 is a label like the others. A
+//!   Gaussian is kept if more than [`SagdOptions::agreement`] of its votes are for it.
+//! * The part of the long axis inside a mask is found in 3D, so that perspective does not matter, and an end off screen
+//!   does not cause a cut. Only the scale along that axis changes; all voting views are used, not every 20th; and the
+//!   outer part of a cut Gaussian is dropped, not kept for the rest of the scene.
 
 mod cut;
 #[cfg(test)]
@@ -29,33 +29,33 @@ use volseggs_kernels::splat::NEAR;
 pub struct SagdView {
     /// The camera.
     pub camera: Camera,
-    /// Masks of the picture, of its size.
+    /// Masks of the camera's image, of its size.
     pub masks: Vec<Mask>,
 }
 
-/// Which of the masks over the prompt to take.
+/// Which of the masks that cover the prompt to use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MaskChoice {
     /// The smallest.
     Smallest,
-    /// The one in the middle by area, the smaller of two.
+    /// The median by area, the smaller of two.
     Middle,
     /// The largest, as published.
     #[default]
     Largest,
 }
 
-/// How to segment.
+/// Options of [`segment`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SagdOptions {
-    /// Which mask to take.
+    /// Which mask to use.
     pub choice: MaskChoice,
-    /// Gaussians nearest to the clicked one that are prompts beside it. With any, the masks over most prompts are
-    /// chosen from.
+    /// Number of Gaussians nearest to the clicked one that are prompts besides it. The mask is chosen among those that
+    /// cover the most prompts.
     pub neighbours: usize,
-    /// Part of the votes above which a Gaussian is kept; the published 0.7.
+    /// Fraction of the votes above which a Gaussian is kept; 0.7 as published.
     pub agreement: f32,
-    /// Whether to cut back Gaussians that reach over a mask's edge.
+    /// Whether to cut back Gaussians that extend beyond a mask's edge.
     pub decompose: bool,
 }
 
@@ -70,9 +70,9 @@ impl Default for SagdOptions {
 pub struct SagdSegment {
     /// Indices of the M Gaussians kept, ascending.
     pub members: Vec<u32>,
-    /// These Gaussians, `[M]`; those at edges are cut back.
+    /// These Gaussians, `[M]`; those at mask edges are cut back if [`SagdOptions::decompose`] is set.
     pub gaussians: HostGaussians,
-    /// Views with a mask over the prompt.
+    /// Number of views with a mask that covers the prompt.
     pub voting: usize,
 }
 
@@ -82,25 +82,25 @@ pub enum SagdError {
     /// No such Gaussian.
     #[error("Gaussian {clicked} was clicked, but there are {count}, from 0")]
     Clicked {
-        /// The one asked for.
+        /// Index that was clicked.
         clicked: u32,
-        /// How many there are.
+        /// Number of Gaussians.
         count: usize,
     },
-    /// A mask of another picture.
+    /// A mask does not have the size of its camera's image.
     #[error("view {view}: a mask of {}x{} pixels, but the camera has {}x{}", mask[0], mask[1], camera[0], camera[1])]
     MaskSize {
-        /// Which view, from 0.
+        /// Number of the view, from 0.
         view: usize,
         /// Width and height of the mask.
         mask: [usize; 2],
-        /// Width and height of the camera's picture.
+        /// Width and height of the camera's image.
         camera: [usize; 2],
     },
 }
 
-/// Segments the Gaussians that belong to number `clicked` by the masks of `views`. Where no mask is over the prompt,
-/// the segment is empty.
+/// Segments the Gaussians that belong with number `clicked` according to the masks of `views`. If no mask covers the
+/// prompt, the segment is empty.
 ///
 /// # Errors
 /// If there is no such Gaussian, or a mask is not of its camera's size.
@@ -142,7 +142,7 @@ pub fn segment(
     Ok(SagdSegment { members, gaussians, voting: chosen.len() })
 }
 
-/// Positions of the clicked Gaussian and of the `neighbours` nearest to it; none without a finite position.
+/// Returns the positions of the clicked Gaussian and of the `neighbours` nearest to it; none if its own is not finite.
 fn prompt(means: &[f32], clicked: u32, neighbours: usize) -> Vec<[f32; 3]> {
     let place = |i: u32| -> [f32; 3] { std::array::from_fn(|k| means[3 * i as usize + k]) };
     let centre = place(clicked);
@@ -163,7 +163,7 @@ fn prompt(means: &[f32], clicked: u32, neighbours: usize) -> Vec<[f32; 3]> {
     out
 }
 
-/// A view with the mask that the prompt chose.
+/// A view with the mask chosen by the prompt.
 struct Chosen<'a> {
     camera: &'a Camera,
     /// `[height, width]`
@@ -171,7 +171,7 @@ struct Chosen<'a> {
 }
 
 impl<'a> Chosen<'a> {
-    /// `None` if no mask is over any point of the prompt.
+    /// Chooses the mask of a view; `None` if no mask covers any point of the prompt.
     fn find(view: &'a SagdView, prompt: &[[f32; 3]], choice: MaskChoice) -> Option<Self> {
         let pixels: Vec<[u32; 2]> = prompt.iter().filter_map(|&p| pixel(&view.camera, p)).collect();
         let hits = |mask: &Mask| pixels.iter().filter(|[x, y]| mask.contains(*x, *y)).count();
@@ -187,21 +187,22 @@ impl<'a> Chosen<'a> {
         Some(Self { camera: &view.camera, set: over[at].to_rows() })
     }
 
-    /// Whether a world position falls inside the mask; `None` off the screen, behind the camera, or without a place.
+    /// Returns whether a world position projects inside the mask; `None` off screen, behind the camera, or if not
+    /// finite.
     fn label(&self, position: [f32; 3]) -> Option<bool> {
         let [x, y] = pixel(self.camera, position)?;
         Some(self.set[y as usize * self.camera.width + x as usize])
     }
 }
 
-/// Column and row of the pixel that a world position falls into; `None` off the screen or nearer than drawing shows.
+/// Returns the column and row of the pixel that a world position projects to; `None` off screen or not beyond [`NEAR`].
 fn pixel(camera: &Camera, p: [f32; 3]) -> Option<[u32; 2]> {
     let [x, y, z]: [f32; 3] = std::array::from_fn(|k| {
         let row = camera.rotation[k];
         row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + camera.translation[k]
     });
     let (u, v) = (camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy);
-    // written so that NaN is off the screen
+    // written so that NaN is off screen
     let on = z > NEAR && u >= 0.0 && v >= 0.0 && u < camera.width as f32 && v < camera.height as f32;
     on.then_some([u as u32, v as u32])
 }

@@ -1,8 +1,8 @@
-//! The assignment problem: one column for every row with the largest sum of scores (Hungarian method with potentials).
+//! The assignment problem: one column for every row, with the largest sum of scores (Hungarian method with potentials).
 
-/// The column of each of `n` rows. `score` must be finite.
+/// Returns the column of each of `n` rows. `score` must be finite.
 pub fn maximise(n: usize, score: impl Fn(usize, usize) -> f64) -> Vec<usize> {
-    // Rows and columns count from 1; 0 is a helper that holds the row being placed.
+    // Rows and columns count from 1; column 0 is a sentinel that holds the row being assigned.
     let mut row_price = vec![0.0; n + 1];
     let mut column_price = vec![0.0; n + 1];
     let mut row_of = vec![0usize; n + 1];
@@ -55,7 +55,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The best sum by trying every assignment.
+    /// Returns the best sum by trying every assignment.
     fn brute(n: usize, row: usize, used: u32, scores: &[f64]) -> f64 {
         let free = (0..n).filter(|j| used & (1 << j) == 0);
         let best = free.map(|j| scores[row * n + j] + brute(n, row + 1, used | (1 << j), scores));

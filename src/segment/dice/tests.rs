@@ -1,4 +1,4 @@
-//! Tests of scores and matchings against sets worked out by hand and by force.
+//! Tests of scores and matchings against sets worked out by hand and by brute force.
 
 use super::*;
 use proptest::prelude::*;
@@ -26,7 +26,7 @@ fn tables_of_two_halves_make_that_of_the_whole() {
 
 #[test]
 fn pieces_of_an_object_are_matched_together() {
-    // Label 1 is cut in 5 and 6; 7 spills mostly outside of it; 8 is elsewhere.
+    // Label 1 is split into 5 and 6; 7 lies mostly outside it; 8 is elsewhere.
     let truth = [[1u8; 10].as_slice(), &[0; 10], &[2; 4]].concat();
     let predicted = [[5u8; 5].as_slice(), &[6; 4], &[7; 10], &[0], &[8; 4]].concat();
     let table = Confusion::new(&truth, &predicted).unwrap();
@@ -42,7 +42,7 @@ fn pieces_of_an_object_are_matched_together() {
 
 #[test]
 fn one_to_one_gives_up_a_good_pair_for_a_better_sum() {
-    // Both true labels like 5 best, but only 1 has a second choice.
+    // Both true labels overlap 5 best, but only 1 has a second choice.
     let truth = [1u8, 1, 1, 1, 1, 2, 2, 2];
     let predicted = [5u8, 5, 5, 6, 6, 5, 5, 5];
     let ones = Confusion::new(&truth, &predicted).unwrap().match_one_to_one();

@@ -1,4 +1,4 @@
-//! Segments of a trained affinity field: clusters of features at a scale, and how alike features are.
+//! Segments from a trained affinity field: clusters of features at a scale, and cosines between features.
 
 use super::network::{AffinityField, FEATURES, Frame};
 use crate::points::PointsError;
@@ -7,17 +7,17 @@ use crate::points::kmeans::{KMeansConfig, kmeans_while};
 use crate::rng::{Purpose, Rng};
 use rayon::prelude::*;
 
-/// How features become clusters.
+/// How features are clustered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clustering {
-    /// By density; the number of clusters comes from the data.
+    /// By density; the number of clusters follows from the data.
     Density,
-    /// Into so many.
+    /// By k-means, into this many clusters.
     KMeans(usize),
 }
 
-/// Clusters the Gaussians with `means` `[M, 3]` by their features at `scale` in [0, 1]. Labels `[M]` from 1, the
-/// largest cluster first. It goes on as long as `goes_on`, which is asked again and again.
+/// Clusters the Gaussians with `means` `[M, 3]` by their features at `scale` in [0, 1]. Returns labels `[M]` from 1,
+/// the largest cluster first. `goes_on` is polled throughout and stops the clustering by `false`.
 ///
 /// # Errors
 /// If an option is out of range; [`PointsError::Stopped`].
@@ -45,7 +45,7 @@ pub fn cluster(
     }
 }
 
-/// Cosines `[M]` of unit `features` `[M, 16]` with that of number `clicked`.
+/// Returns the cosines `[M]` of unit `features` `[M, 16]` with that of number `clicked`.
 ///
 /// # Panics
 /// If `clicked` is not below M.

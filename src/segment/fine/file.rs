@@ -1,4 +1,4 @@
-//! A trained affinity field in a run folder, with what is needed to ask it.
+//! File format of a trained affinity field in a run folder, with the data needed to evaluate it.
 
 use super::network::{AffinityField, Frame};
 use crate::model::params;
@@ -7,19 +7,19 @@ use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The header's entry.
+/// Key of the entry in the file's header.
 const ENTRY: &str = "volseggs.affinity";
 
-/// What cannot be read off the tensors.
+/// Metadata that the tensors do not contain.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AffinitySpec {
-    /// The box of its positions.
+    /// The box that its positions are measured in.
     pub frame: Frame,
     /// Time of the Gaussians that it was trained on, in [0, 1].
     pub time: f64,
     /// Fingerprint of the scene.
     pub scene: String,
-    /// Spreads of the masks, world units, ascending: scale s is the one at `s * (len - 1)`.
+    /// Spreads of the masks, world units, ascending: scale `s` is the spread at index `s * (len - 1)`.
     pub spreads: Vec<f32>,
 }
 
@@ -33,7 +33,7 @@ pub fn save(path: &Path, field: &AffinityField, spec: &AffinitySpec) -> Result<(
     write_tensors(path, &params::collect(field), Some((ENTRY, text)))
 }
 
-/// Reads what [`save`] wrote.
+/// Reads a field written by [`save`].
 ///
 /// # Errors
 /// If the file is missing, damaged or holds another network.

@@ -1,8 +1,8 @@
-//! Fine segmentation (the paper's affinity field network): masks of rendered views, lifted to a field of features in
-//! which what belongs together points the same way.
+//! Fine segmentation (the paper's affinity field network): masks of rendered views are lifted to a field of features in
+//! which Gaussians that belong together point the same way.
 //!
-//! `network` is the field, `views` what it is trained on, `file` its place in a run, `train` the steps, and
-//! `extract` makes segments of the trained field.
+//! `network` defines the field, `views` its training data, `file` its file in a run, `train` the training steps, and
+//! `extract` the segments of the trained field.
 
 pub mod extract;
 pub mod file;

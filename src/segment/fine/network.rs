@@ -1,4 +1,4 @@
-//! The affinity field: a position and a mask scale in, a feature out (the paper's figure 4c).
+//! The affinity field: maps a position and a mask scale to a feature (the paper's figure 4c).
 
 use crate::model::decoder::xavier;
 use crate::model::params::to_vec;
@@ -11,7 +11,7 @@ use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 
 /// Octaves of the positional encoding: `sin` and `cos` of `2^k pi x` for each axis.
 const OCTAVES: usize = 4;
-/// Numbers that a position becomes.
+/// Length of an encoded position.
 pub const ENCODED: usize = 3 * 2 * OCTAVES;
 /// Width of the hidden layers.
 const WIDTH: usize = 64;
@@ -33,8 +33,8 @@ pub struct AffinityField {
     pub output_bias: Param<Tensor<1>>,
 }
 
-/// The box that positions are measured in: its longest side becomes 1, its centre 0, so that no two places of it have
-/// the same encoding.
+/// The box that positions are measured in: its longest side becomes 1 and its centre 0, so that no two positions in it
+/// have the same encoding.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Frame {
     /// Centre, world units.
@@ -44,7 +44,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Around the finite ones of `means` `[N, 3]`.
+    /// The box around the finite rows of `means` `[N, 3]`.
     #[must_use]
     pub fn around(means: &[f32]) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
@@ -77,7 +77,7 @@ impl Frame {
 }
 
 impl AffinityField {
-    /// A field with random weights.
+    /// Creates a field with random weights.
     #[must_use]
     pub fn new(seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::AffinityInit);
@@ -92,16 +92,16 @@ impl AffinityField {
         }
     }
 
-    /// Features `[N, 16]` of encoded positions `[N, 24]` at `scale` in [0, 1]; not normalised.
+    /// Returns the features `[N, 16]` of encoded positions `[N, 24]` at `scale` in [0, 1]; not normalised.
     #[must_use]
     pub fn forward(&self, encoded: &[f32], scale: f32) -> Tensor<2> {
         self.forward_each(encoded, &vec![scale; encoded.len() / ENCODED])
     }
 
-    /// The same with a scale for each position, `[N]`.
+    /// Does the same with one scale per position, `[N]`.
     ///
     /// # Panics
-    /// If there are not as many scales as positions.
+    /// If the numbers of scales and positions differ.
     #[must_use]
     pub fn forward_each(&self, encoded: &[f32], scales: &[f32]) -> Tensor<2> {
         assert_eq!(encoded.len(), ENCODED * scales.len(), "scales: [N]");
@@ -121,7 +121,7 @@ impl AffinityField {
         decoder(Tensor::from_data(TensorData::new(inputs, [n, ENCODED + 1]), &device), weights, &shape)
     }
 
-    /// Unit features `[N, 16]` on the host.
+    /// Returns unit features `[N, 16]` on the host.
     #[must_use]
     pub fn features(&self, encoded: &[f32], scale: f32) -> Vec<f32> {
         let mut out = to_vec(self.forward(encoded, scale));

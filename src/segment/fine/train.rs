@@ -1,4 +1,4 @@
-//! Training of the affinity field: at each step one view and one scale, sampled pixels, the contrastive loss.
+//! Training of the affinity field: each step applies the contrastive loss to pixels sampled from one view.
 
 use super::network::{AffinityField, FEATURES};
 use super::views::FineView;
@@ -11,17 +11,17 @@ use std::str::FromStr;
 use volseggs_kernels::contrast::{Repulsion, contrast};
 use volseggs_kernels::splat::contributors::Contributors;
 
-/// At which scale a step asks the field, and which of the masks over a pixel counts.
+/// At which scale a step evaluates the field, and which of the masks that cover a pixel is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MaskScale {
-    /// One scale a step, drawn evenly from [0, 1]; of the masks over a pixel the smallest that is not below it. The
-    /// field then learns at each scale which parts there are.
+    /// One scale per step, drawn uniformly from [0, 1]; a pixel uses the smallest covering mask not below it, or else
+    /// the largest. The field then learns the parts at each scale.
     #[default]
     Drawn,
-    /// The paper's: of the masks over a pixel any, and each Gaussian is asked at the scale of its own mask. Masks of a
-    /// view are put in a random order at each step, and a pixel takes the first that covers it; a Gaussian's mask is
-    /// the one whose pixels it gives most to. A scale is the rank of a mask's spread here too, so that a trained field
-    /// is asked in the same way.
+    /// As in the paper: a pixel uses any mask that covers it, and each Gaussian is evaluated at the scale of its own
+    /// mask. The masks of a view are put in a random order at each step, and a pixel uses the first that covers it; a
+    /// Gaussian's mask is the one to whose pixels it contributes most. Here too a scale is the rank of a mask's spread,
+    /// so that trained fields of both kinds are evaluated in the same way.
     Own,
 }
 
@@ -37,30 +37,30 @@ impl FromStr for MaskScale {
     }
 }
 
-/// The margin of the contrastive loss that is taken if none is given, a cosine.
+/// Default margin of the contrastive loss, a cosine.
 pub const MARGIN: f32 = 0.5;
 
-/// How masks repel with that `margin`, a cosine: -1 is the paper's loss, without one.
+/// Returns how masks repel with `margin`, a cosine: -1 or less gives the paper's loss, which has none.
 #[must_use]
 pub fn repulsion(margin: f32) -> Repulsion {
     if margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(margin) }
 }
 
-/// How to train.
+/// Options of [`train`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FineOptions {
-    /// Steps; the paper's 5,000.
+    /// Number of steps; 5,000 in the paper.
     pub steps: usize,
-    /// Pixels a step; the paper has 8,192. With a margin, time grows with their square.
+    /// Pixels per step; 8,192 in the paper. With a margin, time grows with their square.
     pub pixels: usize,
-    /// Learning rate of Adam; the paper's 1e-3.
+    /// Learning rate of Adam; 1e-3 in the paper.
     pub rate: f64,
     /// How pixels of different masks repel.
     pub repulsion: Repulsion,
-    /// At which scales.
+    /// At which scales the field is evaluated.
     pub mask_scale: MaskScale,
-    /// Weight of the hierarchy loss: pixels of one mask attract also at a random larger scale, so that parts stay
-    /// together in their whole; 0 leaves it out, as the paper does.
+    /// Weight of the hierarchy loss: pixels of one mask also attract at a random larger scale, so that a part stays
+    /// together within its whole; 0 disables it, as in the paper.
     pub hierarchy: f64,
     /// Seed of weights, views, scales and pixels.
     pub seed: u64,
@@ -83,7 +83,7 @@ impl Default for FineOptions {
 /// Why training stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum FineError {
-    /// There is nothing to learn from.
+    /// No view has a mask that covers a pixel.
     #[error("no mask covers any pixel of any view: make masks first, or from other views")]
     NoMasks,
     /// A number is not finite.
@@ -96,7 +96,8 @@ pub enum FineError {
     },
 }
 
-/// Trains a field on views whose scales are ranked; `progress` is told each step's loss and may stop it by `false`.
+/// Trains a field on views whose scales are ranked; `progress` receives each step and its loss, and stops training by
+/// `false`.
 ///
 /// # Errors
 /// If there are no views, or a number is not finite.
@@ -113,7 +114,6 @@ pub fn train(
     let mut field = AffinityField::new(options.seed, &device);
     let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 });
     for step in 0..options.steps {
-        // number 0 is the choice of the views' pixels
         let mut rng = Rng::new(options.seed, step as u64, Purpose::AffinitySteps);
         let view = &views[rng.below(views.len())];
         let batch = Batch::draw(view, options, &mut rng);
@@ -134,14 +134,15 @@ pub fn train(
     Ok(field.valid())
 }
 
-/// What a step trains on.
+/// The data of one training step.
 struct Batch {
-    /// Rows of the chosen pixels, and the mask of each.
+    /// Rows of the chosen pixels.
     pixels: Contributors,
+    /// The mask of each chosen pixel.
     masks: Vec<u32>,
-    /// The scale that each of the view's Gaussians is asked at.
+    /// The scale at which each of the view's Gaussians is evaluated.
     scales: Vec<f32>,
-    /// Where pixels of one mask attract too, if the hierarchy loss has a weight.
+    /// The larger scales of the hierarchy loss, if it has a weight.
     larger: Option<Vec<f32>>,
 }
 
@@ -172,15 +173,15 @@ impl Batch {
     }
 }
 
-/// The scale of each Gaussian's own mask: the one whose pixels it gives most to, the first of equals; 0 for those that
-/// no pixel has, whose features count nowhere.
+/// Returns the scale of each Gaussian's own mask: the one to whose pixels it contributes most, the first of equals; 0
+/// for Gaussians in no pixel, whose features have no effect.
 fn own_scales(view: &FineView, pixels: &Contributors, masks: &[u32]) -> Vec<f32> {
     let mut given: Vec<(u32, u32, f32)> = Vec::with_capacity(pixels.indices.len());
     for (p, &mask) in masks.iter().enumerate() {
         let (indices, weights) = pixels.row(p);
         given.extend(indices.iter().zip(weights).map(|(&i, &w)| (i, mask, w)));
     }
-    // stable, so that each sum has one order
+    // a stable sort, so that each sum has a fixed order
     given.sort_by_key(|&(gaussian, mask, _)| (gaussian, mask));
     let (mut scales, mut most) = (vec![0.0; view.globals.len()], vec![0.0f32; view.globals.len()]);
     for part in given.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
@@ -192,7 +193,7 @@ fn own_scales(view: &FineView, pixels: &Contributors, masks: &[u32]) -> Vec<f32>
     scales
 }
 
-/// The loss of a batch, and a tensor that has its gradient by the field's parameters.
+/// Returns the loss of a batch, and a tensor with the same gradient with respect to the field's parameters.
 fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOptions) -> (f64, Tensor<1>) {
     let n = view.encoded.len() / super::network::ENCODED;
     let term = |scales: &[f32], repulsion: Repulsion, weight: f64| {
@@ -201,7 +202,7 @@ fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOpt
         let out = contrast(&rendered, &batch.masks, repulsion);
         let slopes = batch.pixels.scatter(&out.gradient, n, FEATURES);
         let slopes = Tensor::<2>::from_data(TensorData::new(slopes, [n, FEATURES]), &features.device());
-        // a sum with the slopes as constants has them as its gradient
+        // the sum of features times constant slopes has the slopes as its gradient
         (weight * out.loss, (features * slopes).sum() * weight)
     };
     let (total, loss) = term(&batch.scales, options.repulsion, 1.0);
@@ -210,7 +211,7 @@ fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOpt
     (total + more, loss + part)
 }
 
-/// Rows of up to `count` pixels of a view, and the mask of each by `mask`.
+/// Samples up to `count` pixels of a view; returns their rows, and the mask of each by `mask`.
 fn sample(view: &FineView, count: usize, rng: &mut Rng, mask: impl Fn(usize) -> u32) -> (Contributors, Vec<u32>) {
     let all = view.pixels.len();
     let chosen: Vec<usize> =

@@ -1,4 +1,5 @@
-//! The affinity field on two balls: gradients, what a click selects at which scale, threads, poison and bad input.
+//! The affinity field on two balls: gradients, what a click selects at each scale, thread counts, non-finite and bad
+//! input.
 
 use super::*;
 use crate::device::DeviceName;
@@ -12,7 +13,7 @@ use rayon::prelude::*;
 use volseggs_kernels::contrast::reference as contrast_reference;
 use volseggs_kernels::decoder::{DecoderShape, reference as decoder_reference};
 
-/// The threshold of `volseggs segment pick`.
+/// Default threshold of `volseggs segment pick`.
 const THRESHOLD: f32 = 0.8;
 
 fn device() -> Device {
@@ -42,11 +43,11 @@ fn layers(field: &AffinityField) -> Layers {
     .map(wide)
 }
 
-/// A batch in f64, by the references of the decoder and of the contrast.
+/// A batch evaluated in f64 by the reference implementations of the decoder and of the contrastive loss.
 struct Exact<'a> {
     batch: &'a Batch,
     shape: DecoderShape,
-    /// For each term of the loss the network's inputs, how masks repel, and its weight.
+    /// The network's inputs, the repulsion of masks and the weight of each term of the loss.
     terms: Vec<(Vec<f64>, Repulsion, f64)>,
 }
 
@@ -84,7 +85,7 @@ impl<'a> Exact<'a> {
         self.terms.iter().map(term).sum()
     }
 
-    /// The gradient by difference quotients, entry by entry.
+    /// Returns the gradient by central differences, entry by entry.
     fn quotients(&self, layers: &Layers) -> Layers {
         const STEP: f64 = 1e-5;
         std::array::from_fn(|layer| {
@@ -115,7 +116,7 @@ fn the_gradient_by_every_parameter_is_a_difference_quotient() {
 
 fn gradient(view: &FineView, options: &FineOptions) {
     let field = AffinityField::new(2, &device().autodiff());
-    // at a scale at which there is something to repel
+    // a scale at which pixels of different masks repel
     let mut draws = (0..).map(|step| Batch::draw(view, options, &mut Rng::new(1, step, Purpose::Custom(3))));
     let batch = draws.find(|b| [0, 1].iter().all(|m| b.masks.contains(m))).unwrap();
     let (total, loss) = loss(&field, view, &batch, options);
@@ -158,7 +159,7 @@ fn by_its_own_scale_each_gaussian_is_asked_at_that_of_the_mask_it_gives_most_to(
             let (indices, weights) = batch.pixels.row(p);
             let most = (0..indices.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
             let Some(most) = most else { continue };
-            // of balls apart a Gaussian is under its own ball's mask or under that of both, whichever came first
+            // the balls are apart, so a Gaussian's mask is that of its own ball or that of both, whichever came first
             let scale = batch.scales[indices[most] as usize];
             assert_eq!(scale, view.scales[*mask as usize]);
         }
@@ -187,7 +188,7 @@ impl Trained {
     fn on(balls: Balls) -> Self {
         let at = balls.gaussians();
         let (mut first, mut last) = (0.0, 0.0);
-        // the first few hundred steps go by before the features of the balls part
+        // the features of the balls separate only after the first few hundred steps
         let field = train(&balls.prepared(&at), &quick(2000), &device(), |step, loss| {
             first += if step < 200 { loss } else { 0.0 };
             last += if step >= 1800 { loss } else { 0.0 };
@@ -198,7 +199,7 @@ impl Trained {
         Self { frame: Frame::around(&at.means), at, field, camera: balls.views()[0].0, balls }
     }
 
-    /// The Gaussian under a click on the middle of a ball.
+    /// Returns the Gaussian under a click on the centre of a ball.
     fn clicked(&self, ball: usize) -> usize {
         let camera = &self.camera;
         let centre = [if ball == 0 { -self.balls.apart } else { self.balls.apart } as f32, 0.0, 0.0];
@@ -211,7 +212,7 @@ impl Trained {
         found
     }
 
-    /// Intersection over union of what such a click selects at `scale` with that ball, and with both.
+    /// Returns the intersection over union of such a click's selection at `scale` with that ball, and with both.
     fn selects(&self, ball: usize, scale: f32) -> [f64; 2] {
         let clicked = self.clicked(ball);
         let all: Vec<u32> = (0..self.at.len() as u32).collect();

@@ -1,5 +1,5 @@
-//! What the affinity field is trained on: for each view of a coarse segment alone, sampled pixels, the Gaussians that
-//! make them up, and the masks that cover them. Geometry does not move, so all of it is found once.
+//! Training data of the affinity field: for each view of a coarse segment alone, sampled pixels, the Gaussians that
+//! contribute to them, and the masks that cover them. The geometry is fixed, so all of it is computed once.
 
 use super::network::Frame;
 use crate::model::{HostGaussians, Rendering};
@@ -9,9 +9,9 @@ use burn::tensor::Device;
 use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
-/// Pixels kept of a view, at most.
+/// Maximum number of pixels kept of a view.
 const PIXELS: usize = 16_384;
-/// Contributions below this part of a pixel are left out: they cost time and change nothing that is seen.
+/// Contributions below this fraction of a pixel are skipped: they cost time and change nothing visible.
 const FAINT: f32 = 1e-3;
 
 /// A coarse segment seen from a camera.
@@ -19,34 +19,35 @@ const FAINT: f32 = 1e-3;
 pub struct MaskedView {
     /// Indices of the segment's Gaussians.
     pub members: Vec<u32>,
-    /// How it is drawn.
+    /// The camera and how the segment is rendered.
     pub settings: SplatSettings,
-    /// Masks of the picture of the segment alone.
+    /// Masks of the image of the segment alone.
     pub masks: Vec<Mask>,
 }
 
 /// A view ready for training.
 #[derive(Clone, Debug)]
 pub struct FineView {
-    /// Encoded positions of the M Gaussians that its pixels are made of, `[M, 24]`.
+    /// Encoded positions of the M Gaussians that contribute to its pixels, `[M, 24]`.
     pub(super) encoded: Vec<f32>,
-    /// Which Gaussians of the scene these are, `[M]`.
+    /// Indices of these Gaussians in the scene, `[M]`.
     pub(in crate::segment) globals: Vec<u32>,
-    /// A row for each kept pixel; indices count in `encoded` and `globals`.
+    /// A row for each of the P kept pixels; indices refer to `encoded` and `globals`.
     pub(in crate::segment) pixels: Contributors,
     /// Where each pixel's list of masks starts, `[P + 1]`.
     pub(super) offsets: Vec<u32>,
-    /// Masks that cover a pixel, from small to large.
+    /// Masks that cover each pixel, from small to large.
     pub(in crate::segment) covering: Vec<u32>,
-    /// For each mask, the spread of its Gaussians, world units; then its place among all masks of all views, in [0, 1].
+    /// For each mask, the spread of its Gaussians, world units; after [`rank_scales`], its rank among the masks of all
+    /// views, in [0, 1].
     pub(in crate::segment) scales: Vec<f32>,
 }
 
 impl FineView {
-    /// Finds what the pixels of `view` are made of; `None` if no mask covers anything.
+    /// Finds the Gaussians and masks of the pixels of `view`; `None` if no mask covers any pixel.
     ///
     /// # Errors
-    /// If the masks are not of the camera's size.
+    /// If there are more contributions than 32-bit offsets can count.
     pub fn new(
         at: &HostGaussians,
         frame: &Frame,
@@ -94,12 +95,12 @@ impl FineView {
         Ok(Some(Self { encoded: frame.encode(&means), globals, pixels: rows, offsets, covering, scales }))
     }
 
-    /// Masks that cover pixel `p`, from small to large.
+    /// Returns the masks that cover pixel `p`, from small to large.
     pub(in crate::segment) fn covering(&self, p: usize) -> &[u32] {
         &self.covering[self.offsets[p] as usize..self.offsets[p + 1] as usize]
     }
 
-    /// The mask of pixel `p` at `scale`: the smallest one not below it, or else the largest.
+    /// Returns the mask of pixel `p` at `scale`: the smallest one not below it, or else the largest.
     pub(super) fn mask(&self, p: usize, scale: f32) -> u32 {
         let list = self.covering(p);
         let found = list.iter().find(|&&m| self.scales[m as usize] >= scale).or(list.last());
@@ -107,12 +108,12 @@ impl FineView {
     }
 }
 
-/// Everything a file of masks has to train on: each view of each of its segments, scales ranked, and the spreads of all
-/// masks, ascending. `at` is the scene and how it is drawn; `members` gives the Gaussians of the file's segments, in its order;
-/// `progress` is told each view.
+/// Reads all training data from a file of masks: each view of each of its segments, scales ranked, and the spreads of
+/// all masks, ascending. `at` is the scene, `rendering` how it is drawn; `members` holds the Gaussians of the file's
+/// segments, in its order; `progress` receives each view's number.
 ///
 /// # Errors
-/// If the file is damaged.
+/// If the file is damaged, or as [`FineView::new`].
 pub fn read_views(
     masks: &MaskReader,
     (at, rendering): (&HostGaussians, Rendering),
@@ -126,7 +127,7 @@ pub fn read_views(
     let mut views = Vec::new();
     for (i, view) in header.views.iter().enumerate() {
         let annotations = masks.view(i)?;
-        // colours do not change what a pixel is made of
+        // colours do not affect which Gaussians contribute to a pixel
         let settings = rendering.flat().seen_by(view.camera(header.width, header.height).to_kernel());
         for (k, members) in (0..).zip(members) {
             let masks = annotations.iter().filter(|a| a.segment == k).map(|a| a.mask.clone()).collect();
@@ -140,18 +141,18 @@ pub fn read_views(
     Ok((views, spreads))
 }
 
-/// Why masks could not be read for training.
+/// Why masks cannot be read for training.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewsError {
-    /// The file of masks.
+    /// The file of masks cannot be read.
     #[error(transparent)]
     Masks(#[from] StoreError),
-    /// Masks of another size than their picture.
+    /// The Gaussians of a view's pixels cannot be listed.
     #[error(transparent)]
     Pixels(#[from] ContributorsError),
 }
 
-/// Puts each mask's place among the masks of all views, in [0, 1], where its spread was. Gives the spreads, ascending.
+/// Replaces each mask's spread by its rank among the masks of all views, in [0, 1], and returns the spreads, ascending.
 pub fn rank_scales(views: &mut [FineView]) -> Vec<f32> {
     let used = |v: &FineView| v.covering.iter().map(|&m| v.scales[m as usize]).collect::<Vec<_>>();
     let mut all: Vec<f32> = views
@@ -173,7 +174,8 @@ pub fn rank_scales(views: &mut [FineView]) -> Vec<f32> {
     all
 }
 
-/// The Gaussians that any pixel has, and the lists with indices into them; faint contributions left out.
+/// Returns the Gaussians that contribute to any pixel, and the lists with indices into them, without faint
+/// contributions.
 fn compact(found: &Contributors) -> (Vec<u32>, Contributors) {
     let mut local: Vec<u32> =
         found.indices.iter().zip(&found.weights).filter(|(_, w)| **w >= FAINT).map(|(i, _)| *i).collect();
@@ -191,8 +193,8 @@ fn compact(found: &Contributors) -> (Vec<u32>, Contributors) {
     (local, out)
 }
 
-/// Length of the standard deviation of the means of the Gaussians in a mask (the paper's 3D mask scale), each weighted
-/// by what it gives to the mask's pixels.
+/// Returns the length of the vector of standard deviations of the means of a mask's Gaussians (the paper's 3D mask
+/// scale), each weighted by its contribution to the mask's pixels.
 fn spread(rows: &Contributors, pixels: &[usize], means: &[f32]) -> f32 {
     let (mut total, mut sum, mut square) = (0.0f64, [0.0f64; 3], [0.0f64; 3]);
     for &p in pixels {

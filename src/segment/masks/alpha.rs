@@ -5,18 +5,18 @@ use crate::segment::pictures::Picture;
 
 /// Alpha below which nothing can be seen, whatever else the picture shows: two steps of 8 bits.
 const FLOOR: f64 = 2.0 / 255.0;
-/// Part of the group's typical alpha below which a pixel, or the mean of a mask, is background.
+/// Fraction of the group's typical alpha below which a pixel, or the mean of a mask, is background.
 const PART: f64 = 0.25;
 
-/// The alpha below which a pixel of a picture of a group alone, or a mask by its mean, is background.
+/// Returns the alpha below which a pixel, or a mask by its mean, is background in a picture of a group alone.
 ///
-/// A fixed limit cannot be right: a translucent segment, such as a haze with an alpha of 0.1, would have no mask at
-/// all, while around an opaque body the faint halo of its Gaussians would pass for a part of it. So the limit is a
-/// quarter of the alpha that is typical of this group in this picture: the mean of its alphas, each weighted by itself,
-/// which is the alpha of the haze for a haze, and that of the body for a body however far its halo reaches. A mask
-/// passes if a quarter of it lies on what is typical, or all of it on what is a quarter as opaque; a mask of the
-/// background, whose mean is near 0, and one of the whole picture around a small body do not. What is fainter than
-/// 2/255 is never seen, and so is background everywhere.
+/// A fixed limit does not work: a translucent segment, such as a haze with an alpha of 0.1, would have no mask at all,
+/// while around an opaque body the faint halo of its Gaussians would count as a part of it. So the limit is a quarter
+/// of the typical alpha of this group in this picture: the mean of its alphas, each weighted by itself, which is the
+/// alpha of the haze for a haze, and that of the body for a body however far its halo reaches. A mask passes if a
+/// quarter of it has the typical alpha, or all of it a quarter of that; a mask of the background, whose mean is near 0,
+/// and one of the whole picture around a small body do not. Anything fainter than 2/255 is never visible, and so is
+/// background everywhere.
 #[must_use]
 pub fn background_below(picture: &Picture) -> f64 {
     let (mut sum, mut squares) = (0.0f64, 0.0f64);
@@ -36,7 +36,7 @@ pub fn mean_alpha(picture: &Picture, mask: &Mask) -> f64 {
     sum / mask.area().max(1) as f64
 }
 
-/// Whether a mask lies on the background of a picture of a group alone: its mean alpha is less than
+/// Whether a mask lies on the background of a picture of a group alone: its mean alpha is NaN or less than `below`, see
 /// [`background_below`]. An empty mask does.
 #[must_use]
 pub fn on_background(picture: &Picture, mask: &Mask, below: f64) -> bool {

@@ -1,6 +1,7 @@
 //! Masks of other programs in a standard COCO annotations file: `images` and `annotations`, run lengths only.
 //!
-//! Masks stay in their packed form until an image's are asked for. Writing is for the project's own form, `store`.
+//! Masks stay in their packed form until those of an image are requested. Writing is left to the project's own format,
+//! `store`.
 
 use std::{
     collections::HashMap,
@@ -20,17 +21,17 @@ use crate::files::open_regular;
 /// One image that a COCO file lists.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct CocoImage {
-    /// The file's own number for it.
+    /// Its number in the file.
     pub id: u64,
     /// Name of the image file.
     pub file_name: String,
-    /// Pixels across.
+    /// Width in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height in pixels.
     pub height: u32,
 }
 
-/// A mask from elsewhere, with the scores its maker gave.
+/// A mask of another program, with the scores that it gave.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForeignMask {
     /// The mask, of its image's size.
@@ -82,8 +83,8 @@ impl CocoFile {
     /// Opens a file and sorts its annotations by image.
     ///
     /// # Errors
-    /// [`StoreError::Io`]; [`StoreError::Field`] for text that is no COCO file, ids listed twice and annotations of an
-    /// image that is not listed.
+    /// [`StoreError::Io`]; [`StoreError::Field`] for text that is not a COCO file, ids listed twice and annotations of
+    /// an image that is not listed.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let input = BufReader::new(open_regular(path).map_err(StoreError::io(path))?);
         let Document { images, annotations } =

@@ -1,14 +1,14 @@
-//! How strongly each pixel looks like a boundary between two things: jumps in colour, alpha and depth.
+//! How strongly each pixel looks like a boundary between two objects: jumps in colour, alpha and depth.
 //!
 //! A smooth ramp has the same gradient at every smoothing; a jump's gradient falls as one over the smoothing's width.
-//! The gradient at a fine smoothing less that at a coarse one is therefore about the jump's height, and near 0 on
+//! The gradient at a fine smoothing minus that at a coarse one is therefore about the jump's height, and near 0 on
 //! smooth shading. Only the pixels of the foreground take part, so the silhouette makes no edge of its own.
 
-/// How much of the coarse gradient is taken off the fine one: more than all of it, since curved shading is a little
+/// Multiple of the coarse gradient that is subtracted from the fine one: above 1, since curved shading is a little
 /// steeper at its steepest than over a distance.
 const RAMP: f32 = 1.3;
 
-/// Rows and columns of values with the foreground's shape, cut to the foreground's box.
+/// The foreground, cropped to its bounding box.
 pub(super) struct Window {
     pub width: usize,
     pub height: usize,
@@ -22,11 +22,11 @@ pub(super) struct Channel {
     pub values: Vec<f32>,
     /// Where the values are known; all of the foreground if none.
     pub known: Option<Vec<bool>>,
-    /// What a jump of 1 counts for.
+    /// Weight of a jump of 1.
     pub weight: f32,
 }
 
-/// Jump heights `[height, width]`, 0 off the foreground. `fine` and `coarse` are standard deviations in pixels.
+/// Jump heights `[height, width]`, 0 outside the foreground. `fine` and `coarse` are standard deviations in pixels.
 pub(super) fn jumps(window: &Window, channels: &[Channel], fine: f32, coarse: f32) -> Vec<f32> {
     let pixels = window.width * window.height;
     let mut scratch = vec![0.0; pixels];
@@ -60,9 +60,9 @@ pub(super) fn jumps(window: &Window, channels: &[Channel], fine: f32, coarse: f3
     sharp.iter().zip(&smooth).map(height).collect()
 }
 
-/// The relief with a slope added that falls from jumps and the silhouette inwards, so that two wide areas joined
+/// Returns the relief plus a slope that falls from jumps and the silhouette inwards, so that two wide areas joined
 /// through a gap in the jumps between them drain apart. `edge` is the jump that counts as an edge, `reach` how far the
-/// slope goes in pixels and `height` how high it starts.
+/// slope extends in pixels and `height` how high it starts.
 pub(super) fn close_gaps(window: &Window, relief: &[f32], edge: f32, reach: f32, height: f32) -> Vec<f32> {
     let (width, rows) = (window.width, window.height);
     // Distances in thirds of a pixel by the 3-4 chamfer, with a border of background around.

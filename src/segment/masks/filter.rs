@@ -21,7 +21,7 @@ pub fn suppress(masks: &[Mask], scores: &[f32], threshold: f64) -> Result<Vec<us
         let (area, bounds) = sizes[index];
         for &other in &kept {
             let (other_area, other_bounds) = sizes[other];
-            // No overlap is larger than the smaller mask or the overlap of the boxes, so most pairs need no look at runs.
+            // the overlap is at most the smaller mask and that of the boxes, so most pairs need no look at runs
             let most = area.min(other_area).min(overlap(bounds, other_bounds));
             let same_size = masks[index].width == masks[other].width && masks[index].height == masks[other].height;
             let hopeless = most as f64 <= threshold * (area + other_area - most) as f64;
@@ -35,11 +35,11 @@ pub fn suppress(masks: &[Mask], scores: &[f32], threshold: f64) -> Result<Vec<us
     Ok(kept)
 }
 
-/// Smooths the outline in a row-major buffer `[height, width]`: a pixel is set if most of the 3x3 pixels about it are.
-/// Pixels past the buffer count as clear. So the box of a mask is enough: no pixel outside of it can win, as at most 3 of
-/// its 9 are in the box.
+/// Smooths the outline in a row-major buffer `[height, width]`: a pixel is set if most of the 3x3 pixels around it are.
+/// Pixels outside the buffer count as clear. The box of a mask is therefore enough: no pixel outside it can be set, as
+/// at most 3 of its 9 are in the box.
 pub(super) fn majority_rows(width: usize, height: usize, set: &[bool]) -> Vec<bool> {
-    // A border of clear pixels spares the tests at the sides.
+    // a border of clear pixels saves the tests at the sides
     let wide = width + 2;
     let mut across = vec![0_u8; wide * (height + 2)];
     for y in 0..height {
@@ -57,8 +57,9 @@ pub(super) fn majority_rows(width: usize, height: usize, set: &[bool]) -> Vec<bo
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| at(x, y) >= 5).collect()
 }
 
-/// Sets the holes of at most `max_area` pixels in a row-major buffer `[height, width]`: clear areas, joined by sides, that
-/// do not touch the border. So the box of a mask is enough: what touches its sides opens to the outside there.
+/// Fills the holes of at most `max_area` pixels in a row-major buffer `[height, width]`: clear areas, connected by
+/// sides, that do not touch the border. The box of a mask is therefore enough: a clear area that touches its sides is
+/// open to the outside.
 pub(super) fn fill_holes_rows(width: usize, height: usize, set: &mut [bool], max_area: u64) {
     let mut seen = set.to_vec();
     let mut area = Vec::new();

@@ -34,14 +34,14 @@ pub struct Handout {
 pub struct HandoutGroup {
     /// Its name.
     pub name: String,
-    /// How many Gaussians it had, to tell when it is another by now.
+    /// Its number of Gaussians, to detect that the group has changed.
     pub gaussians: usize,
 }
 
 /// Why pictures cannot be written.
 #[derive(Debug, Error)]
 pub enum HandoutError {
-    /// The views or groups cannot be used, or `progress` said to stop.
+    /// The views or groups cannot be used, or `progress` asked to stop.
     #[error(transparent)]
     Job(#[from] MakeError),
     /// A file cannot be written.
@@ -50,10 +50,10 @@ pub enum HandoutError {
 }
 
 /// Writes `GROUP/VIEW.png`, RGB over the background, for each group and view into `folder`, and the list. `progress` is
-/// called after each picture and says whether to go on.
+/// called after each picture and returns whether to continue.
 ///
 /// # Errors
-/// As [`HandoutError`]; some of the pictures are then in `folder`.
+/// As [`HandoutError`]; some of the pictures may then be in `folder`.
 pub fn write_pictures(
     job: &MaskJob<'_>,
     scene: &str,
@@ -92,7 +92,7 @@ impl Handout {
     /// Reads the list of the pictures in `folder`.
     ///
     /// # Errors
-    /// If it is missing or not what it should be.
+    /// If it is missing or invalid.
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(FILE);
         let bytes = read_regular(&path).map_err(StoreError::io(&path))?;

@@ -1,6 +1,6 @@
-//! Groups of Gaussians and cameras -> a mask file: draws each group alone, asks a source, writes what it finds.
+//! Groups of Gaussians and cameras -> a mask file: draws each group alone, queries a source, writes what it finds.
 //!
-//! What is known of masks, and where they come from, is the source's.
+//! Everything about the masks themselves is left to the source.
 
 use super::alpha::background_below;
 use super::source::{Found, Group, MaskSource, Seen, SourceError};
@@ -15,15 +15,16 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use thiserror::Error;
 
-/// A group is in front where more than this of the whole scene's colour is its own, and alone it is no background.
+/// A group is in front where more than this fraction of the whole scene's colour comes from it, and where it is not
+/// background when drawn alone.
 const MOST: f32 = 0.5;
 
 /// A view to draw.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shot {
-    /// What the mask file calls it.
+    /// Its name in the mask file.
     pub file: String,
-    /// Where from.
+    /// Where it is seen from.
     pub camera: Camera,
 }
 
@@ -40,22 +41,22 @@ impl Shot {
 pub struct MaskJob<'a> {
     /// All Gaussians of the scene at `time`.
     pub at: &'a HostGaussians,
-    /// Those drawn alone.
+    /// The groups to draw alone.
     pub groups: &'a [Group],
-    /// From where, all of one size.
+    /// The views, all of one size.
     pub shots: &'a [Shot],
-    /// Time in [0, 1], as the mask file says it.
+    /// Time in [0, 1], as written to the mask file.
     pub time: f64,
-    /// What the scene is drawn with.
+    /// How the scene is drawn.
     pub rendering: Rendering,
-    /// Where to draw.
+    /// The device to draw on.
     pub device: &'a Device,
 }
 
-/// Why there is no mask file. An older one is then as it was.
+/// Why no mask file was written. An older one is left unchanged.
 #[derive(Debug, Error)]
 pub enum MakeError {
-    /// The cameras cannot be those of one mask file.
+    /// The cameras do not fit into one mask file.
     #[error("view {file}: {problem}")]
     Camera {
         /// The shot's name.
@@ -66,7 +67,7 @@ pub enum MakeError {
     /// Nothing to draw.
     #[error("there are no views to make masks of")]
     NoViews,
-    /// A group of other Gaussians.
+    /// A group with a Gaussian that the scene does not have.
     #[error("group {name}: Gaussian {gaussian} where the scene has {count}")]
     Member {
         /// The group.
@@ -82,17 +83,17 @@ pub enum MakeError {
     /// The file cannot be written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// `progress` said so.
+    /// `progress` asked to stop.
     #[error("stopped; the masks of before, if any, are as they were")]
     Stopped,
 }
 
 impl MaskJob<'_> {
-    /// Width and height of all pictures, pixels.
+    /// Checks the job and returns width and height of all pictures, pixels.
     ///
     /// # Errors
     /// [`MakeError::NoViews`]; [`MakeError::Camera`] for cameras of different sizes and those that a mask file, which
-    /// knows the horizontal field of view alone, cannot hold; [`MakeError::Member`].
+    /// stores only the horizontal field of view, cannot represent; [`MakeError::Member`].
     pub fn check(&self) -> Result<[u32; 2], MakeError> {
         let first = &self.shots.first().ok_or(MakeError::NoViews)?.camera;
         for Shot { file, camera: c } in self.shots {
@@ -125,7 +126,7 @@ impl MaskJob<'_> {
         Header { members: self.groups.iter().map(|g| members_key(&g.members)).collect(), ..header }
     }
 
-    /// Where `members` are what one sees in the whole scene; `picture` is of them alone.
+    /// Where `members` are in front in the whole scene; `picture` shows them alone.
     fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
         let share = share(self.at, members, self.rendering.seen_by(camera.to_kernel()), self.device);
         let below = background_below(picture) as f32;
@@ -133,10 +134,10 @@ impl MaskJob<'_> {
     }
 }
 
-/// Draws each group alone from each view, asks `source` for masks and writes them to `path` as they come. Returns how
-/// many there are. The same file for any number of threads.
+/// Draws each group alone from each view, queries `source` for masks and writes them to `path` as they come. Returns
+/// the number of masks. The file is bit-identical for any number of threads.
 ///
-/// `progress` is told of each view of each group in order, with what was found, and says whether to go on.
+/// `progress` is called for each view of each group in order, with the masks found, and returns whether to continue.
 ///
 /// # Errors
 /// As [`MakeError`].
@@ -151,7 +152,7 @@ pub fn make_masks(
     let batch = source.side_by_side().max(1);
     for (group, Group { members, .. }) in job.groups.iter().enumerate() {
         let alone = job.at.subset(members);
-        // pictures one after the other (each uses all threads), then their masks side by side, a few at a time
+        // pictures one after the other (each uses all threads), then their masks in parallel, a few at a time
         for (start, shots) in (0..).step_by(batch).zip(job.shots.chunks(batch)) {
             let draw = |shot: &Shot| {
                 let drawn = picture(&alone, job.rendering.seen_by(shot.camera.to_kernel()), job.device);

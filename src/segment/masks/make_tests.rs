@@ -88,7 +88,7 @@ fn what_is_hidden_is_not_in_front() {
     let from_x = reader.view(0).unwrap();
     let areas: Vec<u64> = from_x.iter().map(|a| a.mask.area()).collect();
     assert!(areas[0] > 8 && areas[1] == 0, "{areas:?}");
-    // of the whole scene everything that shows is in front
+    // for the whole scene, everything that shows is in front
     make(&groups[2..], &shots(), &Fronts { front: false, batch: 8 }, &folder.path().join("plain"), usize::MAX).unwrap();
     let plain = MaskReader::open(&folder.path().join("plain")).unwrap();
     for view in 0..5 {

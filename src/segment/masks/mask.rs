@@ -9,13 +9,13 @@ use thiserror::Error;
 /// A binary image as run lengths, column by column from the top left, first run zeros (COCO's order).
 ///
 /// The runs alternate between clear and set pixels and sum to `width * height`; a run may be empty. The fields are
-/// public, so a mask built by hand may break this: [`Mask::validate`] tells. On such a mask no method panics, and
+/// public, so a mask built by hand may violate this; [`Mask::validate`] checks it. On such a mask no method panics, and
 /// pixels past the image do not count.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Mask {
-    /// Pixels across.
+    /// Width in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height in pixels.
     pub height: u32,
     /// Run lengths in pixels, clear run first.
     pub counts: Vec<u32>,
@@ -27,17 +27,17 @@ pub enum MaskError {
     /// Width times height does not fit pixel indices.
     #[error("mask size {width}x{height} has more than 2^32 - 1 pixels; use smaller images")]
     TooLarge {
-        /// Pixels across.
+        /// Width in pixels.
         width: u32,
-        /// Pixels down.
+        /// Height in pixels.
         height: u32,
     },
     /// The runs do not cover the image exactly.
     #[error("mask counts sum to {sum} pixels where the size {width}x{height} asks for {expected}")]
     CountsSum {
-        /// Pixels across.
+        /// Width in pixels.
         width: u32,
-        /// Pixels down.
+        /// Height in pixels.
         height: u32,
         /// What the counts sum to.
         sum: u64,
@@ -47,9 +47,9 @@ pub enum MaskError {
     /// A row-major buffer of the wrong length.
     #[error("mask buffer holds {found} pixels where the size {width}x{height} asks for {expected}")]
     BufferLength {
-        /// Pixels across.
+        /// Width in pixels.
         width: u32,
-        /// Pixels down.
+        /// Height in pixels.
         height: u32,
         /// Length of the buffer.
         found: usize,
@@ -117,7 +117,8 @@ impl Mask {
         Ok(Self { width, height, counts })
     }
 
-    /// The mask of each value but 0 of a row-major buffer `[height, width]`, by rising value; one pass over the buffer.
+    /// Returns the mask of each non-zero value of a row-major buffer `[height, width]`, by ascending value, in one pass
+    /// over the buffer.
     ///
     /// # Errors
     /// As [`Mask::from_rows`].
@@ -126,7 +127,7 @@ impl Mask {
         if labels.len() as u64 != u64::from(pixels) {
             return Err(MaskError::BufferLength { width, height, found: labels.len(), expected: u64::from(pixels) });
         }
-        // of each value its runs, and where the last one ends
+        // the runs of each value, and where the last one ends
         let mut found: BTreeMap<u16, (Vec<u32>, u32)> = BTreeMap::new();
         let mut close = |label: u16, start: u32, end: u32| {
             if label != 0 && start < end {

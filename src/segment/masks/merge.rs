@@ -1,6 +1,6 @@
 //! The merge tree of basins: neighbours join over the weakest boundary first, which gives nested regions of all sizes.
 //!
-//! Works on labels and a relief alone; which of the tree's regions become masks is for `regions`.
+//! Works on labels and a relief alone; which of the tree's regions become masks is decided in `regions`.
 
 use std::{cmp::Reverse, collections::BTreeMap, collections::BinaryHeap};
 
@@ -32,8 +32,8 @@ impl Node {
     }
 }
 
-/// Sizes from which on a region counts in full; smaller ones have weaker boundaries than they seem to, so specks and
-/// the slivers along thick edges go first.
+/// Sizes from which a region counts in full; the boundaries of smaller ones are weakened, so that specks and the
+/// slivers along thick edges go first.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Full {
     /// Pixels.
@@ -52,12 +52,12 @@ impl Full {
 /// Boundary between two regions: sum of the relief along it, and its length in pixel sides.
 type Boundary = (f64, u32);
 
-/// Joins basins until only the components are left. The strength of a boundary is the mean relief along it less that of
-/// its rougher side, cut down for small regions. Basins are nodes 0 to `count - 1`; joined ones follow.
+/// Joins basins until only the components are left. The strength of a boundary is the mean relief along it minus that
+/// of its rougher side, reduced for small regions. Basins are nodes 0 to `count - 1`; joined ones follow.
 pub(super) fn tree(window: &Window, labels: &[u32], count: usize, relief: &[f32], full: Full) -> Vec<Node> {
     let mut nodes = leaves(window, labels, count, relief);
     let mut around = adjacency(window, labels, count, relief);
-    // A joined region goes on in the slot of its part with more neighbours; `node_of` tells which node a slot is now.
+    // a joined region keeps the slot of its part with more neighbours; `node_of` gives the current node of a slot
     let mut node_of: Vec<u32> = (0..count as u32).collect();
     let mut alive = vec![true; count];
     let strength = |nodes: &[Node], node_of: &[u32], a: u32, b: u32, (sum, length): Boundary| {
@@ -80,7 +80,7 @@ pub(super) fn tree(window: &Window, labels: &[u32], count: usize, relief: &[f32]
         let Some(&boundary) = around[a as usize].get(&b) else { continue };
         let now = strength(&nodes, &node_of, a, b, boundary);
         if now.to_bits() != bits {
-            // The sizes or the boundary have changed since; whichever way, its turn comes by its strength of now.
+            // the sizes or the boundary have changed since: it is queued again with its current strength
             heap.push(Reverse((now.to_bits(), a, b)));
             continue;
         }

@@ -2,9 +2,9 @@
 //!
 //! The masks themselves ([`mask`], [`rle`]), their files ([`store`], [`coco`], [`png_folder`]), what finds them in a
 //! picture ([`regions`], [`sam`]), clean-up ([`filter`], [`mod@alpha`]) and pictures of them ([`sheet`]) know nothing
-//! of Gaussians. [`source`] makes these and the truth of a dataset one kind of thing; [`make`] draws groups of
-//! Gaussians, asks a source and writes the masks; [`origin`] opens the source that a command or an evaluation asks for;
-//! [`handout`] writes the pictures that another program shall segment.
+//! of Gaussians. [`source`] gives these and the ground truth of a dataset one interface; [`make`] draws groups of
+//! Gaussians, queries a source and writes the masks; [`origin`] opens the source that a command or an evaluation
+//! requests; [`handout`] writes the pictures for another program to segment.
 
 pub mod alpha;
 pub mod coco;

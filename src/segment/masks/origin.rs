@@ -1,4 +1,4 @@
-//! From a choice of source to the source: the one place where commands, evaluations and sweeps open them.
+//! Opens the selected mask source: the one place where commands, evaluations and sweeps do so.
 
 use super::make::MaskJob;
 use super::regions::RegionOptions;
@@ -14,24 +14,23 @@ use crate::data::truth::LabelledView;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Points along a side of the grid that the network is asked at, if not told otherwise; as published.
+/// Default number of points along a side of the grid that prompts the network; as published.
 pub const SAM_POINTS: usize = 32;
 
-/// Which source of masks is asked for.
+/// Which source of masks to use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum MaskKind {
     /// Regions of rendered pictures.
     Regions,
     /// Label images of the dataset: an upper bound.
     Labels,
-    /// Masks that another program made of pictures that were written for it: a folder `GROUP/VIEW_NUMBER.png` or a COCO
-    /// file.
+    /// Masks that another program made of pictures written for it: a folder `GROUP/VIEW_NUMBER.png` or a COCO file.
     Dir(PathBuf),
     /// MobileSAM.
     Sam {
         /// The file of weights.
         weights: PathBuf,
-        /// Points along a side of the grid that is asked.
+        /// Points along a side of the prompt grid.
         points: usize,
     },
 }
@@ -54,7 +53,7 @@ impl MaskKind {
 pub enum MaskOrigin {
     /// Regions of the pictures themselves.
     Regions(RegionOptions),
-    /// The dataset's label images of these views, which are those of the job's shots, in that order.
+    /// The dataset's label images of these views, which are those of the job's shots, in the same order.
     Labels(Truth, Vec<LabelledView>),
     /// A folder `GROUP/VIEW_NUMBER.png`, or a COCO file, of another program.
     Dir(PathBuf),
@@ -62,7 +61,7 @@ pub enum MaskOrigin {
     Sam {
         /// The file of weights.
         weights: PathBuf,
-        /// Points along a side of the grid that is asked.
+        /// Points along a side of the prompt grid.
         points: usize,
     },
 }
@@ -70,10 +69,10 @@ pub enum MaskOrigin {
 /// Why a source cannot be opened.
 #[derive(Debug, Error)]
 pub enum OriginError {
-    /// Masks of another program.
+    /// Masks of another program cannot be opened.
     #[error(transparent)]
     Dir(#[from] StoreError),
-    /// The network.
+    /// The network cannot be loaded.
     #[error(transparent)]
     Sam(#[from] SamError),
 }
@@ -82,7 +81,7 @@ impl MaskOrigin {
     /// Opens the source for the groups and views of `job`.
     ///
     /// # Errors
-    /// If masks of another program do not fit the job, or the network cannot be loaded; with the file.
+    /// If masks of another program do not fit the job, or the network cannot be loaded; the error names the file.
     pub fn open(&self, job: &MaskJob<'_>) -> Result<Box<dyn MaskSource>, OriginError> {
         Ok(match self {
             Self::Regions(options) => Box::new(Regions::new(job.rendering.background, options.clone())),

@@ -1,8 +1,7 @@
 //! Masks of other programs as a folder of grey PNG images, 8 or 16 bits, one folder for all views.
 //!
 //! A view `NAME.png` has its masks either in `NAME.png`, a label image of which every value but 0 is a mask, or in
-//! files `NAME_K.png` with K a whole number, one binary mask each (every value but 0 is set). Files are read when asked
-//! for.
+//! files `NAME_K.png` with K a whole number, one binary mask each (every value but 0 is set). Files are read on demand.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -36,11 +35,11 @@ pub struct PngFolder {
 }
 
 impl PngFolder {
-    /// Finds each view's files. `views` are the names of the image files, whose folders and endings do not matter;
+    /// Finds each view's files. `views` are the names of the image files, whose folders and extensions are ignored;
     /// `width` and `height` are their size in pixels. A view may have no file.
     ///
     /// # Errors
-    /// [`StoreError::Io`]; [`StoreError::Field`] for a PNG that fits no view, two views of one name and a view with
+    /// [`StoreError::Io`]; [`StoreError::Field`] for a PNG that matches no view, two views of one name and a view with
     /// both kinds of file.
     pub fn open(folder: &Path, views: &[String], width: u32, height: u32) -> Result<Self, StoreError> {
         let mut places = HashMap::with_capacity(views.len());
@@ -94,11 +93,11 @@ impl PngFolder {
         self.views.iter().all(|files| matches!(files, Files::Absent))
     }
 
-    /// The masks of one view (an index into the list given on opening), by number or label value; empty ones are left
-    /// out.
+    /// The masks of one view (an index into the list given on opening), by number or label value; empty ones are
+    /// skipped.
     ///
     /// # Errors
-    /// [`StoreError::Io`]; [`StoreError::Field`] for files that are no grey PNG or not of the views' size.
+    /// [`StoreError::Io`]; [`StoreError::Field`] for files that are not grey PNGs or not of the views' size.
     pub fn masks(&self, view: usize) -> Result<Vec<ForeignMask>, StoreError> {
         let Some(files) = self.views.get(view) else {
             let problem = format!("view {view} was asked for and there are {}", self.views.len());

@@ -1,4 +1,4 @@
-//! The reader of mask files: one pass on opening finds where each view's lines are, and views are read when asked for.
+//! The reader of mask files: one pass on opening finds where each view's lines are, and views are read on demand.
 //!
 //! The lines themselves are described in `store`.
 
@@ -40,7 +40,7 @@ impl MaskReader {
     /// Opens a file and finds each view's lines by one pass over it.
     ///
     /// # Errors
-    /// [`StoreError::Io`]; [`StoreError::Field`] for a header that is wrong or lines that are no annotations or name a
+    /// [`StoreError::Io`]; [`StoreError::Field`] for a header that is wrong or lines that are not annotations or name a
     /// view that the header does not list. The rest of a line is checked when its view is read.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         #[derive(Deserialize)]

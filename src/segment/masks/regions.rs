@@ -40,9 +40,9 @@ pub enum RegionError {
         found: usize,
         /// The length that fits.
         expected: String,
-        /// Pixels across.
+        /// Width in pixels.
         width: u32,
-        /// Pixels down.
+        /// Height in pixels.
         height: u32,
     },
     /// An option is not a usable number.
@@ -60,7 +60,7 @@ pub enum RegionError {
     Mask(#[from] MaskError),
 }
 
-/// Settings of [`find_regions`]. The defaults are made for renderings of 200 to 1000 pixels a side.
+/// Settings of [`find_regions`]. The defaults are meant for renderings of 200 to 1000 pixels a side.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegionOptions {
     /// Pixels of a lower alpha are background.
@@ -69,9 +69,9 @@ pub struct RegionOptions {
     pub min_area: f32,
     /// Boundaries of a lower mean jump (in units of full colour or alpha range, or depth range) make no mask.
     pub contrast: f32,
-    /// A region becomes a mask if its inner boundaries are weaker than its outer one by this fraction at least.
+    /// A region becomes a mask if its inner boundaries are weaker than its outer one by at least this fraction.
     pub persistence: f32,
-    /// Of masks with a higher IoU only the most stable stays.
+    /// Of masks with a higher IoU only the one with the highest product of stability and contrast is kept.
     pub duplicate_iou: f64,
 }
 
@@ -90,14 +90,14 @@ pub struct RegionMask {
     pub stability_score: f32,
     /// Contrast of the outer boundary, 0 to 1; 1 for a whole connected piece.
     pub contrast: f32,
-    /// How many of the other masks found hold this one; 0 for a whole connected piece.
+    /// How many of the other masks found contain this one; 0 for a whole connected piece.
     pub level: u32,
 }
 
 impl RegionImage {
-    /// A picture of values in [0, 1], those that are not finite count as 0: `[height, width, 4]` RGBA with straight alpha.
-    /// `depth`, if known, is the expected depth `[height, width]` in any unit; values that are not finite and positive count
-    /// as unknown.
+    /// Creates a picture from values in [0, 1], of which non-finite ones count as 0: `[height, width, 4]` RGBA with
+    /// straight alpha. `depth`, if known, is the expected depth `[height, width]` in any unit; values that are not
+    /// finite and positive count as unknown.
     ///
     /// # Errors
     /// [`RegionError::Length`] if a buffer does not fit the size.
@@ -121,17 +121,18 @@ impl RegionImage {
     }
 }
 
-/// Smoothings (standard deviations in pixels) whose gradients tell jumps from ramps.
+/// Smoothings (standard deviations in pixels) whose gradients distinguish jumps from ramps.
 const FINE: f32 = 1.0;
 const COARSE: f32 = 3.0;
-/// The slope that closes gaps in boundaries: jump that counts as one, reach in pixels and height. It shapes the basins
-/// only; how strong a boundary is goes by the jumps alone.
+/// The slope that closes gaps in boundaries: jump that counts as a boundary, reach in pixels and height. It only shapes
+/// the basins; the strength of a boundary depends on the jumps alone.
 const GAP_EDGE: f32 = 0.08;
 const GAP_REACH: f32 = 12.0;
 const GAP_HEIGHT: f32 = 0.05;
-/// Thinnest region inside a piece that makes a mask, in pixels across a strip: an edge itself is about as wide.
+/// Minimum thickness, in pixels across a strip, of a region inside a piece that makes a mask: an edge itself is about
+/// as wide.
 const THINNEST: f32 = 3.0;
-/// Steps of the relief, and the jump of its last.
+/// Number of steps of the relief, and the jump of the last one.
 const STEPS: usize = 200;
 const TOP: f32 = 0.5;
 
@@ -175,7 +176,7 @@ pub fn find_regions(image: &RegionImage, options: &RegionOptions) -> Result<Vec<
         let area = found[at].mask.area();
         let mut level = 0;
         for larger in &found[..at] {
-            // Smoothing may take a few pixels across the border, so most of the mask is enough.
+            // smoothing may move a few pixels across the border, so containing most of the mask is enough
             if larger.mask.area() > area && larger.mask.intersection_area(&found[at].mask)? * 10 >= area * 9 {
                 level += 1;
             }
@@ -204,7 +205,7 @@ fn check(options: &RegionOptions) -> Result<(), RegionError> {
     Ok(())
 }
 
-/// The foreground in its box, and the box's corner; nothing if there is no foreground.
+/// The foreground in its box, and the box's corner; `None` if there is no foreground.
 fn cut(image: &RegionImage, threshold: f32) -> Option<(Window, [usize; 2])> {
     let (across, down) = (image.width as usize, image.height as usize);
     let covered = |x: usize, y: usize| image.rgba[(y * across + x) * 4 + 3] >= threshold.max(f32::MIN_POSITIVE);
@@ -228,7 +229,7 @@ fn channels(image: &RegionImage, window: &Window, [left, top]: [usize; 2]) -> Ve
     let pixels = || (0..window.height).flat_map(|y| (0..window.width).map(move |x| (top + y) * across + left + x));
     let plane = |value: &dyn Fn(&[f32]) -> f32| pixels().map(|pixel| value(&image.rgba[pixel * 4..][..4])).collect();
     let colour = |weight: f32, mix: [f32; 3], over: f32| Channel {
-        // Colours as seen over white: where little is covered, the straight colour means little.
+        // colours as seen over white: where little is covered, the straight colour means little
         values: plane(&|p| p[3] * (mix[0] * p[0] + mix[1] * p[1] + mix[2] * p[2]) + (1.0 - p[3]) * over),
         known: None,
         weight,
@@ -268,7 +269,7 @@ fn scores(nodes: &[Node], node: &Node) -> (f32, f32) {
     }
 }
 
-/// The regions to make masks of: whole pieces, and those that last over a range of strengths.
+/// The regions to make masks of: whole pieces, and those that persist over a range of strengths.
 fn choose(nodes: &[Node], options: &RegionOptions, min_area: f32) -> Vec<u32> {
     let wanted = |node: &Node| {
         node.area as f32 >= min_area

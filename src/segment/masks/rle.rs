@@ -1,8 +1,8 @@
 //! The compressed text form of run lengths that COCO files use.
 //!
-//! Each count, from the fourth on less the count two before it, is written in groups of five bits, low group first. A
+//! Each count, from the fourth on minus the count two before it, is written in groups of five bits, low group first. A
 //! group is one character: 48 plus the bits plus 32 if more groups follow; the last group's top bit is the sign.
-//! Nothing here knows image sizes: whether the counts fit an image is for
+//! Nothing here knows image sizes: whether the counts fit an image is checked by
 //! [`Mask::from_counts`](super::Mask::from_counts).
 
 use thiserror::Error;

@@ -1,15 +1,15 @@
-//! Pictures of masks to look at: masks tinted and outlined over their image, and sheets of such pictures.
+//! Pictures of masks for viewing: masks tinted and outlined over their image, and sheets of such pictures.
 //!
-//! Makes pixels only; writing files is the caller's.
+//! Only produces pixels; the caller writes files.
 
 use super::mask::Mask;
 
 /// A picture of `[height, width]` pixels, row-major RGBA.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Picture {
-    /// Pixels across.
+    /// Width in pixels.
     pub width: u32,
-    /// Pixels down.
+    /// Height in pixels.
     pub height: u32,
     /// RGBA bytes, `[height, width, 4]`.
     pub rgba: Vec<u8>,
@@ -17,8 +17,7 @@ pub struct Picture {
 
 /// The image over white with each mask tinted and outlined in a colour of its own, later masks over earlier ones.
 ///
-/// `rgba` is `[height, width, 4]` with straight alpha; missing bytes count as clear. Masks of another size are left
-/// out.
+/// `rgba` is `[height, width, 4]` with straight alpha; missing bytes count as clear. Masks of another size are skipped.
 #[must_use]
 pub fn overlay(width: u32, height: u32, rgba: &[u8], masks: &[Mask]) -> Picture {
     let pixels = width as usize * height as usize;
@@ -45,7 +44,7 @@ pub fn overlay(width: u32, height: u32, rgba: &[u8], masks: &[Mask]) -> Picture 
     Picture { width, height, rgba: picture }
 }
 
-/// Puts pictures side by side in rows of `columns`, with a thin white margin.
+/// Arranges pictures in rows of `columns`, with a thin white margin.
 #[must_use]
 pub fn sheet(pictures: &[Picture], columns: usize) -> Picture {
     const MARGIN: usize = 2;
@@ -64,7 +63,7 @@ pub fn sheet(pictures: &[Picture], columns: usize) -> Picture {
     Picture { width: width as u32, height: height as u32, rgba }
 }
 
-/// The `index`th of a row of colours of which neighbours differ much: the hue turns by the golden ratio.
+/// Returns colour number `index` of a sequence in which neighbours differ strongly: the hue turns by the golden ratio.
 #[must_use]
 pub fn distinct_colour(index: usize) -> [u8; 3] {
     let hue = (index as f32 * 0.618_034 + 0.02).fract() * 6.0;

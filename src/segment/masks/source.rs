@@ -1,7 +1,7 @@
-//! Where masks come from: what a source is given of a view, and what it gives back.
+//! Where masks come from: what a source receives of a view, and what it returns.
 //!
-//! One file a source: [`regions`] needs nothing but the picture, [`labels`] reads the truth of a dataset, [`foreign`]
-//! the masks of other programs, [`sam`] asks a network. Drawing the views and writing what is found is in `make`.
+//! One file per source: [`regions`] needs only the picture, [`labels`] reads the ground truth of a dataset, [`foreign`]
+//! the masks of other programs, and [`sam`] runs a network. Drawing the views and writing what is found is in `make`.
 
 pub mod foreign;
 pub mod labels;
@@ -15,7 +15,7 @@ use crate::data::DataError;
 use crate::segment::pictures::Picture;
 use thiserror::Error;
 
-/// A segment to make masks of: it is drawn alone.
+/// A segment to make masks of, drawn alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
     /// Its name, as the mask file lists it.
@@ -24,7 +24,7 @@ pub struct Group {
     pub members: Vec<u32>,
 }
 
-/// What a source is given of one view of one group.
+/// What a source receives of one view of one group.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
     /// Which view: index into the job's shots.
@@ -33,7 +33,7 @@ pub struct Seen<'a> {
     pub group: usize,
     /// The group alone over the background.
     pub picture: &'a Picture,
-    /// Pixels `[H, W]` where the group is what one sees in front in the whole scene; for sources that need it.
+    /// Pixels `[H, W]` where the group is in front in the whole scene; only for sources that need it.
     pub front: Option<&'a [bool]>,
 }
 
@@ -42,15 +42,15 @@ pub struct Seen<'a> {
 pub struct Found {
     /// The mask, of the picture's size.
     pub mask: Mask,
-    /// How well the source believes the mask fits, 0 to 1.
+    /// The source's estimate of how well the mask fits, 0 to 1.
     pub predicted_iou: f32,
     /// How little the mask changes when the source's thresholds do, 0 to 1.
     pub stability_score: f32,
 }
 
-/// Something that finds masks in pictures. The same picture gives the same masks, whatever was asked before.
+/// Finds masks in pictures. The same picture gives the same masks, regardless of earlier calls.
 pub trait MaskSource: Sync {
-    /// What it is, for people to read in the mask file's header.
+    /// Its name for readers of the mask file's header.
     fn name(&self) -> &str;
 
     /// The masks of one view of one group.
@@ -59,12 +59,12 @@ pub trait MaskSource: Sync {
     /// As [`SourceError`].
     fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError>;
 
-    /// Whether [`Seen::front`] is asked for, which costs a picture of the whole scene a view.
+    /// Whether [`Seen::front`] is needed, which costs a picture of the whole scene per view.
     fn needs_front(&self) -> bool {
         false
     }
 
-    /// How many views it is best asked for at once; 1 for a source that uses all threads itself.
+    /// The best number of views to query at once; 1 for a source that uses all threads itself.
     fn side_by_side(&self) -> usize {
         8
     }
@@ -73,10 +73,10 @@ pub trait MaskSource: Sync {
 /// Why a source finds no masks.
 #[derive(Debug, Error)]
 pub enum SourceError {
-    /// Of the source `regions`.
+    /// The source `regions` failed.
     #[error(transparent)]
     Regions(#[from] RegionError),
-    /// A mask cannot be kept.
+    /// A mask is invalid.
     #[error(transparent)]
     Mask(#[from] MaskError),
     /// Masks of other programs cannot be used.
@@ -85,7 +85,7 @@ pub enum SourceError {
     /// Label images cannot be used.
     #[error(transparent)]
     Data(#[from] DataError),
-    /// Of the network.
+    /// The network failed.
     #[error(transparent)]
     Sam(#[from] SamError),
     /// The source was made for other views.
@@ -99,7 +99,7 @@ pub enum SourceError {
 }
 
 impl SourceError {
-    /// Whether files that were given are at fault.
+    /// Whether input files are at fault.
     #[must_use]
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Store(_) | Self::Data(_))

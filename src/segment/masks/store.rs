@@ -1,4 +1,4 @@
-//! The project's own mask file: one header line, then one COCO-like annotation a line, written as they come.
+//! The project's own mask file: one header line, then one COCO-like annotation per line, written as they come.
 //!
 //! Holds the types of the lines and the writer; the reader is in `reader`, files of other programs in `coco` and
 //! `png_folder`. Memory use does not grow with the number of masks.
@@ -20,7 +20,7 @@ pub use super::reader::MaskReader;
 
 /// Value of the header's `format` field.
 pub const FORMAT: &str = "volseggs-masks";
-/// No line of a mask file is as long; a longer one means that the file is something else.
+/// Upper bound on the length of a line; a longer line means that the file is not a mask file.
 pub(super) const LONGEST_LINE: u64 = 256 << 20;
 /// Version of the file format that this code writes and reads.
 pub const VERSION: u32 = 1;
@@ -32,9 +32,9 @@ pub struct Header {
     pub format: String,
     /// Always [`VERSION`].
     pub version: u32,
-    /// Pixels across every view.
+    /// Width of every view in pixels.
     pub width: u32,
-    /// Pixels down every view.
+    /// Height of every view in pixels.
     pub height: u32,
     /// Time in [0, 1] at which the model was rendered.
     pub time: f64,
@@ -42,10 +42,10 @@ pub struct Header {
     pub views: Vec<View>,
     /// Names of the coarse segments; an annotation's `segment` counts into this list from 0.
     pub segments: Vec<String>,
-    /// What made the masks, for people to read.
+    /// What made the masks, for human readers.
     pub source: String,
-    /// What tells the Gaussians of each segment from others, see
-    /// [`members_key`](crate::segment::segmentation::members_key); empty where that is not known.
+    /// Key of the Gaussians of each segment, see [`members_key`](crate::segment::segmentation::members_key); empty
+    /// where that is not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub members: Vec<String>,
 }
@@ -80,7 +80,7 @@ pub struct View {
 }
 
 impl View {
-    /// Its camera, for pictures of `width` by `height` pixels.
+    /// Returns its camera for pictures of `width` by `height` pixels.
     #[must_use]
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let rows = self.camera_to_world.map(f64::from);
@@ -88,7 +88,7 @@ impl View {
     }
 }
 
-/// One mask of one view, with what is known of it.
+/// One mask of one view, with its metadata.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Annotation {
     /// Which view: index into [`Header::views`].
@@ -97,18 +97,18 @@ pub struct Annotation {
     pub segment: u32,
     /// The mask, of the header's size.
     pub mask: Mask,
-    /// How well the maker believes the mask fits, 0 to 1.
+    /// The source's estimate of how well the mask fits, 0 to 1.
     pub predicted_iou: f32,
-    /// How little the mask changes when the maker's thresholds do, 0 to 1.
+    /// How little the mask changes when the source's thresholds do, 0 to 1.
     pub stability_score: f32,
-    /// Size of what the mask shows, in the maker's units; 0 where it is not known yet.
+    /// Size of what the mask shows, in the source's units; 0 where it is not known yet.
     pub scale: f32,
 }
 
 /// What can go wrong with mask files, the project's own and those made elsewhere.
 #[derive(Debug, Error)]
 pub enum StoreError {
-    /// The file system said no.
+    /// The file system reported an error.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
@@ -116,7 +116,7 @@ pub enum StoreError {
         /// The error.
         source: io::Error,
     },
-    /// A field holds something it must not.
+    /// A field holds an invalid value.
     #[error("{}: {field}: {problem}", path.display())]
     Field {
         /// The file.
@@ -184,9 +184,9 @@ pub(super) fn mask_of_size(
     Ok(Mask::from_counts(width, height, counts)?)
 }
 
-/// Writes a mask file line by line to a temporary name; [`MaskWriter::finish`] gives it its own.
+/// Writes a mask file line by line to a temporary name; [`MaskWriter::finish`] renames it.
 ///
-/// Dropped without `finish`, it removes the temporary file and leaves an older file of the name as it was.
+/// Dropped without `finish`, it removes the temporary file and leaves an older file of the name unchanged.
 #[derive(Debug)]
 pub struct MaskWriter {
     path: PathBuf,
@@ -240,7 +240,7 @@ impl MaskWriter {
         Ok(())
     }
 
-    /// Syncs the file and gives it its name; returns how many annotations it holds.
+    /// Syncs the file, gives it its final name and returns the number of annotations.
     ///
     /// # Errors
     /// [`StoreError::Io`].
@@ -255,7 +255,7 @@ impl MaskWriter {
     }
 }
 
-/// Checks what the type of the header does not.
+/// Checks what the type of the header does not guarantee.
 pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreError> {
     let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("header, {field}"), problem));
     if header.format != FORMAT {
@@ -285,10 +285,10 @@ pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreErro
     Ok(())
 }
 
-/// Refuses masks of more pixels than fit into memory, whatever a damaged header says.
+/// Rejects masks of more pixels than fit into memory, whatever a damaged header says.
 pub(super) fn check_memory(path: &Path, header: &Header, budget: Budget) -> Result<(), StoreError> {
     let (width, height) = (header.width, header.height);
-    // a pixel as it is looked at, a byte, and drawn, three floats
+    // per pixel, one byte to examine and three floats to draw, rounded up
     let bytes = product(&[width as usize, height as usize, 16]);
     let fits = budget.check(format!("masks of {width}x{height} pixels"), bytes);
     fits.map_err(|e| StoreError::field(path, "header, width, height", e))

@@ -1,11 +1,11 @@
 //! Basins of a relief: every pixel of the foreground goes to the minimum that it drains to.
 //!
-//! Vincent and Soille's flooding in its variant without watershed pixels, on the relief in steps. Knows nothing of what
+//! Vincent and Soille's flooding in its variant without watershed pixels, on the relief in steps. Independent of what
 //! the relief means.
 
 use super::edges::Window;
 
-/// Label of pixels off the foreground.
+/// Label of pixels outside the foreground.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// Basins of `relief` (`[height, width]`, values from 0 up), which is cut into `steps` equal steps up to `top`.
@@ -86,7 +86,7 @@ pub(super) fn basins(window: &Window, relief: &[f32], top: f32, steps: usize) ->
     (labels, count as usize)
 }
 
-/// The pixels at the four sides that are foreground.
+/// The foreground pixels at the four sides.
 fn neighbours(window: &Window, pixel: usize) -> impl Iterator<Item = usize> + '_ {
     let (x, width) = (pixel % window.width, window.width);
     let sides = [

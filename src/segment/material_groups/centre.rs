@@ -2,40 +2,40 @@
 
 use super::Smooth;
 
-/// What a difference of one in the logarithm of brightness counts in the plane of colours, where lightness parts two
-/// materials.
+/// Distance in the plane of colours that a difference of one in the logarithm of brightness counts as, where lightness
+/// separates two materials.
 pub(super) const LIGHTNESS: f32 = 0.6;
 
-/// Share of the members, from dark to bright and from dull to clear, at which the colour under full light is read:
-/// shading darkens, highlights and haze take chroma away.
+/// Quantile of the members' brightness and chroma at which the colour under full light is read: shading darkens, and
+/// highlights and haze reduce chroma.
 const LIT: f64 = 0.7;
 
 /// Gaussians of one material.
 #[derive(Debug, Clone)]
 pub(super) struct Members {
-    /// Which.
+    /// Their rows.
     pub rows: Vec<u32>,
-    /// What lightness counts for it, 0 where it parts nothing.
+    /// Weight of lightness for it, 0 where lightness separates nothing.
     pub light: f32,
 }
 
-/// A material's place among colours.
+/// The position of a material in the space of colours.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Centre {
     /// Median colour in the plane `[2]`.
     pub plane: [f32; 2],
     /// Median logarithm of the brightness under full light.
     pub light: f32,
-    /// What a difference of lightness counts.
+    /// Weight of a difference in lightness.
     pub lightness: f32,
-    /// The colour that it has in a clear place, in the plane `[2]`.
+    /// Its colour where it is shown clearly, in the plane `[2]`.
     pub shown: [f32; 2],
     /// Its brightest channel under full light.
     pub brightest: f32,
 }
 
 impl Centre {
-    /// Of `members`, weighted.
+    /// The weighted centre of `members`.
     pub fn of(members: &Members, smooth: &Smooth, weights: &[f32]) -> Self {
         let quantile = |share: f64, value: &dyn Fn(usize) -> f32| {
             let rows = members.rows.iter().map(|&i| i as usize);
@@ -54,18 +54,18 @@ impl Centre {
         }
     }
 
-    /// Squared distance of a colour in the plane, and of its lightness where that counts.
+    /// Squared distance to a colour in the plane, including lightness where that counts.
     pub fn squared(&self, plane: [f32; 2], light: f32) -> f32 {
         self.squared_in_plane(plane) + (self.lightness * (light - self.light)).powi(2)
     }
 
-    /// Squared distance of a colour in the plane alone.
+    /// Squared distance to a colour in the plane alone.
     pub fn squared_in_plane(&self, plane: [f32; 2]) -> f32 {
         [0, 1].map(|a| (plane[a] - self.plane[a]).powi(2)).iter().sum()
     }
 }
 
-/// The value below which `share` of the weight lies; all count alike if none weighs, and 0 is that of nothing.
+/// The value below which `share` of the weight lies; all values count equally if none has weight, and no values give 0.
 fn weighted_quantile(mut values: Vec<(f32, f32)>, share: f64) -> f32 {
     values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let total: f64 = values.iter().map(|v| f64::from(v.1)).sum();

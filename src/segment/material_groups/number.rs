@@ -1,18 +1,18 @@
-//! As many groups as asked for, from those that were found.
+//! Turns the groups found into as many as requested.
 
 use super::Smooth;
 use super::centre::{Centre, LIGHTNESS, Members};
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans};
 
-/// What lightness counts where a group is halved: shading changes it more than chroma.
+/// Weight of lightness when a group is halved: shading changes lightness more than chroma.
 const HALVING: f32 = 0.2;
 
-/// Share of an even part of the weight that a half has at least: a few strays are no half.
+/// Minimum weight of a half, as a fraction of an even share of all weight: a few outliers are not a half.
 const FEWEST: f64 = 0.1;
 
-/// Joins the two groups whose joining costs least (Ward's criterion), or halves the one of most scatter by k-means,
-/// until there are `wanted`; fewer where none can be halved.
+/// Joins the two groups that cost least to join (Ward's criterion), or halves the group of largest scatter by k-means,
+/// until there are `wanted`; stops with fewer if none can be halved.
 pub(super) fn exactly(
     mut parts: Vec<Members>,
     wanted: usize,
@@ -40,14 +40,14 @@ pub(super) fn exactly(
         kept.light = kept.light.min(gone.light);
     }
     let even = weights.iter().map(|w| f64::from(*w)).sum::<f64>() / wanted as f64;
-    // if that does not do, strays too
+    // if that is not enough, outliers may form a half too
     for least in [FEWEST * even, 0.0] {
         halve(&mut parts, wanted, least, smooth, weights, uniform)?;
     }
     Ok(parts)
 }
 
-/// Halves the group of most scatter until there are `wanted`, or no halves weigh as much as `least` each.
+/// Halves the group of largest scatter until there are `wanted`, or no group has two halves of weight `least` or more.
 fn halve(
     parts: &mut Vec<Members>,
     wanted: usize,

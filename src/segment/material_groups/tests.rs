@@ -31,8 +31,8 @@ struct Light {
 
 const PLAIN: Light = Light { ambient: 0.3, diffuse: 0.6, specular: 0.1, rims: 0.3, noise: 0.08 };
 
-/// Gaussians on spheres, and which body each belongs to; a tenth has a random colour. Light falls off with the square
-/// of the cosine, which harmonics of degree 2 hold exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
+/// Gaussians on spheres, and which body each belongs to; a tenth have a random colour. Light falls off with the square
+/// of the cosine, which harmonics of degree 2 represent exactly: `(n.d)^2 = 1/3 + 8 pi / 15 sum_m Y_2m(n) Y_2m(d)`.
 fn cloud(bodies: &[Body], light: &Light, seed: u64) -> (HostGaussians, Vec<u32>) {
     let mut rng = Rng::new(seed, 0, Purpose::Custom(0));
     let (mut g, mut truth) = (HostGaussians { sh_stride: 16, ..HostGaussians::default() }, Vec::new());
@@ -203,12 +203,12 @@ fn a_material_that_nothing_shows_at_this_time_is_found_by_those_of_another() {
     assert!(right * 10 > all * 9, "{right} of {all}");
     assert_eq!(of(None, None).palette.len(), 2);
     assert_eq!(of(Some(&later), Some(2)).palette.len(), 2, "as many as asked for");
-    // too few of them, and too faint, are strays
+    // too few and too faint Gaussians are outliers
     let faint: Vec<f32> = later.iter().enumerate().map(|(i, o)| if i % 20 == 0 { 0.05 * o } else { 0.0 }).collect();
     assert_eq!(of(Some(&faint), None).palette.len(), 2);
 }
 
-/// Base colours that a person tells apart.
+/// Base colours that are easy to distinguish.
 const BASES: [[f32; 3]; 12] = [
     [0.9, 0.1, 0.12],
     [0.96, 0.51, 0.08],

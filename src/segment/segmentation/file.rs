@@ -1,5 +1,5 @@
-//! The file of segments: one tensor of indices for each, one entry of the header for all else. The states that can be
-//! brought back lie in the same file, so that segments and history are always those of one moment.
+//! The file of segments: one tensor of indices per segment, and one header entry for everything else. States that can
+//! be restored lie in the same file, so that segments and history always match.
 
 use super::{Segment, Segmentation, SegmentationError};
 use crate::name::Name;
@@ -10,29 +10,28 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use twox_hash::XxHash3_128;
 
-/// The header's entry.
+/// Name of the header entry.
 const ENTRY: &str = "volseggs.segments";
-/// Before the key of members that only states of before have; no segment's name holds a slash.
+/// Prefix of the key of members that only earlier states have; no segment name contains a slash.
 const PAST: &str = "history/";
 
-/// A segment of a state of before.
+/// A segment of an earlier state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(in crate::segment) struct Past {
-    /// The segment without its members ...
+    /// The segment without its members.
     pub segment: Segment,
-    /// ... which are found by this, see [`key`].
+    /// Key of its members, see [`key`].
     pub members: String,
 }
 
-/// A change, and the segments on its other side: before it of one that can be undone, after it of one that can be
-/// redone.
+/// A change, and the segments on its other side: before a change that can be undone, after one that can be redone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(in crate::segment) struct Step {
     /// What was done, such as `remove pair`.
     pub change: String,
     /// The segments.
     pub segments: Vec<Past>,
-    /// The old and the new name, if the change was that a segment got another.
+    /// The old and the new name, if the change renamed a segment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub renamed: Option<[Name; 2]>,
 }
@@ -46,7 +45,7 @@ pub(in crate::segment) struct Steps {
 }
 
 impl Steps {
-    /// Keys of members that a step needs.
+    /// Keys of the members that the steps need.
     fn needed(&self) -> BTreeSet<&str> {
         let steps = self.undo.iter().chain(&self.redo);
         steps.flat_map(|s| &s.segments).map(|s| s.members.as_str()).collect()
@@ -77,14 +76,14 @@ fn bytes(members: &[u32]) -> Vec<u8> {
     members.iter().flat_map(|i| i.to_le_bytes()).collect()
 }
 
-/// What tells the members of one segment from those of others: 32 hexadecimal digits, a 128-bit hash.
+/// Returns the key that identifies the members of a segment: 32 hexadecimal digits, a 128-bit hash.
 #[must_use]
 pub fn key(members: &[u32]) -> String {
     format!("{:032x}", XxHash3_128::oneshot(&bytes(members)))
 }
 
 impl Segmentation {
-    /// Writes the file, atomically, without states of before.
+    /// Writes the file atomically, without earlier states.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -95,7 +94,7 @@ impl Segmentation {
     /// Reads the segments of a file.
     ///
     /// # Errors
-    /// If the file is missing or damaged, or names a Gaussian that the scene has not.
+    /// If the file is missing or damaged, or names a Gaussian that the scene does not have.
     pub fn load(path: &Path) -> Result<Self, SegmentationError> {
         Ok(open(path, |_, _| Ok(Steps::default()))?.0)
     }
@@ -107,7 +106,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
     let mut tensors: Vec<(String, Vec<u8>)> =
         all.segments.iter().map(|s| (s.name.to_string(), bytes(&s.members))).collect();
     if !steps.undo.is_empty() || !steps.redo.is_empty() {
-        // what a segment of now holds is found there
+        // members of a current segment are found there
         let now: BTreeSet<String> = all.segments.iter().map(|s| key(&s.members)).collect();
         for key in steps.needed().into_iter().filter(|k| !now.contains(*k)) {
             let members = steps.members.get(key).ok_or_else(|| format(format!("members {key} are not known")))?;
@@ -134,7 +133,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
     Ok(tensors::write(path, views, Some((ENTRY, entry)))?)
 }
 
-/// Reads segments and steps; a file from before there were steps has none.
+/// Reads segments and steps; a file written before steps existed has none.
 pub(in crate::segment) fn read(path: &Path) -> Result<(Segmentation, Steps), SegmentationError> {
     open(path, past)
 }
@@ -198,7 +197,7 @@ fn past(path: &Path, file: Opened<'_>) -> Result<Steps, SegmentationError> {
     Ok(steps)
 }
 
-/// Ascending indices below `count`.
+/// Reads ascending indices below `count`.
 fn members(file: &SafeTensors<'_>, name: &str, count: usize) -> Result<Vec<u32>, String> {
     let tensor = file.tensor(name).map_err(|e| e.to_string())?;
     if tensor.dtype() != Dtype::U32 {

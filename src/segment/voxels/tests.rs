@@ -1,4 +1,4 @@
-//! Tests of the vote against a direct sum over all Gaussians, on balls whose labels are known, and on poison.
+//! Tests of the vote against a direct sum over all Gaussians, on balls with known labels, and on degenerate Gaussians.
 
 use super::*;
 use crate::segment::dice::Confusion;
@@ -107,8 +107,8 @@ fn truth(scale: f32) -> (Grid, Vec<u16>) {
     (grid, (0..64 * 64 * 64).map(|i| inside(i).map_or(0, |b| b as u16 + 1)).collect())
 }
 
-/// The balls filled with Gaussians of about `sigma` voxels, one for `volume` voxels, whose centres keep off the surface
-/// by `margin` sigma; in world units of `scale` per voxel.
+/// The balls filled with Gaussians of about `sigma` voxels, one per `volume` voxels, whose centres stay at least
+/// `margin` sigma inside the surface; in world units of `scale` per voxel.
 fn balls(scale: f32, sigma: f32, volume: f32, margin: f32, opacity: f32) -> Owned {
     let (mut u, mut all) = (uniform(5), Owned::default());
     for ((centre, radius), label) in BALLS.iter().zip(1..) {
@@ -136,7 +136,7 @@ fn score(all: &Owned, scale: f32, vote: &Vote) -> f64 {
     labels.map(|l| pairs.overlap(l, l).dice()).sum::<f64>() / BALLS.len() as f64
 }
 
-/// A sphere shell of flat Gaussians, `thick` voxels thick.
+/// A spherical shell of flat Gaussians, `thick` voxels thick.
 fn shell(thick: f32) -> Owned {
     let (mut u, mut all) = (uniform(8), Owned::default());
     while all.labels.len() < 4000 {

@@ -1,8 +1,8 @@
 //! A sweep on a cluster with Slurm: one job array whose tasks are workers on the sweep's folder.
 //!
-//! A [`Profile`] says what a task may use, [`script()`] writes the batch script, [`submit()`] hands the tasks to
-//! `sbatch`, [`queue()`] asks `squeue` what became of them. Nothing is asked of the accounting database, which many
-//! sites lack. What a worker does, and which tasks there are, is no matter of this folder.
+//! A [`Profile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the tasks to
+//! `sbatch`, [`queue()`] asks `squeue` for their state. The accounting database, which many sites lack, is not used.
+//! What a worker does, and which tasks there are, is decided elsewhere.
 
 pub mod profile;
 pub mod queue;
@@ -31,18 +31,18 @@ pub enum SlurmError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// The profile is not TOML, or has a key that is not known or of another type.
+    /// The profile is not TOML, or has an unknown key or a value of the wrong type.
     #[error("{path}: {source}")]
     Toml {
         /// The profile.
         path: PathBuf,
-        /// What the parser said; it shows line and key.
+        /// The parser's error, which shows line and key.
         source: Box<toml::de::Error>,
     },
-    /// A key of the profile has a value that Slurm would not take.
+    /// A key of the profile has a value that Slurm would not accept.
     #[error("{path}: {key} = {value}: {fix}")]
     Key {
         /// The profile.
@@ -54,15 +54,15 @@ pub enum SlurmError {
         /// What it should be.
         fix: &'static str,
     },
-    /// The sweep's folder has a path that batch scripts cannot carry.
+    /// The sweep's folder has a path that batch scripts cannot contain.
     #[error("{path}: Slurm takes no path with {what}; rename or move the folder")]
     Folder {
         /// The folder.
         path: PathBuf,
-        /// The trouble.
+        /// What is not accepted.
         what: &'static str,
     },
-    /// A program of Slurm is not there.
+    /// A program of Slurm was not found.
     #[error(
         "{program} is not on the PATH: run this on the cluster's login node (some need `module load slurm` first), \
          or leave out --slurm to train here"
@@ -76,26 +76,26 @@ pub enum SlurmError {
     Start {
         /// The program.
         program: String,
-        /// What the system said.
+        /// The system's error.
         source: io::Error,
     },
-    /// A program of Slurm refused.
+    /// A program of Slurm refused a request.
     #[error("{program} refused: {said}; look at the Slurm profile (partition, account, qos, time, memory, gpus)")]
     Refused {
         /// The program and its arguments.
         program: String,
-        /// What it said.
+        /// Its message.
         said: String,
     },
-    /// A program of Slurm answered something else than expected.
+    /// A program of Slurm gave an unexpected answer.
     #[error("{program} answered {said:?}, which is no job number")]
     Answer {
         /// The program.
         program: String,
-        /// What it said.
+        /// Its message.
         said: String,
     },
-    /// The cluster takes no job arrays.
+    /// The cluster accepts no job arrays.
     #[error("this cluster takes no job arrays (MaxArraySize is 0); start the workers by hand, one job each")]
     NoArrays,
     /// The list of submitted jobs cannot be written.
@@ -106,9 +106,9 @@ pub enum SlurmError {
     JobLine {
         /// The list.
         path: PathBuf,
-        /// The line, from 1.
+        /// The line number, from 1.
         line: usize,
-        /// What the parser said.
+        /// The parser's error.
         source: serde_json::Error,
     },
 }
@@ -117,7 +117,7 @@ fn io_at(path: &Path) -> impl Fn(io::Error) -> SlurmError + '_ {
     |source| SlurmError::Io { path: path.to_path_buf(), source }
 }
 
-/// Where the programs of Slurm are looked for, and called.
+/// Finds and calls the programs of Slurm.
 #[derive(Debug, Clone)]
 pub struct Tools {
     path: OsString,
@@ -131,13 +131,13 @@ impl Default for Tools {
 }
 
 impl Tools {
-    /// Looks in the folders of `path`, which is written as the variable `PATH` is.
+    /// Looks in the folders of `path`, which has the form of the variable `PATH`.
     #[must_use]
     pub fn new(path: &OsStr) -> Self {
         Self { path: path.to_owned() }
     }
 
-    /// True if `program` is there.
+    /// Whether `program` is found.
     #[must_use]
     pub fn have(&self, program: &str) -> bool {
         self.find(program).is_some()
@@ -156,7 +156,7 @@ impl Tools {
     }
 }
 
-/// What a program that failed has to say, on one line.
+/// The message of a program that failed, on one line.
 fn complaint(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr);
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
@@ -166,13 +166,13 @@ fn complaint(output: &Output) -> String {
 #[cfg(unix)]
 #[cfg(test)]
 mod fake {
-    //! Programs of Slurm that are shell scripts, first on a `PATH` of their own.
+    //! Fake programs of Slurm: shell scripts that come first on a `PATH` of their own.
 
     use super::*;
     use std::fs;
     use std::os::unix::fs::PermissionsExt;
 
-    /// Writes `program` into `folder`.
+    /// Writes a program into `folder`.
     pub(super) fn program(folder: &Path, name: &str, body: &str) {
         fs::create_dir_all(folder).unwrap();
         let file = folder.join(name);
@@ -180,7 +180,7 @@ mod fake {
         fs::set_permissions(&file, fs::Permissions::from_mode(0o755)).unwrap();
     }
 
-    /// `folder` before the system's own folders.
+    /// A `PATH` with `folder` before the system's own folders.
     pub(super) fn path(folder: &Path) -> OsString {
         let own = env::var_os("PATH").unwrap_or_default();
         env::join_paths(std::iter::once(folder.to_path_buf()).chain(env::split_paths(&own))).unwrap()

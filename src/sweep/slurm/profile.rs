@@ -1,4 +1,4 @@
-//! The Slurm profile: a small TOML file that says what one task of a sweep may use. All keys are optional.
+//! The Slurm profile: a small TOML file that specifies what one task of a sweep may use. All keys are optional.
 
 use std::path::Path;
 
@@ -11,33 +11,33 @@ use crate::files::read_text;
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Profile {
-    /// Partition (queue); the cluster's default without.
+    /// Partition (queue); the cluster's default if not given.
     pub partition: Option<String>,
     /// Account that is charged.
     pub account: Option<String>,
     /// Quality of service.
     pub qos: Option<String>,
-    /// Time limit of a task, such as `02:00:00` or `1-00:00:00`. A task that meets it is queued again and resumes.
+    /// Time limit of a task, such as `02:00:00` or `1-00:00:00`. A task that reaches it is queued again and resumes.
     pub time: Option<String>,
     /// Memory of a task, such as `8G`.
     pub memory: Option<String>,
-    /// Processors of a task; the workers use as many threads.
+    /// Processors of a task; its worker uses the same number of threads.
     pub cpus: Option<u32>,
     /// GPUs of a task: a count, or `"TYPE:COUNT"`.
     pub gpus: Option<Gpus>,
     /// Features a node must have.
     pub constraint: Option<String>,
-    /// Environment modules that are loaded before.
+    /// Environment modules that are loaded first.
     pub modules: Vec<String>,
-    /// Lines of shell that are run before, such as `source env.sh`. One that fails ends the task.
+    /// Lines of shell that are run first, such as `source env.sh`. One that fails ends the task.
     pub setup: Vec<String>,
-    /// How many tasks run at once at most; as many as the cluster allows without.
+    /// Maximum number of tasks that run at once; as many as the cluster allows if not given.
     pub parallel: Option<u32>,
     /// Seconds of warning before the time limit, in which the worker saves its checkpoint.
     pub grace: u32,
-    /// How the program is called on the nodes, as shell text; the absolute path of the running program without.
+    /// How the program is called on the nodes, as shell text; the absolute path of the running program if not given.
     pub command: Option<String>,
-    /// Further options of `sbatch`, such as `--exclusive`, written as they stand.
+    /// Further options of `sbatch`, such as `--exclusive`, written verbatim.
     pub extra: Vec<String>,
 }
 
@@ -66,7 +66,7 @@ impl Default for Profile {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(untagged, expecting = "expected a count such as 1, or \"TYPE:COUNT\" such as \"a100:1\"")]
 pub enum Gpus {
-    /// That many of any type.
+    /// A number of any type.
     Count(u32),
     /// `COUNT` or `TYPE:COUNT`.
     Typed(String),
@@ -77,7 +77,7 @@ impl Profile {
     ///
     /// # Errors
     /// [`SlurmError::Io`], [`SlurmError::Toml`] for unknown keys and wrong types, [`SlurmError::Key`] for a value that
-    /// Slurm would not take.
+    /// Slurm would not accept.
     pub fn read(path: &Path) -> Result<Self, SlurmError> {
         let text = read_text(path).map_err(io_at(path))?;
         Self::parse(path, &text)
@@ -96,7 +96,7 @@ impl Profile {
         Ok(profile)
     }
 
-    /// The option `--gres` of the GPUs, without its name.
+    /// The value of the option `--gres` for the GPUs.
     pub(super) fn gres(&self) -> Option<String> {
         match self.gpus.as_ref()? {
             Gpus::Count(0) => None,
@@ -141,7 +141,7 @@ impl Profile {
                 time,
                 "give \"HOURS:MINUTES:SECONDS\" or \"DAYS-HOURS:MINUTES:SECONDS\", such as \"02:00:00\"",
             )?;
-            // Else every task is stopped as soon as it starts, for ever.
+            // otherwise every task would be stopped as soon as it starts, forever
             let longer = limit.is_some_and(|s| s > u64::from(self.grace));
             ensure(longer, "grace", &self.grace, "make it shorter than `time`, by what a worker needs to get on")?;
         }
@@ -181,7 +181,7 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.len() <= 9 && text.bytes().all(|b| b.is_ascii_digit())
 }
 
-/// Seconds of a time as Slurm writes it: `M`, `M:S`, `H:M:S`, `D-H`, `D-H:M` or `D-H:M:S`.
+/// Parses a time as Slurm writes it into seconds: `M`, `M:S`, `H:M:S`, `D-H`, `D-H:M` or `D-H:M:S`.
 pub(super) fn seconds(text: &str) -> Option<u64> {
     let (days, rest) = text.split_once('-').map_or((None, text), |(days, rest)| (Some(days), rest));
     let parts: Vec<u64> =

@@ -1,6 +1,6 @@
-//! What Slurm's queue says about the tasks of a sweep.
+//! The state of a sweep's tasks in Slurm's queue.
 //!
-//! Only `squeue` is asked: a task that has left the queue is not told of, and its result is to be looked for in the
+//! Only `squeue` is asked: a task that has left the queue is not reported, and its result must be looked for in the
 //! sweep's folder.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,9 +14,9 @@ use super::{SlurmError, Tools, complaint};
 /// A task in the queue.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TaskState {
-    /// The array task's name for Slurm, such as `1234_5`; `scancel` takes it.
+    /// Slurm's name of the array task, such as `1234_5`, which `scancel` accepts.
     pub id: String,
-    /// Slurm's word, such as `RUNNING` or `PENDING`.
+    /// Slurm's name of the state, such as `RUNNING` or `PENDING`.
     pub state: String,
     /// Seconds it has run since its last start.
     pub seconds: u64,
@@ -25,7 +25,7 @@ pub struct TaskState {
 }
 
 impl TaskState {
-    /// True if it holds a node.
+    /// Whether it holds a node.
     #[must_use]
     pub fn runs(&self) -> bool {
         matches!(
@@ -35,11 +35,11 @@ impl TaskState {
     }
 }
 
-/// The tasks of the sweep in `dir` that stand in the queue and are of `plan` (its hash, as in [`super::Job`]). A task that was submitted twice is told as it runs, or else
-/// by its last submission.
+/// Returns the tasks of the sweep in `dir` that are in the queue and belong to `plan` (its hash, as in [`super::Job`]).
+/// For a task that was submitted twice, the running submission is reported, or else the last one.
 ///
 /// # Errors
-/// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it cannot tell, errors of the list of jobs.
+/// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it fails, errors of the list of jobs.
 pub fn queue(tools: &Tools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
     let mut submissions = submissions(dir)?;
     submissions.retain(|s| s.plan == plan);
@@ -71,7 +71,7 @@ fn ask(tools: &Tools, cluster: Option<&str>, of_it: &[&Submission]) -> Result<St
     ];
     arguments.extend(cluster.map(|name| format!("--clusters={name}").into()));
     let output = tools.call("squeue", &arguments)?;
-    // All of them forgotten is an error for squeue if it is asked for one job, and none if for several.
+    // if Slurm has forgotten all of them, squeue fails when asked for one job, but not when asked for several
     let said = complaint(&output);
     if !output.status.success() && !said.contains("Invalid job id") {
         return Err(SlurmError::Refused { program: "squeue".to_owned(), said });
@@ -79,7 +79,7 @@ fn ask(tools: &Tools, cluster: Option<&str>, of_it: &[&Submission]) -> Result<St
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Job, array index and state of a line; none for a line that is no array task.
+/// Job, array index and state of a line; `None` for a line that is not an array task.
 fn row(line: &str) -> Option<(u64, usize, TaskState)> {
     let mut parts = line.trim().splitn(4, '|');
     let (id, state, time, place) = (parts.next()?, parts.next()?, parts.next()?, parts.next()?);
@@ -139,7 +139,7 @@ mod tests {
     fn jobs_that_left_the_queue_are_no_error() {
         let gone = "echo 'slurm_load_jobs error: Invalid job id specified' >&2; exit 1";
         assert!(asked(TWO, gone).unwrap().is_empty());
-        // Nothing submitted: squeue is not asked.
+        // nothing submitted: squeue is not asked
         assert!(asked("", "exit 1").unwrap().is_empty());
         let said = asked(TWO, "echo 'Unable to contact slurm controller' >&2; exit 1").unwrap_err().to_string();
         assert!(said.contains("Unable to contact"), "{said}");

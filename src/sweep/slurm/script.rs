@@ -1,7 +1,8 @@
-//! The batch script of a sweep: which resources, how a worker is started, and what signals do to it.
+//! The batch script of a sweep: which resources it asks for, how a worker is started, and what signals do to it.
 //!
-//! Slurm warns the script with USR1 before the time limit, and asks with TERM to end now (scancel, preemption). In both
-//! cases the worker gets TERM, saves its checkpoint and exits with 75; only after USR1 the task queues itself again.
+//! Slurm warns the script with USR1 before the time limit, and asks it with TERM to end now (scancel, preemption). In
+//! both cases the worker gets TERM, saves its checkpoint and exits with 75; only after USR1 does the task queue itself
+//! again.
 
 use std::env;
 use std::fmt::Write;
@@ -10,7 +11,7 @@ use std::path::{Path, PathBuf, absolute};
 use super::{Profile, SlurmError, io_at};
 use crate::shell::quote;
 
-/// Exit code of a worker that was stopped and can go on from its checkpoint (`EX_TEMPFAIL`).
+/// Exit code of a worker that was stopped and can resume from its checkpoint (`EX_TEMPFAIL`).
 pub const RESUMABLE: u8 = 75;
 
 /// What the script runs.
@@ -20,20 +21,20 @@ pub struct Job {
     pub name: String,
     /// The sweep's folder, absolute.
     pub dir: PathBuf,
-    /// Hash of the plan whose runs the tasks are; the newest one if empty.
+    /// Hash of the plan whose runs the tasks are; the newest plan if empty.
     pub plan: String,
     /// What a task may use.
     pub profile: Profile,
-    /// The program as shell text: the profile's `command`, or the quoted path of this one.
+    /// The program as shell text: the profile's `command`, or the quoted path of this program.
     pub command: String,
 }
 
 impl Job {
-    /// A job for the sweep in `dir`, named after that folder.
+    /// Makes a job for the sweep in `dir`, named after that folder.
     ///
     /// # Errors
-    /// [`SlurmError::Folder`] for a path that Slurm cannot take, [`SlurmError::Io`] if the working folder or the
-    /// running program cannot be told.
+    /// [`SlurmError::Folder`] for a path that Slurm cannot handle, [`SlurmError::Io`] if the working folder or the
+    /// running program cannot be determined.
     pub fn new(dir: &Path, profile: Profile) -> Result<Self, SlurmError> {
         let dir = absolute(dir).map_err(io_at(dir))?;
         let folder = |what| SlurmError::Folder { path: dir.clone(), what };
@@ -42,7 +43,7 @@ impl Job {
             return Err(folder("control characters"));
         }
         if text.contains('\\') {
-            // In the name of an output file it turns off the numbers of job and task.
+            // in the name of an output file, it disables the placeholders for the numbers of job and task
             return Err(folder("a backslash"));
         }
         let command = match &profile.command {
@@ -57,33 +58,33 @@ impl Job {
         Ok(Self { name, plan: String::new(), profile, command, dir })
     }
 
-    /// The folder of the script, the logs and the list of submitted jobs.
+    /// Returns the folder of the script, the logs and the list of submitted jobs.
     #[must_use]
     pub fn folder(&self) -> PathBuf {
         folder(&self.dir)
     }
 
-    /// The script's file.
+    /// Returns the path of the script.
     #[must_use]
     pub fn file(&self) -> PathBuf {
         self.folder().join(format!("{}.sbatch", self.name))
     }
 }
 
-/// Where a sweep keeps what belongs to Slurm.
+/// The folder in which a sweep keeps its Slurm files.
 pub(super) fn folder(dir: &Path) -> PathBuf {
     dir.join("slurm")
 }
 
-/// The batch script of one job array.
+/// Returns the batch script of one job array.
 #[must_use]
 pub fn script(job: &Job) -> String {
     let profile = &job.profile;
     let mut out = String::new();
-    // Modules come from the login shell's start-up files.
+    // modules come from the login shell's start-up files
     out += if profile.modules.is_empty() { "#!/bin/bash\n" } else { "#!/bin/bash -l\n" };
     for (option, value) in directives(job) {
-        // Writing to a string does not fail.
+        // writing to a string does not fail
         let _ = writeln!(out, "#SBATCH --{option}{}{}", if value.is_empty() { "" } else { "=" }, directive(&value));
     }
     for option in &profile.extra {
@@ -148,7 +149,7 @@ fn directives(job: &Job) -> Vec<(&'static str, String)> {
     out
 }
 
-/// Before the worker: what signals do, and how the task ends.
+/// Part before the worker: what signals do, and how the task ends.
 const SIGNALS: &str = r#"task=$((SLURM_ARRAY_TASK_ID + ${SWEEP_OFFSET:-0}))
 echo "run $task: on $(hostname), start ${SLURM_RESTART_COUNT:-0}, $(date '+%F %T')"
 
@@ -183,7 +184,7 @@ ready() {
 
 "#;
 
-/// After the worker's start: wait for it.
+/// Part after the worker's start: waits for it.
 const WAIT: &str = r#"worker=$!
 # A signal may have come before its number was known.
 [[ -z "$asked" ]] || kill -TERM "$worker" 2>/dev/null
@@ -202,7 +203,7 @@ done
 finish "$code"
 "#;
 
-/// A value on an `#SBATCH` line, which knows quotes and backslashes, though not quite as the shell does.
+/// Quotes a value for an `#SBATCH` line, which interprets quotes and backslashes, though not quite as the shell does.
 fn directive(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_./:,=@%+-|&*()[]".contains(c);
     if text.chars().all(plain) {

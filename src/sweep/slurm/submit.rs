@@ -14,33 +14,34 @@ use super::{SlurmError, Tools, complaint, io_at};
 use crate::files::write_atomic;
 use crate::log::jsonl::JsonlWriter;
 
-/// Slurm's own default, for clusters that do not tell.
+/// Slurm's own default, for clusters that do not report their limit.
 const MAX_ARRAY_SIZE: usize = 1001;
 
-/// One job array that Slurm took.
+/// One job array that Slurm accepted.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Submission {
     /// Number of the job.
     pub job: u64,
-    /// The cluster, where a site has several.
+    /// The cluster, if a site has several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cluster: Option<String>,
-    /// What is added to an array index to get the task.
+    /// Number to add to an array index to get the task.
     pub offset: usize,
     /// The tasks, in rising order.
     pub tasks: Vec<usize>,
     /// Hash of the plan that numbers them; empty in old lists.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub plan: String,
-    /// Seconds since 1970.
+    /// Time of submission, in seconds since 1970.
     pub time: u64,
 }
 
-/// Writes the script of `job` and submits `tasks` as few job arrays as fit the cluster. Tasks that stand in the queue
-/// already are the caller's to leave out. What was taken before an error stays submitted and listed.
+/// Writes the script of `job` and submits `tasks` as job arrays within the cluster's limit. The caller must omit tasks
+/// that are already in the queue. What was accepted before an error stays submitted and listed.
 ///
 /// # Errors
-/// [`SlurmError::Missing`] without `sbatch`, [`SlurmError::Refused`] if it takes the job not, and errors of files.
+/// [`SlurmError::Missing`] without `sbatch`, [`SlurmError::Refused`] if it refuses a job, [`SlurmError::Answer`] if its
+/// answer is no job number, [`SlurmError::NoArrays`], and errors of files.
 pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submission>, SlurmError> {
     if !tools.have("sbatch") {
         return Err(SlurmError::Missing { program: "sbatch".to_owned() });
@@ -54,7 +55,7 @@ pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submissio
     let count: usize = arrays.iter().map(|(_, indices)| indices.len()).sum();
     let mut out = Vec::new();
     for (offset, indices) in arrays {
-        // The limit of tasks at once is one of each array: each gets its share of the profile's.
+        // the limit of tasks at once applies to each array: each gets its share of the profile's
         let share = |parallel: u32| (parallel as usize * indices.len() / count).max(1);
         let throttle = job.profile.parallel.map(|n| format!("%{}", share(n))).unwrap_or_default();
         let arguments: [OsString; 4] = [
@@ -80,8 +81,8 @@ pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submissio
     Ok(out)
 }
 
-/// What was submitted for the sweep in `dir`, oldest first; none if nothing was. A half-written last line is passed
-/// over.
+/// Reads what was submitted for the sweep in `dir`, oldest first; empty if nothing was. A half-written last line is
+/// skipped.
 ///
 /// # Errors
 /// [`SlurmError::Io`], [`SlurmError::JobLine`].
@@ -102,7 +103,7 @@ fn list_of(dir: &Path) -> PathBuf {
     folder(dir).join("jobs.jsonl")
 }
 
-/// Indices of arrays stay below this.
+/// The cluster's limit, which array indices stay below.
 fn max_array_size(tools: &Tools) -> Result<usize, SlurmError> {
     let Ok(output) = tools.call("scontrol", &["show".into(), "config".into()]) else { return Ok(MAX_ARRAY_SIZE) };
     let text = String::from_utf8_lossy(&output.stdout);
@@ -114,7 +115,7 @@ fn max_array_size(tools: &Tools) -> Result<usize, SlurmError> {
     }
 }
 
-/// The tasks, sorted and each once, cut into arrays of indices below `size`; each with what makes an index a task.
+/// Splits the tasks, sorted and without duplicates, into arrays of indices below `size`, each after its offset.
 fn arrays(tasks: &[usize], size: usize) -> Vec<(usize, Vec<usize>)> {
     let mut tasks = tasks.to_vec();
     tasks.sort_unstable();
@@ -127,12 +128,12 @@ fn arrays(tasks: &[usize], size: usize) -> Vec<(usize, Vec<usize>)> {
     blocks.map(shift).collect()
 }
 
-/// Rising numbers as `0-3,7,9-12`.
+/// Formats rising numbers as `0-3,7,9-12`.
 fn ranges(numbers: &[usize]) -> String {
     let mut out = String::new();
     for run in numbers.chunk_by(|a, b| a + 1 == *b) {
         let comma = if out.is_empty() { "" } else { "," };
-        // Writing to a string does not fail.
+        // writing to a string does not fail
         let _ = match run {
             [one] => write!(out, "{comma}{one}"),
             _ => write!(out, "{comma}{}-{}", run[0], run[run.len() - 1]),
@@ -141,7 +142,7 @@ fn ranges(numbers: &[usize]) -> String {
     out
 }
 
-/// The answer of `sbatch --parsable`: `NUMBER` or `NUMBER;CLUSTER`. A site's own greeting may stand before it.
+/// Parses the answer of `sbatch --parsable`: `NUMBER` or `NUMBER;CLUSTER`. A site's own greeting may precede it.
 fn job_number(said: &str) -> Option<(u64, Option<String>)> {
     let line = said.lines().rfind(|line| !line.trim().is_empty())?.trim();
     let (number, cluster) = line.split_once(';').map_or((line, None), |(n, cluster)| (n, Some(cluster.to_owned())));
@@ -202,7 +203,7 @@ mod tests {
         assert_eq!(out[1].tasks, [10, 11, 12, 19]);
         assert!(fs::read_to_string(&script).unwrap().contains("sweep worker"));
         assert_eq!(submissions(&stage.job.dir).unwrap(), out);
-        // Later submissions are added.
+        // later submissions are added
         submit(&stage.tools, &stage.job, &[4]).unwrap();
         assert!(stage.calls()[3].starts_with("--parsable --array=4%50 --export"));
         assert_eq!(submissions(&stage.job.dir).unwrap().len(), 4);

@@ -1,4 +1,4 @@
-//! How far a job has come: written by its own thread, read by the one that draws.
+//! Progress of a job: written by its own thread, read by the drawing thread.
 
 use super::super::hub::Hub;
 use serde::Serialize;
@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Losses that are kept at most, evenly spaced.
+/// Maximum number of losses that are kept, evenly spaced.
 const LOSSES: usize = 200;
-/// The thread that draws is not woken more often than that.
+/// Minimum time between wake-ups of the drawing thread.
 const PAUSE: Duration = Duration::from_millis(250);
 
-/// What clients are told of a job.
+/// The state of a job, as sent to clients.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JobState {
     /// Its number, by which it is cancelled.
@@ -20,13 +20,13 @@ pub struct JobState {
     pub title: String,
     /// What is counted, such as `pictures`.
     pub unit: &'static str,
-    /// So many of them are done.
+    /// How many of them are done.
     pub done: usize,
-    /// Of so many; 0 if that is not known.
+    /// How many there are; 0 if that is not known.
     pub all: usize,
     /// Seconds since it began.
     pub seconds: f64,
-    /// Seconds until all of the unit are done, as the pace so far says.
+    /// Seconds until all of the unit are done, at the pace so far.
     pub left: Option<f64>,
     /// Step and smoothed loss of a training, evenly spaced.
     pub losses: Vec<[f64; 2]>,
@@ -42,15 +42,15 @@ pub struct JobState {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum JobEnd {
-    /// All is done; what was made, and where it is.
+    /// Everything is done; says what was made, and where it is.
     Done(String),
-    /// It was stopped; all is as before.
+    /// It was stopped; everything is as before.
     Stopped,
-    /// It failed; why.
+    /// It failed; says why.
     Failed(String),
 }
 
-/// The state of a job between two threads.
+/// The state of a job, shared by two threads.
 #[derive(Debug)]
 pub struct Board {
     state: Mutex<JobState>,
@@ -61,7 +61,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// Of a job that begins now.
+    /// Makes the board of a job that begins now.
     #[must_use]
     pub fn new(number: u64, title: String) -> Self {
         let (losses, left, end, ago) = (Vec::new(), None, None, None);
@@ -86,7 +86,7 @@ impl Board {
         }
     }
 
-    /// The state of now.
+    /// Returns the current state.
     #[must_use]
     pub fn state(&self) -> JobState {
         let mut state = self.lock().clone();
@@ -98,7 +98,7 @@ impl Board {
         state
     }
 
-    /// A number that grows with every change.
+    /// Returns a number that grows with every change.
     #[must_use]
     pub fn version(&self) -> u64 {
         self.version.load(Ordering::Acquire)
@@ -110,7 +110,7 @@ impl Board {
         self.change(|state| state.stopping = true);
     }
 
-    /// The job is over.
+    /// Records that the job is over.
     pub fn end(&self, end: JobEnd) {
         let seconds = self.began.elapsed().as_secs_f64();
         self.change(|state| (state.end, state.left, state.seconds) = (Some(end), None, seconds));
@@ -126,32 +126,32 @@ impl Board {
     }
 }
 
-/// What a job reports to, and asks whether to go on.
+/// What a job reports its progress to, and asks whether to go on.
 #[derive(Debug)]
 pub struct Reporter {
     board: Arc<Board>,
     hub: Arc<Hub>,
-    /// When the first of the unit was begun.
+    /// When the first of the current unit was begun.
     since: Instant,
     woke: Instant,
-    /// Of so many losses one is kept.
+    /// One of this many losses is kept.
     every: usize,
 }
 
 impl Reporter {
-    /// Writes on `board`, and wakes the thread that draws.
+    /// Makes a reporter that writes to `board` and wakes the drawing thread.
     #[must_use]
     pub fn new(board: Arc<Board>, hub: Arc<Hub>) -> Self {
         Self { board, hub, since: Instant::now(), woke: Instant::now(), every: 1 }
     }
 
-    /// Whether nobody asked the job to stop.
+    /// Whether the job has not been asked to stop.
     #[must_use]
     pub fn goes_on(&self) -> bool {
         !self.board.stop.load(Ordering::Acquire)
     }
 
-    /// So many of `all` of a `unit` are done, with this loss; whether to go on.
+    /// Reports that `done` of `all` of a `unit` are done, with this loss; returns whether to go on.
     pub fn at(&mut self, unit: &'static str, done: usize, all: usize, loss: Option<f64>) -> bool {
         self.board.change(|state| {
             if state.unit != unit {

@@ -1,4 +1,4 @@
-//! Files of other programs, as `export` writes them, in the run folder.
+//! Files for other programs, as `export` writes them, in the run folder.
 
 use super::board::Reporter;
 use crate::export::labels::Space;
@@ -24,7 +24,7 @@ pub enum FileFormat {
 }
 
 impl FileFormat {
-    /// How the names of its files end.
+    /// Returns the extension of its files.
     pub fn extension(self) -> &'static str {
         match self {
             Self::Ply => SplatFormat::Ply.extension(),
@@ -35,22 +35,22 @@ impl FileFormat {
     }
 }
 
-/// What is to be written.
+/// What to write.
 pub struct Export<'a> {
-    /// As what.
+    /// Kind of file.
     pub format: FileFormat,
-    /// Segments alone; all if empty.
+    /// Segments to write; all if empty.
     pub segments: &'a [String],
     /// Whether the edits apply.
     pub edited: bool,
     /// Times in [0, 1].
     pub times: &'a [f64],
-    /// Whether a folder holds a file for each time, in place of one file.
+    /// Whether to write a folder with a file for each time, instead of one file.
     pub many: bool,
 }
 
 impl Export<'_> {
-    /// Writes it; what was written, in words. `None` if `report` stopped it.
+    /// Writes it, and returns a description of what was written; `None` if `report` stopped it.
     ///
     /// # Errors
     /// As the functions of [`crate::run`].
@@ -96,7 +96,7 @@ impl Export<'_> {
         Output::within(folder, name, self.format.extension(), self.many, &[])
     }
 
-    /// Reports that one more time is written; whether to go on.
+    /// Reports that one more time is written; returns whether to go on.
     fn one_more(&self, done: &mut usize, report: &mut Reporter) -> bool {
         *done += 1;
         report.at("times", *done, self.times.len(), None)

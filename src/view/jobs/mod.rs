@@ -1,5 +1,5 @@
-//! Long work that a client starts: one job at a time, on a thread of its own beside the one that draws. It holds the run
-//! as a command would, so that commands are refused meanwhile, and goes on when the client who started it leaves.
+//! Long work that a client starts: one job at a time, on a thread of its own beside the drawing thread. It holds the
+//! run as a command would, so that commands are refused meanwhile, and goes on when the client that started it leaves.
 
 pub mod board;
 pub mod export;
@@ -16,31 +16,31 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use task::Task;
 
-/// Clients are not told of a job more often than that.
+/// Minimum time between messages to clients about a job.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// The job of now, or the last one.
+/// The current job, or the last one.
 #[derive(Debug)]
 pub struct Jobs {
     hub: Arc<Hub>,
     board: Option<Arc<Board>>,
     thread: Option<JoinHandle<()>>,
     number: u64,
-    /// What was told last, and when.
+    /// Version of the state that was sent last, and when.
     told: (u64, Instant),
 }
 
 impl Jobs {
-    /// None yet; `hub` wakes the thread that draws.
+    /// Starts without a job; `hub` wakes the drawing thread.
     #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         Self { hub, board: None, thread: None, number: 0, told: (0, Instant::now()) }
     }
 
-    /// Starts one on `run`, which holds no lock.
+    /// Starts a job on `run`, which holds no lock.
     ///
     /// # Errors
-    /// If one is under way, or the task is none that can be done.
+    /// If one is under way, the task is invalid, or the system gives no thread.
     pub fn start(&mut self, run: OpenRun, device: &Device, task: Task) -> Result<(), String> {
         task.check()?;
         if let Some(JobState { title, end: None, .. }) = self.state() {
@@ -52,7 +52,7 @@ impl Jobs {
         let mut report = Reporter::new(board.clone(), self.hub.clone());
         let (shared, hub, device) = (board.clone(), self.hub.clone(), device.clone());
         let work = move || {
-            // whatever goes wrong here, the viewer goes on
+            // the viewer goes on, whatever goes wrong here
             let done = catch_unwind(AssertUnwindSafe(|| carry_out(&task, &run, &device, &mut report)));
             shared.end(match done {
                 Ok(Ok(Some(made))) => JobEnd::Done(made),
@@ -82,13 +82,13 @@ impl Jobs {
         }
     }
 
-    /// The job of now, or how the last one ended.
+    /// Returns the state of the current job, or how the last one ended.
     #[must_use]
     pub fn state(&self) -> Option<JobState> {
         self.board.as_ref().map(|board| board.state())
     }
 
-    /// The state, if clients are to be told of it now: it changed, and not a moment ago.
+    /// Returns the state if it is to be sent to clients now: it changed, and was not sent just before.
     pub fn news(&mut self) -> Option<JobState> {
         let board = self.board.as_ref()?;
         let (version, (told, when)) = (board.version(), self.told);
@@ -111,7 +111,7 @@ impl Jobs {
     }
 }
 
-/// A viewer that closes leaves nothing half written.
+/// Stops the job and waits for its end, so that a viewer that closes leaves nothing half written.
 impl Drop for Jobs {
     fn drop(&mut self) {
         if let Some(board) = &self.board {

@@ -1,5 +1,4 @@
-//! What can be started from the page: the work of the commands that take long, done by the same functions on the same
-//! files.
+//! Tasks that can be started from the page: the work of slow commands, done by the same functions on the same files.
 
 use super::board::Reporter;
 use super::export::{Export, FileFormat};
@@ -18,11 +17,11 @@ use serde::Deserialize;
 use std::fmt;
 use std::ops::RangeInclusive;
 
-/// Views of masks, and times, that a client may ask for.
+/// Maximum number of views of masks, parts or times that a client may request.
 const MOST: usize = 1000;
-/// Steps that a client may ask for.
+/// Numbers of steps that a client may request.
 const STEPS: RangeInclusive<usize> = 1..=1_000_000;
-/// Least alpha of a pixel of the mask whose area is tracked.
+/// Minimum alpha of a pixel of the mask whose area is tracked.
 const MASK_ALPHA: f32 = 0.5;
 
 /// Long work.
@@ -31,20 +30,20 @@ const MASK_ALPHA: f32 = 0.5;
 pub enum Task {
     /// Masks of segments, as `segment masks`.
     Masks {
-        /// Which; all that are no part of another if empty.
+        /// Which segments; all that are not part of another if empty.
         segments: Vec<String>,
-        /// What finds them.
+        /// Where the masks come from.
         source: Source,
-        /// Views; as many as the command takes if not given.
+        /// Number of views; the command's default if not given.
         views: Option<usize>,
         /// Width of the pictures in pixels; that of the training images if not given.
         size: Option<u32>,
-        /// Whether masks that are there give way.
+        /// Whether existing masks are replaced.
         replace: bool,
     },
     /// The affinity field, as `segment fine`.
     Fine {
-        /// Steps.
+        /// Number of steps.
         steps: usize,
     },
     /// Parts of a segment, as `segment split`.
@@ -53,36 +52,36 @@ pub enum Task {
         segment: String,
         /// Mask scale in [0, 1].
         scale: f32,
-        /// Into so many parts; as many as show if not given.
+        /// Number of parts; as many as are found if not given.
         clusters: Option<usize>,
-        /// Whether segments picked in the parts of an earlier split may go.
+        /// Whether segments picked in the parts of an earlier split may be removed.
         replace: bool,
     },
     /// Segments through time, as `track`.
     Track {
-        /// Which.
+        /// Which segments.
         segments: Vec<String>,
-        /// Follow them as one, under this name.
+        /// Name under which they are tracked as one.
         group: Option<Name>,
-        /// Times, evenly spaced over [0, 1].
+        /// Number of times, evenly spaced over [0, 1].
         frames: usize,
     },
-    /// Files of other programs, as `export`, in the run folder.
+    /// Files for other programs, as `export`, in the run folder.
     Export {
         /// Which kind.
         format: FileFormat,
-        /// Segments alone; all if empty.
+        /// Segments to write; all if empty.
         segments: Vec<String>,
         /// Whether the edits apply.
         edited: bool,
         /// Time in [0, 1].
         time: f64,
-        /// So many times, evenly spaced over [0, 1], in place of the one.
+        /// Number of times, evenly spaced over [0, 1], instead of the one.
         frames: Option<usize>,
     },
 }
 
-/// What finds masks without another program or a download.
+/// Sources of masks that need no other program or download.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Source {
@@ -92,7 +91,7 @@ pub enum Source {
     Labels,
 }
 
-/// What is done, in words.
+/// Describes the task in words.
 impl fmt::Display for Task {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |names: &[String]| if names.is_empty() { "all segments".to_owned() } else { names.join(", ") };
@@ -152,7 +151,8 @@ impl Task {
         }
     }
 
-    /// Does it, on a run whose lock is held; what was made, in words. `None` if `report` stopped it: all is then as it was.
+    /// Carries out the task on a run whose lock is held, and returns a description of what was made. `None` if `report`
+    /// stopped it: everything is then as before.
     ///
     /// # Errors
     /// As the functions of [`crate::run`].

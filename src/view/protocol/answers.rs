@@ -1,4 +1,4 @@
-//! What the server says.
+//! Messages of the server.
 
 use crate::run::cameras::Placed;
 use crate::run::keyframes::{Key, SavedPath};
@@ -8,11 +8,11 @@ use crate::view::tracks::Track;
 use crate::view::training::Training;
 use serde::Serialize;
 
-/// What the server says.
+/// A message of the server.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "type", rename_all = "kebab-case")]
 pub enum Answer {
-    /// First of all, and again when the scene or whether there is an affinity field changed.
+    /// The first message, sent again when the scene changes or an affinity field appears or disappears.
     Welcome {
         /// Version of the program.
         version: &'static str,
@@ -22,13 +22,13 @@ pub enum Answer {
         scene: String,
         /// Steps that it was trained for.
         step: Option<usize>,
-        /// Gaussians.
+        /// Number of Gaussians.
         gaussians: usize,
-        /// What cameras look at.
+        /// Point that cameras look at.
         centre: [f64; 3],
-        /// How far from it those of the dataset stand.
+        /// Distance of the dataset's cameras from it.
         radius: f64,
-        /// Their field of view, radians.
+        /// Their field of view, in radians.
         fov: f64,
         /// Width and height of their pictures.
         size: [u32; 2],
@@ -42,25 +42,25 @@ pub enum Answer {
         in_training: bool,
         /// Whether that training can be paused here.
         can_pause: bool,
-        /// What there is to say.
+        /// A note for the user.
         note: Option<String>,
     },
     /// Segments and edits as they are now.
     Document(Box<Document>),
     /// What a click selected.
     Picked(Box<Selected>),
-    /// The command that was asked for.
+    /// The command that was requested.
     Command {
         /// Number of the request.
         id: u32,
-        /// For a shell.
+        /// The command, for a shell.
         command: String,
     },
     /// The dataset's test views.
     Views {
         /// Number of the request.
         id: u32,
-        /// In their order.
+        /// The views, in order.
         views: Vec<Placed>,
     },
     /// A path through keyframes.
@@ -72,7 +72,7 @@ pub enum Answer {
         /// What its file holds.
         file: Box<SavedPath>,
     },
-    /// Why there is no picture beside the picture, where one was asked for; nothing once there is.
+    /// Why there is no second picture, if one was requested; without a reason once there is.
     Beside {
         /// Why, and what to do.
         fault: Option<String>,
@@ -82,25 +82,25 @@ pub enum Answer {
         /// Its number.
         id: u32,
     },
-    /// Where something is.
+    /// A position.
     Place {
         /// Number of the request.
         id: u32,
-        /// World units.
+        /// In world units.
         at: [f64; 3],
     },
-    /// How far long work has come.
+    /// Progress of long work.
     Job(Box<JobState>),
-    /// What segments are like over time.
+    /// How segments change over time.
     Track(Box<Track>),
-    /// How the training of the run has come on.
+    /// Progress of the run's training.
     Training(Box<Training>),
-    /// The key to the colours.
+    /// The legend of the colours.
     Legend {
-        /// The key; none where things have their own colours.
+        /// The legend; `None` where objects have their own colours.
         legend: Option<Legend>,
     },
-    /// The viewer ends; the last that it says.
+    /// The viewer ends; its last message.
     Ended {
         /// Why, and what to do.
         message: String,
@@ -114,16 +114,16 @@ pub enum Answer {
     },
 }
 
-/// A run that the one that is viewed can be compared with.
+/// A run with which the viewed one can be compared.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OtherRun {
-    /// A short name of it.
+    /// Its short name.
     pub name: String,
     /// Steps that it was trained for.
     pub step: Option<usize>,
-    /// Its Gaussians.
+    /// Number of its Gaussians.
     pub gaussians: usize,
-    /// What there is to know before the two are compared.
+    /// What to know before the two are compared.
     pub note: Option<String>,
 }
 
@@ -132,7 +132,7 @@ pub struct OtherRun {
 pub struct Document {
     /// Grows with every change.
     pub revision: u64,
-    /// Old and new names of segments that the last change gave others, whoever made it.
+    /// Old and new names of segments that the last change renamed, whoever made it.
     pub renamed: Vec<[String; 2]>,
     /// Wholes, each followed by its parts.
     pub segments: Vec<SegmentRow>,
@@ -149,17 +149,17 @@ pub struct Document {
 pub struct SegmentRow {
     /// Its name.
     pub name: String,
-    /// How deep below a whole.
+    /// Depth below a whole.
     pub depth: usize,
     /// sRGB in [0, 1].
     pub colour: [f32; 3],
-    /// Its Gaussians.
+    /// Number of its Gaussians.
     pub gaussians: usize,
     /// Time at which it was found.
     pub time: f64,
     /// The last colour that an edit gave it, sRGB in [0, 1].
     pub rgb: Option<[f32; 3]>,
-    /// What edits multiply its opacity by.
+    /// Factor by which edits multiply its opacity.
     pub opacity: f32,
     /// Whether an edit hides it.
     pub hidden: bool,
@@ -170,19 +170,19 @@ pub struct SegmentRow {
 pub struct Selected {
     /// Number of the request.
     pub id: u32,
-    /// Where the clicked Gaussian is, world units.
+    /// Position of the clicked Gaussian, in world units.
     pub mean: [f32; 3],
-    /// Segments that hold it.
+    /// Segments that contain it.
     pub segments: Vec<String>,
-    /// Gaussians selected, those of earlier clicks with them.
+    /// Number of selected Gaussians, including those of earlier clicks.
     pub gaussians: usize,
     /// Mask scale that was used.
     pub scale: f32,
     /// Cosine that was used.
     pub threshold: f32,
-    /// Shares of the levels that there are, from small to large.
+    /// Shares of the existing levels, from small to large.
     pub levels: Vec<f64>,
-    /// The one that was taken, from 1.
+    /// Number of the level that was used, from 1.
     pub level: Option<usize>,
     /// Milliseconds that it took.
     pub ms: f64,

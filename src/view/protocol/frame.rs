@@ -2,15 +2,15 @@
 
 /// Version of the header.
 const VERSION: u8 = 1;
-/// Bytes of the header.
+/// Length of the header in bytes.
 pub const HEADER: usize = 32;
 
 /// How a frame is encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Codec {
-    /// With loss.
+    /// Lossy.
     Jpeg = 0,
-    /// Without.
+    /// Lossless.
     Png = 1,
 }
 
@@ -21,13 +21,13 @@ pub enum Kind {
     Picture = 0,
     /// What the picture of the same number is compared with.
     Other = 1,
-    /// A file that was asked for; its number is that of the request.
+    /// A file that was requested; its number is that of the request.
     Still = 2,
     /// The dataset's image of the test view of this number, in its own size.
     Image = 3,
 }
 
-/// What is told of a frame.
+/// The header of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameInfo {
     /// What it is.
@@ -49,8 +49,9 @@ pub struct FrameInfo {
 }
 
 impl FrameInfo {
-    /// The frame as it is sent: version, codec, kind, a byte of nothing, then in little-endian order number (u32), revision
-    /// (u64), width and height (u16 each), time, drawing and encoding milliseconds (f32 each), and the picture.
+    /// Returns the frame as it is sent: version, codec, kind, a zero byte, then in little-endian order number (u32),
+    /// revision (u64), width and height (u16 each), time, drawing and encoding milliseconds (f32 each), and the
+    /// picture.
     #[must_use]
     pub fn with(&self, picture: &[u8]) -> Vec<u8> {
         let mut out = Vec::with_capacity(HEADER + picture.len());

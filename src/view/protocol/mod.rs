@@ -1,4 +1,4 @@
-//! What a browser and the server say to each other: JSON texts both ways, and frames with a small header.
+//! Messages between a browser and the server: JSON texts both ways, and frames with a small header.
 
 mod answers;
 mod frame;
@@ -9,5 +9,5 @@ pub use answers::{Answer, Document, OtherRun, SegmentRow, Selected};
 pub use frame::{Codec, FrameInfo, HEADER, Kind};
 pub use requests::{Asked, Change, Combine, Request, Wanted};
 
-/// Longest text that a client may send, bytes.
+/// Maximum length of a text that a client may send, in bytes.
 pub const LONGEST: usize = 64 * 1024;

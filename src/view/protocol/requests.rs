@@ -1,4 +1,4 @@
-//! What a client says.
+//! Messages of a client.
 
 use crate::edit::Operation;
 use crate::name::Name;
@@ -9,83 +9,83 @@ use crate::view::gizmo::Preview;
 use crate::view::jobs::task::Task;
 use serde::Deserialize;
 
-/// What a client says.
+/// A message of a client.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Request {
     /// What it wants to see.
     View(Box<Wanted>),
-    /// It has drawn a frame, and with it all before.
+    /// It has drawn a frame and all before it.
     Ack {
         /// Number of the frame.
         frame: u32,
     },
     /// A click on the view that it saw last.
     Pick {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Column and row, in pixels of the full size.
         pixel: [u32; 2],
-        /// Segment to look in alone; the clicked one if not given.
+        /// Segment to look in; the clicked one if not given.
         within: Option<String>,
-        /// How much is meant; the likeliest level if not given.
+        /// How much to select; the likeliest level if not given.
         meaning: Option<Asked>,
-        /// What becomes of what was selected before.
+        /// What happens to the earlier selection.
         #[serde(default)]
         combine: Combine,
     },
     /// The same click once more, with another meaning.
     Adjust {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
-        /// How much is meant.
+        /// How much to select.
         meaning: Option<Asked>,
     },
-    /// The picture as a file that can be drawn again, without what is selected.
+    /// The picture as a file that can be drawn again, without the selection.
     Still {
-        /// Number by which the frame is known.
+        /// Number by which the frame is identified.
         id: u32,
     },
-    /// The command that draws it.
+    /// The command that draws the picture.
     Command {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
     },
     /// Where the dataset's test views are.
     Views {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
     },
     /// Cameras of a path through keyframes, and the path as a file.
     Path {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// The keyframes.
         keys: Vec<Key>,
-        /// How many cameras.
+        /// Number of cameras.
         frames: usize,
     },
-    /// Forget what was selected.
+    /// Clear the selection.
     Clear,
-    /// Where that is which a pixel of the view shows that the client asked for last.
+    /// The position of what a pixel shows in the view that the client requested last.
     Point {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Column and row, in pixels of the full size.
         pixel: [u32; 2],
     },
-    /// Where segments are: their opacity-weighted centre.
+    /// The position of segments: their opacity-weighted centre.
     Centre {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
-        /// Which.
+        /// Which segments.
         segments: Vec<String>,
         /// Time in [0, 1].
         time: f64,
     },
-    /// Make a segment of what was selected.
+    /// Make a segment of the selection.
     Commit {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Revision of the document that the client knows.
         base: u64,
@@ -94,7 +94,7 @@ pub enum Request {
     },
     /// Change the document.
     Change {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Revision of the document that the client knows.
         base: u64,
@@ -103,32 +103,32 @@ pub enum Request {
     },
     /// Start long work.
     Job {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Revision of the document that the client knows.
         base: u64,
         /// The work.
         task: Task,
     },
-    /// What segments, several as one, are like over time.
+    /// How segments, several as one, change over time.
     Track {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Their names.
         segments: Vec<String>,
-        /// Times, evenly spaced over [0, 1].
+        /// Number of times, evenly spaced over [0, 1].
         times: usize,
     },
-    /// Have the training that goes on in the viewer's process pause, or go on.
+    /// Pause or continue the training in the viewer's process.
     Pause {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Whether to pause.
         pause: bool,
     },
     /// Stop long work.
     Cancel {
-        /// Number by which the answer is known.
+        /// Number by which the answer is identified.
         id: u32,
         /// Number of the job.
         job: u64,
@@ -142,23 +142,23 @@ pub struct Wanted {
     /// The picture.
     #[serde(flatten)]
     pub view: View,
-    /// Whether more is to come at once.
+    /// Whether more changes are to come at once.
     pub moving: bool,
     /// What it is compared with.
     #[serde(default)]
     pub compare: Option<Compare>,
-    /// Edits that are not saved and apply after those of the run.
+    /// Unsaved edits that are shown after those of the run.
     #[serde(default)]
     pub preview: Option<Preview>,
 }
 
-/// How much a click means.
+/// How much a click selects.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Asked {
     /// A level, from 1, the smallest.
     Level(usize),
-    /// A mask scale in [0, 1] and the cosine that members have at least.
+    /// A mask scale in [0, 1] and the minimum cosine of members.
     By {
         /// The scale.
         scale: f32,
@@ -167,16 +167,16 @@ pub enum Asked {
     },
 }
 
-/// What becomes of what was selected before when something is clicked.
+/// What happens to the earlier selection when something is clicked.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Combine {
-    /// It goes.
+    /// It is replaced.
     #[default]
     Replace,
-    /// The new joins it.
+    /// The new selection is added to it.
     Add,
-    /// The new is taken from it.
+    /// The new selection is removed from it.
     Remove,
 }
 
@@ -184,33 +184,33 @@ pub enum Combine {
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Change {
-    /// Segments by colour, in place of all that there are.
+    /// Replace all segments by segments by colour.
     Coarse {
-        /// Time at which they are looked for, in [0, 1].
+        /// Time at which to segment, in [0, 1].
         time: f64,
         /// Number of colours; suggested from the data if not given.
         clusters: Option<usize>,
     },
-    /// Several segments as one.
+    /// Group several segments as one.
     Group {
         /// Name of the group.
         name: Name,
         /// Its segments.
         segments: Vec<String>,
     },
-    /// Give a segment another name.
+    /// Rename a segment.
     Rename {
-        /// What it is called.
+        /// Its current name.
         segment: String,
-        /// What it is to be called.
+        /// Its new name.
         name: Name,
     },
     /// Remove segments with their parts.
     Remove {
-        /// Which.
+        /// Which segments.
         segments: Vec<String>,
     },
-    /// Undo or redo changes of the segments.
+    /// Undo or redo a change of the segments.
     Segments {
         /// Whether to undo; to redo if not.
         undo: bool,

@@ -1,4 +1,4 @@
-//! Answers of requests.
+//! Answers to requests.
 
 use super::{Renderer, Wrong};
 use crate::run::keyframes::{CameraPath, SavedPath};
@@ -20,11 +20,11 @@ use std::time::Instant;
 const FILE: &str = "volseggs.png";
 /// Name under which the page saves a path.
 const PATH_FILE: &str = "path.json";
-/// Most cameras of a path that a client may ask for.
+/// Maximum number of cameras of a path that a client may request.
 const PATH: usize = 3000;
 
 impl Renderer {
-    /// Answers a request; an error with the request's number, if it has one.
+    /// Answers a request; an error comes with the request's number, if it has one.
     pub(super) fn answer(&mut self, id: ClientId, request: Request) -> Result<(), Wrong> {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         match request {
@@ -136,7 +136,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Begins a change of the segments that takes its time.
+    /// Begins a change of the segments that takes long.
     fn begin(
         &mut self,
         wanted: Wanted,
@@ -150,14 +150,14 @@ impl Renderer {
         }
     }
 
-    /// Takes the changes over that were found meanwhile.
+    /// Adopts the changes that were finished meanwhile.
     pub(super) fn take_changes(&mut self) {
         while let Some((wanted, found)) = self.slow.news() {
             self.take_change(wanted, found);
         }
     }
 
-    /// Takes a change over, unless the document changed meanwhile.
+    /// Adopts a change, unless the document changed meanwhile.
     pub(super) fn take_change(&mut self, wanted: Wanted, found: Result<RunSegments, RunError>) {
         let Wanted { client: id, id: number, base, selection } = wanted;
         let done = found.map_err(ChangeError::from).and_then(|segments| self.space.adopt(base, segments));
@@ -169,7 +169,7 @@ impl Renderer {
         }
     }
 
-    /// Tells everybody of a change, or the one who wanted it why it is refused.
+    /// Reports a change to all clients, or to the one that requested it why it is refused.
     fn ended(&mut self, id: ClientId, number: u32, done: Result<(), ChangeError>) -> Result<(), Wrong> {
         if matches!(done, Ok(()) | Err(ChangeError::Stale)) {
             self.tell_document();
@@ -182,7 +182,7 @@ impl Renderer {
     }
 }
 
-/// The click, whose selection is a part of the segment that was looked in if all of it lies there.
+/// The click; its selection stays a part of the segment that was looked in only if all of it is in there.
 fn part_of(space: &Workspace, mut hit: Hit, members: &[u32]) -> Hit {
     let holds = |name: &crate::name::Name| {
         let whole = space.segments().now().get(name);

@@ -1,4 +1,4 @@
-//! What clients want to see, drawn.
+//! Drawing what clients want to see.
 
 use super::Renderer;
 use crate::export::images::to_rgb8;
@@ -12,11 +12,11 @@ use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, View};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
-/// Quality of frames of a moving view, and of one at rest.
+/// JPEG quality of frames of a moving view, and of one at rest, in percent.
 const QUALITY: [u8; 2] = [60, 85];
 
 impl Renderer {
-    /// Draws for the next client for whom there is something to draw; until when there is nothing else to do.
+    /// Draws for the next client for which there is something to draw; returns until when there is nothing else to do.
     pub(super) fn draw_next(&mut self) -> Option<Instant> {
         let now = Instant::now();
         let mut until: Option<Instant> = None;
@@ -41,7 +41,7 @@ impl Renderer {
     pub(super) fn draw(&mut self, id: ClientId, view: &View, next: Next) {
         let drawn = catch_unwind(AssertUnwindSafe(|| {
             let drawn = self.frame(id, view, next, Side::Picture)?;
-            // first, so that who acknowledges the picture has taken it too
+            // sent first, so that a client that acknowledges the picture has received it too
             Ok((drawn, self.beside(id, view, next)))
         }));
         let drawn = drawn.unwrap_or_else(|_| Err(RunError::failure("this view cannot be drawn")));
@@ -58,14 +58,14 @@ impl Renderer {
                 client.tell_legend();
             }
             Err(error) => {
-                // not again before it, or what it shows, changes
+                // not drawn again before it, or what it shows, changes
                 client.failed = true;
                 client.answer(Answer::Error { id: None, message: error.to_string() });
             }
         }
     }
 
-    /// Sends what the picture is compared with; the milliseconds that it took.
+    /// Sends what the picture is compared with; returns the milliseconds that it took to draw.
     fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<f32, RunError> {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(0.0) };
         let Some(compare) = client.compare else { return Ok(0.0) };
@@ -110,7 +110,7 @@ impl Renderer {
             None => {
                 let prepared = look.prepare(scene, view.time as f32, device)?;
                 if !dragged {
-                    // nobody comes back to a step of a drag
+                    // the steps of a drag are not shown again
                     self.cache.put(key.clone(), prepared.clone());
                 }
                 prepared
@@ -125,14 +125,14 @@ impl Renderer {
     }
 
     fn info(&self, kind: Kind, number: u32, time: f64, render_ms: f32) -> FrameInfo {
-        // the picture tells the rest
+        // the picture sets codec, size and encoding time
         let (codec, size, encode_ms, revision) = (Codec::Png, [0; 2], 0.0, self.space.revision());
         FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms }
     }
 }
 
-/// Sends a picture, to be encoded on the way. It is encoded here if it shall count as drawing, of which a training beside
-/// leaves little.
+/// Sends a picture, to be encoded on the way; or encodes it `here`, so that this counts as drawing, which is limited
+/// during training.
 fn send(client: &mut Client, picture: Picture, here: bool) {
     if !here {
         return client.send(Outgoing::Picture(Box::new(picture)));

@@ -1,5 +1,5 @@
-//! The thread that draws: it owns the workspace, answers what clients ask, and draws for one client after the other what
-//! each wants to see now. What a client wanted to see before that is never drawn.
+//! The drawing thread: it owns the workspace, answers the requests of clients, and draws for one client after the other
+//! what each wants to see now. Views that a client no longer wants are not drawn.
 
 mod answer;
 mod draw;
@@ -24,16 +24,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How often the files of the run are looked at.
+/// Time between checks of the files of the run.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// A scene in training that is looked at from a moving camera is newer than that.
+/// Age at which a scene in training is replaced even while a camera is moving.
 const MOVING: Duration = Duration::from_secs(3);
 
 /// Why a request is refused, with its number if it has one.
 type Wrong = (Option<u32>, String);
 
-/// The state of the thread.
+/// The state of the drawing thread.
 #[derive(Debug)]
 pub struct Renderer {
     space: Workspace,
@@ -47,27 +47,27 @@ pub struct Renderer {
     tracks: Tracks,
     slow: Slow,
     watch: Watch,
-    /// What clients were told of the scene: its step, and whether there is an affinity field.
+    /// What clients were told about the scene: its step, and whether there is an affinity field.
     told: (Option<usize>, bool),
     hub: Arc<Hub>,
-    /// What drawing may take of the machine, while a training goes on beside it.
+    /// The share of the machine that drawing may take during training in this process.
     share: Option<Arc<Share>>,
     /// Until when nothing is drawn.
     rests: Instant,
     /// When the scene of a training changed last.
     changed: Instant,
-    /// When the files of the run were looked at last.
+    /// When the files of the run were checked last.
     looked: Instant,
 }
 
 impl Renderer {
-    /// Draws `space` for the clients of `hub`, and beside it one of the `others` where they compare; what is deformed is
-    /// kept, of all together up to `cache` bytes.
+    /// Makes the thread's state, which draws `space` for the clients of `hub`, and beside it one of the `others` if
+    /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
     #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
         let (jobs, tracks, slow) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()), Slow::new(hub.clone()));
         let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
-        // without a thread of its own it draws as it would alone
+        // without a thread of its own, drawing is not limited
         let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
         let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
         let (last, rests, changed, looked) = (0, now, now, now);
@@ -94,7 +94,7 @@ impl Renderer {
     pub fn run(mut self) {
         let mut until = Some(Instant::now());
         while let Some(events) = self.hub.wait(until) {
-            // a training that pauses leaves the machine to the viewer
+            // a paused training leaves the machine to the viewer
             let share = self.share.clone().filter(|_| !self.space.live().is_some_and(|live| live.progress().paused));
             until = match share {
                 Some(share) => share.work(|| self.turn(events, Some(&share))),
@@ -104,7 +104,7 @@ impl Renderer {
         self.part();
     }
 
-    /// Does what there is to do; until when there is nothing else.
+    /// Does what there is to do; returns until when there is nothing else.
     fn turn(&mut self, events: Vec<(ClientId, Event)>, share: Option<&Share>) -> Option<Instant> {
         let began = Instant::now();
         for (id, event) in events {
@@ -122,7 +122,7 @@ impl Renderer {
         let rests = share.is_some() && began < self.rests;
         let until = if rests { Some(self.rests) } else { self.draw_next() };
         self.clients.retain(|_, client| !client.lost);
-        // asked again and again: another time may still have been at it when the picture came to rest
+        // asked again and again: another time may still have been in preparation when the picture came to rest
         self.clients.values_mut().for_each(|client| client.prepare_clicks(&self.space));
         self.wish();
         if let Some(share) = share {
@@ -131,8 +131,8 @@ impl Renderer {
         until
     }
 
-    /// Tells the trainer whether a newer scene is wanted: once all windows show the last one, or when a moving picture has
-    /// shown it for long.
+    /// Tells the trainer whether a newer scene is wanted: once all windows show the last one, or when a moving picture
+    /// has shown it for long enough.
     fn wish(&self) {
         let Some(live) = self.space.live() else { return };
         let looking = || self.clients.values().filter(|client| client.view.is_some());
@@ -145,9 +145,9 @@ impl Renderer {
         });
     }
 
-    /// Says that the viewer ends; after a training each window gets the last scene as it looks at it.
+    /// Announces that the viewer ends; after a training, each window first gets the last scene in its own view.
     fn part(mut self) {
-        // what was asked for is done
+        // requested changes are finished first
         while let Some((wanted, found)) = self.slow.wait() {
             self.take_change(wanted, found);
         }
@@ -183,7 +183,7 @@ impl Renderer {
                 self.clients.remove(&id);
             }
             Event::Said(request) => {
-                // whatever goes wrong here, the others go on
+                // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
                 let wrong = answered.unwrap_or_else(|_| Err((None, "the viewer failed at this; it goes on".into())));
                 if let (Err((number, message)), Some(client)) = (wrong, self.clients.get_mut(&id)) {
@@ -222,7 +222,7 @@ impl Renderer {
             let newer = now.0 != self.told.0;
             self.told = now;
             self.tell_all(&self.welcome());
-            // what was selected is of the scene before
+            // the selection belongs to the previous scene
             self.clients.values_mut().filter(|_| newer).for_each(Client::clear);
         }
         let document = self.space.document();
@@ -233,7 +233,7 @@ impl Renderer {
         }
     }
 
-    /// Reads what commands and jobs wrote into the run.
+    /// Reads what commands and jobs wrote to the run.
     fn look_at_files(&mut self) {
         match self.space.refresh() {
             Ok(false) => {}
@@ -270,7 +270,7 @@ impl Renderer {
         self.clients.values_mut().for_each(Client::clear);
     }
 
-    /// Tells how the training of the run has come on, at once if that is `urgent`.
+    /// Reports the progress of the run's training, at once if that is `urgent`.
     fn tell_of_training(&mut self, urgent: bool) {
         let live = self.space.live().map(|live| live.progress());
         if let Some(training) = self.watch.look(&self.space.run, live, urgent) {
@@ -279,7 +279,7 @@ impl Renderer {
         }
     }
 
-    /// Tells how far a job has come, after what it made when it ended.
+    /// Reports the progress of a job; when it has ended, after what it made.
     fn tell_of_job(&mut self) {
         let Some(state) = self.jobs.news() else { return };
         if state.end.is_some() {
@@ -288,7 +288,7 @@ impl Renderer {
         self.tell_all(&Answer::Job(Box::new(state)));
     }
 
-    /// Sends tracks to those who asked for them.
+    /// Sends tracks to the clients that requested them.
     fn tell_of_tracks(&mut self) {
         while let Some((id, found)) = self.tracks.news() {
             let Some(client) = self.clients.get_mut(&id) else { continue };

@@ -1,5 +1,5 @@
-//! Changes of segments and edits: each takes the lock, looks at what others wrote, and is refused to who does not know
-//! that.
+//! Changes of segments and edits: each takes the lock, reads what others wrote, and is refused to a client that does
+//! not know that.
 
 use super::Workspace;
 use crate::edit::Edit;
@@ -14,16 +14,16 @@ use crate::view::reading::seen;
 use crate::view::refusal::ChangeError;
 use std::time::Duration;
 
-/// What others are told of who holds the run.
+/// The command that is named to others while this process holds the run.
 const COMMAND: &str = "volseggs view";
-/// Longest wait for the short work of a command: the thread that draws waits meanwhile.
+/// Longest wait for the short work of a command: the drawing thread waits meanwhile.
 const PATIENCE: Duration = Duration::from_millis(200);
 
 impl Workspace {
     /// Carries out a change of a client that knows revision `base`.
     ///
     /// # Errors
-    /// If the document has another revision by now, or it cannot be done; all is then as it was.
+    /// If the document has another revision by now, or the change cannot be made; everything is then as before.
     pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
         let lock = self.begin(base, PATIENCE)?;
         let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
@@ -57,7 +57,7 @@ impl Workspace {
         self.end(lock, steps, Some(segments))
     }
 
-    /// Run and segments, to be changed on another thread, for a client that knows revision `base`.
+    /// Returns run and segments, to be changed on another thread, for a client that knows revision `base`.
     ///
     /// # Errors
     /// If nothing may be changed, or the document has another revision by now.
@@ -65,12 +65,12 @@ impl Workspace {
         Ok((self.for_work(base)?, self.segments.clone()))
     }
 
-    /// Puts a changed [`Self::copy`] of revision `base` in the place of the segments.
+    /// Replaces the segments by a changed [`Self::copy`] of revision `base`.
     ///
     /// # Errors
     /// As [`Workspace::change`].
     pub fn adopt(&mut self, base: u64, segments: RunSegments) -> Result<(), ChangeError> {
-        // seconds of work would be lost
+        // a longer wait, as seconds of work would be lost
         let lock = self.begin(base, 10 * PATIENCE)?;
         let steps = self.steps();
         self.end(lock, steps, Some(segments))
@@ -94,7 +94,7 @@ impl Workspace {
             segments.save()?;
             names = renamed(self.segments.now(), segments.now());
             self.segments = segments;
-            // those of a segment that has another name now followed
+            // edits of a renamed segment now have its new name
             self.edits = self.run.edits()?;
         }
         let before = std::mem::replace(&mut self.seen, seen(&self.run));
@@ -104,7 +104,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// The change that undoes or redoes what was changed last.
+    /// Returns the change that undoes or redoes what was changed last.
     fn last(&self, undo: bool) -> Result<Change, RunError> {
         let [segments, edits] = self.steps();
         let found = if undo { self.order.to_undo(segments, edits) } else { self.order.to_redo(segments, edits) };
@@ -116,10 +116,10 @@ impl Workspace {
     }
 }
 
-/// Puts segments by colour at `time` in the place of all that there are.
+/// Replaces all segments by segments by colour at `time`.
 ///
 /// # Errors
-/// A time outside [0, 1], or one at which nothing shows.
+/// A time outside [0, 1], or one at which nothing is visible.
 pub fn coarse(run: &OpenRun, segments: &mut RunSegments, time: f64, clusters: Option<usize>) -> Result<(), RunError> {
     if !(0.0..=1.0).contains(&time) {
         return Err(RunError::input("time: between 0 and 1"));

@@ -1,5 +1,4 @@
-//! The run that is viewed, with its segments and edits: one document for all clients, and for commands that write into the
-//! run meanwhile.
+//! The viewed run with its segments and edits: one document for all clients and for commands that write to the run.
 
 mod change;
 mod told;
@@ -27,28 +26,28 @@ use std::sync::Arc;
 pub struct Workspace {
     /// The run.
     pub run: OpenRun,
-    /// Where the cameras of its dataset stand.
+    /// Where the cameras of its dataset are.
     pub around: Surroundings,
     /// Its device.
     pub device: Device,
-    /// Whether newer checkpoints take its place: the run was opened, not one of its checkpoints.
+    /// Whether newer checkpoints replace it: the run was opened, not one of its checkpoints.
     follows: bool,
     /// The newest checkpoint that was seen.
     newest: Option<PathBuf>,
     newer: Newer,
     segments: RunSegments,
-    /// Why the segments on the disk cannot be used with this scene, if they cannot.
+    /// Why the segments on disk cannot be used with this scene, if they cannot.
     fault: Option<String>,
     /// Why what was written since cannot be read, if so; what was read before is shown, and nothing can be changed.
     damage: Option<String>,
     edits: EditStack,
     field: Option<(AffinityField, AffinitySpec)>,
     revision: u64,
-    /// Old and new names of segments that the last change gave others.
+    /// Old and new names of segments that the last change renamed.
     renamed: Vec<[String; 2]>,
-    /// Which of segments and edits changed last.
+    /// The order in which segments and edits changed.
     order: Order,
-    /// What the files looked like when they were read.
+    /// The stamps of the files when they were read.
     seen: Seen,
     read_only: bool,
     /// The training of the run, if it goes on in this process.
@@ -56,8 +55,8 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// Opens a run, which may be training: its newest checkpoint is shown. Segments of another state of its scene are left
-    /// out.
+    /// Opens a run, which may still be training: its newest checkpoint is shown. Segments of another state of its scene
+    /// are omitted.
     ///
     /// # Errors
     /// If the run or a file of it cannot be used.
@@ -86,8 +85,8 @@ impl Workspace {
         })
     }
 
-    /// A run that this process trains. What is shown are the scenes that the trainer leaves; there are no segments and edits,
-    /// whatever files say, as those would be of another state of the scene.
+    /// Makes the workspace of a run that this process trains. It shows the scenes that the trainer leaves; there are no
+    /// segments and edits, whatever files say, as those would belong to another state of the scene.
     #[must_use]
     pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Self {
         let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
@@ -117,13 +116,13 @@ impl Workspace {
         }
     }
 
-    /// Grows with every change of segments or edits.
+    /// Returns a number that grows with every change of the scene, segments or edits.
     #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// Why the segments on the disk are not there, if they cannot be used; nothing can be changed then.
+    /// Returns why the segments on disk cannot be used, if they cannot; nothing can be changed then.
     #[must_use]
     pub fn fault(&self) -> Option<&str> {
         self.fault.as_deref()
@@ -141,10 +140,10 @@ impl Workspace {
         self.refuse().is_err()
     }
 
-    /// Refuses changes where there can be none.
+    /// Refuses changes where none are possible.
     ///
     /// # Errors
-    /// Why.
+    /// Why none are possible.
     pub fn refuse(&self) -> Result<(), ChangeError> {
         match self.live {
             _ if self.read_only => Err(ChangeError::ReadOnly),
@@ -153,13 +152,13 @@ impl Workspace {
         }
     }
 
-    /// The training of the run, if it goes on in this process.
+    /// Returns the training of the run, if it goes on in this process.
     #[must_use]
     pub fn live(&self) -> Option<&Arc<Live>> {
         self.live.as_ref()
     }
 
-    /// The same for who wants it to pause or go on.
+    /// Returns the training of the run, to pause or continue it.
     ///
     /// # Errors
     /// If there is none, or nothing may be changed.
@@ -183,8 +182,8 @@ impl Workspace {
         &self.segments
     }
 
-    /// Reads what commands and a training wrote meanwhile; whether there was any. A newer checkpoint is read on another
-    /// thread, and is there at a later call. What cannot be read leaves all as it was.
+    /// Reads what commands and a training wrote meanwhile; returns whether there was anything. A newer checkpoint is
+    /// read on another thread, and shown at a later call. If something cannot be read, everything stays as it was.
     ///
     /// # Errors
     /// If a file is damaged now.
@@ -202,23 +201,23 @@ impl Workspace {
             return Ok(true);
         }
         if let Some(newest) = self.unread() {
-            // one that cannot be read is told of once
+            // one that cannot be read is reported once
             self.newest = Some(newest);
             self.newer.begin(&self.run.path, &self.device)?;
         }
         if self.newer.is_under_way() {
-            // what the files hold may be of that state of the scene
+            // what the files hold may belong to that state of the scene
             return Ok(false);
         }
         let now = seen(&self.run);
         if now == self.seen {
             return Ok(false);
         }
-        // told once, not at every look at the files
+        // reported once, not at every check of the files
         let before = std::mem::replace(&mut self.seen, now);
         let steps = self.steps();
         let read = RunSegments::open(&self.run).and_then(|segments| Ok((segments, self.run.edits()?)));
-        // what was not read must not be written over
+        // what was not read must not be overwritten
         self.damage = read.as_ref().err().map(ToString::to_string);
         let (segments, edits) = read?;
         self.renamed = renamed(self.segments.now(), segments.now());
@@ -230,8 +229,8 @@ impl Workspace {
         Ok(true)
     }
 
-    /// The newest checkpoint, if it was not seen before and is to be shown. Checkpoints appear whole, by a change of their
-    /// name, so that none is read half.
+    /// The newest checkpoint, if it was not seen before and is to be shown. Checkpoints appear whole, by renaming, so
+    /// that none is read half-written.
     fn unread(&self) -> Option<PathBuf> {
         if !self.follows || self.newer.is_under_way() {
             return None;
@@ -240,7 +239,7 @@ impl Workspace {
         (self.newest.as_ref() != Some(&newest)).then_some(newest)
     }
 
-    /// Shows a newer checkpoint in place of the one that is shown.
+    /// Shows a newer checkpoint instead of the current one.
     fn show(&mut self, read: Read) {
         self.newest = read.run.scene_path.parent().map(Path::to_owned);
         Read {
@@ -252,12 +251,12 @@ impl Workspace {
             edits: self.edits,
             field: self.field,
         } = read;
-        // what was changed before was of another state of the scene
+        // earlier changes belong to another state of the scene
         (self.order, self.renamed, self.damage) = (Order::default(), Vec::new(), None);
         self.revision += 1;
     }
 
-    /// The run for long work on another thread, which is to lock it, for a client that knows revision `base`.
+    /// Returns the run for long work on another thread, which must lock it, for a client that knows revision `base`.
     ///
     /// # Errors
     /// If nothing may be changed, or the document has another revision by now.
@@ -278,21 +277,21 @@ impl Workspace {
         }
     }
 
-    /// Steps to undo and redo of segments and edits.
+    /// Numbers of steps to undo and redo, of segments and edits.
     fn steps(&self) -> [Steps; 2] {
         let of = |towards| self.segments.steps(towards).len();
         let segments = Steps { undo: of(Towards::Undo), redo: of(Towards::Redo) };
         [segments, Steps { undo: self.edits.operations.len(), redo: self.edits.undone.len() }]
     }
 
-    /// Notes which of the two histories changed since there were these steps and the files looked like `before`; of both
-    /// the one whose file was written first.
+    /// Records which of the two histories changed since they had these steps and the files had the stamps `before`; if
+    /// both did, first the one whose file was written first.
     fn note(&mut self, [segments, edits]: [Steps; 2], before: Seen) {
         let now = self.steps();
         let mut changed = [(Stack::Segments, 0, segments, now[0]), (Stack::Edits, 1, edits, now[1])];
         changed.sort_by_key(|(_, file, ..)| self.seen[*file]);
         for (stack, file, before_it, after_it) in changed {
-            // edits that only follow a new name are no change of theirs
+            // edits that were only adapted to a new name have not changed
             let only_names = stack == Stack::Edits && before_it == after_it;
             if self.seen[file] != before[file] && !only_names {
                 self.order.saw(stack, before_it, after_it);

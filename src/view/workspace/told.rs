@@ -1,4 +1,4 @@
-//! What clients are told of the run that is viewed.
+//! What clients are told about the viewed run.
 
 use super::Workspace;
 use crate::edit::Total;
@@ -9,10 +9,10 @@ use crate::segment::segmentation::Segment;
 use crate::view::protocol::{Document, SegmentRow};
 
 impl Workspace {
-    /// Where segments are at `time` in [0, 1], edits applied: their opacity-weighted centre in world units.
+    /// Returns the opacity-weighted centre of segments at `time` in [0, 1], edits applied, in world units.
     ///
     /// # Errors
-    /// A time out of range, no segments, a name that none has, or segments that hold no Gaussians.
+    /// A time out of range, no segments, an unknown name, or segments without Gaussians.
     pub fn centre(&self, segments: &[String], time: f64) -> Result<[f64; 3], RunError> {
         if !(0.0..=1.0).contains(&time) {
             return Err(RunError::input("time: between 0 and 1"));
@@ -24,7 +24,7 @@ impl Workspace {
         centre.ok_or_else(|| RunError::input(format!("{}: no Gaussians", segments.join(", "))))
     }
 
-    /// What clients are told.
+    /// Returns what clients are told.
     #[must_use]
     pub fn document(&self) -> Document {
         let row = |(depth, s): (usize, &Segment)| {

@@ -1,4 +1,4 @@
-//! What the readers share: checked sizes, names of scalar types, mapped files. No file format here.
+//! Shared by the readers: checked sizes, names of scalar types, mapped files. No file format here.
 
 use crate::files::open_regular;
 use crate::memory::{Budget, product};
@@ -8,10 +8,10 @@ use memmap2::{Mmap, MmapOptions};
 use std::fs::File;
 use std::path::Path;
 
-/// Largest distance that is read: products of a few such numbers are still finite.
+/// Maximum distance accepted: products of a few such numbers are still finite.
 const FARTHEST: f64 = 1e30;
 
-/// Sizes of the values of a file, checked: nothing computed from them overflows.
+/// Checked sizes of the values of a file: nothing computed from them overflows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
     /// Voxels along x, y, z.
@@ -47,7 +47,7 @@ impl Shape {
         let voxels = dims[0].checked_mul(dims[1])?.checked_mul(dims[2])?;
         let step_bytes = voxels.checked_mul(scalar.bytes() as u64)?;
         let total_bytes = step_bytes.checked_mul(steps).filter(|&n| n <= i64::MAX as u64)?;
-        // One step becomes four bytes a voxel in memory.
+        // one step becomes four bytes per voxel in memory
         voxels.checked_mul(4).filter(|&n| isize::try_from(n).is_ok())?;
         Some(Self {
             dims: [usize::try_from(dims[0]).ok()?, usize::try_from(dims[1]).ok()?, usize::try_from(dims[2]).ok()?],
@@ -59,7 +59,7 @@ impl Shape {
     }
 }
 
-/// The scalar type of a name: `u8`, `uint8`, `unsigned char`, `float`, ...; case and extra blanks do not matter.
+/// The scalar type of a name: `u8`, `uint8`, `unsigned char`, `float`, ...; case and extra spaces do not matter.
 #[must_use]
 pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
     let name = name.split_whitespace().collect::<Vec<_>>().join(" ").to_ascii_lowercase();
@@ -79,7 +79,7 @@ pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
 /// Checks a spacing.
 ///
 /// # Errors
-/// A value that is not a number above 0, or beyond what can be computed with.
+/// A value that is not a number above 0, or outside the range of computation.
 pub fn check_spacing(path: &Path, field: &str, spacing: [f64; 3]) -> Result<[f64; 3], VolumeError> {
     if spacing.iter().all(|s| (1.0 / FARTHEST..=FARTHEST).contains(s)) {
         return Ok(spacing);
@@ -91,7 +91,7 @@ pub fn check_spacing(path: &Path, field: &str, spacing: [f64; 3]) -> Result<[f64
 /// Checks an origin.
 ///
 /// # Errors
-/// A value that is not finite, or too far.
+/// A value that is not finite, or too large.
 pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 3], VolumeError> {
     if origin.iter().all(|s| s.abs() <= FARTHEST) {
         return Ok(origin);
@@ -100,10 +100,10 @@ pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 
     Err(VolumeError::invalid(path, field, format!("{origin:?} is no position"), hint))
 }
 
-/// Opens a regular file for reading and gives its length in bytes.
+/// Opens a regular file for reading and returns its length in bytes.
 ///
 /// # Errors
-/// It is absent, a folder, or may not be read.
+/// It is missing, a folder, or not readable.
 pub fn open_file(path: &Path) -> Result<(File, u64), VolumeError> {
     let fail = |source| VolumeError::io(path, "open the file", source, "check the name and the permissions");
     let file = open_regular(path).map_err(fail)?;
@@ -114,7 +114,7 @@ pub fn open_file(path: &Path) -> Result<(File, u64), VolumeError> {
 /// Maps `len` bytes from `offset` on. The handle is closed before this returns.
 ///
 /// # Errors
-/// The file is absent or ends before `offset + len`.
+/// The file is missing or ends before `offset + len`.
 pub fn map(path: &Path, offset: u64, len: u64) -> Result<Mmap, VolumeError> {
     let (file, found) = open_file(path)?;
     let end = offset.checked_add(len).filter(|&end| end <= found);
@@ -122,13 +122,13 @@ pub fn map(path: &Path, offset: u64, len: u64) -> Result<Mmap, VolumeError> {
         let problem = format!("needs {len} bytes from byte {offset} on, but the file has {found} bytes");
         return Err(VolumeError::invalid(path, "size", problem, "write the file again, it is truncated"));
     };
-    // SAFETY: the map is only read, and dropped by the caller within one call. A file that another process cuts short
-    // meanwhile would stop this one; volumes are not written while they are read.
+    // SAFETY: the map is only read, and dropped by the caller within one call. A file truncated by another process in
+    // the meantime would stop this one; volumes are not written while they are read.
     let map = unsafe { MmapOptions::new().offset(offset).len(size).map(&file) };
     map.map_err(|e| VolumeError::io(path, "map the file", e, "copy it to a local disk"))
 }
 
-/// Empties `out` and gives it room for `n` zeros.
+/// Clears `out` and fills it with `n` zeros.
 ///
 /// # Errors
 /// Not enough memory.
@@ -138,7 +138,7 @@ pub fn prepare(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeEr
     Ok(())
 }
 
-/// Empties `out` and gives it room for `n` values: four bytes each, however small they are in the file.
+/// Clears `out` and reserves room for `n` values: four bytes each, however small they are in the file.
 ///
 /// # Errors
 /// Not enough memory.
@@ -150,7 +150,7 @@ pub fn reserve(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeEr
     out.try_reserve_exact(n).map_err(|_| refused(format!("one step of {n} voxels does not fit into memory")))
 }
 
-/// Checks that a reader was asked for a step that the file has.
+/// Checks that the file has the requested step.
 ///
 /// # Errors
 /// `step` is not below `steps`.
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn a_step_that_does_not_fit_into_memory_is_refused_before_it_is_allocated() {
-        // as f32, a volume of bytes takes four times its file
+        // as f32, a volume of bytes takes four times its file size
         let told = reserve(Path::new("a.raw"), &mut Vec::new(), 1 << 44).unwrap_err().to_string();
         assert!(told.contains("one step of 17592186044416 voxels") && told.contains("--memory"), "{told}");
         let mut out = vec![1.0; 3];

@@ -1,9 +1,9 @@
-//! Stored values to `f32`: either byte order, every [`ScalarType`]. No files here.
+//! Converts stored values to `f32`: either byte order, every [`ScalarType`]. No files here.
 
 use crate::volume::grid::ScalarType;
 use rayon::prelude::*;
 
-/// Values converted by one task; fixed, though each value stands alone and no result depends on it.
+/// Values converted by one task; fixed, though values are independent and no result depends on it.
 const CHUNK: usize = 1 << 16;
 
 /// Order of the bytes of one value.
@@ -15,7 +15,7 @@ pub enum Endian {
     Big,
 }
 
-/// Decodes all of `bytes` into `out`, which is cleared first. An incomplete last value is left out.
+/// Decodes all of `bytes` into `out`, which is cleared first. An incomplete last value is skipped.
 /// Integers beyond 2^24 round to the nearest `f32`; an `f64` beyond the range of `f32` becomes infinite.
 pub fn decode(bytes: &[u8], scalar: ScalarType, endian: Endian, out: &mut Vec<f32>) {
     out.clear();
@@ -23,8 +23,8 @@ pub fn decode(bytes: &[u8], scalar: ScalarType, endian: Endian, out: &mut Vec<f3
     decode_into(bytes, scalar, endian, 0, 1, out);
 }
 
-/// Decodes the values numbered `first + i * stride` of `bytes` into `out[i]`. Where `bytes` holds fewer values,
-/// the rest of `out` keeps what it had.
+/// Decodes the values numbered `first + i * stride` of `bytes` into `out[i]`. Where `bytes` holds fewer values, the
+/// rest of `out` is unchanged.
 pub fn decode_into(bytes: &[u8], scalar: ScalarType, endian: Endian, first: usize, stride: usize, out: &mut [f32]) {
     macro_rules! as_f32 {
         ($number:ty) => {
@@ -86,7 +86,7 @@ mod tests {
                     let expected: Vec<u32> = values.iter().map(|&v| (v as f32).to_bits()).collect();
                     let le: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
                     let be: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
-                    // Poison: what was there before must not show.
+                    // poison: previous content must not show
                     let mut out = vec![f32::NAN; 7];
                     decode(&le, $scalar, Endian::Little, &mut out);
                     prop_assert_eq!(out.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), expected.clone());

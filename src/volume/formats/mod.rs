@@ -1,4 +1,4 @@
-//! Readers of volume files, chosen by extension. Each gives a [`VolumeFile`] that holds no open file between reads.
+//! Readers of volume files, chosen by extension. Each returns a [`VolumeFile`] that holds no open file between reads.
 
 mod common;
 pub mod decode;
@@ -16,7 +16,7 @@ use crate::volume::error::VolumeError;
 use crate::volume::source::VolumeFile;
 use std::path::Path;
 
-/// What is read, for messages.
+/// The file types that are read, for messages.
 pub const READ: &str = ".nrrd, .nhdr, .npy, .vti, .nii, .nii.gz, and .raw/.bin/.dat with a sidecar";
 
 /// A file format.
@@ -55,7 +55,7 @@ pub fn format_of(path: &Path) -> Option<(Format, usize)> {
 /// Opens a volume file: reads its header, not its values.
 ///
 /// # Errors
-/// An unknown extension, or what the reader of the format finds wrong.
+/// An unknown extension, or an error of the format's reader.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     match format_of(path) {
         Some((Format::Raw, _)) => raw::open(path),

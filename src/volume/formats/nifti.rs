@@ -1,5 +1,5 @@
-//! NIfTI-1 images (`.nii`, `.nii.gz`), 3D or 4D with time as the fourth axis. The header is read by the crate
-//! `nifti`; the values are streamed here, so that one step of a 4D file is all that is ever held.
+//! NIfTI-1 images (`.nii`, `.nii.gz`), 3D or 4D with time as the fourth axis. The header is read by the `nifti` crate;
+//! the values are streamed here, so that only the requested steps of a 4D file are held.
 
 #[cfg(test)]
 mod tests;
@@ -16,7 +16,7 @@ use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// The most gzip can expand.
+/// Maximum expansion of gzip.
 const GZIP_RATIO: u64 = 1032;
 /// Bytes of a NIfTI-1 header.
 const HEADER: i32 = 348;
@@ -25,8 +25,8 @@ const HEADER_2: i32 = 540;
 const CONVERT: &str = "convert it to a single .nii or .nii.gz file (NIfTI-1), for example with nibabel";
 const REWRITE: &str = "the file is damaged or truncated: copy or write it again";
 
-/// Opens a `.nii` or `.nii.gz` file and reads its header; the values stay on disk. Whether it is packed is told from
-/// its first bytes, not from its name.
+/// Opens a `.nii` or `.nii.gz` file and reads its header; the values stay on disk. Whether it is compressed is decided
+/// by its first bytes, not by its name.
 ///
 /// # Errors
 /// An unreadable file, one that is not a single-file NIfTI-1 image of real numbers, or one that claims more values
@@ -62,13 +62,13 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     Ok(Box::new(Nifti { path: path.to_owned(), header, gz, start, kind, big_endian, scale: scale(&raw) }))
 }
 
-/// An open NIfTI file: what to read, and where it lies.
+/// An open NIfTI file: what to read, and where.
 #[derive(Debug)]
 struct Nifti {
     path: PathBuf,
     header: Header,
     gz: bool,
-    /// First byte of the values, in the unpacked stream.
+    /// First byte of the values, in the decompressed stream.
     start: u64,
     kind: ScalarType,
     big_endian: bool,
@@ -91,7 +91,7 @@ impl VolumeFile for Nifti {
         if steps.end > self.header.steps {
             return Err(self.no_step(steps.end - 1));
         }
-        // no more than the file claims, which was compared with what it can hold
+        // no more than the file claims, which was checked against what it can hold
         let count = self.header.grid.len() * steps.len();
         common::reserve(&self.path, out, count)?;
         self.read_from(first, count, out).map_err(|e| read_error(&self.path, &format!("step {first}"), e))
@@ -104,7 +104,7 @@ impl Nifti {
         VolumeError::invalid(&self.path, "step", format!("no step {step}"), hint)
     }
 
-    /// `count` values from the beginning of `step` on.
+    /// Reads `count` values from the beginning of `step` on.
     fn read_from(&self, step: usize, count: usize, out: &mut Vec<f32>) -> io::Result<()> {
         let skip = self.start + step as u64 * (self.header.grid.len() * self.kind.bytes()) as u64;
         let mut file = open_regular(&self.path)?;
@@ -121,7 +121,7 @@ impl Nifti {
 }
 
 fn from_stream(path: &Path, mut src: impl Read) -> Result<NiftiHeader, VolumeError> {
-    // The size field comes first and tells NIfTI-1 from NIfTI-2 and from files of other kinds.
+    // the size field comes first and distinguishes NIfTI-1 from NIfTI-2 and from other files
     let mut bytes = [0u8; HEADER as usize];
     src.read_exact(&mut bytes).map_err(|e| read_error(path, "header", e))?;
     let size = i32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
@@ -176,7 +176,7 @@ fn start(path: &Path, raw: &NiftiHeader) -> Result<u64, VolumeError> {
     Ok(offset as u64)
 }
 
-/// `(slope, inter)`, or none where the header asks for no scaling: a slope of 0 or (as nibabel writes) NaN.
+/// `(slope, inter)`, or `None` where the header asks for no scaling: a slope of 0 or (as written by nibabel) NaN.
 fn scale(raw: &NiftiHeader) -> Option<(f64, f64)> {
     let inter = if raw.scl_inter.is_finite() { f64::from(raw.scl_inter) } else { 0.0 };
     let slope = f64::from(raw.scl_slope);
@@ -186,7 +186,7 @@ fn scale(raw: &NiftiHeader) -> Option<(f64, f64)> {
 fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid, usize), VolumeError> {
     let bad = |problem: String, hint: &str| VolumeError::invalid(path, "dim", problem, hint);
     let dim = raw.dim().map_err(|e| bad(e.to_string(), REWRITE))?;
-    // The format's sizes are signed: the crate reads a negative one as a large one.
+    // the format's sizes are signed: the crate reads a negative one as a large one
     if let Some(d) = dim.iter().find(|d| **d > i16::MAX as u16) {
         return Err(bad(format!("a size of {}", *d as i16), REWRITE));
     }

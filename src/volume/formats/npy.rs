@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// NumPy writes about a hundred bytes; more is no header of a plain array.
+/// NumPy writes about a hundred bytes; anything longer is not the header of a plain array.
 const MAX_HEADER: usize = 1 << 16;
 
 #[derive(Debug)]
@@ -24,8 +24,8 @@ struct Npy {
     fortran: bool,
 }
 
-/// Opens an array: reads its header and the sidecar `NAME.npy.toml` or `NAME.npy.json` with `spacing` and `origin`,
-/// where there is one.
+/// Opens an array: reads its header and the sidecar `NAME.npy.toml` or `NAME.npy.json` with `spacing` and `origin`, if
+/// present.
 ///
 /// # Errors
 /// Not an array of three or four axes of a known type, or a file size that does not match.

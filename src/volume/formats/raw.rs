@@ -18,10 +18,10 @@ struct Raw {
     offset: u64,
 }
 
-/// The sidecar of a raw file, if there is one: its own before that of the folder.
+/// The sidecar of a raw file, if any: its own takes precedence over that of the folder.
 ///
 /// # Errors
-/// Two of a kind exist.
+/// Two of the same kind exist.
 pub fn sidecar_of(path: &Path) -> Result<Option<PathBuf>, VolumeError> {
     let bare = path.with_extension("");
     let own = [".toml", ".json"].map(|s| [sidecar::with_suffix(path, s), sidecar::with_suffix(&bare, s)]);
@@ -34,7 +34,7 @@ pub fn sidecar_of(path: &Path) -> Result<Option<PathBuf>, VolumeError> {
 /// Opens a raw file: reads its sidecar and checks the size of the file.
 ///
 /// # Errors
-/// No sidecar or two, a field of it, or a file size that does not match it.
+/// No sidecar or two, an invalid field in it, or a file size that does not match it.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let (_, found) = common::open_file(path)?;
     let Some(side) = sidecar_of(path)? else {

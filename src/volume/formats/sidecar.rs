@@ -1,4 +1,4 @@
-//! Small TOML or JSON files that lie beside a volume and say what it cannot say itself.
+//! Small TOML or JSON files that lie beside a volume and supply what it does not hold itself.
 
 use super::common::open_file;
 use crate::volume::error::VolumeError;
@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// No sidecar is longer; a longer one is some other file.
+/// Maximum length of a sidecar; a longer file is something else.
 const MAX_BYTES: u64 = 1 << 20;
 
 /// The sidecar of a raw file.
@@ -31,7 +31,7 @@ pub struct RawSidecar {
     pub steps: Option<u64>,
 }
 
-/// The sidecar of a file that knows all but its place.
+/// The sidecar of a file that lacks only its placement.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlaceSidecar {
@@ -63,7 +63,7 @@ pub fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Reads a sidecar, JSON where the name ends so, else TOML.
+/// Reads a sidecar: JSON where the name ends so, else TOML.
 ///
 /// # Errors
 /// Unreadable, too long, not TOML or JSON, an unknown field, or a wrong type.

@@ -1,5 +1,5 @@
-//! Turns a stream of stored numbers into `f32`, a chunk at a time, for the readers of whole formats.
-//! Knows number types and byte order only: where the numbers lie in a file belongs in the readers.
+//! Converts a stream of stored numbers to `f32`, a chunk at a time, for the readers of whole formats. Knows number
+//! types and byte order only: where the numbers lie in a file is known to the readers.
 
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
@@ -13,7 +13,7 @@ const CHUNK: usize = 64 * 1024;
 /// `(slope, inter)`.
 ///
 /// # Errors
-/// Those of `src`; `UnexpectedEof` if it ends early; `OutOfMemory` if `out` cannot grow.
+/// Errors of `src`; `UnexpectedEof` if it ends early; `OutOfMemory` if `out` cannot grow.
 pub fn read_values(
     src: &mut impl Read,
     kind: ScalarType,
@@ -35,7 +35,7 @@ pub fn read_values(
     Ok(())
 }
 
-/// Room for `count` more values, or an error in place of an abort.
+/// Reserves room for `count` more values; returns an error instead of aborting.
 pub fn reserve(out: &mut Vec<f32>, count: usize) -> io::Result<()> {
     out.try_reserve_exact(count)
         .map_err(|e| io::Error::new(ErrorKind::OutOfMemory, format!("no memory for {count} values: {e}")))
@@ -70,7 +70,7 @@ fn append(bytes: &[u8], kind: ScalarType, big: bool, scale: Option<(f64, f64)>, 
     }
 }
 
-/// Tells what a failed read of `field` means: truncated, damaged, or refused by the system.
+/// Translates a failed read of `field`: truncated, damaged, or refused by the system.
 pub fn read_error(path: &Path, field: &str, error: io::Error) -> VolumeError {
     match error.kind() {
         ErrorKind::UnexpectedEof => VolumeError::invalid(
@@ -89,7 +89,7 @@ pub fn read_error(path: &Path, field: &str, error: io::Error) -> VolumeError {
     }
 }
 
-/// An error for [`read_error`] to report as damage.
+/// An error that [`read_error`] reports as damage.
 pub fn damaged(message: impl Into<String>) -> io::Error {
     io::Error::new(ErrorKind::InvalidData, message.into())
 }

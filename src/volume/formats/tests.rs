@@ -12,7 +12,7 @@ pub fn dir() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
-/// The message of the error that opening, or reading every step, gives.
+/// The error message of opening the file or of reading its steps.
 pub fn refused(path: &Path) -> String {
     let opened = match open(path) {
         Ok(file) => file,
@@ -109,7 +109,7 @@ fn raw_sidecar_names() {
         write(d.path().join(name), text).unwrap();
         assert_eq!(all(&p), [[1.0, 2.0]], "{name}");
         if !name.starts_with("volume") {
-            // The file's own sidecar goes before the folder's, whatever that says.
+            // the file's own sidecar takes precedence over the folder's, whatever that says
             write(d.path().join("volume.toml"), "poison").unwrap();
             assert_eq!(all(&p), [[1.0, 2.0]], "{name}");
         }
@@ -219,7 +219,7 @@ fn npy_errors() {
     }
 }
 
-/// Opens and reads whatever is there; all that matters is that it comes back.
+/// Opens and reads arbitrary content; it only has to return.
 pub fn survive(path: &Path) {
     if let Ok(file) = open(path) {
         let mut out = Vec::new();
@@ -230,7 +230,7 @@ pub fn survive(path: &Path) {
     }
 }
 
-/// `bytes` with some overwritten, some inserted, some cut.
+/// `bytes` with some overwritten, some inserted, some removed.
 pub fn mutated(bytes: Vec<u8>) -> impl Strategy<Value = Vec<u8>> {
     let edits = prop::collection::vec((any::<prop::sample::Index>(), any::<u8>(), 0..4u8), 1..6);
     edits.prop_map(move |edits| {

@@ -1,8 +1,8 @@
 //! VTK XML image data (`.vti`): serial files of one piece, in ascii, inline base64 or appended (raw or base64) form,
-//! stored plainly or packed with zlib or lz4. The markup is read in `xml`, the numbers in `data`.
+//! uncompressed or compressed with zlib or lz4. The markup is read in `xml`, the numbers in `data`.
 //!
-//! The crate `vtkio` is not used: version 0.7.0-rc2 refuses raw appended data (the form VTK writes by default), drops
-//! arrays it cannot read without a word, panics on damaged block headers and allocates whatever they ask for.
+//! The `vtkio` crate is not used: version 0.7.0-rc2 rejects raw appended data (the form VTK writes by default),
+//! silently drops arrays it cannot read, panics on damaged block headers and allocates whatever they ask for.
 
 mod data;
 #[cfg(test)]
@@ -37,7 +37,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     Ok(Box::new(Vti { path: path.to_owned(), header, layout, field: field_name(array) }))
 }
 
-/// Refuses a file whose values stand between its tags and do not fit into memory: the text of a tag is held whole.
+/// Rejects a file whose values lie between its tags and do not fit into memory: the text of a tag is held whole.
 /// Appended values are not.
 fn check_inline(path: &Path, file_len: u64) -> Result<(), VolumeError> {
     const MARKUP: u64 = 1 << 20;
@@ -51,7 +51,7 @@ fn check_inline(path: &Path, file_len: u64) -> Result<(), VolumeError> {
     Err(VolumeError::invalid(path, "DataArray", error.to_string(), "or write the values as appended data"))
 }
 
-/// An open `.vti` file: what to read, and where it lies.
+/// An open `.vti` file: what to read, and where.
 #[derive(Debug)]
 struct Vti {
     path: PathBuf,
@@ -85,7 +85,7 @@ fn field_name(array: &Array) -> String {
     format!("DataArray \"{}\"", array.name)
 }
 
-/// The array to read, and whether its values sit on cells.
+/// The array to read, and whether its values are on cells.
 fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result<(&'a Array, bool), VolumeError> {
     if let Some(array) = choose_in(&doc.point, "PointData", notes) {
         return Ok((array, false));
@@ -103,9 +103,9 @@ fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result
     Err(VolumeError::invalid(path, "PointData", format!("no one-component array among {}", names.join(", ")), hint))
 }
 
-/// The active one-component array of a section, else the first one, with notes on what was passed over.
+/// The active one-component array of a section, else the first one, with notes on what was skipped.
 fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> Option<&'a Array> {
-    // Ghost flags mark voxels owned by another piece; they are never the field itself.
+    // ghost flags mark voxels owned by another piece; they are never the field itself
     let scalars: Vec<_> = section.arrays.iter().filter(|a| a.components == 1 && a.name != "vtkGhostType").collect();
     if let Some(active) = &section.active {
         if let Some(array) = scalars.iter().find(|a| a.name == *active) {
@@ -167,7 +167,7 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
     Ok(grid)
 }
 
-/// Where the values lie, once the claimed size is known to fit the file.
+/// The location of the values, once the claimed size is known to fit the file.
 fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len: u64) -> Result<Layout, VolumeError> {
     let field = field_name(array);
     let bad = |problem: String, hint: &str| VolumeError::invalid(path, field.clone(), problem, hint);
@@ -202,7 +202,7 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
             return Err(VolumeError::invalid(path, "compressor", format!("cannot unpack \"{other}\""), hint));
         }
     };
-    // The most values the bytes at hand can hold: zlib expands at most 1032:1, lz4 255:1.
+    // the most bytes that the available data can hold: zlib expands at most 1032:1, lz4 255:1
     let held = match (encoding, packing) {
         (Encoding::Ascii, _) => len.div_ceil(2) * kind.bytes() as u64,
         (Encoding::Base64, Packing::Plain) => len / 4 * 3,

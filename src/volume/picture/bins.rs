@@ -1,20 +1,20 @@
-//! Where the bins of a histogram begin and end.
+//! The bin edges of a histogram.
 
-/// Whole numbers beyond this are not told from their neighbours in single precision.
+/// Whole numbers below this, and the edges halfway between them, are exact in single precision.
 const EXACT: f64 = (1 << 22) as f64;
 
 /// The equal bins of a histogram.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
-    /// How many.
+    /// Number of bins.
     pub count: usize,
     /// Data values at the lower end of the first and the upper end of the last.
     pub range: [f64; 2],
 }
 
 impl Bins {
-    /// At most `most` bins over the data values `span`. Of `whole` numbers each bin holds as many, so that none stays
-    /// empty or is twice as high because of where its ends fall.
+    /// At most `most` bins over the data values `span`. Of `whole` numbers each bin covers equally many, so that none
+    /// stays empty or is twice as high because of where its edges fall.
     #[must_use]
     pub fn new(span: [f64; 2], whole: bool, most: usize) -> Self {
         let [first, last] = [span[0].ceil(), span[1].floor()];
@@ -33,7 +33,7 @@ impl Bins {
 mod tests {
     use super::*;
 
-    /// The counts of each whole number from `first` to `last`, once each.
+    /// The counts of the whole numbers from `first` to `last`, each occurring once.
     fn counts(bins: Bins, first: i32, last: i32) -> Vec<u64> {
         let mut counts = vec![0; bins.count];
         let [low, high] = bins.range;

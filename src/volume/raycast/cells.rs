@@ -1,10 +1,10 @@
-//! What a ray caster knows, on a coarser grid: the segment and the opacity of every cell of the volume's box.
+//! The volume of a ray caster on a coarser grid: the segment and the opacity of every cell of its box.
 
 use super::RayCaster;
 use crate::volume::placement::Placement;
 use rayon::prelude::*;
 
-/// Fewest and most parts of a cell along an axis, over each of which the opacity is integrated.
+/// Minimum and maximum number of parts of a cell along an axis, over each of which the opacity is integrated.
 const PARTS: [usize; 2] = [2, 4];
 
 /// The box of a volume cut into cells of (nearly) equal sides, scene units.
@@ -18,8 +18,8 @@ pub struct Cells {
     pub origin: [f64; 3],
     /// `[z, y, x]`: the segment of the voxel nearest to the cell's centre, 0 for none.
     pub ids: Vec<u16>,
-    /// `[z, y, x]`: the share of light, in [0, 1], that the mean content of the cell takes over the length of a cell (the
-    /// cube root of its volume).
+    /// `[z, y, x]`: the fraction of light, in [0, 1], that the mean content of the cell absorbs over the length of a
+    /// cell (the cube root of its volume).
     pub opacity: Vec<f32>,
 }
 
@@ -35,17 +35,17 @@ fn layout(placement: &Placement, dims: [usize; 3], longest: usize) -> ([usize; 3
 }
 
 impl RayCaster {
-    /// The segments and opacities of the cells of the volume's box, of which the longest side has `longest` at most.
+    /// The segments and opacities of the cells of the volume's box, at most `longest` of them along its longest side.
     ///
-    /// Each cell is cut into 2 to 4 parts an axis, no longer than a voxel unless the cell is longer than 4; in each part the
-    /// values run from one corner to the opposite one, as along a ray, and the extinction is their mean under the transfer
-    /// function. The same bits for any number of threads.
+    /// Each cell is divided into 2 to 4 parts per axis, no longer than a voxel unless the cell is longer than 4; in
+    /// each part the values run from one corner to the opposite one, as along a ray, and the extinction is their mean
+    /// under the transfer function. Bit-identical for any number of threads.
     #[must_use]
     pub fn cells(&self, longest: usize) -> Cells {
         let (dims, spacing, origin) = layout(&self.placement, self.field.dims, longest);
         let voxels: [f64; 3] = std::array::from_fn(|a| spacing[a] * self.placement.voxels_per_unit[a]);
         let parts = voxels.map(|v| (v.ceil() as usize).clamp(PARTS[0], PARTS[1]));
-        // of the extinction of a step
+        // in steps, as the extinction is that of a step
         let length = (spacing[0] * spacing[1] * spacing[2]).cbrt() / self.step;
         let count = dims.iter().product();
         let (mut ids, mut opacity) = (vec![0; count], vec![0.0; count]);
@@ -61,7 +61,7 @@ impl RayCaster {
         Cells { dims, spacing, origin, ids, opacity }
     }
 
-    /// The segment of the voxel that is nearest to voxel coordinates `p`.
+    /// The segment of the voxel nearest to voxel coordinates `p`.
     fn nearest_segment(&self, p: [f64; 3]) -> u16 {
         let voxel: [f32; 3] = std::array::from_fn(|a| (p[a].round() as usize).min(self.field.dims[a] - 1) as f32);
         let value = self.field.sample(voxel);
@@ -99,7 +99,7 @@ mod tests {
     use crate::volume::transfer::TransferFunction;
     use proptest::prelude::*;
 
-    /// A volume of `dims` voxels with values and labels by place in [0, 1]^3 between the outermost centres.
+    /// A volume of `dims` voxels with values and labels by position in [0, 1]^3 between the outermost centres.
     fn caster(dims: [usize; 3], opacity: &[(f64, f32)], at: impl Fn([f64; 3]) -> (f32, u16)) -> RayCaster {
         let grid = Grid { dims, spacing: [1.0, 1.0, 1.0], origin: [0.0; 3] };
         let place = |i: usize| {

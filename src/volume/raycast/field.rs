@@ -1,5 +1,5 @@
-//! A volume laid out for sampling: padded by its own border, so that trilinear interpolation and its gradient need
-//! no case distinction.
+//! A volume laid out for sampling: padded with its own border values, so that trilinear interpolation and its gradient
+//! need no case distinction.
 
 use crate::volume::grid::Volume;
 use rayon::prelude::*;
@@ -70,7 +70,7 @@ impl Field {
     pub fn gradient(&self, p: [f32; 3]) -> [f32; 3] {
         let (corner, f) = self.cell(p);
         let q = |dy, dz| self.quad(corner, dy, dz);
-        // rows y = 0, 1 at z = 0, 1 serve all three; the outer rows serve y and z alone
+        // rows y = 0, 1 at z = 0, 1 are used by all three; the outer rows by y and z alone
         let (q11, q21, q12, q22) = (q(1, 1), q(2, 1), q(1, 2), q(2, 2));
         let middle = lerp4(lerp4(q11, q21, f[1]), lerp4(q12, q22, f[1]), f[2]);
         let gx = lerp(middle[2] - middle[0], middle[3] - middle[1], f[0]);

@@ -1,9 +1,9 @@
 //! The ray caster: a volume, a transfer function and a camera -> an image with alpha.
 //!
-//! Front to back along each pixel's central ray, in steps of fixed length; trilinear values, the transfer function
-//! integrated over the values of each step, Blinn-Phong shading by the gradient with a headlight. Empty space is skipped without moving the
-//! steps, so that skipping changes no bit. Each pixel is computed alone: results do not depend on threads. The
-//! plain f64 version is in `reference`.
+//! Casts each pixel's central ray front to back in steps of fixed length: trilinear values, the transfer function
+//! integrated over the values of each step, Blinn-Phong shading by the gradient with a headlight. Empty space is
+//! skipped without moving the steps, so that the result stays bit-identical. Each pixel is computed independently:
+//! results do not depend on threads. The plain f64 version is in `reference`.
 
 mod cells;
 mod field;
@@ -29,20 +29,20 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use table::Table;
 
-/// Pixels of a tile's side; a tile is one task.
+/// Side of a tile in pixels; a tile is one task.
 const TILE: usize = 16;
-/// Tiles whose rays are held at a time, at least: enough for all threads, however large the image is.
+/// Minimum number of tiles whose rays are held at a time: enough for all threads, however large the image is.
 const HELD: usize = 1024;
-/// A ray ends where less light than this passes: below half a level of eight bits.
+/// A ray ends when less light than this remains: below half a level of eight bits.
 const OPAQUE: f32 = 1e-3;
-/// Entries of the table of highlights.
+/// Number of entries of the table of highlights.
 const SHINE: usize = 4096;
 /// Gradients below this fraction of the span per two voxels have no direction.
 const FLAT: f32 = 1e-6;
 
 /// Length of a step, in units of the smallest voxel spacing.
 pub const DEFAULT_STEP: f64 = 0.5;
-/// The shortest step: beyond it an image takes hours and looks the same.
+/// The shortest step: below it an image takes hours and looks the same.
 pub const SHORTEST_STEP: f64 = 1.0 / 64.0;
 /// The longest step.
 pub const LONGEST_STEP: f64 = 16.0;
@@ -62,7 +62,7 @@ pub struct RayCaster {
     step: f64,
 }
 
-/// One segment to be shown alone.
+/// One segment to show alone.
 #[derive(Debug)]
 pub struct Isolated {
     segment: u16,
@@ -72,9 +72,9 @@ pub struct Isolated {
 impl RayCaster {
     /// Lays out a volume for rendering.
     ///
-    /// `labels` (same dimensions) say which segment a voxel is of; without them the transfer function's named
-    /// ranges do. `span` is the range of data values that the transfer function's fractions refer to. `step` is
-    /// the distance of samples in units of the smallest voxel spacing. Each axis needs at least two voxels.
+    /// `labels` (same dimensions) give the segment of each voxel; without them the transfer function's named ranges do.
+    /// `span` is the range of data values that the transfer function's fractions refer to. `step` is the distance
+    /// between samples in units of the smallest voxel spacing. Each axis needs at least two voxels.
     #[must_use]
     pub fn new(
         volume: &Volume,
@@ -132,23 +132,22 @@ impl RayCaster {
         self.paint(camera, only, None).0
     }
 
-    /// [`RayCaster::render`] that ends early, with nothing, once `stop` is raised.
+    /// Like [`RayCaster::render`], but returns `None` early once `stop` is set.
     #[must_use]
     pub fn render_until(&self, camera: &Camera, only: Option<&Isolated>, stop: &AtomicBool) -> Option<Picture> {
         let (picture, whole) = self.paint(camera, only, Some(stop));
         whole.then_some(picture)
     }
 
-    /// The picture, and whether all of it is there.
+    /// The picture, and whether it is complete.
     fn paint(&self, camera: &Camera, only: Option<&Isolated>, stop: Option<&AtomicBool>) -> (Picture, bool) {
         let mut picture = Picture::new(camera.width as usize, camera.height as usize);
         let whole = self.tiles(camera, only, false, stop, |x, y, ray| picture.set(x, y, ray.color));
         (picture, whole)
     }
 
-    /// Renders the volume and, for each pixel, the segment with the largest share of its colour (`[H, W]`, 0
-    /// where no segment shows or less than `min_alpha` of the background is covered). Ends early, with nothing, once
-    /// `stop` is raised.
+    /// Renders the volume and, for each pixel, the segment with the largest share of its colour (`[H, W]`, 0 where no
+    /// segment shows or alpha is below `min_alpha`). Returns `None` early once `stop` is set.
     #[must_use]
     pub fn render_with_labels(
         &self,
@@ -168,8 +167,8 @@ impl RayCaster {
         whole.then_some((picture, labels))
     }
 
-    /// Casts all rays, tile by tile in parallel, and hands the results over in order of tiles, some rows of tiles at a
-    /// time. False if `stop` was raised before the end: some rays are then missing.
+    /// Casts all rays, tile by tile in parallel, and passes the results on in order of tiles, some rows of tiles at a
+    /// time. Returns false if `stop` was set before the end: some rays are then missing.
     fn tiles(
         &self,
         camera: &Camera,
@@ -226,12 +225,12 @@ impl RayCaster {
             Some(isolated) => (&isolated.occupancy, isolated.segment),
             None => (&self.occupancy, 0),
         };
-        // with labels a segment is chosen by voxel, without by value
+        // with labels a segment is selected by voxel, without by value
         let by_value = if self.labels.is_none() { wanted } else { 0 };
         let position = |k: f32| -> [f32; 3] { std::array::from_fn(|a| (entry[a] + k * delta[a]).clamp(0.0, end[a])) };
         let mut through = 1.0f32;
         let mut k = 0;
-        // the value at the start of step k, if step k - 1 has left it
+        // the value at the start of step k, if step k - 1 computed it
         let mut front = None;
         while k < count {
             let start = position(k as f32);
@@ -279,7 +278,7 @@ impl RayCaster {
         ray
     }
 
-    /// The segment at voxel coordinates `p`: of the nearest voxel, or of the mean value.
+    /// The segment at voxel coordinates `p`: that of the nearest voxel, or of the mean value.
     fn segment(&self, p: [f32; 3], from: f32, to: f32) -> u16 {
         match &self.labels {
             None => self.table.segment(self.table.index(0.5 * (from + to))),
@@ -292,8 +291,8 @@ impl RayCaster {
         }
     }
 
-    /// Blinn-Phong with a headlight: light and eye are in one place, so the half vector is the light's direction,
-    /// and both sides of a surface are lit. Where the field is flat only ambient light remains.
+    /// Blinn-Phong with a headlight: light and eye coincide, so the half vector is the light's direction, and both
+    /// sides of a surface are lit. Where the field is flat only ambient light remains.
     #[inline(always)]
     fn shade(&self, color: [f32; 3], p: [f32; 3], light: [f32; 3], to_world: [f32; 3]) -> [f32; 3] {
         let s = &self.shading;
@@ -308,7 +307,7 @@ impl RayCaster {
     }
 }
 
-/// What a ray has gathered.
+/// The result of a ray.
 #[derive(Clone, Copy, Default)]
 struct Ray {
     /// Colour times alpha, alpha.

@@ -1,11 +1,11 @@
-//! Which parts of a volume have something to show, and how far from each part the next such one is.
+//! Which bricks of a volume have something to show, and how far from each brick the nearest such one is.
 
 use rayon::prelude::*;
 
 /// Cells of a brick along each axis.
 pub(super) const BRICK: usize = 4;
 
-/// For each brick, the distance to the nearest occupied one, in bricks along the longest axis (0 is occupied).
+/// For each brick, the Chebyshev distance to the nearest occupied one, in bricks (0 is occupied).
 #[derive(Debug)]
 pub(super) struct Occupancy {
     dims: [usize; 3],
@@ -13,7 +13,7 @@ pub(super) struct Occupancy {
 }
 
 impl Occupancy {
-    /// `occupied` tells whether the brick that starts at a cell has something to show.
+    /// `occupied` returns whether the brick that starts at a cell has something to show.
     pub fn new(voxels: [usize; 3], occupied: impl Fn([usize; 3]) -> bool + Sync) -> Self {
         let dims = voxels.map(|n| (n - 1).div_ceil(BRICK).max(1) + 1);
         let [bx, by, _] = dims;
@@ -38,7 +38,7 @@ impl Occupancy {
         self.distance.iter().filter(|d| **d == 0).count()
     }
 
-    /// Chessboard distance, exact in one sweep forward and one backward.
+    /// Computes the Chebyshev distances, exactly, in one sweep forward and one backward.
     fn spread(&mut self) {
         let [bx, by, bz] = self.dims;
         let at = |x: usize, y: usize, z: usize| (z * by + y) * bx + x;
@@ -69,10 +69,10 @@ impl Occupancy {
         }
     }
 
-    /// The first step from `k` on that may show something; step k runs from `entry + k * delta`, where `start` is,
-    /// to `entry + (k + 1) * delta` (voxel coordinates).
+    /// The first step from `k` on that may show something; step k runs from `entry + k * delta`, which is `start`, to
+    /// `entry + (k + 1) * delta` (voxel coordinates).
     ///
-    /// A step both of whose ends lie in empty bricks is empty, as neighbouring bricks share the values between them.
+    /// A step with both ends in empty bricks is empty, as neighbouring bricks share the values between them.
     #[inline(always)]
     pub fn next(&self, k: u32, start: [f32; 3], entry: [f32; 3], inverse: [f32; 3]) -> u32 {
         let b: [usize; 3] = std::array::from_fn(|a| start[a] as usize / BRICK);
@@ -80,19 +80,19 @@ impl Occupancy {
         if d == 0 {
             return k;
         }
-        // nothing within d - 1 bricks: go to the step that leaves their box
+        // nothing within d - 1 bricks: advance to the step that leaves their box
         let d = i32::from(d);
         let mut leave = f32::INFINITY;
         for a in 0..3 {
             let side = if inverse[a] > 0.0 { b[a] as i32 + d } else { b[a] as i32 - d + 1 };
             leave = leave.min(((side * BRICK as i32) as f32 - entry[a]) * inverse[a]);
         }
-        // a little early, so that rounding never skips a step that counts
+        // slightly early, so that rounding never skips a step that counts
         k.max((leave - 0.01).max(0.0) as u32)
     }
 }
 
-/// The 13 neighbours that a forward sweep has passed.
+/// The 13 neighbours already visited by a forward sweep.
 const EARLIER: [[isize; 3]; 13] = [
     [-1, 0, 0],
     [-1, -1, 0],

@@ -1,4 +1,4 @@
-//! What the ray caster gives: an image with alpha, and which segments a ray met.
+//! The output of the ray caster: an image with alpha, and which segments a ray met.
 
 use image::RgbaImage;
 
@@ -14,7 +14,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// One that shows nothing.
+    /// An empty picture.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![0.0; 4 * width * height] }
@@ -30,8 +30,8 @@ impl Picture {
         self.pixels.chunks_exact(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + (1.0 - p[3]) * background[c])).collect()
     }
 
-    /// The image in 8 bits with straight alpha, as datasets store it. The colour is the one that, with the rounded
-    /// alpha, comes nearest to the image over black.
+    /// The image in 8 bits with straight alpha, as stored in datasets. The colour is the one that, with the rounded
+    /// alpha, comes closest to the image over black.
     #[must_use]
     pub fn to_rgba8(&self) -> RgbaImage {
         RgbaImage::from_fn(self.width as u32, self.height as u32, |x, y| {
@@ -42,13 +42,13 @@ impl Picture {
         })
     }
 
-    /// Where alpha is at least `min_alpha`: 255, else 0, `[H, W]`.
+    /// 255 where alpha is at least `min_alpha`, else 0, `[H, W]`.
     #[must_use]
     pub fn mask(&self, min_alpha: f32) -> Vec<u8> {
         self.pixels.chunks_exact(4).map(|p| if p[3] >= min_alpha { 255 } else { 0 }).collect()
     }
 
-    /// Whether anything is left of it in 8 bits.
+    /// Whether anything of it remains visible in 8 bits.
     #[must_use]
     pub fn shows(&self) -> bool {
         self.pixels.chunks_exact(4).any(|p| (p[3] * 255.0).round() > 0.0)
@@ -62,7 +62,7 @@ impl Picture {
     }
 }
 
-/// Segments that a ray may keep apart; the least of more is forgotten.
+/// Number of segments whose shares a ray keeps; of more, the smallest share is dropped.
 const KEPT: usize = 6;
 
 /// The share of each segment in the colour of one pixel.
@@ -70,13 +70,13 @@ const KEPT: usize = 6;
 pub struct Shares {
     ids: [u16; KEPT],
     weights: [f32; KEPT],
-    /// The segment that the ray is in, and what it has gathered there: a faint one is compared with the others as a whole,
-    /// not step by step.
+    /// The segment that the ray is in, and the weight accumulated there: a faint one is compared with the others as a
+    /// whole, not step by step.
     now: (u16, f32),
 }
 
 impl Shares {
-    /// Adds to a segment's share; 0 (no segment) counts as one too.
+    /// Adds to a segment's share; 0 (no segment) counts as a segment.
     #[inline]
     pub fn add(&mut self, segment: u16, weight: f32) {
         if self.now.0 != segment {
@@ -103,7 +103,7 @@ impl Shares {
         }
     }
 
-    /// The segment with the largest share; 0 without any.
+    /// The segment with the largest share; 0 if there is none.
     #[must_use]
     pub fn largest(&self) -> u16 {
         let mut all = *self;

@@ -1,4 +1,4 @@
-//! The ray caster in plain f64 loops: no tables, no skipping, no early end. The oracle of the tests.
+//! The ray caster in plain f64 loops: no tables, no skipping, no early end. The reference for the tests.
 
 use crate::data::Camera;
 use crate::volume::grid::Volume;
@@ -6,7 +6,7 @@ use crate::volume::placement::Placement;
 use crate::volume::transfer::TransferFunction;
 use glam::DVec3;
 
-/// Parts into which the values of a step are cut to integrate the transfer function over them.
+/// Number of parts into which the values of a step are divided to integrate the transfer function.
 const PARTS: usize = 256;
 
 /// The value at voxel coordinates `p`, clamped to the grid.

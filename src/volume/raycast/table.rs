@@ -1,12 +1,12 @@
 //! A transfer function as a table over the data, integrated over intervals of values.
 //!
-//! Between two samples along a ray the value is taken to change linearly, so the segment's colour and opacity are
-//! means over the values between them (pre-integrated classification, without attenuation inside the segment):
-//! bands thinner than a step are not missed. Prefix sums give the mean of any interval in two look-ups.
+//! Between two samples along a ray the value is assumed to change linearly, so the colour and opacity of the step are
+//! means over the values between them (pre-integrated classification, without attenuation inside the step): bands
+//! thinner than a step are not missed. Prefix sums give the mean of any interval in two look-ups.
 
 use crate::volume::transfer::TransferFunction;
 
-/// Entries of the table.
+/// Number of entries of the table.
 const ENTRIES: usize = 4096;
 /// Opacities are kept below one, whose extinction would be infinite.
 const MOST: f64 = 0.999_999;
@@ -20,7 +20,7 @@ pub(super) struct Table {
     sums: Vec<[f64; 4]>,
     /// Segment of each entry, from the transfer function's named ranges; 0 for none.
     segments: Vec<u16>,
-    /// First entry and one past the last of each segment, by id less one.
+    /// First entry and one past the last of each segment, by id minus one.
     ranges: Vec<[usize; 2]>,
 }
 
@@ -49,7 +49,7 @@ impl Table {
         Self { low: span[0] as f32, scale: ((ENTRIES - 1) as f64 / width) as f32, sums, segments, ranges }
     }
 
-    /// The entry of a data value; values outside the span take its ends.
+    /// The entry of a data value; values outside the span use its ends.
     #[inline(always)]
     pub fn index(&self, value: f32) -> usize {
         // the cast saturates: negative numbers become 0
@@ -63,8 +63,8 @@ impl Table {
         [a.min(b), a.max(b) + 1]
     }
 
-    /// Mean colour and mean extinction of a step over the entries of an interval, of which only those of `segment`
-    /// count if it is not 0.
+    /// Mean colour and mean extinction of a step over the entries of an interval; if `segment` is not 0, only its
+    /// entries count.
     #[inline(always)]
     pub fn mean(&self, [first, end]: [usize; 2], segment: u16) -> [f32; 4] {
         let count = (end - first) as f64;
@@ -93,8 +93,8 @@ impl Table {
         self.segments[index]
     }
 
-    /// Whether any value in `[low, high]` shows, or shows and is of `segment` if that is not 0. One entry more on
-    /// both sides, as interpolation rounds.
+    /// Whether any value in `[low, high]` is visible and, if `segment` is not 0, belongs to it. One entry more on both
+    /// sides, as interpolation rounds.
     pub fn any_opaque(&self, segment: u16, low: f32, high: f32) -> bool {
         let (from, to) = (self.index(low).saturating_sub(1), (self.index(high) + 1).min(ENTRIES - 1));
         self.mean([from, to + 1], segment)[3] > 0.0

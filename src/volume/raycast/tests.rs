@@ -68,7 +68,7 @@ fn a_homogeneous_box_follows_beer_lambert() {
                     let way = placement.clip(rays.eye, rays.direction(x, y)).map_or(0.0, |(n, f)| f - n);
                     let alpha = 1.0 - 0.7f64.powf(way / (0.1 * published_side()));
                     let p = &picture.pixels[4 * (y * 24 + x)..][..4];
-                    // rays that lose the last thousandth end early
+                    // rays end early when a thousandth of the light is left
                     assert!((f64::from(p[3]) - alpha).abs() < 1e-3, "step {step}: {} for {alpha}", p[3]);
                     assert!((p[1] - 0.2 * p[3]).abs() < 1e-3 && (p[0] - 0.5 * p[3]).abs() < 1e-3);
                     hit += usize::from(way > 0.0);
@@ -102,7 +102,7 @@ fn a_homogeneous_ball_has_the_length_of_its_chords() {
             sum += error;
         }
     }
-    // only rays that graze the ball feel the grid
+    // only rays that graze the ball are affected by the grid
     assert!(worst < 0.03 && sum / 4096.0 < 5e-4, "worst {worst}, mean {}", sum / 4096.0);
 }
 
@@ -146,7 +146,7 @@ fn skipping_and_threads_change_no_bit() {
             assert!(pool.install(|| skipping.render(&camera, None)) == picture);
         }
     }
-    // and something was there to be skipped
+    // and there was something to skip
     assert!(skipping.occupancy.occupied() < all.occupancy.occupied() / 2);
 }
 
@@ -192,7 +192,7 @@ fn segments_alone_make_up_the_whole() {
     let alone: Vec<Picture> = [left, right].map(|id| caster.render(&camera, Some(&caster.isolate(id)))).into();
     for (i, id) in image.iter().enumerate() {
         let [a, b] = [&alone[0], &alone[1]].map(|p| p.pixels[4 * i + 3]);
-        // light passes both, one after the other
+        // light passes through both, one after the other
         assert!((1.0 - (1.0 - a) * (1.0 - b) - whole.pixels[4 * i + 3]).abs() < 3e-3);
         match id {
             0 => assert!(whole.pixels[4 * i + 3] < 0.05),
@@ -213,7 +213,7 @@ fn named_ranges_are_segments_too() {
     let caster = caster(&v, &tf, 0.5);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 64, 64);
     let [shell, core] = [1, 2].map(|id| caster.render(&camera, Some(&caster.isolate(id))));
-    // the core is hidden in the shell, and shows alone
+    // the core is hidden in the shell, and visible alone
     assert!(shell.coverage() > core.coverage() && core.coverage() > 0.01);
     let ratio = (core.coverage() / shell.coverage()).sqrt();
     assert!((ratio - 0.4 / 0.8).abs() < 0.05, "{ratio}");

@@ -1,5 +1,5 @@
-//! What the user named, to files in order: expansion of folders and patterns, natural order, and the checks on the
-//! numbers in names. No file is opened here.
+//! Resolves what the user named to files in order: expansion of folders and patterns, natural order, and the checks on
+//! the numbers in names. No file is opened here.
 
 use super::names::{self, Names};
 use crate::volume::error::VolumeError;
@@ -7,8 +7,8 @@ use crate::volume::formats::{self, Format, format_of};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// The files that `inputs` name, in order: a file as it is, a folder's volume files and a pattern's matches in natural
-/// order. In a folder, hidden files are left out, and so are raw files without a sidecar beside `.nhdr` headers.
+/// The files named by `inputs`, in order: a file as it is, a folder's volume files and a pattern's matches in natural
+/// order. In a folder, hidden files are skipped, and so are raw files without a sidecar beside `.nhdr` headers.
 ///
 /// # Errors
 /// An input that names nothing, or a file named twice.
@@ -31,7 +31,7 @@ pub fn expand(inputs: &[String]) -> Result<Vec<PathBuf>, VolumeError> {
     }
     let mut seen = HashMap::new();
     for file in &files {
-        // A file that is absent is found out when it is opened.
+        // a missing file is reported when it is opened
         let real = file.canonicalize().unwrap_or_else(|_| file.clone());
         if let Some(before) = seen.insert(real, file) {
             let problem = format!("is the same file as {}", before.display());
@@ -81,7 +81,7 @@ fn matches(path: &Path, pattern: &str) -> Result<Vec<PathBuf>, VolumeError> {
     Ok(found)
 }
 
-/// Puts files in the order of their names without their extensions, numbers by value.
+/// Sorts files by their names without extensions, numbers by value.
 fn sort(files: &mut Vec<PathBuf>) {
     let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
     let order = names::order(&stems);
@@ -96,8 +96,8 @@ fn stem(file: &Path) -> String {
     text
 }
 
-/// Checks that the numbers in the names increase and, unless `allow_gaps`, that no step is missing; decimal numbers
-/// and dates tell no missing step. Says whether there are gaps.
+/// Checks that the numbers in the names increase and, unless `allow_gaps`, that no step is missing, which decimal
+/// numbers and dates do not show. Returns whether there are gaps.
 ///
 /// # Errors
 /// Files out of order, files of several series, or a missing step.

@@ -1,9 +1,10 @@
-//! The numbers in the names of a series: whole as `t10`, decimal as `t0.25`, dates as `2020-01-31`. No file is opened here.
+//! The numbers in the names of a series: whole as `t10`, decimal as `t0.25`, dates as `2020-01-31`. No file is opened
+//! here.
 
 use std::cmp::Ordering;
 use std::ops::Range;
 
-/// A number in a name: digits, and those after a decimal point.
+/// A number in a name: its digits, and those after a decimal point.
 #[derive(Clone, Copy, Debug)]
 struct Number<'a> {
     whole: &'a str,
@@ -51,7 +52,7 @@ impl<'a> Piece<'a> {
     }
 }
 
-/// Texts and whole numbers by turns.
+/// Splits a text into alternating texts and whole numbers.
 fn pieces(text: &str) -> Vec<Piece<'_>> {
     let mut found = Vec::new();
     let mut rest = text;
@@ -65,7 +66,7 @@ fn pieces(text: &str) -> Vec<Piece<'_>> {
     found
 }
 
-/// Where the last two numbers stand that a point joins, if no third is joined to them as in `1.2.10`.
+/// The position of the last two numbers joined by a point, unless a third is joined to them as in `1.2.10`.
 fn joined(name: &[Piece<'_>]) -> Option<usize> {
     let is_point = |i: usize| matches!(name.get(i), Some(Piece::Text(".")));
     let ends_in_point = |i: usize| matches!(name.get(i), Some(Piece::Text(t)) if t.ends_with('.'));
@@ -74,9 +75,9 @@ fn joined(name: &[Piece<'_>]) -> Option<usize> {
     (0..name.len()).rev().find(pair).filter(alone)
 }
 
-/// Whether numbers joined by a point are decimal. `t0.5` and `t0.25` can be read as steps 5 and 25, too: they are decimal
-/// if what follows the point has unlike lengths and never ends in a zero, which steps do that are not padded, or if the
-/// numbers on either side of the point vary.
+/// Whether numbers joined by a point are decimal. `t0.5` and `t0.25` could also be read as steps 5 and 25. If the
+/// digits after the point differ in length, they are decimal unless some end in a zero, as those of unpadded steps do;
+/// if not, they are decimal if the numbers on both sides of the point vary.
 fn are_decimal(names: &[Vec<Piece<'_>>]) -> bool {
     let at: Vec<Option<(&str, &str)>> =
         names.iter().map(|name| joined(name).and_then(|i| name[i].digits().zip(name[i + 2].digits()))).collect();
@@ -88,7 +89,7 @@ fn are_decimal(names: &[Vec<Piece<'_>>]) -> bool {
     if lengths { !rounded } else { both }
 }
 
-/// The names in pieces, decimal numbers as one.
+/// The names in pieces, with each decimal number as one piece.
 fn split(stems: &[String]) -> Vec<Vec<Piece<'_>>> {
     let mut names: Vec<_> = stems.iter().map(|s| pieces(s)).collect();
     if are_decimal(&names) {
@@ -102,7 +103,8 @@ fn split(stems: &[String]) -> Vec<Vec<Piece<'_>>> {
     names
 }
 
-/// The order in which `t2` comes before `t10`, and `t0.25` before `t0.5`; names that differ in zeros alone keep a fixed one.
+/// The order in which `t2` comes before `t10`, and `t0.25` before `t0.5`; names that differ in zeros alone are ordered
+/// as texts.
 pub fn order(stems: &[String]) -> Vec<usize> {
     let names = split(stems);
     let natural = |a: usize, b: usize| {
@@ -115,46 +117,46 @@ pub fn order(stems: &[String]) -> Vec<usize> {
     order
 }
 
-/// The whole number of a step in a name.
+/// The whole number that gives the step in a name.
 #[derive(Debug)]
 pub struct Step {
     /// The number.
     pub value: u64,
     /// Bytes of the name before it.
     pub at: usize,
-    /// Digits of it.
+    /// Number of its digits.
     pub width: usize,
 }
 
-/// Names in order, and where the number of the step stands in them.
+/// Names in order, and the position of the step in each.
 pub struct Names<'a> {
     names: Vec<Vec<Piece<'a>>>,
-    /// The pieces of each name that tell the step; none where names carry no numbers.
+    /// The pieces of each name that give the step; empty where names carry no numbers.
     at: Vec<Range<usize>>,
 }
 
 impl<'a> Names<'a> {
-    /// Of names alike but for numbers the last number that varies tells the step, or the date that it is part of; else the number
-    /// that ends each name.
+    /// If names differ in numbers only, the last number that varies gives the step, or the date that contains it; else
+    /// the number that ends each name.
     pub fn of(stems: &'a [String]) -> Self {
         let names = split(stems);
         let at = steps_at(&names).unwrap_or_default();
         Self { names, at }
     }
 
-    /// The first name whose number is not above that of the name before.
+    /// The first name whose number is not above that of the previous name.
     pub fn first_unsorted(&self) -> Option<usize> {
         let number = |i: usize| &self.names[i][self.at[i].clone()];
         let order = |i: usize| number(i - 1).iter().zip(number(i)).map(|(a, b)| a.cmp(b)).find(|o| o.is_ne());
         (1..self.at.len()).find(|&i| order(i) != Some(Ordering::Less))
     }
 
-    /// What tells the step in name `i` is called so.
+    /// The word for what gives the step in name `i`.
     pub fn kind(&self, i: usize) -> &'static str {
         if self.at[i].len() > 1 { "date" } else { "number" }
     }
 
-    /// What tells the step in name `i`, as it stands there.
+    /// What gives the step in name `i`, as written there.
     pub fn said(&self, i: usize) -> String {
         let text = |p: &Piece<'_>| match p {
             Piece::Text(text) => (*text).to_owned(),
@@ -176,7 +178,7 @@ impl<'a> Names<'a> {
     }
 }
 
-/// The pieces of each name that tell its step; `None` where one has no number.
+/// The pieces of each name that give its step; `None` where one has no number.
 fn steps_at(names: &[Vec<Piece<'_>>]) -> Option<Vec<Range<usize>>> {
     let first = names.first()?;
     let alike = names.iter().all(|name| {
@@ -198,8 +200,8 @@ fn steps_at(names: &[Vec<Piece<'_>>]) -> Option<Vec<Range<usize>>> {
     names.iter().map(at).collect()
 }
 
-/// The date, with what is joined to it, that the number at `i` is part of: four digits, then twice two, as in `2020-01-31` or
-/// `2020_01_31T06_00`.
+/// The date, with what is joined to it, that contains the number at `i`: four digits, then twice two, as in
+/// `2020-01-31` or `2020_01_31T06_00`.
 fn date(name: &[Piece<'_>], i: usize) -> Option<Range<usize>> {
     let digits = |k: usize, count: usize| name.get(k).and_then(Piece::digits).is_some_and(|d| d.len() == count);
     let joint = |k: usize| matches!(name.get(k), Some(Piece::Text("-" | "_" | "." | ":" | "T")));

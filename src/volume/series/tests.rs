@@ -233,7 +233,7 @@ fn a_thousand_files_need_few_handles() {
     assert_eq!(s.range().unwrap(), [0.0, 1499.0]);
 }
 
-/// A 4D file of gzip, time last or first.
+/// A gzip-compressed 4D file, time last or first.
 fn packed(folder: &TempDir, name: &str, sizes: &str, kinds: &str, values: impl Iterator<Item = f32>) -> String {
     let head = format!(
         "NRRD0004\ntype: float\ndimension: 4\nsizes: {sizes}\nkinds: {kinds}\nendian: little\nencoding: gzip\n\n"
@@ -249,7 +249,7 @@ fn packed(folder: &TempDir, name: &str, sizes: &str, kinds: &str, values: impl I
 #[test]
 fn many_small_compressed_steps_are_unpacked_together() {
     let d = dir();
-    // step by step, 3e12 bytes would be unpacked
+    // step by step, 3e12 bytes would be decompressed
     let steps = 1_000_000;
     for (name, sizes, kinds) in [
         ("last.nrrd", format!("2 1 1 {steps}"), "domain domain domain time"),

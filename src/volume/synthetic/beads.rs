@@ -1,6 +1,6 @@
-//! Beads of one colour that touch, merge, part and split: the first two melt together for a while, the seventh comes out
-//! of the third, the fourth and the fifth brush past each other, the sixth is on its own. Where beads are one body, each
-//! point is of the bead whose surface it is deepest in, so identities last through a merge.
+//! Beads of one colour that touch, merge, separate and split: the first two merge for a while, the seventh emerges from
+//! the third, the fourth and the fifth brush past each other, the sixth is on its own. Where beads form one body, each
+//! point belongs to the bead in whose surface it lies deepest, so identities last through a merge.
 
 use super::field::{P3, dot, lerp, norm, smooth_min, step, sub};
 use std::f64::consts::TAU;
@@ -8,13 +8,13 @@ use std::f64::consts::TAU;
 /// Segment names by label.
 pub(super) const NAMES: [&str; 7] = ["bead-1", "bead-2", "bead-3", "bead-4", "bead-5", "bead-6", "bead-7"];
 
-/// How near two surfaces are when a neck begins to form.
+/// Distance between two surfaces at which a neck begins to form.
 const NECK: f64 = 0.07;
-/// Width of the flank, and the slow rise inside, over `DEPTH`, that keeps the gradient alive for shading.
+/// Width of the flank, and the slow rise inside, over `DEPTH`, that keeps the gradient above zero for shading.
 const FLANK: f64 = 0.05;
 const HEART: f64 = 0.25;
 const DEPTH: f64 = 0.12;
-/// Size of the bumps.
+/// Amplitude of the bumps.
 const ROUGH: f64 = 0.012;
 
 /// A bead at one time.
@@ -45,7 +45,7 @@ fn moved(centre: P3, along: P3, way: f64) -> P3 {
 impl Frame {
     pub(super) fn new(t: f64) -> Self {
         let w = TAU * t;
-        // the pair comes together, stays one for a while and parts
+        // the pair comes together, stays merged for a while and separates
         let together = step((t - 0.12) / 0.28) * (1.0 - step((t - 0.62) / 0.28));
         let apart = 0.5 * lerp(0.56, 0.22, together);
         let pair = [-0.30 + 0.05 * w.sin(), 0.36, 0.32 + 0.05 * w.cos()];

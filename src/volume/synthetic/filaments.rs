@@ -1,6 +1,6 @@
 //! Thin curved filaments, a few voxels thick at 128 voxels a side, that turn, sway and bend: three of a lower value and
-//! two of a higher one, so that a transfer function shows them in two colours. Filaments of one colour differ by nothing
-//! but their place.
+//! two of a higher one, so that a transfer function shows them in two colours. Filaments of one colour differ in
+//! position alone.
 
 use super::field::{P3, smooth_max, step};
 use super::strand::{Bead, Chunk, chunks, outside};
@@ -9,14 +9,14 @@ use std::f64::consts::TAU;
 /// Segment names by label.
 pub(super) const NAMES: [&str; 5] = ["filament-1", "filament-2", "filament-3", "filament-4", "filament-5"];
 
-/// Values at the hearts of the filaments.
+/// Peak values of the filaments.
 const PEAKS: [f64; 5] = [0.5, 0.5, 0.5, 1.0, 1.0];
 /// Full radius, and width of the flank around it.
 const RADIUS: f64 = 0.030;
 const FLANK: f64 = 0.035;
-/// The last part of a filament's value, which rises slowly inside it and keeps the gradient alive for shading.
+/// The last part of a filament's value, which rises slowly inside it and keeps the gradient above zero for shading.
 const HEART: f64 = 0.05;
-/// Pieces of a filament, and pieces under one bound.
+/// Number of pieces of a filament, and of pieces under one bound.
 const PIECES: usize = 48;
 const CHUNK: usize = 6;
 
@@ -31,7 +31,7 @@ pub(super) struct Slice<'a> {
     chunks: Vec<&'a Chunk>,
 }
 
-/// The middle line of a filament at `u` in `[-1, 1]`. No two come nearer than three radii.
+/// The centre line of a filament at `u` in `[-1, 1]`. No two come closer than three radii.
 fn line(filament: usize, u: f64, t: f64) -> P3 {
     match filament {
         0 => {

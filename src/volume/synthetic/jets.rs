@@ -1,5 +1,5 @@
-//! Five plumes that rise from the floor, wobble, mushroom, and lean together near the top. Each has a peak value
-//! of its own, so that a transfer function can tell them apart by colour; every plume has the same thin halo.
+//! Five plumes that rise from the floor, wobble, mushroom, and lean together near the top. Each has its own peak value,
+//! so that a transfer function can distinguish them by colour; every plume has the same thin halo.
 
 use super::field::{P3, ellipsoid, lerp, smooth_max, smooth_min, step};
 
@@ -11,21 +11,21 @@ const FLOOR: f64 = -0.84;
 /// Heads start this high and rise by `RISE` per unit of plume time.
 const HEAD_START: f64 = -0.56;
 const RISE: f64 = 1.18;
-/// Value of the common halo, and how far it reaches from a plume's surface.
+/// Value of the common halo, and how far it extends from a plume's surface.
 const HALO: f64 = 0.16;
 const HALO_REACH: f64 = 0.075;
-/// The last part of a plume's value, which rises slowly inside it and keeps the gradient alive for shading.
+/// The last part of a plume's value, which rises slowly inside it and keeps the gradient above zero for shading.
 const HEART: f64 = 0.04;
 /// Depth at which a plume reaches its peak value.
 const HEART_DEPTH: f64 = 0.11;
-/// [`turbulence`] is never larger than this.
+/// Upper bound on the magnitude of [`turbulence`].
 const TURBULENCE_BOUND: f64 = 1.2;
 
-/// What tells one plume from another.
+/// The properties in which plumes differ.
 struct Plume {
     /// Nozzle position (x, y).
     nozzle: [f64; 2],
-    /// Value at the heart.
+    /// Peak value.
     peak: f64,
     /// Head start in plume time.
     lead: f64,
@@ -57,7 +57,7 @@ pub(super) struct Frame {
 pub(super) struct Slice<'a> {
     frame: &'a Frame,
     z: f64,
-    /// Per plume: centre of the stem at the nearest height it reaches, how far above or below that is, radius.
+    /// Per plume: centre of the stem at the nearest height it reaches, offset above or below that height, radius.
     stems: [([f64; 2], f64, f64); 5],
 }
 
@@ -74,7 +74,7 @@ fn centre(plume: &Plume, z: f64, t: f64) -> [f64; 2] {
     ]
 }
 
-/// Turbulence of mean about 0 and size at most [`TURBULENCE_BOUND`], carried upwards with the plumes.
+/// Turbulence of mean about 0 and magnitude at most [`TURBULENCE_BOUND`], carried upwards with the plumes.
 fn turbulence(p: P3, t: f64, phase: f64) -> f64 {
     let [x, y, z] = [p[0], p[1], p[2] - 0.8 * t];
     let warp = 1.3 * (4.1 * z + 2.0 * t + phase).sin();
@@ -132,7 +132,7 @@ impl Slice<'_> {
         let r = head.radius;
         let stem_squared = (x - cx).powi(2) + (y - cy).powi(2) + above * above;
         let flat_squared = q[0] * q[0] + q[1] * q[1];
-        // Nothing of the plume reaches further than halo, turbulence and blend together.
+        // nothing of the plume extends further than halo, turbulence and blend together
         let reach = HALO_REACH + 0.085;
         let far_from_cap = flat_squared > (1.1 * r + reach).powi(2) || q[2].abs() > r + reach;
         if stem_squared > (radius + reach).powi(2) && far_from_cap {

@@ -1,6 +1,6 @@
-//! A translucent shell, a body in it and a core in the body, each of another shape and with another centre: a lobed
-//! ellipsoid, a bent peanut, a rod that slides along the body and turns. The value rises inwards by stairs, so each layer
-//! is a band of values, and where a band ends is where the next layer begins.
+//! A translucent shell, a body in it and a core in the body, each with its own shape and centre: a lobed ellipsoid, a
+//! bent peanut, a rod that slides along the body and turns. The value rises inwards in steps, so each layer is a band
+//! of values that ends where the next layer begins.
 
 use super::field::{P3, ellipsoid, step, sub};
 use std::f64::consts::TAU;
@@ -8,18 +8,18 @@ use std::f64::consts::TAU;
 /// Segment names by label.
 pub(super) const NAMES: [&str; 3] = ["shell", "body", "core"];
 
-/// Value inside the shell, on the flank of the body, at the heart of the body, on the flank of the core.
+/// Value inside the shell, on the flank of the body, at the peak of the body, on the flank of the core.
 const SHELL: f64 = 0.30;
 const BODY: f64 = 0.56;
 const BODY_HEART: f64 = 0.62;
 const CORE: f64 = 0.94;
-/// Widths of the flanks: the shell is as thick as its own.
+/// Widths of the flanks: the shell is as thick as its flank.
 const SHELL_WIDTH: f64 = 0.11;
 const FLANK: f64 = 0.05;
-/// Depth over which body and core rise slowly to their hearts.
+/// Depth over which body and core rise slowly to their peaks.
 const BODY_DEPTH: f64 = 0.22;
 const CORE_DEPTH: f64 = 0.10;
-/// Values at which one label ends and the next begins; between the first two of these is the room inside the shell.
+/// Values at which one label ends and the next begins; between the first two lies the space inside the shell.
 const SHELL_ENDS: f64 = 0.28;
 const BODY_BEGINS: f64 = 0.40;
 const CORE_BEGINS: f64 = 0.74;
@@ -32,9 +32,9 @@ pub(super) struct Frame {
     body: P3,
     /// Angle of the body about the z axis, as sine and cosine.
     turn: (f64, f64),
-    /// How far the body bends sideways per square of the height.
+    /// Sideways bend of the body per square of the height.
     bend: f64,
-    /// Centre of the core in the body's coordinates, and its own angle.
+    /// Centre of the core in the body's coordinates, and its angle.
     core: P3,
     core_turn: (f64, f64),
 }
@@ -80,27 +80,27 @@ impl Frame {
         (value, label)
     }
 
-    /// Signed distance to the shell's middle surface, about.
+    /// Approximate signed distance to the shell's middle surface.
     fn shell(&self, p: P3) -> f64 {
         let [x, y, z] = sub(p, self.shell);
         let lobes = (3.1 * x + self.phase).sin() * (2.7 * z - self.phase).cos() + (3.3 * y + 1.1).sin();
         ellipsoid([x, y, z], self.shell_axes) + 0.02 * lobes
     }
 
-    /// A point in coordinates in which the body stands upright and straight at the origin.
+    /// A point in coordinates in which the body is upright and straight at the origin.
     fn in_body(&self, p: P3) -> P3 {
         let [x, y, z] = sub(p, self.body);
         let (sin, cos) = self.turn;
         [x * cos + y * sin - self.bend * (z * z - 0.08), y * cos - x * sin, z]
     }
 
-    /// Signed distance to the body, about: an ellipsoid with a waist.
+    /// Approximate signed distance to the body: an ellipsoid with a waist.
     fn body(&self, q: P3) -> f64 {
         let waist = 0.035 * (7.0 * q[2] + 0.6 * self.phase.sin()).cos();
         ellipsoid(q, [0.31, 0.27, 0.47]) + waist
     }
 
-    /// Signed distance to the core, about.
+    /// Approximate signed distance to the core.
     fn core(&self, q: P3) -> f64 {
         let [x, y, z] = sub(q, self.core);
         let (sin, cos) = self.core_turn;

@@ -1,5 +1,5 @@
-//! Analytic, time-varying scalar fields with known segments, for demos and tests: no file, no noise source, the
-//! same values everywhere. Each scene is a file of its own; shared shapes are in `field` and `strand`. Nothing here reads,
+//! Analytic, time-varying scalar fields with known segments, for demos and tests: no file, no noise source, the same
+//! values everywhere. Each scene has its own file; shared shapes are in `field` and `strand`. Nothing here reads,
 //! writes or draws.
 
 mod beads;
@@ -32,24 +32,23 @@ pub enum Synthetic {
     Vortices,
     /// Nested closed layers around a hidden core and a hidden orbiting seed.
     Shells,
-    /// A translucent shell, a body in it and a core in the body, each of another shape.
+    /// A translucent shell, a body in it and a core in the body, each of a different shape.
     Layers,
-    /// Beads of one colour that touch, merge, part and split.
+    /// Beads of one colour that touch, merge, separate and split.
     Beads,
     /// Thin curved filaments in two colours that turn, sway and bend.
     Filaments,
 }
 
-/// A name that is no synthetic scene.
+/// The error for a name that is not a synthetic scene.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("synthetic scene {name:?}: no such scene; use one of {}", Synthetic::ALL.map(Synthetic::name).join(", "))]
 pub struct UnknownSynthetic {
-    /// The name that was asked for.
+    /// The requested name.
     pub name: String,
 }
 
-/// A scene at one time: what depends on the time alone is computed once, what depends on the height once per
-/// slice.
+/// A scene at one time: what depends on time alone is computed once, what depends on height once per slice.
 enum Frame {
     Jets(jets::Frame),
     Vortices(vortices::Frame),
@@ -61,7 +60,7 @@ enum Frame {
 
 impl Frame {
     fn new(scene: Synthetic, t: f64) -> Self {
-        // A NaN time would spread into every voxel: it reads as the start.
+        // a NaN time would spread into every voxel: it is treated as the start
         let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) };
         match scene {
             Synthetic::Jets => Self::Jets(jets::Frame::new(t)),
@@ -73,7 +72,7 @@ impl Frame {
         }
     }
 
-    /// Calls `put(x, y index, value, label)` for every point of the plane `z`.
+    /// Calls `put(index, value, label)` for every point of the plane `z`, x fastest.
     fn plane(&self, z: f64, xs: &[f64], ys: &[f64], mut put: impl FnMut(usize, f64, u16)) {
         let edges: Vec<f64> = xs.iter().map(|&x| field::window(x)).collect();
         let mut fill = |at: &dyn Fn(f64, f64) -> (f64, u16)| {
@@ -81,7 +80,7 @@ impl Frame {
                 let side = field::window(y) * field::window(z);
                 for (i, (&x, edge)) in xs.iter().zip(&edges).enumerate() {
                     let edge = edge * side;
-                    // Outside the box, and at coordinates that are NaN, there is nothing.
+                    // outside the box, and at NaN coordinates, there is nothing
                     let (value, label) = if edge > 0.0 { at(x, y) } else { (0.0, 0) };
                     let value = if edge > 0.0 { (value * edge).clamp(0.0, 1.0) } else { 0.0 };
                     put(j * xs.len() + i, value, if value >= LABEL_FLOOR { label } else { 0 });
@@ -118,7 +117,7 @@ impl Synthetic {
     /// Every scene.
     pub const ALL: [Self; 6] = [Self::Jets, Self::Vortices, Self::Shells, Self::Layers, Self::Beads, Self::Filaments];
 
-    /// One line of description.
+    /// A one-line description.
     #[must_use]
     pub fn about(self) -> &'static str {
         match self {
@@ -154,10 +153,9 @@ impl Synthetic {
         answer
     }
 
-    /// The field at the centres of a grid of `dims` voxels (x, y, z) at the time `t`: the longest side spans
-    /// `[-1, 1]`, the voxels are cubes of side `2 / longest`, and the grid is centred at the origin; a shorter
-    /// side shows the middle of the box. Values and labels are `[z, y, x]`, x fastest, the same bits whatever
-    /// the number of threads.
+    /// The field at the centres of a grid of `dims` voxels (x, y, z) at the time `t`: the longest side spans `[-1, 1]`,
+    /// the voxels are cubes of side `2 / longest`, and the grid is centred at the origin; a shorter side shows the
+    /// middle of the box. Values and labels are `[z, y, x]`, x fastest, and bit-identical for any number of threads.
     #[must_use]
     pub fn sample(self, dims: [usize; 3], t: f64) -> (Volume, Labels) {
         let spacing = 2.0 / dims.into_iter().max().unwrap_or(1).max(1) as f64;
@@ -168,7 +166,7 @@ impl Synthetic {
         let mut values = vec![0.0_f32; grid.len()];
         let mut ids = vec![0_u16; grid.len()];
         let frame = Frame::new(self, t);
-        // A slice of no voxels has nothing to fill, and chunks may not be empty.
+        // a slice of no voxels has nothing to fill, and chunks may not be empty
         let slice = (dims[0] * dims[1]).max(1);
         values.par_chunks_mut(slice).zip(ids.par_chunks_mut(slice)).zip(&zs).for_each(|((values, ids), &z)| {
             frame.plane(z, &xs, &ys, |at, value, label| {
@@ -179,10 +177,11 @@ impl Synthetic {
         (Volume { grid, values }, Labels { grid, ids })
     }
 
-    /// A transfer function that shows the scene well: a preset, of the scene's name but for `layers`, whose is `nested`.
+    /// A transfer function that shows the scene well: the preset of the scene's name, except for `layers`, which has
+    /// `nested`.
     ///
     /// # Errors
-    /// If the preset is missing or wrong.
+    /// If the preset is missing or invalid.
     pub fn transfer_function(self) -> Result<TransferFunction, VolumeError> {
         TransferFunction::load(match self {
             Self::Layers => "nested",
@@ -190,7 +189,7 @@ impl Synthetic {
         })
     }
 
-    /// The name that it is asked for by.
+    /// The name by which it is requested.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

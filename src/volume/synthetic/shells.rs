@@ -1,5 +1,5 @@
-//! Closed layers nested around a moving centre: a translucent outer one, a lobed middle one, and inside it a core
-//! and a small seed that orbits the core. The value rises inwards by stairs, so each layer is a band of values.
+//! Closed layers nested around a moving centre: a translucent outer one, a lobed middle one, and inside it a core and a
+//! small seed that orbits the core. The value rises inwards in steps, so each layer is a band of values.
 
 use super::field::{P3, dot, norm, smooth_max, step, sub};
 use std::f64::consts::TAU;
@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 /// Segment names by label.
 pub(super) const NAMES: [&str; 4] = ["outer", "middle", "core", "seed"];
 
-/// Value between outer and middle, inside the middle, at the hearts of core and seed.
+/// Value between outer and middle, inside the middle, at the peaks of core and seed.
 const OUTER: f64 = 0.26;
 const MIDDLE: f64 = 0.54;
 const CORE: f64 = 0.78;
@@ -15,7 +15,7 @@ const SEED: f64 = 1.0;
 /// Widths of the steps.
 const LAYER_WIDTH: f64 = 0.10;
 const FLANK: f64 = 0.045;
-/// Share of the core's and the seed's rise that is slow, for shading.
+/// Fraction of the core's and the seed's rise that is slow, for shading.
 const HEART: f64 = 0.15;
 
 /// The scene at one time.
@@ -28,7 +28,7 @@ pub(super) struct Frame {
 impl Frame {
     pub(super) fn new(t: f64) -> Self {
         let centre = [0.06 * (TAU * t).sin(), 0.05 * (TAU * t).cos() - 0.02, 0.05 * (TAU * t + 0.8).sin()];
-        // A tilted orbit, a little more than half a turn.
+        // a tilted orbit, slightly more than half a turn
         let angle = 0.6 + 3.6 * t;
         let (sin, cos) = angle.sin_cos();
         let orbit = [0.335 * cos, 0.335 * sin * 0.86, 0.335 * sin * 0.5];
@@ -44,7 +44,7 @@ impl Frame {
         let w = TAU * self.t;
         let [x, y, z] = n;
         let long = 1.5 * z * z - 0.5;
-        // Away from a layer's surface its step is 0 or 1 and its shape need not be known.
+        // away from a layer's surface its step is 0 or 1 and its shape is not needed
         let layer = |least: f64, most: f64, shape: &dyn Fn() -> f64| {
             if radius < least {
                 1.0
@@ -81,8 +81,8 @@ fn solid(outside: f64, depth: f64) -> f64 {
     (1.0 - HEART) * step(0.5 - outside / FLANK) + HEART * step((0.02 - outside) / depth)
 }
 
-/// The layer that dominates: a solid where it rises, else the layer whose flank this is; the rooms between the
-/// layers are no segment.
+/// The layer that dominates: a solid where it rises, else the layer whose flank this is; the spaces between the layers
+/// are no segment.
 fn label(outer: f64, middle: f64, core: f64, seed: f64) -> u16 {
     let flank = |s: f64| (0.1..0.9).contains(&s);
     if core.max(seed) > 0.04 {

@@ -1,16 +1,17 @@
-//! Curved tubes as runs of beads, each run under a sphere that bounds what it can raise. Nothing here knows a scene.
+//! Curved tubes as runs of beads, each run with a sphere that bounds its effect on the field. Nothing here knows a
+//! scene.
 
 use super::field::{P3, dot, norm, sub};
 
 /// A point of a strand: position and radius. A radius of minus the flank or less leaves no trace in the field.
 pub(super) type Bead = (P3, f64);
 
-/// A run of beads and the sphere that holds all it can raise.
+/// A run of beads and the sphere that bounds its effect on the field.
 pub(super) struct Chunk {
     beads: Vec<Bead>,
     centre: P3,
     reach: f64,
-    /// Which tube it is a part of.
+    /// The tube it belongs to.
     tube: usize,
 }
 
@@ -26,12 +27,12 @@ pub(super) fn chunks(tube: usize, beads: &[Bead], length: usize, flank: f64) -> 
 }
 
 impl Chunk {
-    /// Whether the chunk can raise anything at the height `z`.
+    /// Whether the chunk can affect the field at the height `z`.
     pub fn reaches(&self, z: f64) -> bool {
         (self.centre[2] - z).abs() < self.reach
     }
 
-    /// Signed distance to the chunk, negative inside; none where it raises nothing.
+    /// Signed distance to the chunk, negative inside; `None` where it has no effect.
     fn outside(&self, p: P3) -> Option<f64> {
         let from = sub(p, self.centre);
         (dot(from, from) < self.reach * self.reach)
@@ -39,7 +40,7 @@ impl Chunk {
     }
 }
 
-/// Signed distance to each of `N` tubes, negative inside; infinite to those of which no chunk raises anything at `p`.
+/// Signed distance to each of `N` tubes, negative inside; infinite for those of which no chunk has an effect at `p`.
 pub(super) fn outside<const N: usize>(chunks: &[&Chunk], p: P3) -> [f64; N] {
     let mut outside = [f64::INFINITY; N];
     for chunk in chunks {

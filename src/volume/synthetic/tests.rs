@@ -1,4 +1,4 @@
-//! What the scenes promise: range, empty faces, continuity, and which segments exist when and in how many pieces.
+//! What the scenes guarantee: range, empty faces, continuity, and which segments exist when and in how many pieces.
 
 use super::Synthetic;
 use crate::volume::grid::{Labels, Volume};
@@ -130,7 +130,7 @@ fn layers_lie_within_each_other() {
         let t = f64::from(step) / 5.0;
         let (_, labels) = Synthetic::Layers.sample([FINE; 3], t);
         assert!((1..=3).all(|id| pieces(&labels, id) == 1), "layers at {t}");
-        // nothing but the body touches the core, and neither touches the shell or what is around it
+        // nothing but the body touches the core, and neither touches the shell or its surroundings
         for (at, id) in labels.ids.iter().enumerate().filter(|(_, id)| **id > 1) {
             for next in [at - 1, at + 1, at - FINE, at + FINE, at - FINE * FINE, at + FINE * FINE] {
                 let other = labels.ids[next];
@@ -159,7 +159,7 @@ fn layers_are_not_concentric() {
 #[test]
 fn beads_merge_part_and_split() {
     let scene = Synthetic::Beads;
-    // what a threshold sees, with some of the beads alone
+    // what a threshold sees, with only some of the beads
     let bodies = |t: f64, names: &[&str]| {
         let (_, mut labels) = cube(scene, t);
         let ids: Vec<u16> = names.iter().map(|n| id_of(scene, n)).collect();

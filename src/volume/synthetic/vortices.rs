@@ -1,6 +1,6 @@
-//! Vortex tubes inside two breathing, translucent shells. Tube a splits in two and tube b's two strands join,
-//! each like a zip; c vanishes, d appears, e is a ring that stays. The shells own the low values, the tubes the
-//! high ones, and a tube starts from the value inside both shells, so no tube wears a skin of shell.
+//! Vortex tubes inside two breathing, translucent shells. Tube a splits in two and tube b's two strands join, each like
+//! a zip; c vanishes, d appears, e is a ring that stays. The shells take up the low values, the tubes the high ones,
+//! and a tube rises from the value inside both shells, so no tube has a surface layer of shell values.
 
 use super::field::{P3, ellipsoid, smooth_max, step};
 use super::strand::{Bead, Chunk, chunks, outside};
@@ -15,13 +15,13 @@ const SHELL_OUTER: u16 = 7;
 const SHELL_RISE: f64 = 0.16;
 /// Width over which a shell raises the value.
 const SHELL_WIDTH: f64 = 0.09;
-/// Width of a tube's steep flank, and the slow rise inside it that keeps the gradient alive for shading.
+/// Width of a tube's steep flank, and the slow rise inside it that keeps the gradient above zero for shading.
 const FLANK: f64 = 0.045;
 const HEART: f64 = 0.05;
-/// Pieces of a strand, and pieces under one bound.
+/// Number of pieces of a strand, and of pieces under one bound.
 const PIECES: usize = 48;
 const CHUNK: usize = 6;
-/// Full radius of a tube, and how far apart a tube's two strands go from the middle.
+/// Full radius of a tube, and the distance of a tube's two strands from the middle.
 const RADIUS: f64 = 0.082;
 const APART: f64 = 0.17;
 
@@ -39,7 +39,7 @@ pub(super) struct Slice<'a> {
     chunks: Vec<&'a Chunk>,
 }
 
-/// Values at the hearts of the tubes.
+/// Peak values of the tubes.
 const PEAKS: [f64; 5] = [1.0, 1.0, 0.58, 0.58, 0.79];
 
 /// How far the zip that opens at the end `s = 0` has opened at `s`.
@@ -74,7 +74,7 @@ fn tube_b(s: f64, t: f64, side: f64) -> Bead {
 fn arch(s: f64, t: f64, pole: f64, life: f64) -> Bead {
     let along = (s - 0.5) * (0.3 + 0.7 * life);
     let p = [0.64 * along, 0.10 * (7.0 * along + 3.0 * t * pole).sin(), pole * (0.55 - 0.35 * along * along)];
-    // Radius below 0 fades the tube out instead of leaving a thread.
+    // a radius below 0 fades the tube out instead of leaving a thread
     (turn(p, 1.6 + 0.3 * pole), (RADIUS + FLANK) * life - FLANK)
 }
 
@@ -148,7 +148,7 @@ impl Slice<'_> {
             }
         }
         if most < 0.05 {
-            // A shell is where the value rises; the room between them is no segment.
+            // a shell is where the value rises; the space between them is no segment
             label = match (rising(inner), rising(outer)) {
                 (true, _) => SHELL_INNER,
                 (false, true) => SHELL_OUTER,

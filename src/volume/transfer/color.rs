@@ -20,8 +20,8 @@ pub fn rgb_to_lab(rgb: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// sRGB colour of CIELAB values. What is out of gamut is scaled down to the largest channel, so that the hue stays,
-/// and cut at zero.
+/// sRGB colour of CIELAB values. Out-of-gamut colours are scaled down by their largest channel, so that the hue is
+/// kept, and clipped at zero.
 #[must_use]
 pub fn lab_to_rgb(lab: [f64; 3]) -> [f64; 3] {
     let y = (lab[0] + 16.0) / 116.0;
@@ -65,13 +65,13 @@ pub fn hsv_to_rgb([h, s, v]: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Mix in CIELAB.
+/// Mixes in CIELAB.
 #[must_use]
 pub fn mix_lab(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     lab_to_rgb(mix(rgb_to_lab(a), rgb_to_lab(b), t))
 }
 
-/// Mix in HSV; `wrap` takes the shorter way round the circle of hues.
+/// Mixes in HSV; `wrap` takes the shorter way round the hue circle.
 #[must_use]
 pub fn mix_hsv(a: [f64; 3], b: [f64; 3], t: f64, wrap: bool) -> [f64; 3] {
     let (mut a, mut b) = (rgb_to_hsv(a), rgb_to_hsv(b));
@@ -85,7 +85,7 @@ pub fn mix_hsv(a: [f64; 3], b: [f64; 3], t: f64, wrap: bool) -> [f64; 3] {
     hsv_to_rgb(mix(a, b, t))
 }
 
-/// Mix in Msh, with white in the middle of two distinct saturated colours (Moreland 2009, section 5).
+/// Mixes in Msh, with white in the middle of two distinct saturated colours (Moreland 2009, section 5).
 #[must_use]
 pub fn mix_diverging(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     let (mut a, mut b, mut t) = (rgb_to_msh(a), rgb_to_msh(b), t);
@@ -101,7 +101,7 @@ pub fn mix_diverging(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
             t = 2.0 * t - 1.0;
         }
     }
-    // The hue of a colour without saturation means nothing; it is set so that the way to it looks straight.
+    // the hue of a colour without saturation is meaningless; it is set so that the path to it looks straight
     if a[1] < 0.05 && b[1] > 0.05 {
         a[2] = adjusted_hue(b, a[0]);
     } else if b[1] < 0.05 && a[1] > 0.05 {

@@ -1,16 +1,17 @@
-//! Colour maps by name. The perceptual ones (viridis, cividis, inferno, magma, plasma; all CC0) are sampled at ten places.
+//! Named colour maps. The perceptual ones (viridis, cividis, inferno, magma, plasma; all CC0) are sampled at ten
+//! points.
 
 use super::bracket;
 use super::color::mix_diverging;
 
-/// Names that [`named`] knows.
+/// Names accepted by [`named`].
 pub const NAMES: [&str; 8] = ["viridis", "cividis", "inferno", "magma", "plasma", "cool-warm", "black-body", "gray"];
 
 /// Ends of the diverging map of Moreland (2009).
 const COOL: [f64; 3] = [0.230, 0.299, 0.754];
 const WARM: [f64; 3] = [0.706, 0.016, 0.150];
 
-/// Control points (fraction, sRGB colour) of a colour map; `None` if there is none of this name.
+/// Control points (fraction, sRGB colour) of a colour map; `None` for an unknown name.
 #[must_use]
 pub fn named(name: &str) -> Option<Vec<(f64, [f32; 3])>> {
     let even: &[u32] = match name {

@@ -13,8 +13,8 @@ type Points<T> = Vec<(f64, T)>;
 
 const COLOR_HINT: &str = "\"#rrggbb\" or [r, g, b] in [0, 1]";
 
-/// The file as written. Positions are in `units`: fractions of `range`, or data values, where `range` is the span of
-/// the control points unless given.
+/// The file as written. Positions are in `units`: fractions of `range`, or data values, where `range` defaults to the
+/// span of the control points.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
@@ -120,7 +120,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
     if document.units == Units::Data && !function.opacity.is_empty() {
         to_fractions(&mut function, path)?;
     }
-    // After the change of units: a colour map is in fractions always.
+    // after the change of units: a colour map is always in fractions
     if let Some(name) = &document.colormap {
         function.colors = named_colors(name, path)?;
     }
@@ -128,7 +128,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
     Ok(function)
 }
 
-/// Positions and values of a list of pairs; `hint` says what `value_of` takes.
+/// Positions and values of a list of pairs; `hint` describes what `value_of` accepts.
 fn points<T>(
     path: &Path,
     field: &str,
@@ -175,7 +175,7 @@ fn named_colors(name: &str, path: &Path) -> Result<Points<[f32; 3]>, VolumeError
     })
 }
 
-/// Replaces data values by fractions of the range, which is found first if the file has none.
+/// Replaces data values by fractions of the range, which is derived first if the file has none.
 fn to_fractions(function: &mut TransferFunction, path: &Path) -> Result<(), VolumeError> {
     let positions = function.colors.iter().map(|p| p.0).chain(function.opacity.iter().map(|p| p.0));
     let (low, high) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
@@ -338,7 +338,7 @@ fn color_text(value: [f32; 3]) -> String {
     color::exact_hex(value).map_or_else(|| format!("[{}]", value.map(short).join(", ")), |hex| format!("\"{hex}\""))
 }
 
-/// Shortest decimal that reads back as the same number, also by way of a double.
+/// Shortest decimal that reads back as the same number, also via a double.
 fn short(value: f32) -> String {
     let text = format!("{value:?}");
     let back = text.parse::<f64>().map(|v| v as f32);

@@ -1,6 +1,6 @@
-//! Transfer functions: which colour and opacity a data value gets. The type and its evaluation live here;
-//! reading and writing files is in `file` and `paraview`, colour arithmetic in `color`, named colour maps in
-//! `colormap`. Nothing here knows about rays or Gaussians.
+//! Transfer functions: the colour and opacity of a data value. The type and its evaluation live here; reading and
+//! writing files is in `file` and `paraview`, colour arithmetic in `color`, named colour maps in `colormap`. Nothing
+//! here knows about rays or Gaussians.
 
 pub mod color;
 pub mod colormap;
@@ -11,7 +11,7 @@ use crate::volume::error::VolumeError;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The transfer functions that need no file: name and TOML text.
+/// The built-in transfer functions: name and TOML text.
 const PRESETS: &[(&str, &str)] = &[
     ("ramp", include_str!("../../../configs/transfer-functions/ramp.toml")),
     ("density", include_str!("../../../configs/transfer-functions/density.toml")),
@@ -36,7 +36,7 @@ const PRESETS: &[(&str, &str)] = &[
 pub struct TransferFunction {
     /// Name, of `a-z 0-9 - _`.
     pub name: String,
-    /// Data values that the fractions 0 and 1 stand for; `None`: the range of the data.
+    /// Data values at the fractions 0 and 1; `None` for the range of the data.
     pub range: Option<[f64; 2]>,
     /// Control points (fraction, sRGB colour in [0, 1] as stored in images), sorted, at least one; linear between
     /// them, equal positions are a step.
@@ -49,18 +49,18 @@ pub struct TransferFunction {
     pub unit_length: f64,
     /// How surfaces are lit.
     pub shading: Shading,
-    /// Named parts of the range that do not overlap.
+    /// Named, non-overlapping parts of the range.
     pub segments: Vec<SegmentRange>,
 }
 
 /// Blinn-Phong shading with the gradient of the field as the normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shading {
-    /// False: the colour as it is.
+    /// If false, the colour is used as it is.
     pub enabled: bool,
-    /// Share of the colour that is there without light.
+    /// Fraction of the colour present without light.
     pub ambient: f32,
-    /// Share that depends on the angle to the light.
+    /// Fraction that depends on the angle to the light.
     pub diffuse: f32,
     /// Strength of the white highlight.
     pub specular: f32,
@@ -74,7 +74,7 @@ impl Default for Shading {
     }
 }
 
-/// Lighting of which some is given, in the place of a transfer function's.
+/// Lighting values that, where given, replace those of a transfer function.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Lighting {
@@ -93,7 +93,7 @@ pub struct Lighting {
 }
 
 impl Lighting {
-    /// Puts what is given into `shading`; any of it turns shading on.
+    /// Copies the given values to `shading`; any of them turns shading on.
     pub fn apply(self, shading: &mut Shading) {
         for (given, value) in [
             (self.ambient, &mut shading.ambient),
@@ -107,10 +107,10 @@ impl Lighting {
         }
     }
 
-    /// Refuses what no light has.
+    /// Rejects values that no light has.
     ///
     /// # Errors
-    /// The first such value, by its key.
+    /// The first such value, with its key.
     pub fn check(self) -> Result<(), String> {
         for (key, value) in [("ambient", self.ambient), ("diffuse", self.diffuse), ("specular", self.specular)] {
             if let Some(value) = value.filter(|v| !(*v >= 0.0 && v.is_finite())) {
@@ -129,9 +129,9 @@ impl Lighting {
 pub struct SegmentRange {
     /// Name, of `a-z 0-9 - _`.
     pub name: String,
-    /// Fractions `[low, high)`; a range that ends at 1 has 1 too.
+    /// Fractions `[low, high)`; a range that ends at 1 includes 1.
     pub range: [f64; 2],
-    /// sRGB colour for legends and label pictures; `None`: the colour in the middle of the range.
+    /// sRGB colour for legends and label pictures; `None` for the colour in the middle of the range.
     pub color: Option<[f32; 3]>,
 }
 
@@ -139,8 +139,8 @@ pub struct SegmentRange {
 pub const DEFAULT_UNIT_LENGTH: f64 = 0.01;
 
 impl TransferFunction {
-    /// Data values of the fractions 0 and 1 for a field with values in `data_range`. Always wider than nothing: a
-    /// field of one value `v` gives a span that starts at `v`.
+    /// Data values at the fractions 0 and 1 for a field with values in `data_range`. Never empty: a field of one value
+    /// `v` gives a span that starts at `v`.
     #[must_use]
     pub fn span(&self, data_range: [f64; 2]) -> [f64; 2] {
         let [low, high] = self.range.unwrap_or(data_range);
@@ -171,7 +171,7 @@ impl TransferFunction {
         (0..n).map(sample).collect()
     }
 
-    /// Index into `segments` of the one that a fraction lies in; none outside all of them.
+    /// Index into `segments` of the one that contains a fraction; `None` outside all of them.
     #[must_use]
     pub fn segment_of(&self, fraction: f64) -> Option<usize> {
         self.segments.iter().position(|s| {
@@ -189,7 +189,7 @@ impl TransferFunction {
     /// Reads a `.toml` file, a ParaView `.json` file (`maps.json#Name` picks one of several maps) or a preset.
     ///
     /// # Errors
-    /// An unknown preset (the message lists all), a file that cannot be read, or a wrong field in it.
+    /// An unknown preset (the message lists all), a file that cannot be read, or an invalid field in it.
     pub fn load(spec: &str) -> Result<Self, VolumeError> {
         if has_extension(spec, "toml") {
             return file::read(Path::new(spec));
@@ -220,7 +220,7 @@ impl TransferFunction {
         file::write(self)
     }
 
-    /// Checks all that the fields promise; `path` is what messages name.
+    /// Checks that all fields are as documented; `path` is used in messages.
     ///
     /// # Errors
     /// The first field that is not as documented.
@@ -229,7 +229,7 @@ impl TransferFunction {
     }
 }
 
-/// The neighbours of a fraction and the part of the way between them.
+/// The neighbours of a fraction and its relative position between them.
 fn bracket<T: Copy>(points: &[(f64, T)], fraction: f64) -> Option<(T, T, f64)> {
     let after = points.partition_point(|p| p.0 <= fraction);
     match (after.checked_sub(1).map(|i| points[i]), points.get(after)) {

@@ -1,5 +1,5 @@
-//! Colour maps as ParaView saves them in JSON, read into transfer functions. Opacity functions come along if the
-//! file has `Points`; `NanColor` is passed over, since the values of a volume are finite.
+//! Colour maps as ParaView saves them in JSON, read into transfer functions. Opacity functions are read if the file has
+//! `Points`; `NanColor` is ignored, since the values of a volume are finite.
 
 use super::{DEFAULT_UNIT_LENGTH, Shading, TransferFunction, color, has_extension, slug};
 use crate::volume::error::VolumeError;
@@ -8,10 +8,10 @@ use serde::de::IgnoredAny;
 use serde_json::Value;
 use std::path::Path;
 
-/// Pieces that a map in a space other than RGB is cut into, at least.
+/// Minimum number of pieces into which a map in a space other than RGB is divided.
 const PIECES: usize = 64;
 
-/// The fields that matter; ParaView writes more (`Creator`, `License`, `DefaultMap`), which are passed over.
+/// The fields used; ParaView writes more (`Creator`, `License`, `DefaultMap`), which are ignored.
 #[derive(Deserialize)]
 struct Map {
     #[serde(rename = "ColorSpace")]
@@ -44,14 +44,14 @@ pub(super) fn split_spec(spec: &str) -> Option<(&str, Option<&str>)> {
     has_extension(path, "json").then_some((path, Some(name)))
 }
 
-/// Reads one colour map of a ParaView file: the one of the name, else the first. The positions become fractions of
-/// their own span, colours and opacities each, as ParaView does when it applies a preset to data; the range stays
-/// that of the data. Without `Points` the opacity is a ramp from 0 to 1. A midpoint of the opacity is kept as a
-/// control point and a sharpness of 1 as a step; other sharpnesses are taken as 0. `Lab/CIEDE2000` is mixed as `Lab`.
-/// A file without `ColorSpace` is `RGB`.
+/// Reads one colour map of a ParaView file: the named one, else the first. The positions become fractions of their own
+/// span, separately for colours and opacities, as ParaView does when it applies a preset to data; the range stays that
+/// of the data. Without `Points` the opacity is a ramp from 0 to 1. A midpoint of the opacity is kept as a control
+/// point and a sharpness of 1 as a step; other sharpness values are treated as 0. `Lab/CIEDE2000` is mixed as `Lab`. A
+/// file without `ColorSpace` is `RGB`.
 ///
 /// # Errors
-/// A file that cannot be read or is no JSON, no map of the name, a categorical map, or wrong points.
+/// A file that cannot be read or is not JSON, no map of that name, a categorical map, or invalid points.
 pub fn read(path: &Path, name: Option<&str>) -> Result<TransferFunction, VolumeError> {
     let text = crate::files::read_text(path).map_err(|e| {
         VolumeError::io(path, "read the ParaView color map", e, "check that the file is there and is text")
@@ -129,7 +129,7 @@ fn space_of(map: &Map) -> Option<Space> {
     })
 }
 
-/// Groups of four numbers, sorted by the first, which becomes a fraction of the span of all firsts.
+/// Groups of four numbers, sorted by the first, which becomes a fraction of the span of all first numbers.
 fn spread(list: &[f64], path: &Path, field: &str) -> Result<Vec<(f64, [f64; 3])>, VolumeError> {
     let (groups, rest) = list.as_chunks::<4>();
     let wrong = |problem: String, hint: &str| Err(VolumeError::invalid(path, field, problem, hint));
@@ -146,7 +146,7 @@ fn spread(list: &[f64], path: &Path, field: &str) -> Result<Vec<(f64, [f64; 3])>
     Ok(groups.into_iter().map(|[x, a, b, c]| ((x - low) / width, [a, b, c])).collect())
 }
 
-/// Opacity points (fraction, [alpha, midpoint, sharpness]) without midpoints and sharpness.
+/// Control points of opacity points (fraction, [alpha, midpoint, sharpness]), without midpoints and sharpness.
 fn opacity(points: &[(f64, [f64; 3])]) -> Vec<(f64, f32)> {
     let mut out = Vec::new();
     for (i, (x, [alpha, midpoint, sharpness])) in points.iter().enumerate() {
@@ -178,7 +178,7 @@ fn resampled(points: &[(f64, [f64; 3])], space: Space) -> Vec<(f64, [f32; 3])> {
             // An interval has the colour of its upper end.
             Space::Step => out.push((from, plain(b))),
             _ if to > from => {
-                // By width, but enough in each interval, and an even number for the white in the middle.
+                // by width, but enough in each interval, and an even number for the white in the middle
                 let pieces = ((PIECES as f64 * (to - from)).ceil() as usize).max(PIECES.div_ceil(points.len() - 1));
                 let pieces = pieces.next_multiple_of(2);
                 let at = |i: usize| i as f64 / pieces as f64;

@@ -1,4 +1,4 @@
-//! ParaView files: spaces, names, opacities, mistakes.
+//! ParaView files: spaces, names, opacities, errors.
 
 use super::*;
 use proptest::prelude::*;

@@ -1,7 +1,7 @@
-//! The field on a GPU. Forward: a unit a feature of a point. Backward: 32 units a point, each with every 32nd feature;
-//! gradients of points are reduced in shared memory, of time rows by cube and then in order, those of planes and lines
-//! are scattered with float atomics, so that their last bits vary from run to run.
-#![allow(clippy::collapsible_if)] // only what stands inside may be read
+//! The field on a GPU. Forward: one unit per feature of a point. Backward: 32 units per point, each with every 32nd
+//! feature; gradients of points are reduced in shared memory, those of time rows within a cube and then over cubes in
+//! order; those of planes and lines are scattered with float atomics, so that their last bits vary from run to run.
+#![allow(clippy::collapsible_if)] // the inner condition must not be read unless the outer one holds
 
 mod sample;
 
@@ -19,13 +19,13 @@ use burn_cubecl::ops::numeric::zeros_client;
 use burn_cubecl::tensor::CubeTensor;
 use sample::{Pair, Quad, is_somewhere, read};
 
-/// Points that a unit of the backward pass visits one after the other.
+/// Points that a unit of the backward pass visits in turn.
 const VISITS: u32 = 16;
-/// Units of a point, and points side by side in a cube.
+/// Units per point; `SIDE` is the number of points that a cube processes at a time.
 const LANES: u32 = 32;
 const SIDE: u32 = UNITS / LANES;
 
-/// Words of a level: nodes along x, y, z; where its planes xy, xz, yz start; its lines x, y, z.
+/// Words per level: nodes along x, y, z; offsets of its planes xy, xz, yz; offsets of its lines x, y, z.
 const LEVEL: usize = 9;
 
 fn level_words(shape: &FieldShape) -> Vec<u32> {
@@ -39,7 +39,7 @@ fn level_words(shape: &FieldShape) -> Vec<u32> {
     words
 }
 
-/// Time knots around `time`: lower, upper, fraction.
+/// Returns the time knots around `time`: lower, upper, fraction.
 fn time_tap(shape: &FieldShape, time: f32) -> (u32, u32, f32) {
     let last = (shape.time_knots - 1) as f32;
     let grid = (time * last).max(0.0).min(last);
@@ -47,7 +47,7 @@ fn time_tap(shape: &FieldShape, time: f32) -> (u32, u32, f32) {
     (low as u32, (low + 1).min(shape.time_knots - 1) as u32, grid - low as f32)
 }
 
-/// The time row of every level, `[levels * R]`.
+/// Computes the time row of every level, `[levels * R]`.
 #[cube(launch)]
 fn time_row(times: &[f32], row: &mut [f32], knots: u32, channels: u32, features: u32, lo: u32, hi: u32, frac: f32) {
     if ABSOLUTE_POS < features as usize {
@@ -135,7 +135,7 @@ fn backward<A: AddF32>(
                     let f = (slot * comptime!(LANES) + lane) as usize;
                     if f < comptime!(features as usize) {
                         let g = grad[i * comptime!(features as usize) + f];
-                        // Gaussians that no pixel saw have a gradient of zero
+                        // Gaussians seen by no pixel have a gradient of zero
                         if g != 0.0f32 {
                             let s = read(planes, lines, points, levels, i, f, channels as usize);
                             time_sums[slot as usize] += g * s.sum();
@@ -156,7 +156,7 @@ fn backward<A: AddF32>(
                 }
             }
         }
-        // the 32 sums of each point
+        // reduce the 32 sums of each point
         let at = (UNIT_POS * 3u32) as usize;
         shared[at] = gx;
         shared[at + 1] = gy;
@@ -196,7 +196,8 @@ fn backward<A: AddF32>(
     }
 }
 
-/// Adds the cubes' sums in order and spreads them over the two knots; a unit a feature, the rest of `out` is zero.
+/// Adds the cubes' sums in a fixed order and distributes them over the two knots; one cube per feature, and the rest of
+/// `out` stays zero.
 #[cube(launch)]
 fn sum_times(
     parts: &[f32],

@@ -1,4 +1,4 @@
-//! Reading the field around one point on a GPU: the nodes that a feature touches, its values and slopes.
+//! Reading the field around one point on a GPU: the nodes that a feature touches, with values and slopes.
 
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
@@ -35,13 +35,13 @@ fn is_nan(x: f32) -> bool {
     (u32::reinterpret(x) & 0x7FFF_FFFFu32) > 0x7F80_0000u32
 }
 
-/// A point with a NaN coordinate is nowhere.
+/// Whether no coordinate of the point is NaN.
 #[cube]
 pub(super) fn is_somewhere(points: &[f32], i: usize) -> bool {
     !(is_nan(points[3 * i]) || is_nan(points[3 * i + 1]) || is_nan(points[3 * i + 2]))
 }
 
-/// Four nodes of a plane: where they lie, value, slopes along the fast and the slow grid coordinate.
+/// Four nodes of a plane: their indices, the value, and the slopes along the fast and the slow grid coordinate.
 #[derive(CubeType)]
 pub(super) struct Quad {
     pub at00: usize,
@@ -76,7 +76,7 @@ fn quad(planes: &[f32], base: usize, width: usize, fast: &Tap, slow: &Tap, chann
     }
 }
 
-/// Two nodes of a line: where they lie, value, slope along the grid coordinate.
+/// Two nodes of a line: their indices, the value, and the slope along the grid coordinate.
 #[derive(CubeType)]
 pub(super) struct Pair {
     pub lo: usize,
@@ -94,7 +94,7 @@ fn pair(lines: &[f32], base: usize, tap: &Tap, channels: usize) -> Pair {
     Pair { lo, hi, value: slope * tap.frac + first, slope }
 }
 
-/// All that one feature of a point reads.
+/// Everything read for one feature of a point.
 #[derive(CubeType)]
 pub(super) struct Sample {
     pub tx: Tap,
@@ -110,13 +110,13 @@ pub(super) struct Sample {
 
 #[cube]
 impl Sample {
-    /// The feature before it is multiplied with time.
+    /// Returns the feature before multiplication by its time factor.
     pub fn sum(&self) -> f32 {
         self.xy.value * self.z.value + (self.xz.value * self.y.value + self.yz.value * self.x.value)
     }
 }
 
-/// Feature `f` of point `i`; `levels` as `level_words` lays them out.
+/// Reads feature `f` of point `i`; `levels` is laid out by `level_words`.
 #[cube]
 pub(super) fn read(
     planes: &[f32],

@@ -1,7 +1,6 @@
-//! Finding the contributors on host memory: a task a tile, its pixels packed into SIMD lanes.
+//! Finding the contributors in host memory: one task per tile, its pixels packed into SIMD lanes.
 //!
-//! The rule of compositing is that of blending, the same code, so that the weights are bit for bit those the image was
-//! made of.
+//! The compositing code is that of blending, so the weights are bit-identical to those of the image.
 
 use super::{Contributors, ContributorsError};
 use crate::splat::SplatSettings;
@@ -16,8 +15,8 @@ use rayon::prelude::*;
 /// Rows that one task copies into the result.
 const COPY_ROWS: usize = 1024;
 
-/// As [`contributors`], after blending the rows of tiles that hold a pixel: that finds where each tile ends, and so which
-/// Gaussians matter.
+/// As [`contributors`], after blending the rows of tiles that hold a requested pixel, which finds where each tile ends
+/// and thus which Gaussians matter.
 ///
 /// # Errors
 /// As [`contributors`].
@@ -33,14 +32,14 @@ pub(crate) fn of_pixels(
     contributors(order, &bins, settings, pixels)
 }
 
-/// Lists the Gaussians that are blended into each pixel, nearest first, with `alpha * T`.
+/// Lists the Gaussians that are blended into each pixel, nearest first, with their weights `alpha * T`.
 ///
-/// `pixels` holds `y * width + x` in any order, repeats allowed; the lists come in that order. `order` and
-/// `bins` are those that blending the view of `settings` left. The result does not depend on the number of threads.
+/// `pixels` holds `y * width + x` in any order, repeats allowed; the lists are in that order. `order` and `bins` are
+/// those left by blending the view of `settings`. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`ContributorsError::PixelOutOfImage`] for the first pixel that the image does not have;
-/// [`ContributorsError::TooMany`] if the contributions exceed what 32 bits count.
+/// [`ContributorsError::PixelOutOfImage`] for the first pixel outside the image; [`ContributorsError::TooMany`] if the
+/// contributions exceed what 32 bits can count.
 pub(crate) fn contributors(
     order: &Order,
     bins: &Bins,
@@ -74,7 +73,7 @@ pub(crate) fn contributors(
     assemble(pixels.len(), &lists)
 }
 
-/// A pixel of a tile that is asked for.
+/// A requested pixel of a tile.
 #[derive(Clone, Copy)]
 struct Slot {
     /// `row * TILE + column` within the tile.
@@ -154,12 +153,12 @@ impl TileLists {
     }
 }
 
-/// Puts the lists of all tiles into the order of the pixels asked for.
+/// Arranges the lists of all tiles in the order of the requested pixels.
 fn assemble(pixels: usize, lists: &[TileLists]) -> Result<Contributors, ContributorsError> {
     let count: u64 = lists.iter().map(|l| l.indices.len() as u64).sum();
     let total = u32::try_from(count).map_err(|_| ContributorsError::TooMany { count })? as usize;
     let mut offsets = vec![0u32; pixels + 1];
-    // which tile's lists, and from where in them
+    // the tile's lists, and the offset within them
     let mut sources = vec![(0u32, 0usize); pixels];
     for (k, lists) in lists.iter().enumerate() {
         for (slot, range) in lists.slots.iter().zip(lists.offsets.windows(2)) {
@@ -198,7 +197,7 @@ fn assemble(pixels: usize, lists: &[TileLists]) -> Result<Contributors, Contribu
 /// Walks a tile's Gaussians once, for all its slots; the slots are sorted by place.
 struct Walk<'a> {
     tile: &'a Tile<'a>,
-    /// Index of each rank.
+    /// Index of the Gaussian at each rank.
     indices: &'a [u32],
     slots: &'a [Slot],
 }
@@ -213,11 +212,11 @@ impl WithSimd for Walk<'_> {
         let lanes = S::F32_LANES;
         let vectors = slots.len().div_ceil(lanes);
         let zero = simd.splat_f32s(0.0);
-        // `rows` counts within the tile, `ys` are pixel centres in the image; the lanes beyond the last slot
-        // have `open` = 0, as pixels that are done
+        // `rows` counts within the tile, `ys` are pixel centres in the image; the lanes beyond the last slot have
+        // `open` = 0, like finished pixels
         let (mut columns, mut rows, mut ys, mut open) =
             (vec![zero; vectors], vec![zero; vectors], vec![zero; vectors], vec![zero; vectors]);
-        // `[r]`: the first slot in row r or below
+        // `[r]`: the first slot in row r or a later one
         let mut row_starts = [0usize; TILE + 1];
         for (k, slot) in slots.iter().enumerate() {
             let (row, column) = (slot.place as usize / TILE, slot.place as usize % TILE);

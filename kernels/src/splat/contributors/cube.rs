@@ -1,5 +1,6 @@
-//! Contributors on a GPU: a unit a pixel walks its tile's list twice, to count and to write. Only the lists come back.
-// conditions known when a kernel is compiled stand apart from those of its units
+//! Contributors on a GPU: one unit per pixel walks its tile's list twice, to count and to write. Only the lists are
+//! read back.
+// compile-time conditions of a kernel are kept apart from those of its units
 #![allow(clippy::collapsible_if)]
 
 use super::{Contributors, ContributorsOps, ContributorsOutput, check_pixels};
@@ -11,8 +12,8 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Counts the contributions of each pixel into `starts`, or, with `write`, lists them from there on. The rule of
-/// compositing is that of blending.
+/// Counts the contributions of each pixel into `starts`, or, with `write`, lists them from there on. The compositing
+/// rule is that of blending.
 #[cube(launch)]
 fn walk(
     screen: &[f32],

@@ -1,9 +1,9 @@
-//! Which Gaussians contribute to a pixel, with which weight: the rows of the rendering matrix.
+//! The Gaussians that contribute to a pixel, with their weights: the rows of the rendering matrix.
 //!
-//! A rendered pixel is `sum_i w_i c_i` with `w_i = alpha_i T_i` (3DGS, Kerbl et al. 2023, eq. 3). Here the
-//! `w_i` themselves are listed, for chosen pixels and frozen geometry: for picking, for votes of masks and
-//! for training features on sampled pixels. This file holds the lists; how they are found is in `cpu` and `cube`,
-//! products with them in `products`, the op on tensors in `ops`. Nothing here is differentiable with respect to the geometry.
+//! A rendered pixel is `sum_i w_i c_i` with `w_i = alpha_i T_i` (3DGS, Kerbl et al. 2023, eq. 3). Here the `w_i`
+//! themselves are listed, for chosen pixels and frozen geometry: for picking, for mask voting and for training features
+//! on sampled pixels. This file holds the lists; `cpu` and `cube` find them, `products` multiplies with them, and `ops`
+//! is the op on tensors. Nothing here is differentiable with respect to the geometry.
 
 mod cpu;
 #[cfg(feature = "cube")]
@@ -19,36 +19,36 @@ use thiserror::Error;
 
 pub use ops::{ContributorsOps, ContributorsOutput};
 
-/// Why no lists came back.
+/// Why contributors cannot be listed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ContributorsError {
-    /// A pixel that the image does not have.
+    /// A pixel outside the image.
     #[error(
         "contributors: pixels[{position}] is {pixel}, but the image has {width}x{height} pixels; give y * {width} + x"
     )]
     PixelOutOfImage {
         /// Position in the list of pixels.
         position: usize,
-        /// The number found there.
+        /// The pixel number found there.
         pixel: u32,
         /// Image width in pixels.
         width: usize,
         /// Image height in pixels.
         height: usize,
     },
-    /// More contributions, or more pixels, than offsets of 32 bits can count.
+    /// More contributions, or more pixels, than 32-bit offsets can count.
     #[error("contributors: {count} contributions do not fit 32-bit offsets; ask for fewer pixels at a time")]
     TooMany {
-        /// How many.
+        /// Their number.
         count: u64,
     },
 }
 
-/// Which Gaussians are blended into each of `pixels` (`y * width + x`, any order, repeats allowed), nearest first,
-/// with the weights `alpha * T` that the image is made of. The work is done on the device, the lists are on the host.
+/// Lists the Gaussians blended into each of `pixels` (`y * width + x`, any order, repeats allowed), nearest first, with
+/// the weights `alpha * T` that make up the image. The work is done on the device; the lists are on the host.
 ///
 /// # Errors
-/// A pixel that the image does not have, or more contributions than 32 bits count.
+/// A pixel outside the image, or more contributions than 32 bits can count.
 ///
 /// # Panics
 /// As [`crate::splat::splat`], and if a tensor cannot be read.
@@ -73,7 +73,7 @@ pub fn contributors(
     Dispatch::contributors(plain.into_tensors(), *settings, pixels.to_vec()).lists
 }
 
-/// The first pixel that the image does not have, or too many of them.
+/// Checks that the pixels are not too many and lie in the image; the error names the first that does not.
 pub(crate) fn check_pixels(pixels: &[u32], settings: &SplatSettings) -> Result<(), ContributorsError> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     if u32::try_from(pixels.len()).is_err() {
@@ -93,7 +93,7 @@ pub struct Contributors {
     pub offsets: Vec<u32>,
     /// Indices of Gaussians, `[E]`.
     pub indices: Vec<u32>,
-    /// `alpha * T` of each, `[E]`: positive, and at most 1 in sum over a pixel.
+    /// `alpha * T` of each, `[E]`: positive, with a sum of at most 1 over a pixel.
     pub weights: Vec<f32>,
 }
 
@@ -103,12 +103,12 @@ impl Contributors {
         self.offsets.len().saturating_sub(1)
     }
 
-    /// True if no pixel was asked for.
+    /// Returns true if no pixel was requested.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Gaussians and weights of pixel `p` (its position in the list asked for), nearest first.
+    /// Returns the Gaussians and weights of pixel `p` (its position in the list of requested pixels), nearest first.
     ///
     /// # Panics
     /// If `p` is not below [`Self::len`].
@@ -117,7 +117,7 @@ impl Contributors {
         (&self.indices[range.clone()], &self.weights[range])
     }
 
-    /// The same, Gaussian by Gaussian.
+    /// Iterates over the pairs of Gaussian and weight of [`Self::row`].
     ///
     /// # Panics
     /// As [`Self::row`].
@@ -126,7 +126,7 @@ impl Contributors {
         indices.iter().copied().zip(weights.iter().copied())
     }
 
-    /// The Gaussian with the largest weight, the nearest of equals; `None` where nothing was drawn.
+    /// Returns the Gaussian with the largest weight, the nearest on ties; `None` where nothing was drawn.
     ///
     /// # Panics
     /// As [`Self::row`].
@@ -134,7 +134,7 @@ impl Contributors {
         self.pairs(p).reduce(|best, next| if next.1 > best.1 { next } else { best })
     }
 
-    /// The nearest contributing Gaussian, however faint; `None` where nothing was drawn.
+    /// Returns the nearest contributing Gaussian, however faint; `None` where nothing was drawn.
     ///
     /// # Panics
     /// As [`Self::row`].

@@ -1,4 +1,5 @@
-//! The lists as an op of the backend: on the host from host memory, on a GPU by two walks along the tiles' lists.
+//! The lists as an op of the backend: computed on the host for backends in host memory, on a GPU by two walks along the
+//! tiles' lists.
 
 use super::cpu;
 use super::{Contributors, ContributorsError};
@@ -8,7 +9,7 @@ use crate::splat::{SplatSettings, SplatTensors};
 use burn::backend::tensor::IntTensor;
 use burn::backend::{Backend, ExtensionType, TensorMetadata, backend_extension};
 
-/// What a backend finds.
+/// Result of [`ContributorsOps::contributors`].
 #[derive(ExtensionType)]
 pub struct ContributorsOutput<B: Backend> {
     /// The lists, on the host.
@@ -20,7 +21,7 @@ pub struct ContributorsOutput<B: Backend> {
 /// The backend side of [`super::contributors`].
 #[backend_extension(NdArray: cfg(feature = "ndarray"), Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), LibTorch: cfg(feature = "tch"))]
 pub trait ContributorsOps: Backend {
-    /// The lists of `pixels`.
+    /// Finds the lists of `pixels`.
     fn contributors(
         #[extension_type] inputs: SplatTensors<Self>,
         settings: SplatSettings,

@@ -6,21 +6,21 @@ use super::Contributors;
 use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 
-/// Pixels that one task of [`Contributors::gather`] sums.
+/// Pixels summed by one task of [`Contributors::gather`].
 const GATHER_ROWS: usize = 64;
-/// The Gaussians of one task of [`Contributors::scatter`] fill about this many values, to stay in cache.
+/// Approximate number of values of the Gaussians of one task of [`Contributors::scatter`], which keeps them in cache.
 const SCATTER_VALUES: usize = 1 << 18;
-/// At most this many tasks: each walks all entries.
+/// Maximum number of tasks, as each walks all entries.
 const SCATTER_TASKS: usize = 32;
 
 impl Contributors {
-    /// Features of the pixels, `W f`: `[N, C]` of the Gaussians to `[P, C]`, row-major.
+    /// Computes the features of the pixels, `W f`: `[N, C]` of the Gaussians to `[P, C]`, row-major.
     ///
     /// Pixels without contributors get zeros; weights are not normalised by the pixel's alpha.
     ///
     /// # Panics
-    /// If `features` is not a whole number of rows of `channels`, or has no row for a Gaussian that is
-    /// listed: errors of the calling program.
+    /// If `features` is not a whole number of rows of `channels`, or has no row for a listed Gaussian: errors of the
+    /// calling program.
     pub fn gather(&self, features: &[f32], channels: usize) -> Vec<f32> {
         let mut out = vec![0.0f32; self.len() * channels];
         if channels == 0 {
@@ -46,13 +46,12 @@ impl Contributors {
         out
     }
 
-    /// Gradients of the Gaussians' features, `W^T g`: `[P, C]` of the pixels to `[N, C]`, row-major.
+    /// Computes the gradients of the Gaussians' features, `W^T g`: `[P, C]` of the pixels to `[N, C]`, row-major.
     ///
     /// The transpose of [`Self::gather`]; `n` is the number of Gaussians.
     ///
     /// # Panics
-    /// If `grads` is not `[P, C]`, or `n` does not exceed every Gaussian that is listed: errors of the
-    /// calling program.
+    /// If `grads` is not `[P, C]`, or `n` does not exceed every listed Gaussian: errors of the calling program.
     pub fn scatter(&self, grads: &[f32], n: usize, channels: usize) -> Vec<f32> {
         assert_eq!(grads.len(), self.len() * channels, "scatter: grads are [P, C] = [{}, {channels}]", self.len());
         self.check_indices("scatter", n);
@@ -60,8 +59,8 @@ impl Contributors {
         if out.is_empty() {
             return out;
         }
-        // each task owns a range of Gaussians and walks all entries in order, so that the order of the
-        // additions to a Gaussian does not depend on how the ranges are cut
+        // each task owns a range of Gaussians and walks all entries in order, so that the order of the additions to a
+        // Gaussian does not depend on how the ranges are chosen
         let range = (SCATTER_VALUES / channels).max(n.div_ceil(SCATTER_TASKS)).max(1);
         let arch = crate::arch();
         out.par_chunks_mut(range * channels).enumerate().for_each(|(k, chunk)| {
@@ -92,7 +91,7 @@ impl Contributors {
     }
 }
 
-/// `sum += w * values`. No fused multiplication: the bits are the same on every machine.
+/// `sum += w * values`, without fused multiply-add, so that the bits are the same on every machine.
 #[inline(always)]
 fn add_scaled(sum: &mut [f32], values: &[f32], w: f32) {
     for (s, v) in sum.iter_mut().zip(values) {

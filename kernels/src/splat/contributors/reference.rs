@@ -1,21 +1,21 @@
-//! Contributors in plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
+//! Contributors by plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
 
 use crate::splat::reference::{Projected, Scene, drawn};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
 
-/// What the oracle says of a pixel.
+/// The oracle's result for a pixel.
 #[derive(Clone, Debug)]
 pub struct ReferencePixel {
     /// Gaussians with their weights `alpha * T`, nearest first.
     pub list: Vec<(u32, f64)>,
-    /// How near any decision was to falling the other way, as a fraction: the smallest of
-    /// `|alpha / ALPHA_MIN - 1|` and `|T / TRANSMITTANCE_MIN - 1|` met. Below the rounding of f32 the list is moot.
+    /// How close any decision was to going the other way, as a fraction: the smallest of `|alpha / ALPHA_MIN - 1|` and
+    /// `|T / TRANSMITTANCE_MIN - 1|` encountered. Below the rounding of f32 the list is not meaningful.
     pub margin: f64,
-    /// The smallest relative difference in depth of two successive Gaussians of the pixel.
+    /// The smallest relative difference in depth between two successive Gaussians of the pixel.
     pub depth_gap: f64,
 }
 
-/// The contributors of each pixel `y * width + x`, in the order of `pixels`.
+/// Returns the contributors of each pixel `y * width + x`, in the order of `pixels`.
 pub fn contributors(scene: &Scene, settings: &SplatSettings, pixels: &[u32]) -> Vec<ReferencePixel> {
     let drawn = drawn(scene, settings);
     let width = settings.camera.width as u32;

@@ -7,7 +7,7 @@ use crate::splat::reference::Scene;
 use crate::splat::{DILATION, SplatSettings};
 use proptest::prelude::*;
 
-/// Gaussians in f32 and the camera they are seen by.
+/// Gaussians in f32 and the camera that sees them.
 struct Fixture {
     means: Vec<f32>,
     rotations: Vec<f32>,
@@ -96,7 +96,7 @@ impl Fixture {
         (0..(self.settings.camera.width * self.settings.camera.height) as u32).collect()
     }
 
-    /// Compares with the oracle; the fraction of pixels that were clear enough to compare.
+    /// Compares with the oracle; returns the fraction of pixels that were clear enough to compare.
     fn check_against_reference(&self, pixels: &[u32]) -> f64 {
         let got = self.contributors(pixels).unwrap();
         assert_eq!(got.len(), pixels.len());
@@ -178,7 +178,7 @@ proptest! {
         let features: Vec<f32> = (0..n * channels).map(|_| r.range(-1.0, 1.0)).collect();
         let grads: Vec<f32> = (0..lists.len() * channels).map(|_| r.range(-1.0, 1.0)).collect();
         let (pixels, back) = (lists.gather(&features, channels), lists.scatter(&grads, n, channels));
-        // both by definition, in f64
+        // both from the definition, in f64
         let mut want_pixels = vec![0.0f64; lists.len() * channels];
         let mut want_back = vec![0.0f64; n * channels];
         for p in 0..lists.len() {
@@ -268,11 +268,11 @@ fn poisoned_gaussians_contribute_nothing_and_harm_none() {
     f.opacity_logits[5] = f32::NAN;
     f.opacity_logits[6] = f32::NEG_INFINITY;
     (f.means[24], f.means[25], f.means[26], f.opacity_logits[8]) = (0.0, 0.0, 0.0, 2.0);
-    // size zero and no rotation are still drawn: the dilation alone gives them an extent
+    // Gaussians of size zero or without rotation are still drawn: the dilation alone gives them an extent
     f.log_scales[3 * 8..3 * 9].fill(f32::NEG_INFINITY);
     f.rotations[4 * 9..4 * 10].fill(0.0);
     assert!(f.check_against_reference(&f.all_pixels()) > 0.8);
-    // a colour that is no number culls as well; the oracle knows no colours
+    // a NaN colour is culled as well; the oracle does not consider colours
     f.sh[3 * 7] = f32::NAN;
     let lists = f.contributors(&f.all_pixels()).unwrap();
     assert!(lists.indices.iter().all(|&i| i > 7), "Gaussians 0 to 7 are culled");
@@ -309,7 +309,7 @@ fn heaviest_and_front_pick_by_weight_and_by_depth() {
 
 #[test]
 fn scatter_over_many_ranges_adds_in_the_order_of_the_entries() {
-    // enough values that the Gaussians are cut into several ranges
+    // enough values for the Gaussians to be split into several ranges
     let (n, pixels, channels) = (30_000usize, 500u32, 32usize);
     let mut r = Random(8);
     let indices: Vec<u32> =

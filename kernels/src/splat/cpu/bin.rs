@@ -1,18 +1,18 @@
-//! Which Gaussians touch which tile, in depth order.
+//! Assignment of Gaussians to the tiles that they touch, in depth order.
 //!
-//! Exact: a tile is listed only if the ellipse alpha >= 1/255 reaches into it, found row of tiles by
-//! row of tiles. Depth order comes from one radix sort; ties keep the order of the indices. A row is listed
-//! in slabs of depth, so that what lies behind finished tiles is never looked at.
+//! It is exact: a tile is listed only if the ellipse alpha >= 1/255 reaches into it, determined row of tiles by row of
+//! tiles. Depth order comes from one radix sort; ties keep the order of the indices. A row is listed in slabs of depth,
+//! so that Gaussians behind finished tiles are never examined.
 
 use super::TILE;
 use super::lanes::wide;
 use super::project::Splat2d;
 use rayon::prelude::*;
 
-/// Gaussians that are copied together from all over memory before they are read, so that their cache misses overlap.
+/// Number of Gaussians gathered from scattered memory before they are read, so that their cache misses overlap.
 pub(crate) const GATHER: usize = 32;
 
-/// Ranks of the Gaussians that were drawn, by tile: one CSR block a row of tiles.
+/// Ranks of the Gaussians that were drawn, by tile: one CSR block per row of tiles.
 pub(crate) struct Bins {
     pub tiles_x: usize,
     pub rows: Vec<TileRow>,
@@ -32,7 +32,7 @@ impl Bins {
         self.rows.len() * self.tiles_x
     }
 
-    /// Ranks of the Gaussians of tile `t` (row-major), nearest first.
+    /// Returns the ranks of the Gaussians of tile `t` (row-major), nearest first.
     pub(crate) fn tile(&self, t: usize) -> &[u32] {
         let row = &self.rows[t / self.tiles_x];
         let x = t % self.tiles_x;
@@ -40,10 +40,10 @@ impl Bins {
     }
 }
 
-/// The drawn Gaussians by depth, copied into that order: what follows reads them one after the other, and only
-/// a slab at a time, instead of all over memory.
+/// The drawn Gaussians, copied into depth order: later stages read them consecutively, a slab at a time, instead of
+/// from scattered memory.
 pub(crate) struct Order {
-    /// Nearest first; a place here is a *rank*.
+    /// Nearest first; a position here is a *rank*.
     pub splats: Vec<Splat2d>,
     /// The index of the Gaussian at each rank.
     pub indices: Vec<u32>,
@@ -79,7 +79,7 @@ impl Order {
         Self { splats: sorted, indices, spans }
     }
 
-    /// The rank of each of `n` Gaussians; `u32::MAX` for those that are not drawn.
+    /// Returns the rank of each of `n` Gaussians; `u32::MAX` for those that are not drawn.
     pub(crate) fn ranks(&self, n: usize) -> Vec<u32> {
         let mut ranks = vec![u32::MAX; n];
         for (rank, &i) in self.indices.iter().enumerate() {
@@ -88,7 +88,7 @@ impl Order {
         ranks
     }
 
-    /// The slabs of depth: an eighth, an eighth, a quarter and the rest, but not many small ones.
+    /// Returns the slabs of depth: an eighth, an eighth, a quarter and the rest, with small ones merged into the next.
     pub(crate) fn slabs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
         const LEAST: usize = 2048;
         let n = self.indices.len();
@@ -101,7 +101,7 @@ impl Order {
         (0..4).map(move |k| cuts[k]..cuts[k + 1]).filter(|r| !r.is_empty())
     }
 
-    /// Lists the Gaussians of a slab for the tiles of a row that still take some.
+    /// Lists the Gaussians of a slab for the unfinished tiles of a row.
     #[inline(always)]
     pub(crate) fn list(&self, slab: std::ops::Range<usize>, row: usize, takes: &[bool], lists: &mut RowLists) {
         let tiles_x = takes.len();
@@ -115,7 +115,7 @@ impl Order {
         spans.clear();
         offsets.clear();
         offsets.resize(tiles_x + 1, 0);
-        // without a branch: few of very many hit, and no processor could foretell which
+        // branch-free: few of very many hit, and no processor could predict which
         let row_u16 = row as u16;
         hits.resize(hits.len().max(slab.len()), 0);
         let mut found = 0;
@@ -135,7 +135,7 @@ impl Order {
                     continue;
                 }
                 let (left, right) = chord(s, top - s.y, bottom - s.y);
-                // a hair wider than exact: rounding must never lose a pixel that blending would have tested in
+                // slightly wider than exact: rounding must never lose a pixel that blending would have accepted
                 let tiles = tile_span(s.x + left - 0.01, s.x + right + 0.01, tiles_x);
                 let mut any = false;
                 for x in tiles.clone() {
@@ -162,20 +162,20 @@ impl Order {
     }
 }
 
-/// The lists of one slab of one row, with room that is used again.
+/// The lists of one slab of one row, with reusable buffers.
 #[derive(Default)]
 pub(crate) struct RowLists {
-    /// Ranks whose boxes reach into the row come first.
+    /// The first entries are the ranks whose boxes reach into the row.
     hits: Vec<u32>,
     spans: Vec<(u32, u32, u32)>,
     /// The Gaussians of each tile.
     pub row: TileRow,
     next: Vec<u32>,
-    /// Tiles before each that take more.
+    /// Number of unfinished tiles before each tile.
     open: Vec<u32>,
 }
 
-/// Tiles that hold pixel centres between `low` and `high`.
+/// Returns the tiles that hold pixel centres between `low` and `high`.
 #[inline(always)]
 fn tile_span(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
     // pixel k has its centre at k + 0.5; `as usize` saturates, so that huge extents are harmless
@@ -185,7 +185,7 @@ fn tile_span(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
     first.min(end)..end
 }
 
-/// Leftmost and rightmost dx of the ellipse within the band `dy` in `[y0, y1]`.
+/// Returns the leftmost and rightmost dx of the ellipse within the band `dy` in `[y0, y1]`.
 #[inline(always)]
 fn chord(s: &Splat2d, y0: f32, y1: f32) -> (f32, f32) {
     // q(dx, dy) = a dx^2 + 2 b dx dy + c dy^2 <= k, with a = -qa and so on
@@ -204,7 +204,7 @@ fn chord(s: &Splat2d, y0: f32, y1: f32) -> (f32, f32) {
     if left.is_finite() && right.is_finite() { (left.max(-extreme), right.min(extreme)) } else { (-extreme, extreme) }
 }
 
-/// Indices of the drawn Gaussians, nearest first: a stable radix sort of the depth's bits.
+/// Returns the indices of the drawn Gaussians, nearest first: a stable radix sort of the depth's bits.
 fn depth_order(splats: &[Splat2d]) -> Vec<u32> {
     // depths are positive, so their bits sort as integers
     let mut pairs: Vec<(u32, u32)> =

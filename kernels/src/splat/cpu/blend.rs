@@ -1,4 +1,4 @@
-//! Front-to-back blending, a task a tile, a row of pixels in SIMD lanes.
+//! Front-to-back blending: one task per row of tiles, a row of pixels in SIMD lanes.
 
 use super::TILE;
 use super::bin::{Bins, GATHER, Order, RowLists, TileRow};
@@ -9,7 +9,7 @@ use crate::splat::SplatSettings;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Pixels of a tile.
+/// Pixels per tile.
 const AREA: usize = TILE * TILE;
 
 /// A per-pixel quantity of a tile, row-major, aligned for the widest vectors.
@@ -21,7 +21,7 @@ impl Plane {
     pub(crate) const ZERO: Plane = Plane([0.0; AREA]);
 }
 
-/// Where a tile lies in the image.
+/// Location of a tile in the image.
 #[derive(Clone, Copy)]
 pub(crate) struct TileArea {
     pub x0: usize,
@@ -36,8 +36,8 @@ impl TileArea {
         Self { x0, y0, columns: TILE.min(width - x0), rows: TILE.min(height - y0) }
     }
 
-    /// Initial transmittance: 1 inside the image, 0 in the part of the tile that hangs over its edge,
-    /// where pixels count as finished from the start.
+    /// Returns the initial transmittance: 1 inside the image, 0 in the part of the tile beyond its edge, where pixels
+    /// count as finished from the start.
     pub(crate) fn transmittance(&self) -> Plane {
         let mut t = Plane::ZERO;
         for row in 0..self.rows {
@@ -46,13 +46,13 @@ impl TileArea {
         t
     }
 
-    /// Bit mask of the rows that hold pixels.
+    /// Returns the bit mask of the rows that hold pixels.
     pub(crate) fn live_rows(&self) -> u32 {
         (1u32 << self.rows) - 1
     }
 }
 
-/// Rows of the tile that the Gaussian can reach, as `first..=last` (empty if first > last).
+/// Returns the rows of the tile that the Gaussian can reach, as `first..=last` (empty if first > last).
 #[inline(always)]
 pub(crate) fn row_range(s: &Splat2d, area: &TileArea) -> (usize, usize) {
     let low = (s.y - s.extent[1] - 0.5 - area.y0 as f32).ceil().max(0.0);
@@ -71,23 +71,23 @@ pub(crate) const COLUMN_CENTRES: [f32; TILE] = {
     c
 };
 
-/// A tile while it is drawn.
+/// State of a tile while it is drawn.
 struct TileState {
-    /// Transmittance while a pixel takes more; negated once it is done.
+    /// Transmittance while a pixel is unfinished; negated once it is finished.
     left: Plane,
     colour: [Plane; 3],
-    /// Bit mask of rows that take more.
+    /// Bit mask of the unfinished rows.
     live: u32,
 }
 
-/// Renders `[H, W, 4]`; also the Gaussians that each tile looked at before all its pixels were done.
+/// Renders `[H, W, 4]`; also returns the Gaussians that each tile examined before all its pixels were finished.
 ///
-/// A task a row of tiles, which lists and draws slab by slab of depth until its tiles are done.
+/// One task per row of tiles lists and draws slab by slab of depth until its tiles are finished.
 pub(crate) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
     blend_rows(order, settings, |_| true)
 }
 
-/// As [`blend`], of the rows of tiles that are `wanted` alone; the others stay empty.
+/// As [`blend`], but only for the rows of tiles that are `wanted`; the others stay empty.
 pub(crate) fn blend_rows(
     order: &Order,
     settings: &SplatSettings,
@@ -170,7 +170,7 @@ fn write_tile(state: Option<&TileState>, area: &TileArea, width: usize, backgrou
     }
 }
 
-/// A tile and what is to be drawn in it.
+/// A tile and the Gaussians to draw in it.
 pub(crate) struct Tile<'a> {
     pub splats: &'a [Splat2d],
     pub entries: &'a [u32],
@@ -178,7 +178,8 @@ pub(crate) struct Tile<'a> {
 }
 
 impl Tile<'_> {
-    /// Calls `draw` with each Gaussian and its place in the list, until it answers false. True if it never did.
+    /// Calls `draw` with each Gaussian and its position in the list, until it returns false. Returns true if it never
+    /// did.
     #[inline(always)]
     pub(crate) fn each(&self, mut draw: impl FnMut(usize, &Splat2d) -> bool) -> bool {
         let mut near = [Splat2d::default(); GATHER];
@@ -196,7 +197,7 @@ impl Tile<'_> {
     }
 }
 
-/// Whether a pixel of a row takes more, by its transmittances.
+/// Whether any pixel of a row is unfinished, given its transmittances.
 #[inline(always)]
 pub(crate) fn row_takes<S: Simd>(simd: S, row: &[S::f32s]) -> bool {
     row.iter().any(|t| any(simd, simd.greater_than_f32s(*t, simd.splat_f32s(0.0))))
@@ -208,7 +209,7 @@ struct BlendTile<'a> {
 }
 
 impl WithSimd for BlendTile<'_> {
-    /// Entries looked at before all pixels were done.
+    /// Number of entries examined before all pixels were finished.
     type Output = usize;
 
     #[inline(always)]

@@ -1,9 +1,9 @@
 //! Gradients of blending with respect to the projected Gaussians.
 //!
-//! Each tile is replayed front to back. With V the gradient of a pixel, `S` starts as `V . C` (the whole
-//! pixel) and loses what each Gaussian added, so that it is what lies behind; then
-//! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per
-//! tile and Gaussian; per-Gaussian sums are then merged in the order of the tiles.
+//! Each tile is replayed front to back. With V the gradient of a pixel, `S` starts as `V . C` (the whole pixel) and
+//! loses the contribution of each Gaussian in turn, which leaves the part behind it; then
+//! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per tile and
+//! Gaussian; per-Gaussian sums are then merged in the order of the tiles.
 
 use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range, row_takes};
 use super::lanes::any;
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 /// Sums over pixels for one Gaussian: u, u dx, u dy, u dx^2, u dx dy, u dy^2 with u = dL/dpower, and dL/dcolour.
 pub(super) type ScreenGradient = [f32; 9];
 
-/// Gradients on screen by rank.
+/// Returns the gradients on screen, by rank.
 pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &SplatSettings) -> Vec<ScreenGradient> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = saved.bins.tiles_x;
@@ -61,7 +61,7 @@ fn merge(saved: &Saved, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> 
 struct PixelGradients {
     /// dL/d(red, green, blue, alpha).
     v: [Plane; 4],
-    /// `V . C` of what has not been replayed yet.
+    /// `V . C` of the part not replayed yet.
     behind: Plane,
 }
 
@@ -97,7 +97,7 @@ impl WithSimd for BlendBackwardTile<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let area = &self.tile.area;
         let vectors = TILE / S::F32_LANES;
-        // as in blending: negative once a pixel is done
+        // as in blending: negative once a pixel is finished
         let mut left = area.transmittance();
         let mut live = area.live_rows();
         let open = S::as_mut_simd_f32s(&mut left.0).0;
@@ -124,7 +124,7 @@ impl WithSimd for BlendBackwardTile<'_> {
                 }
                 let dy = (area.y0 + row) as f32 + 0.5 - s.y;
                 let (qb, constant) = (simd.splat_f32s(s.qb * dy), simd.add_f32s(simd.splat_f32s(s.qc * dy * dy), lo));
-                // sums of u, u dx, u dx^2 over the row, in which dy is one number
+                // sums of u, u dx, u dx^2 over the row, where dy is constant
                 let mut of_row = [zero; 3];
                 let mut row_hit = false;
                 for column in 0..vectors {
@@ -141,7 +141,7 @@ impl WithSimd for BlendBackwardTile<'_> {
                     let weight = met.weight;
                     let alpha = simd.select_f32s(met.blended, met.alpha, zero);
 
-                    // V . (c, 1): the fourth channel is alpha, to which every Gaussian gives its whole weight
+                    // V . (c, 1): the fourth channel is alpha, to which every Gaussian contributes its full weight
                     let vc = simd.mul_add_e_f32s(v[0][at], colour[0], v[3][at]);
                     let vc = simd.mul_add_e_f32s(v[1][at], colour[1], vc);
                     let vc = simd.mul_add_e_f32s(v[2][at], colour[2], vc);

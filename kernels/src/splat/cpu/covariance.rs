@@ -1,9 +1,9 @@
-//! What a Gaussian's covariance is made of, its projection to the screen, and the way back.
+//! Parameters of a Gaussian's covariance, its projection to the screen, and the backward pass.
 
 use super::project::row;
 use crate::splat::MINOR_SLACK;
 
-/// Covariances of Gaussians, or gradients by them; `T` holds the rows.
+/// Covariances of Gaussians, or gradients with respect to them; `T` holds the rows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Covariances<T> {
     /// Rotations and scales, `R S S^T R^T`.
@@ -17,11 +17,12 @@ pub(crate) enum Covariances<T> {
     Entries(T),
 }
 
-/// The gradient by one Gaussian's covariance: by its quaternion and its log-scales, or by its six entries and nothing.
+/// The gradient with respect to one Gaussian's covariance: its quaternion and log-scales, or its six entries and an
+/// unused element.
 pub(crate) type Gradient = [f32; 7];
 
 impl<T> Covariances<T> {
-    /// The same with other rows.
+    /// Returns the same variant with rows mapped by `f`.
     pub(crate) fn map<'a, U>(&'a self, mut f: impl FnMut(&'a T) -> U) -> Covariances<U> {
         match self {
             Self::Factored { rotations, log_scales } => {
@@ -33,7 +34,7 @@ impl<T> Covariances<T> {
 }
 
 impl Covariances<Vec<f32>> {
-    /// Rows of `size` Gaussians at a time.
+    /// Splits the rows into chunks of `size` Gaussians.
     pub(crate) fn chunks_mut(&mut self, size: usize) -> Vec<Covariances<&mut [f32]>> {
         match self {
             Self::Factored { rotations, log_scales } => {
@@ -59,22 +60,22 @@ impl Covariances<&mut [f32]> {
     }
 }
 
-/// One Gaussian's covariance, with what the backward pass needs again of its projection.
+/// One Gaussian's covariance, with the parts of its projection that the backward pass needs again.
 pub(crate) enum Covariance {
     Factored(Factored),
     Entries(Entries),
 }
 
-/// A covariance on screen without the dilation.
+/// A covariance on screen, without the dilation.
 pub(crate) struct OnScreen {
     /// Its entries xx, xy, yy, pixels squared.
     pub entries: [f32; 3],
-    /// Its determinant; NaN if there is no covariance, so that the Gaussian is culled.
+    /// Its determinant; NaN if the covariance is invalid, so that the Gaussian is culled.
     pub determinant: f32,
 }
 
 impl Covariance {
-    /// Covariance `i` and its projection by `jw`, which is `J W` `[2, 3]`.
+    /// Returns covariance `i` and its projection by `jw`, which is `J W` `[2, 3]`.
     #[inline(always)]
     pub(crate) fn project(all: Covariances<&[f32]>, i: usize, jw: &[[f32; 3]; 2]) -> (Self, OnScreen) {
         match all {
@@ -91,8 +92,8 @@ impl Covariance {
         }
     }
 
-    /// From the gradient by the covariance on screen, a symmetric matrix of the entries `v` (xx, xy, yy), to that by `jw`
-    /// and that by what the covariance is made of.
+    /// Maps the gradient with respect to the covariance on screen, a symmetric matrix with the entries `v` (xx, xy,
+    /// yy), to those with respect to `jw` and to the covariance's parameters.
     #[inline(always)]
     pub(crate) fn backward(&self, jw: &[[f32; 3]; 2], v: [f32; 3]) -> ([[f32; 3]; 2], Gradient) {
         match self {
@@ -165,7 +166,7 @@ impl Factored {
         (v_jw, gradient)
     }
 
-    /// Through the rotation matrix and the normalisation of the quaternion.
+    /// Propagates the gradient back through the rotation matrix and the normalisation of the quaternion.
     #[inline(always)]
     fn rotation_gradient(&self, v_rs: &[[f32; 3]; 3]) -> [f32; 4] {
         let v: [[f32; 3]; 3] = std::array::from_fn(|r| std::array::from_fn(|k| v_rs[r][k] * self.scales[k]));
@@ -234,19 +235,19 @@ impl Entries {
     }
 }
 
-/// The determinant of `(J W) Sigma (J W)^T` by the minors of Sigma (Cauchy and Binet's formula), which loses less to
-/// cancellation than the entries of the product do. NaN if Sigma is not positive semi-definite (a principal minor is
-/// negative, but for [`MINOR_SLACK`]) or not finite.
+/// Returns the determinant of `(J W) Sigma (J W)^T` from the minors of Sigma (Cauchy-Binet formula), which loses less
+/// to cancellation than the entries of the product do. NaN if Sigma is not positive semi-definite (a principal minor is
+/// negative beyond [`MINOR_SLACK`]) or not finite.
 #[inline(always)]
 fn projected_determinant(entries: [f32; 6], jw: &[[f32; 3]; 2]) -> f32 {
     let trace = (entries[0] + entries[3] + entries[5]).max(f32::MIN_POSITIVE);
-    // as fractions of the trace, of which no product overflows where the matrix is semi-definite
+    // as fractions of the trace, whose products cannot overflow if the matrix is semi-definite
     let scale = 1.0 / trace;
     let [xx, xy, xz, yy, yz, zz] = entries.map(|v| v * scale);
     // the adjugate, also symmetric
     let (a00, a11, a22) = (yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy);
     let (a01, a02, a12) = (xz * yz - xy * zz, xy * yz - xz * yy, xy * xz - xx * yz);
-    // products of small numbers are rounded to 0
+    // products of small numbers may round to 0
     let above = |minor: f32, diagonal: f32| minor >= -MINOR_SLACK * diagonal - f32::MIN_POSITIVE;
     let semidefinite = xx >= 0.0
         && yy >= 0.0
@@ -260,7 +261,7 @@ fn projected_determinant(entries: [f32; 6], jw: &[[f32; 3]; 2]) -> f32 {
     }
     let [n0, n1, n2] = cross(jw[0], jw[1]);
     let form = n0 * n0 * a00 + n1 * n1 * a11 + n2 * n2 * a22 + 2.0 * (n0 * n1 * a01 + n0 * n2 * a02 + n1 * n2 * a12);
-    // negative by rounding alone
+    // negative only through rounding
     form.max(0.0) * trace * trace
 }
 
@@ -299,7 +300,7 @@ mod tests {
             [1.0, 1.1, 0.0, 1.0, 0.0, 1.0],
             [1.0, 0.0, -1.1, 1.0, 0.0, 1.0],
             [1.0, 0.0, 0.0, 0.0, 0.1, 1.0],
-            [1.0, -0.9, -0.9, 1.0, -0.9, 1.0], // its minors of two are positive
+            [1.0, -0.9, -0.9, 1.0, -0.9, 1.0], // its 2 x 2 minors are positive
             [1.0, f32::NAN, 0.0, 1.0, 0.0, 1.0],
             [f32::INFINITY, 0.0, 0.0, 1.0, 0.0, 1.0],
             [1.0, 0.0, 0.0, 1.0, f32::INFINITY, 1.0],

@@ -6,7 +6,7 @@ use pulp::{Arch, Simd, WithSimd};
 /// `log2(e)`.
 pub(crate) const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
-/// True if any lane of the mask is set.
+/// Returns true if any lane of the mask is set.
 #[inline(always)]
 pub(crate) fn any<S: Simd>(_: S, mask: S::m32s) -> bool {
     #[cfg(target_arch = "x86_64")]
@@ -22,7 +22,7 @@ pub(crate) fn any<S: Simd>(_: S, mask: S::m32s) -> bool {
     }
 }
 
-/// `2^p` for `p` in `[-30, 1]`: relative error below 2e-7. Other arguments give any value, also NaN.
+/// `2^p` for `p` in `[-30, 1]`, with a relative error below 2e-7. Other arguments give arbitrary values, including NaN.
 ///
 /// The integer part is found by adding 1.5 * 2^23, which leaves it in the low bits of the mantissa.
 #[inline(always)]
@@ -30,7 +30,7 @@ pub(crate) fn exp2<S: Simd>(simd: S, p: S::f32s) -> S::f32s {
     let magic = simd.splat_f32s(12_582_912.0);
     let rounded = simd.add_f32s(p, magic);
     let f = simd.sub_f32s(p, simd.sub_f32s(rounded, magic));
-    // least relative error on [-0.5, 0.5] at this degree, 7.5e-8
+    // minimum relative error on [-0.5, 0.5] at this degree, 7.5e-8
     let mut q = simd.splat_f32s(1.327_647_2e-3);
     for c in [9.675_541e-3, 5.550_713e-2, 0.240_221_2, 0.693_146_94, 1.000_000_1] {
         q = simd.mul_add_e_f32s(q, f, simd.splat_f32s(c));

@@ -1,8 +1,8 @@
-//! The splat op on host memory: the stages in order, and the binding to NdArray, Flex and LibTorch.
+//! The splat op in host memory: the stages in order, and the binding to NdArray, Flex and LibTorch.
 //!
-//! project (per Gaussian) -> order (depth) -> list and blend (a task a row of tiles, slab by slab of depth); backward: blend again
-//! front to back with gradients, merge per Gaussian in a fixed order, then back through the projection.
-//! No result depends on the number of threads.
+//! project (per Gaussian) -> order (depth) -> list and blend (one task per row of tiles, slab by slab of depth);
+//! backward: blend again front to back with gradients, merge per Gaussian in a fixed order, then back through the
+//! projection. No result depends on the number of threads.
 
 pub(crate) mod bin;
 pub(crate) mod blend;
@@ -36,7 +36,7 @@ pub(crate) struct Values<'a> {
 }
 
 impl<'a> Values<'a> {
-    /// Borrowed where the tensors are contiguous.
+    /// Reads the values, borrowed where the tensors are contiguous.
     pub(crate) fn of<B: CpuBackend>(inputs: &'a SplatTensors<B>) -> Self {
         Self {
             means: B::values(&inputs.means),
@@ -53,7 +53,7 @@ impl<'a> Values<'a> {
         }
     }
 
-    /// The attributes and the offsets `[N, 2]`.
+    /// Returns the attributes and the offsets `[N, 2]`.
     pub(crate) fn borrow(&self) -> (Attributes<'_>, &[f32]) {
         let attributes = Attributes {
             means: &self.means,
@@ -71,13 +71,13 @@ impl<'a> Values<'a> {
 pub(crate) struct Attributes<'a> {
     /// `[N, 3]`
     pub means: &'a [f32],
-    /// What the covariances are made of.
+    /// Parameters of the covariances.
     pub covariances: Covariances<&'a [f32]>,
     /// `[N]`
     pub opacity_logits: &'a [f32],
     /// `[N, K, 3]`
     pub sh: &'a [f32],
-    /// Coefficients a Gaussian, K.
+    /// Coefficients per Gaussian, K.
     pub sh_stride: usize,
 }
 
@@ -87,10 +87,10 @@ impl Attributes<'_> {
     }
 }
 
-/// What the forward pass leaves for the backward pass.
+/// State that the forward pass keeps for the backward pass.
 struct Saved {
     order: Order,
-    /// The Gaussians that each tile looked at before all its pixels were done.
+    /// The Gaussians that each tile examined before all its pixels were finished.
     bins: Bins,
     /// The rendered image `[H, W, 4]`.
     image: Vec<f32>,

@@ -1,4 +1,4 @@
-//! Per Gaussian: to the screen. Position, inverse covariance, opacity, colour, extent, depth.
+//! Projection of each Gaussian to the screen: position, inverse covariance, opacity, colour, extent, depth.
 
 use super::Attributes;
 use super::covariance::{Covariance, Covariances, dot};
@@ -23,7 +23,7 @@ pub(crate) struct Splat2d {
     /// Half extents in pixels of the region where alpha reaches 1/255.
     pub extent: [f32; 2],
     pub depth: f32,
-    /// Pixels, three standard deviations; 0 for a Gaussian that is not drawn.
+    /// Radius in pixels, three standard deviations; 0 for a Gaussian that is not drawn.
     pub radius: i32,
 }
 
@@ -31,12 +31,12 @@ pub(crate) struct Splat2d {
 pub(crate) struct Projection {
     /// Position in camera space.
     pub camera_mean: [f32; 3],
-    /// `x/z`, `y/z`, clamped, and whether the clamp took hold.
+    /// `x/z`, `y/z`, clamped, and whether the clamp took effect.
     pub slope: [f32; 2],
     pub clamped: [bool; 2],
     /// `J W`, `[2, 3]`.
     pub jw: [[f32; 3]; 2],
-    /// What the covariance is made of.
+    /// The covariance before the projection.
     pub source: Covariance,
     /// Projected covariance (a, b, c) with the dilation, and its determinant.
     pub covariance: [f32; 3],
@@ -44,7 +44,7 @@ pub(crate) struct Projection {
 }
 
 impl Projection {
-    /// Of Gaussian `i` at `mean`.
+    /// Projects Gaussian `i` at `mean`.
     #[inline(always)]
     pub(crate) fn new(mean: [f32; 3], covariances: Covariances<&[f32]>, i: usize, settings: &SplatSettings) -> Self {
         let SplatSettings { camera, dilation, .. } = settings;
@@ -76,7 +76,7 @@ pub(crate) fn row<const D: usize>(values: &[f32], i: usize) -> [f32; D] {
     std::array::from_fn(|k| values[D * i + k])
 }
 
-/// Unit direction from the camera to the mean, and the inverse of the distance.
+/// Returns the unit direction from the camera to the mean, and the inverse of the distance.
 #[inline(always)]
 pub(crate) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
     let d = [mean[0] - eye[0], mean[1] - eye[1], mean[2] - eye[2]];
@@ -84,7 +84,7 @@ pub(crate) fn view_direction(mean: [f32; 3], eye: [f32; 3]) -> ([f32; 3], f32) {
     (d.map(|v| v * inverse), inverse)
 }
 
-/// Gaussians of a task.
+/// Gaussians per task.
 const CHUNK: usize = 1024;
 
 /// Projects all Gaussians; those that are culled have radius 0.
@@ -108,7 +108,7 @@ pub(crate) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &Sp
     splats
 }
 
-/// `None` if the Gaussian is behind the near plane, too transparent, off screen or not finite.
+/// Projects one Gaussian; `None` if it is not beyond the near plane, too transparent, off screen or not finite.
 #[inline(always)]
 fn project_one(
     a: Attributes<'_>,

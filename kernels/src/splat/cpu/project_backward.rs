@@ -1,4 +1,4 @@
-//! Per Gaussian: gradients on screen back to means, covariances, opacity_logits and sh.
+//! Propagation of each Gaussian's gradients on screen back to means, covariances, opacity_logits and sh.
 
 use super::Attributes;
 use super::bin::Order;
@@ -108,7 +108,7 @@ fn one(
     let mut v_mean: [f32; 3] =
         std::array::from_fn(|k| w[0][k] * v_camera[0] + w[1][k] * v_camera[1] + w[2][k] * v_camera[2]);
 
-    // colour; a channel clamped at zero passes nothing on
+    // colour; a channel clamped at zero passes no gradient on
     let v_colour: [f32; 3] = std::array::from_fn(|c| if splat.colour[c] > 0.0 { g[6 + c] } else { 0.0 });
     let (direction, inverse_distance) = view_direction(mean, eye);
     let degree = settings.sh_degree;
@@ -137,7 +137,7 @@ fn one(
     One { mean: v_mean, covariance, opacity_logit, screen }
 }
 
-/// Through the projected position and the Jacobian to the position in camera space.
+/// Propagates the gradient through the projected position and the Jacobian to the position in camera space.
 #[inline(always)]
 fn camera_mean_gradient(p: &Projection, camera: &Camera, screen: [f32; 2], v_jw: &[[f32; 3]; 2]) -> [f32; 3] {
     let w = &camera.rotation;

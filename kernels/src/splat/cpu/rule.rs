@@ -1,11 +1,11 @@
-//! The rule of compositing on vectors of pixels: once for drawing, for its replay in the backward pass and for the
-//! lists of contributors, so that all three see the same weights bit for bit.
+//! The compositing rule on vectors of pixels, shared by drawing, its replay in the backward pass and the lists of
+//! contributors, so that the weights of all three are bit-identical.
 
 use super::lanes::exp2;
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 use pulp::Simd;
 
-/// Its constants in every lane.
+/// The rule's constants, in every lane.
 #[derive(Clone, Copy)]
 pub(crate) struct Rule<S: Simd> {
     threshold: S::f32s,
@@ -14,7 +14,7 @@ pub(crate) struct Rule<S: Simd> {
     zero: S::f32s,
 }
 
-/// A Gaussian met by pixels that it touches.
+/// The effect of a Gaussian on a vector of pixels.
 pub(crate) struct Met<S: Simd> {
     /// Alpha before it was clamped.
     pub unclamped: S::f32s,
@@ -22,9 +22,9 @@ pub(crate) struct Met<S: Simd> {
     pub alpha: S::f32s,
     /// Alpha times transmittance where it was blended, 0 elsewhere.
     pub weight: S::f32s,
-    /// The transmittance behind it, where it was blended.
+    /// The transmittance behind the Gaussian, where it was blended.
     pub after: S::f32s,
-    /// Where it was blended: touched, and not the end of the pixel.
+    /// Where it was blended: touched, and not finishing the pixel.
     pub blended: S::m32s,
 }
 
@@ -39,20 +39,20 @@ impl<S: Simd> Rule<S> {
         }
     }
 
-    /// `log2` of alpha before it is clamped: `(qa dx + qb) dx + constant`, with `qb` times dy and `constant` holding
-    /// `qc dy^2` and the opacity.
+    /// Returns `log2` of alpha before it is clamped: `(qa dx + qb) dx + constant`, where `qb` includes the factor dy
+    /// and `constant` holds `qc dy^2` and the opacity.
     #[inline(always)]
     pub(crate) fn power(self, simd: S, dx: S::f32s, [qa, qb, constant]: [S::f32s; 3]) -> S::f32s {
         simd.mul_add_e_f32s(simd.mul_add_e_f32s(qa, dx, qb), dx, constant)
     }
 
-    /// Where alpha is not too small and the pixel, by its transmittance `t`, takes more.
+    /// Returns where alpha is not too small and the pixel, given its transmittance `t`, is unfinished.
     #[inline(always)]
     pub(crate) fn touched(self, simd: S, power: S::f32s, t: S::f32s) -> S::m32s {
         simd.and_m32s(simd.greater_than_or_equal_f32s(power, self.threshold), simd.greater_than_f32s(t, self.zero))
     }
 
-    /// What happens where the Gaussian is `touched`.
+    /// Evaluates the Gaussian where it is `touched`.
     #[inline(always)]
     pub(crate) fn meet(self, simd: S, power: S::f32s, t: S::f32s, touched: S::m32s) -> Met<S> {
         let unclamped = exp2(simd, power);
@@ -63,7 +63,7 @@ impl<S: Simd> Rule<S> {
         Met { unclamped, alpha, weight: simd.select_f32s(blended, weight, self.zero), after, blended }
     }
 
-    /// Where a pixel that was `touched` ends at the Gaussian.
+    /// Returns where the Gaussian finishes a pixel that was `touched`.
     #[inline(always)]
     pub(crate) fn done(self, simd: S, met: &Met<S>, touched: S::m32s) -> S::m32s {
         simd.and_m32s(touched, simd.greater_than_or_equal_f32s(self.t_min, met.after))

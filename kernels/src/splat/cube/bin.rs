@@ -1,8 +1,8 @@
-//! Which Gaussians touch which tile, in depth order.
+//! Assignment of Gaussians to the tiles that they touch, in depth order.
 //!
-//! The Gaussians are sorted by depth once; each then writes one entry a tile that its ellipse alpha >= 1/255 reaches
-//! into, in the order of depth, and a stable sort by tile leaves each tile's list in that order. Ties in depth keep the
-//! order of the indices, as both sorts are stable.
+//! The Gaussians are sorted by depth once; each then writes one entry per tile that its ellipse alpha >= 1/255 reaches
+//! into, in depth order, and a stable sort by tile leaves each tile's list in that order. Ties in depth keep the order
+//! of the indices, as both sorts are stable.
 
 use super::TILE;
 use super::project::CULLED;
@@ -17,7 +17,7 @@ use burn_cubecl::cubecl::prelude::*;
 pub(in crate::splat) struct Bins {
     /// Gaussians by depth, `[N]`.
     pub order: Words,
-    /// Where the entries of each place in `order` start, `[N + 1]`; the last is their number.
+    /// Where the entries of each position in `order` start, `[N + 1]`; the last is their number.
     pub starts: Words,
     /// The Gaussian of each entry, in the order in which they were written.
     pub gaussians: Words,
@@ -25,11 +25,11 @@ pub(in crate::splat) struct Bins {
     pub sorted: Words,
     /// Where each tile starts in `sorted`, `[tiles + 1]`.
     pub tiles: Words,
-    /// Entries that there is room for.
+    /// Number of entries there is room for.
     pub capacity: usize,
 }
 
-/// Gaussians by depth, and where their entries start.
+/// Returns the Gaussians by depth, and where their entries start.
 pub(super) fn order(
     client: &Client,
     screen: &Words,
@@ -111,7 +111,7 @@ struct Span {
     end: u32,
 }
 
-/// Tiles that hold pixel centres between `low` and `high`; pixel k has its centre at k + 0.5.
+/// Returns the tiles that hold pixel centres between `low` and `high`; pixel k has its centre at k + 0.5.
 #[cube]
 fn tile_span(low: f32, high: f32, tiles: u32) -> Span {
     let tile = comptime!(TILE as f32);
@@ -125,14 +125,14 @@ fn tile_span(low: f32, high: f32, tiles: u32) -> Span {
     Span { first: min(first, end), end }
 }
 
-/// Dx of the ellipse's edge at `dy`, on the side of `sign`.
+/// Returns dx of the ellipse's edge at `dy`, on the side of `sign`.
 #[cube]
 fn edge(a: f32, b: f32, c: f32, k: f32, dy: f32, sign: f32) -> f32 {
     let disc = (b * b - a * c) * dy * dy + a * k;
     (-b * dy + sign * f32::sqrt(max(disc, 0.0f32))) / a
 }
 
-/// Tiles of row `row` that the Gaussian at `at` in `screen` reaches into.
+/// Returns the tiles of row `row` that the Gaussian at `at` in `screen` reaches into.
 #[cube]
 fn row_span(screen: &[f32], at: usize, row: u32, tiles_x: u32) -> Span {
     let (x, y) = (screen[at], screen[at + 1]);
@@ -160,7 +160,7 @@ fn row_span(screen: &[f32], at: usize, row: u32, tiles_x: u32) -> Span {
         left = -extent_x;
         right = extent_x;
     }
-    // a hair wider than exact: rounding must never lose a pixel that blending would have tested in
+    // slightly wider than exact: rounding must never lose a pixel that blending would have accepted
     tile_span(x + left - 0.01f32, x + right + 0.01f32, tiles_x)
 }
 
@@ -217,8 +217,8 @@ fn emit(
                     }
                 }
             }
-            // two compilations of the same arithmetic may round differently: what was counted and not found again
-            // goes behind all tiles
+            // two compilations of the same arithmetic may round differently: entries that were counted but not found
+            // again go behind all tiles
             while next < end {
                 keys[next as usize] = tiles_x * tiles_y;
                 entries[next as usize] = next;
@@ -229,7 +229,7 @@ fn emit(
     }
 }
 
-/// Where each tile's entries start: the first whose key is not below the tile.
+/// Finds where each tile's entries start: at the first whose key is not below the tile.
 #[cube(launch)]
 fn find_tiles(keys: &[u32], total: &[u32], starts: &mut [u32], tiles: u32, capacity: u32) {
     let tile = ABSOLUTE_POS as u32;

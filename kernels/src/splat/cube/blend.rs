@@ -1,4 +1,4 @@
-//! Front-to-back blending: a cube a tile, a unit a pixel, Gaussians staged through shared memory.
+//! Front-to-back blending: one cube per tile, one unit per pixel, Gaussians staged through shared memory.
 
 use super::rule::{clamped, log_alpha};
 use super::{BATCH, SEGMENT, TILE};
@@ -6,9 +6,9 @@ use crate::splat::{ALPHA_MIN, TRANSMITTANCE_MIN};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Renders `image` `[H, W, 4]`. With `save`, also what the backward pass starts from: of every [`SEGMENT`]-th entry of
-/// a tile the transmittance (negative once a pixel is done) and colour of its pixels, `[segments, 4, 256]`, and how
-/// many entries each tile looked at before all its pixels were done.
+/// Renders `image` `[H, W, 4]`. With `save`, also stores the states from which the backward pass starts: at every
+/// [`SEGMENT`]-th entry of a tile, the transmittance (negative once a pixel is finished) and colour of its pixels,
+/// `[segments, 4, 256]`, and the number of entries that each tile examined before all its pixels were finished.
 #[cube(launch)]
 pub(super) fn blend(
     screen: &[f32],

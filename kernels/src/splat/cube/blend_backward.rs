@@ -1,12 +1,12 @@
-//! Gradients of blending with respect to the projected Gaussians, a unit a Gaussian.
+//! Gradients of blending with respect to the projected Gaussians, one unit per Gaussian.
 //!
-//! A cube of [`LINE`] units takes a segment of a tile's list and replays it front to back, a line of Gaussians at a time.
-//! The pixels' transmittance and what still lies behind them stand in shared memory; pixel p meets Gaussian i of the
-//! line in step p + i, after Gaussian i - 1 has seen it, as on a conveyor belt. Each unit so sums its own Gaussian's
-//! gradient in registers and writes it once: no atomics, no plane operations, and always the same order.
+//! A cube of [`LINE`] units replays a segment of a tile's list front to back, a line of Gaussians at a time. The
+//! pixels' transmittance and the part of each still behind are kept in shared memory; pixel p meets Gaussian i of the
+//! line in step p + i, after Gaussian i - 1, as in a pipeline. Each unit thus sums its own Gaussian's gradient in
+//! registers and writes it once: no atomics, no plane operations, and always the same order.
 //!
-//! As on the CPU, with V the gradient of a pixel, `S` starts as `V . C` of what has not been replayed and loses what
-//! each Gaussian added; then `dL/dalpha = T (V . c) - S / (1 - alpha)`.
+//! As on the CPU, with V the gradient of a pixel, `S` starts as `V . C` of the part not replayed yet and loses the
+//! contribution of each Gaussian in turn; then `dL/dalpha = T (V . c) - S / (1 - alpha)`.
 
 use super::rule::{clamped, log_alpha};
 use super::{LINE, SEGMENT, TILE};
@@ -15,7 +15,7 @@ use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
 /// Writes for each entry u, u dx, u dy, u dx^2, u dx dy, u dy^2 with u = dL/dpower, and dL/dcolour: `sums` `[E, 9]`, in
-/// the order in which the entries were listed, so that those of one Gaussian follow each other.
+/// the order in which the entries were listed, so that those of one Gaussian are consecutive.
 #[cube(launch)]
 pub(super) fn blend_backward(
     screen: &[f32],
@@ -32,10 +32,10 @@ pub(super) fn blend_backward(
     tiles_x: u32,
     tile_count: u32,
 ) {
-    // transmittance, what lies behind, and the four gradients of each pixel of the tile
+    // transmittance, the part behind, and the four gradients of each pixel of the tile
     let mut pixels = Shared::<[f32]>::new_slice(1536usize);
     let segment = CUBE_POS as u32;
-    // the last tile whose first segment is not behind this one
+    // the last tile whose first segment does not come after this one
     let mut low = 0u32;
     let mut high = tile_count;
     while high - low > 1u32 {
@@ -97,7 +97,7 @@ pub(super) fn blend_backward(
         for k in 0..9usize {
             sum[k] = 0.0f32;
         }
-        // the same for all units: a line behind the last used entry has nothing to do
+        // uniform over all units: a line after the last used entry has nothing to do
         if base < used_end {
             let takes = index < used_end;
             let mut own = Array::<f32>::new(9usize);
@@ -130,7 +130,7 @@ pub(super) fn blend_backward(
                                 let v0 = pixels[at + 512];
                                 let v1 = pixels[at + 768];
                                 let v2 = pixels[at + 1024];
-                                // the fourth channel is alpha, to which every Gaussian gives its whole weight
+                                // the fourth channel is alpha, to which every Gaussian contributes its full weight
                                 let vc = v0 * own[6] + v1 * own[7] + v2 * own[8] + pixels[at + 1280];
                                 let rest = pixels[at + 256] - weight * vc;
                                 pixels[at + 256] = rest;

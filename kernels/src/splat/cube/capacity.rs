@@ -1,9 +1,9 @@
-//! How many tile entries to make room for.
+//! Number of tile entries to make room for.
 //!
-//! Only the device knows the number, and asking for it stalls the pipeline. A rendering that is shown or measured asks
-//! each time and is exact. Training asks in the first steps and at every [`EVERY`]th, and otherwise goes by the most seen
-//! for about as many Gaussians and that image size, with half as much again: should a view need still more, its farthest entries are left
-//! out (entries are listed nearest first) and the next time that the number is asked for the room grows.
+//! Only the device knows the exact number, and querying it stalls the pipeline. A rendering that is shown or measured
+//! queries it each time and is exact. Training queries it in the first steps and at every [`EVERY`]th, and otherwise
+//! uses 1.5 times the maximum seen for a similar number of Gaussians and that image size: should a view need still
+//! more, its farthest entries are omitted (entries are listed nearest first), and the room grows at the next query.
 
 use crate::cube::Words;
 use crate::splat::SplatSettings;
@@ -11,22 +11,22 @@ use burn_cubecl::cubecl::client::Client;
 use std::collections::HashMap;
 use std::sync::{LazyLock, Mutex};
 
-/// Calls that ask, before only every [`EVERY`]th does.
+/// Initial calls that query the number, before only every [`EVERY`]th does.
 const FIRST: u64 = 64;
-/// Calls between two that ask.
+/// Interval between calls that query the number.
 const EVERY: u64 = 16;
 
-/// What is known of renderings of one size.
+/// Statistics of renderings of one size.
 #[derive(Default)]
 struct Seen {
     calls: u64,
     most: usize,
 }
 
-/// By image size and the power of two that holds the Gaussians.
+/// Statistics by image size and the number of Gaussians rounded up to a power of two.
 static SEEN: LazyLock<Mutex<HashMap<[usize; 3], Seen>>> = LazyLock::new(Mutex::default);
 
-/// Room for entries; `starts[n]` on the device is their number. With `exact` it is asked for.
+/// Returns the room for entries; `starts[n]` on the device is their number, which `exact` queries.
 pub(super) fn capacity(client: &Client, starts: &Words, n: usize, settings: &SplatSettings, exact: bool) -> usize {
     let ask = || starts.read_at(client, n) as usize;
     if exact {
@@ -39,13 +39,13 @@ pub(super) fn capacity(client: &Client, starts: &Words, n: usize, settings: &Spl
     if seen.calls <= FIRST || seen.calls.is_multiple_of(EVERY) {
         let count = ask();
         seen.most = seen.most.max(count);
-        // the room of this call is exact; later ones go by the most seen
+        // the room of this call is exact; later ones use the maximum seen
         return round(count);
     }
     round(seen.most + seen.most / 2)
 }
 
-/// A multiple of 4096, so that buffers of about one size are used again.
+/// Rounds up to a multiple of 4096, so that buffers of similar size are reused.
 fn round(count: usize) -> usize {
     count.max(1).next_multiple_of(4096)
 }

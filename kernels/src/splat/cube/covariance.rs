@@ -1,5 +1,5 @@
-//! What a Gaussian's covariance is made of, its projection to the screen, and the way back. The same arithmetic as
-//! `cpu::covariance`; which of the two kinds of input it is, a kernel knows when it is compiled.
+//! Parameters of a Gaussian's covariance, its projection to the screen, and the backward pass. The same arithmetic as
+//! `cpu::covariance`; the kind of input is known when a kernel is compiled.
 
 use super::project::View;
 use crate::cube::is_finite;
@@ -14,11 +14,11 @@ pub(super) struct OnScreen {
     pub xy: f32,
     pub yy: f32,
     pub determinant: f32,
-    /// False if what it is made of is not finite or no covariance.
+    /// False if the input is not finite or not a covariance.
     pub valid: bool,
 }
 
-/// Gradients by the two rows of `J W`.
+/// Gradients with respect to the two rows of `J W`.
 #[derive(CubeType)]
 pub(super) struct ByJacobian {
     pub u0: f32,
@@ -29,8 +29,8 @@ pub(super) struct ByJacobian {
     pub v2: f32,
 }
 
-/// The projection of Gaussian `i`: `source` holds quaternions `[N, 4]`, or with `entries` the covariances `[N, 6]`, and
-/// then there are no `log_scales`.
+/// Projects the covariance of Gaussian `i`: `source` holds quaternions `[N, 4]`, or with `entries` the covariances
+/// `[N, 6]`, in which case `log_scales` is unused.
 #[cube]
 pub(super) fn on_screen(
     source: &[f32],
@@ -46,8 +46,9 @@ pub(super) fn on_screen(
     }
 }
 
-/// From the gradient by the covariance on screen, a symmetric matrix of the entries `va` (xx), `vb` and `vc` (yy), to that
-/// by `J W`; that by what the covariance is made of is written.
+/// Maps the gradient with respect to the covariance on screen, a symmetric matrix with the entries `va` (xx), `vb` and
+/// `vc` (yy), to that with respect to `J W`, which is returned, and to that with respect to the covariance's
+/// parameters, which is written.
 #[cube]
 pub(super) fn backward(
     source: &[f32],
@@ -118,7 +119,7 @@ fn factored(rotations: &[f32], log_scales: &[f32], view: &View, i: usize) -> Fac
     let norm2 = w * w + x * x + y * y + z * z;
     let has_length = norm2 > 1e-24f32;
     let inverse_norm = select(has_length, 1.0f32 / f32::sqrt(max(norm2, 1e-24f32)), 0.0f32);
-    // a zero quaternion stands for no rotation
+    // a zero quaternion means no rotation
     let qw = select(has_length, w * inverse_norm, 1.0f32);
     let qx = x * inverse_norm;
     let qy = y * inverse_norm;
@@ -221,7 +222,7 @@ fn factored_backward(
     out_log_scales[3 * i + 1] = f.s1 * (m01 * f.r01 + m11 * f.r11 + m21 * f.r21);
     out_log_scales[3 * i + 2] = f.s2 * (m02 * f.r02 + m12 * f.r12 + m22 * f.r22);
 
-    // through the rotation matrix and the normalisation of the quaternion
+    // back through the rotation matrix and the normalisation of the quaternion
     let (v00, v01, v02) = (m00 * f.s0, m01 * f.s1, m02 * f.s2);
     let (v10, v11, v12) = (m10 * f.s0, m11 * f.s1, m12 * f.s2);
     let (v20, v21, v22) = (m20 * f.s0, m21 * f.s1, m22 * f.s2);
@@ -314,7 +315,7 @@ fn entries_backward(
     }
 }
 
-/// A principal minor is at least 0, but for rounding.
+/// Whether a principal minor is at least 0, up to rounding.
 #[cube]
 fn above(minor: f32, diagonal: f32) -> bool {
     minor >= comptime!(-MINOR_SLACK) * diagonal - comptime!(f32::MIN_POSITIVE)
@@ -327,7 +328,7 @@ struct Determinant {
     semidefinite: bool,
 }
 
-/// Of `(J W) Sigma (J W)^T` by the minors of Sigma, as `cpu::covariance` does it.
+/// Returns the determinant of `(J W) Sigma (J W)^T` from the minors of Sigma, as in `cpu::covariance`.
 #[cube]
 fn projected_determinant(entries: &[f32], view: &View, i: usize) -> Determinant {
     let mut finite = true;
@@ -337,7 +338,7 @@ fn projected_determinant(entries: &[f32], view: &View, i: usize) -> Determinant 
     }
     let sum = entries[6 * i] + entries[6 * i + 3] + entries[6 * i + 5];
     let trace = max(sum, comptime!(f32::MIN_POSITIVE));
-    // as fractions of the trace, of which no product overflows where the matrix is semi-definite
+    // as fractions of the trace, whose products cannot overflow if the matrix is semi-definite
     let scale = 1.0f32 / trace;
     let (xx, xy, xz) = (entries[6 * i] * scale, entries[6 * i + 1] * scale, entries[6 * i + 2] * scale);
     let (yy, yz, zz) = (entries[6 * i + 3] * scale, entries[6 * i + 4] * scale, entries[6 * i + 5] * scale);
@@ -357,6 +358,6 @@ fn projected_determinant(entries: &[f32], view: &View, i: usize) -> Determinant 
     let n2 = view.u0 * view.v1 - view.u1 * view.v0;
     let across = 2.0f32 * (n0 * n1 * a01 + n0 * n2 * a02 + n1 * n2 * a12);
     let form = n0 * n0 * a00 + n1 * n1 * a11 + n2 * n2 * a22 + across;
-    // negative by rounding alone
+    // negative only through rounding
     Determinant { value: max(form, 0.0f32) * trace * trace, semidefinite }
 }

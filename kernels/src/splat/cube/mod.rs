@@ -1,11 +1,11 @@
 //! The splat op on a GPU: the stages in order, and the binding to the Cube backend.
 //!
 //! project -> sort by depth -> count, scan and list tile entries -> sort by tile -> blend; backward: replay segments of
-//! the tiles' lists, a unit a Gaussian -> sum each Gaussian's entries -> back through the projection. Every sum has one
-//! order, so the same device gives the same bits each time.
+//! the tiles' lists, one unit per Gaussian -> sum each Gaussian's entries -> back through the projection. Every sum has
+//! a fixed order, so the same device gives the same bits each time.
 //!
-//! The one thing that the host must know is how many entries to make room for; see [`mod@capacity`].
-// conditions known when a kernel is compiled stand apart from those of its units
+//! All that the host must know is how many entries to make room for; see [`mod@capacity`].
+// compile-time conditions of a kernel are kept apart from those of its units
 #![allow(clippy::collapsible_if)]
 
 mod bin;
@@ -30,14 +30,14 @@ use std::sync::Arc;
 
 /// Tile side in pixels.
 pub(super) const TILE: usize = 16;
-/// Entries that are staged through shared memory together.
+/// Entries staged through shared memory together.
 const BATCH: u32 = 256;
 /// Entries between two saved states of a tile's pixels; divides [`BATCH`].
 const SEGMENT: u32 = 128;
-/// Gaussians that the backward pass replays side by side; divides [`SEGMENT`].
+/// Gaussians that the backward pass replays in parallel; divides [`SEGMENT`].
 const LINE: u32 = 32;
 
-/// What the forward pass leaves for the backward pass.
+/// State that the forward pass keeps for the backward pass.
 #[derive(Debug)]
 struct Saved {
     screen: Words,
@@ -54,7 +54,7 @@ pub(super) struct Binned {
     pub(super) bins: Bins,
 }
 
-/// What covariances are made of, as the kernels take it.
+/// Parameters of the covariances, as the kernels take them.
 struct Source {
     /// Quaternions `[N, 4]`, or covariances `[N, 6]`.
     rows: CubeTensor,
@@ -72,7 +72,7 @@ impl Source {
         }
     }
 
-    /// Room for the gradients.
+    /// Allocates the gradients.
     fn empty_like(&self) -> Self {
         let like = |tensor: &CubeTensor| empty_f32(tensor, tensor.meta.shape().clone());
         Self { rows: like(&self.rows), log_scales: self.log_scales.as_ref().map(like) }
@@ -85,12 +85,12 @@ impl Source {
         }
     }
 
-    /// The argument for the log-scales; where there are none, one that no kernel touches.
+    /// Returns the argument for the log-scales; if there are none, one that no kernel accesses.
     fn log_scales(&self, client: &Client) -> BufferArg {
         self.log_scales.as_ref().map_or_else(|| Words::empty(client, 1).arg(), arg)
     }
 
-    /// Whether they are covariances.
+    /// Whether the rows are covariances.
     fn entries(&self) -> bool {
         self.log_scales.is_none()
     }
@@ -100,7 +100,7 @@ pub(super) fn tiles(settings: &SplatSettings) -> [usize; 2] {
     [settings.camera.width.div_ceil(TILE), settings.camera.height.div_ceil(TILE)]
 }
 
-/// Projects and bins; with `exact`, the host waits to learn how many entries there are.
+/// Projects and bins; with `exact`, the host waits for the number of entries.
 pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings, exact: bool) -> Binned {
     let SplatTensors { means, covariances, opacity_logits, sh, screen_offsets } = inputs;
     let [means, logits, sh, offsets] = &[means, opacity_logits, sh, screen_offsets].map(rows);
@@ -146,7 +146,7 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
     Binned { screen, radii, bins }
 }
 
-/// Segments that there is room for: each tile starts one of its own.
+/// Returns the number of segments to make room for: each tile starts one of its own.
 fn segments(bins: &Bins, tile_count: usize) -> usize {
     bins.capacity / SEGMENT as usize + tile_count + 1
 }

@@ -1,4 +1,4 @@
-//! Per Gaussian: to the screen. The same arithmetic as on the CPU, in the same order.
+//! Projection of each Gaussian to the screen. The same arithmetic as on the CPU, in the same order.
 
 use super::covariance::on_screen;
 use super::sh::basis;
@@ -7,12 +7,12 @@ use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Words of a projected Gaussian: x, y, qa, qb, qc, ln(opacity), red, green, blue, extent x, extent y, none.
+/// Words per projected Gaussian: x, y, qa, qb, qc, ln(opacity), red, green, blue, extent x, extent y, unused.
 ///
 /// `ln(opacity * exp(power)) = qa dx^2 + qb dx dy + qc dy^2 + ln(opacity)`.
 pub(super) const SCREEN: usize = 12;
 
-/// The depth key of a Gaussian that is not drawn: behind all others.
+/// The depth key of a Gaussian that is not drawn: after all others.
 pub(super) const CULLED: u32 = u32::MAX;
 
 /// The camera as the kernels read it: fx, fy, cx, cy, rotation (9), translation (3), eye (3), limits of the slope (2),
@@ -28,7 +28,7 @@ pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
     words
 }
 
-/// How the camera sees a Gaussian: all of its projection that does not depend on its covariance.
+/// The part of a Gaussian's projection that does not depend on its covariance.
 #[derive(CubeType)]
 pub(super) struct View {
     /// Position in camera space.
@@ -99,7 +99,7 @@ pub(super) fn view_direction(means: &[f32], camera: &[f32], i: usize) -> Directi
     Direction { x: dx * inverse, y: dy * inverse, z: dz * inverse, inverse }
 }
 
-/// Projects a Gaussian a unit: `screen` `[N, 12]`, depth keys, indices to sort with them, radii. What `source` is, see
+/// Projects one Gaussian per unit: `screen` `[N, 12]`, depth keys, indices to sort with them, radii. For `source`, see
 /// [`on_screen`].
 #[cube(launch)]
 pub(super) fn project(

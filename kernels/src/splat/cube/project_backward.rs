@@ -1,5 +1,5 @@
-//! Per Gaussian: its entries' sums back to means, covariances, opacity_logits, sh and screen_offsets. The same arithmetic
-//! as `cpu::project_backward`.
+//! Propagation of the sums of each Gaussian's entries back to means, covariances, opacity_logits, sh and
+//! screen_offsets. The same arithmetic as `cpu::project_backward`.
 
 use super::covariance::{backward, no_gradient};
 use super::project::{view, view_direction};
@@ -7,8 +7,8 @@ use super::sh::{basis, basis_derivative};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// A unit a place in the order of depth; writes every output of its Gaussian, zeros where nothing was drawn. What `source`
-/// is, see [`super::covariance::on_screen`].
+/// Processes one position of the depth order per unit; writes every output of its Gaussian, zeros where nothing was
+/// drawn. For `source`, see [`super::covariance::on_screen`].
 #[cube(launch)]
 pub(super) fn project_backward(
     means: &[f32],
@@ -113,7 +113,7 @@ fn one(
 ) {
     let at_camera = view(means, camera, i);
     let (fx, fy) = (camera[0], camera[1]);
-    // the conic: the factors of the exponent are halves of it and its negative
+    // the conic, from the factors of the exponent: these are minus half its diagonal and minus its off-diagonal entry
     let (ka, kb, kc) = (-2.0f32 * screen[i * 12 + 2], -screen[i * 12 + 3], -2.0f32 * screen[i * 12 + 4]);
 
     // power = -1/2 (A dx^2 + C dy^2) - B dx dy with (dx, dy) = pixel - mean
@@ -160,7 +160,7 @@ fn one(
     let mut my = camera[5] * cx + camera[8] * cy + camera[11] * cz;
     let mut mz = camera[6] * cx + camera[9] * cy + camera[12] * cz;
 
-    // colour; a channel clamped at zero passes nothing on
+    // colour; a channel clamped at zero passes no gradient on
     let red = select(screen[i * 12 + 6] > 0.0f32, g[6], 0.0f32);
     let green = select(screen[i * 12 + 7] > 0.0f32, g[7], 0.0f32);
     let blue = select(screen[i * 12 + 8] > 0.0f32, g[8], 0.0f32);

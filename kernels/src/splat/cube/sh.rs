@@ -1,10 +1,10 @@
-//! Real spherical harmonics up to degree 3, as [`crate::sh`], written out as the language of the kernels asks for it.
+//! Real spherical harmonics up to degree 3, as in [`crate::sh`], written out as the kernel language requires.
 
 use crate::sh::{C0, C1, C2, C3, C3E};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
-/// Values of the basis functions up to `degree` at the unit direction (x, y, z), into `b` `[16]`.
+/// Writes the values of the basis functions up to `degree` at the unit direction (x, y, z) to `b` `[16]`.
 #[cube]
 pub(super) fn basis(b: &mut Array<f32>, x: f32, y: f32, z: f32, #[comptime] degree: u32) {
     b[0] = comptime!(C0);
@@ -37,7 +37,8 @@ pub(super) fn basis(b: &mut Array<f32>, x: f32, y: f32, z: f32, #[comptime] degr
     }
 }
 
-/// Derivatives of the basis functions by x, y and z of the direction (not renormalised), each `[16]`.
+/// Writes the derivatives of the basis functions with respect to x, y and z of the direction (not renormalised), each
+/// `[16]`.
 #[cube]
 pub(super) fn basis_derivative(
     dx: &mut Array<f32>,

@@ -1,21 +1,22 @@
-//! Gradients of the reference image, in f64, by the chain rule over plain matrices. Nothing is shared with the kernels, and
-//! blending is differentiated in another form: by what lies behind a Gaussian, found from the back.
+//! Gradients of the reference image, in f64, by the chain rule over plain matrices. Nothing is shared with the kernels,
+//! and blending is differentiated in another form: by the light from behind a Gaussian, accumulated from the back.
 
 use super::{Cutoffs, Geometry, Projected, Scene, conic, drawn, geometry, pixel_centres, sh_basis, unit};
 use crate::splat::SplatSettings;
 
-/// What a loss changes by with a Gaussian on screen.
+/// The gradient of a loss with respect to a Gaussian on screen.
 #[derive(Clone, Copy, Default)]
 struct ByScreen {
     mean: [f64; 2],
-    /// By the three numbers of the conic.
+    /// With respect to the three entries of the conic.
     conic: [f64; 3],
     opacity_logit: f64,
     colour: [f64; 3],
 }
 
-/// Gradient, laid out as the scene itself, of a loss whose gradient by the image is `by_image` `[H, W, 4]`. At a clamp it is
-/// that of the side on which the number lies; the order of depths and what is skipped count as fixed.
+/// Returns the gradient, laid out like the scene, of a loss whose gradient with respect to the image is `by_image`
+/// `[H, W, 4]`. At a clamp it is that of the side on which the value lies; the depth order and skipped contributions
+/// count as fixed.
 ///
 /// # Panics
 /// If `by_image` is not of the camera's size.
@@ -42,7 +43,8 @@ fn pixel_backward(
     cutoffs: Cutoffs,
     out: &mut [ByScreen],
 ) {
-    // what is blended: place in the list, offset from the mean, alpha before and after its clamp, light left before it
+    // blended Gaussians: position in the list, offset from the mean, alpha before and after its clamp, light left
+    // before it
     let mut blended = Vec::new();
     let mut t = 1.0;
     for (at, (_, g)) in drawn.iter().enumerate() {
@@ -58,11 +60,11 @@ fn pixel_backward(
         blended.push((at, offset, free, alpha, t));
         t *= 1.0 - alpha;
     }
-    // the loss by one unit of light that comes from behind
+    // the loss per unit of light from behind
     let mut behind: f64 = (0..3).map(|c| v[c] * f64::from(settings.background[c])).sum();
     for (at, [dx, dy], free, alpha, t) in blended.into_iter().rev() {
         let (g, out) = (&drawn[at].1, &mut out[at]);
-        // the fourth channel is alpha, to which all give their whole weight
+        // the fourth channel is alpha, to which every Gaussian contributes its full weight
         let own = v[3] + (0..3).map(|c| v[c] * g.colour[c]).sum::<f64>();
         (0..3).for_each(|c| out.colour[c] += v[c] * alpha * t);
         if free <= cutoffs.alpha_max {
@@ -88,19 +90,19 @@ fn attributes_backward(
     out: &mut Scene,
 ) {
     let g = geometry(scene, i, settings);
-    // the conic is the inverse of the covariance K: dL/dCov = -K (dL/dK) K
+    // the conic K is the inverse of the covariance: dL/dCov = -K (dL/dK) K
     let ([a, b, c], _) = conic(g.covariance);
     let inverse = [[a, b], [b, c]];
     let by_inverse = [[by.conic[0], 0.5 * by.conic[1]], [0.5 * by.conic[1], by.conic[2]]];
     let by_covariance = product(product(inverse, by_inverse), inverse).map(|row| row.map(|v| -v));
-    // Cov = (J W) Sigma (J W)^T, all three symmetric but for J W
+    // Cov = (J W) Sigma (J W)^T, all symmetric except J W
     let jw = product(g.j, g.w);
     let by_jw = product(product(by_covariance, jw), g.sigma).map(|row| row.map(|v| 2.0 * v));
     let by_sigma = product(product(transposed(jw), by_covariance), jw);
     if scene.covariances.is_empty() {
         factors_backward(i, &g, &by_sigma, out);
     } else {
-        // an entry beside the diagonal stands at two places
+        // an off-diagonal entry occurs at two places
         let twice = |a: usize, b: usize| by_sigma[a][b] + by_sigma[b][a];
         let by_entries = [by_sigma[0][0], twice(0, 1), twice(0, 2), by_sigma[1][1], twice(1, 2), by_sigma[2][2]];
         out.covariances[6 * i..][..6].copy_from_slice(&by_entries);
@@ -115,7 +117,7 @@ fn attributes_backward(
     out.screen_offsets[2 * i..][..2].copy_from_slice(&by.mean);
 }
 
-/// To the rotation and the scales of which the covariance `R S S^T R^T` is made.
+/// Propagates the gradient to the rotation and the scales of the covariance `R S S^T R^T`.
 fn factors_backward(i: usize, g: &Geometry, by_sigma: &[[f64; 3]; 3], out: &mut Scene) {
     let by_rotated = product(*by_sigma, g.rotation);
     for k in 0..3 {
@@ -127,13 +129,14 @@ fn factors_backward(i: usize, g: &Geometry, by_sigma: &[[f64; 3]; 3], out: &mut 
     out.rotations[4 * i..][..4].copy_from_slice(&by_quaternion(g, &by_rotation));
 }
 
-/// Through the rotation matrix, and through the division by the quaternion's length, which takes out what lies along it.
+/// Propagates the gradient through the rotation matrix, and through the division by the quaternion's length, which
+/// removes the component along it.
 fn by_quaternion(g: &Geometry, by_rotation: &[[f64; 3]; 3]) -> [f64; 4] {
     if g.norm == 0.0 {
         return [0.0; 4];
     }
     let [w, x, y, z] = g.quaternion;
-    // the matrix by w, x, y and z, halved
+    // the derivatives of the matrix with respect to w, x, y and z, halved
     let derivatives = [
         [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]],
         [[0.0, y, z], [y, -2.0 * x, -w], [z, w, -2.0 * x]],
@@ -147,7 +150,8 @@ fn by_quaternion(g: &Geometry, by_rotation: &[[f64; 3]; 3]) -> [f64; 4] {
     std::array::from_fn(|k| (by_unit[k] - along * g.quaternion[k]) / g.norm)
 }
 
-/// Through the projected mean and the Jacobian, whose slopes are constants where they are clamped.
+/// Propagates the gradient through the projected mean and the Jacobian, whose slopes are constant where they are
+/// clamped.
 fn by_camera_position(g: &Geometry, settings: &SplatSettings, by: &ByScreen, by_j: &[[f64; 3]; 2]) -> [f64; 3] {
     let focal = [f64::from(settings.camera.fx), f64::from(settings.camera.fy)];
     let z = g.t[2];
@@ -166,7 +170,8 @@ fn by_camera_position(g: &Geometry, settings: &SplatSettings, by: &ByScreen, by_
     out
 }
 
-/// The gradient by the coefficients into `out`; that by the view direction before it got length 1 is given back.
+/// Writes the gradient with respect to the coefficients to `out`; returns that with respect to the view direction
+/// before normalisation.
 fn colour_backward(
     scene: &Scene,
     i: usize,
@@ -192,8 +197,8 @@ fn colour_backward(
     std::array::from_fn(|k| (by_unit[k] - along * direction[k]) / length)
 }
 
-/// The basis by one coordinate of the direction. It is made of polynomials of degree 3 at most, of which this difference
-/// quotient is the derivative, not an approximation.
+/// Returns the derivative of the basis with respect to one coordinate of the direction. The basis consists of
+/// polynomials of degree 3 at most, for which this difference quotient is the exact derivative.
 fn basis_derivative(direction: [f64; 3], axis: usize, degree: usize) -> Vec<f64> {
     let at = |step: f64| {
         let mut moved = direction;

@@ -1,9 +1,10 @@
-//! The splat op in plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
+//! The splat op as plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
 //!
-//! The op's [`Cutoffs`] make its image jump where a Gaussian crosses one of them, so difference quotients of that image say
-//! nothing about its gradient there. Without them ([`Cutoffs::NONE`]) the image is smooth wherever no two depths are equal,
-//! no colour is zero and no slope is at its limit, and [`backward`], which takes any cutoffs, can be held against
-//! difference quotients entry by entry. With them ([`Cutoffs::OP`]) it is the oracle of the kernels' gradients.
+//! The op's [`Cutoffs`] make its image jump where a Gaussian crosses one of them, so difference quotients of that image
+//! say nothing about its gradient there. Without them ([`Cutoffs::NONE`]) the image is smooth wherever no two depths
+//! are equal, no colour is zero and no slope is at its limit, and [`backward`], which takes any cutoffs, can be
+//! compared with difference quotients entry by entry. With them ([`Cutoffs::OP`]) it is the oracle of the kernels'
+//! gradients.
 
 mod backward;
 
@@ -23,10 +24,10 @@ pub struct Cutoffs {
 }
 
 impl Cutoffs {
-    /// Those of the op.
+    /// The thresholds of the op.
     pub const OP: Self =
         Self { alpha_max: ALPHA_MAX as f64, alpha_min: ALPHA_MIN as f64, transmittance_min: TRANSMITTANCE_MIN as f64 };
-    /// None: every Gaussian reaches every pixel.
+    /// No thresholds: every Gaussian reaches every pixel.
     pub const NONE: Self =
         Self { alpha_max: f64::INFINITY, alpha_min: f64::NEG_INFINITY, transmittance_min: f64::NEG_INFINITY };
 }
@@ -41,20 +42,20 @@ pub struct Scene {
     /// `[N, 3]`
     pub log_scales: Vec<f64>,
     /// Entries xx, xy, xz, yy, yz, zz `[N, 6]`, in place of rotations and scales, which then have no effect; empty if
-    /// those are what counts.
+    /// those are used.
     pub covariances: Vec<f64>,
     /// `[N]`
     pub opacity_logits: Vec<f64>,
     /// `[N, K, 3]`
     pub sh: Vec<f64>,
-    /// Coefficients a Gaussian, K.
+    /// Coefficients per Gaussian, K.
     pub sh_stride: usize,
     /// `[N, 2]`
     pub screen_offsets: Vec<f64>,
 }
 
 impl Scene {
-    /// Gaussians of which every number is zero, as many as here.
+    /// Returns the same number of Gaussians, with all values zero.
     fn zeros(&self) -> Self {
         let like = |values: &[f64]| vec![0.0; values.len()];
         Self {
@@ -80,7 +81,7 @@ pub(crate) struct Projected {
 }
 
 impl Projected {
-    /// Alpha before its clamp at the place of an offset (dx, dy) from the mean.
+    /// Returns alpha before its clamp at an offset (dx, dy) from the mean.
     pub(crate) fn alpha(&self, [dx, dy]: [f64; 2]) -> f64 {
         let [a, b, c] = self.conic;
         self.opacity * (-0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy).exp()
@@ -114,13 +115,13 @@ pub fn render(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs) -> Vec<
     image
 }
 
-/// Row by row.
+/// Returns the pixel centres, row by row.
 fn pixel_centres(settings: &SplatSettings) -> impl Iterator<Item = [f64; 2]> {
     let camera = settings.camera;
     (0..camera.width * camera.height).map(move |p| [(p % camera.width) as f64 + 0.5, (p / camera.width) as f64 + 0.5])
 }
 
-/// All that is not culled, with its index, nearest first and ties by index.
+/// Returns the Gaussians that are not culled, with their indices, nearest first, ties by index.
 pub(crate) fn drawn(scene: &Scene, settings: &SplatSettings) -> Vec<(usize, Projected)> {
     let n = scene.opacity_logits.len();
     let mut drawn: Vec<_> = (0..n).filter_map(|i| Some((i, project(scene, i, settings)?))).collect();
@@ -128,18 +129,18 @@ pub(crate) fn drawn(scene: &Scene, settings: &SplatSettings) -> Vec<(usize, Proj
     drawn
 }
 
-/// A Gaussian between its attributes and its shape on screen.
+/// Intermediate results between a Gaussian's attributes and its shape on screen.
 struct Geometry {
     /// World to camera.
     w: [[f64; 3]; 3],
     /// Position in camera space.
     t: [f64; 3],
-    /// Of length 1, and the length it had; that of no rotation is 0.
+    /// The normalised quaternion, and its original length, 0 for no rotation.
     quaternion: [f64; 4],
     norm: f64,
     rotation: [[f64; 3]; 3],
     scale: [f64; 3],
-    /// x/z and y/z, clamped, and whether the clamp took hold.
+    /// x/z and y/z, clamped, and whether the clamp took effect.
     slope: [f64; 2],
     clamped: [bool; 2],
     /// Jacobian of the projection.
@@ -148,7 +149,7 @@ struct Geometry {
     sigma: [[f64; 3]; 3],
     /// Covariance on screen, dilated.
     covariance: [[f64; 2]; 2],
-    /// Of the view, not of unit length.
+    /// View direction, not of unit length.
     direction: [f64; 3],
 }
 
@@ -214,7 +215,7 @@ fn world_covariance(rotation: [[f64; 3]; 3], scale: [f64; 3]) -> [[f64; 3]; 3] {
 fn is_semidefinite(m: [[f64; 3]; 3]) -> bool {
     let above = |minor: f64, diagonal: f64| minor >= -f64::from(MINOR_SLACK) * diagonal;
     let pair = |a: usize, b: usize| above(m[a][a] * m[b][b] - m[a][b] * m[b][a], m[a][a] * m[b][b]);
-    // along the first row; the indices go round
+    // expansion along the first row, with cyclic indices
     let determinant: f64 =
         (0..3).map(|k| m[0][k] * (m[1][(k + 1) % 3] * m[2][(k + 2) % 3] - m[1][(k + 2) % 3] * m[2][(k + 1) % 3])).sum();
     (0..3).all(|k| m[k][k] >= 0.0)
@@ -224,13 +225,13 @@ fn is_semidefinite(m: [[f64; 3]; 3]) -> bool {
         && above(determinant, m[0][0] * m[1][1] * m[2][2])
 }
 
-/// The inverse of the covariance on screen (a, b, c), and the determinant of the covariance.
+/// Returns the inverse of the covariance on screen (a, b, c), and the determinant of the covariance.
 fn conic([[a, b], [_, c]]: [[f64; 2]; 2]) -> ([f64; 3], f64) {
     let det = a * c - b * b;
     ([c / det, -b / det, a / det], det)
 }
 
-/// A vector of length 1 and the length it had.
+/// Returns the normalised vector and its original length.
 fn unit(v: [f64; 3]) -> ([f64; 3], f64) {
     let length = v.iter().map(|v| v * v).sum::<f64>().sqrt();
     (v.map(|v| v / length), length)
@@ -263,7 +264,8 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
     })
 }
 
-/// Spherical harmonics from their definition, on purpose not by the kernels' constants, `(degree + 1)^2` values, in the order and signs of 3DGS.
+/// Returns the `(degree + 1)^2` spherical harmonics, in the order and signs of 3DGS, from their definition and
+/// deliberately not from the kernels' constants.
 fn sh_basis([x, y, z]: [f64; 3], degree: usize) -> Vec<f64> {
     use std::f64::consts::PI;
     let mut b = vec![0.5 * (1.0 / PI).sqrt()];

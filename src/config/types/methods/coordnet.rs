@@ -4,25 +4,26 @@ use super::{above_zero, at_least_one, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `coordnet.*`: the network and the training of CoordNet. The defaults are the published settings.
+/// `coordnet.*`: network and training of CoordNet. The defaults are the published settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CoordNetConfig {
-    /// Widths of the first residual blocks, one block each; the last is the width of those behind them.
+    /// Widths of the first residual blocks, one block each; the last is also the width of the blocks that follow.
     pub widths: Vec<usize>,
-    /// Residual blocks of that width behind them.
+    /// Number of further residual blocks, all of the last width.
     pub blocks: usize,
-    /// Factor inside each sine.
+    /// Frequency factor inside each sine.
     pub omega: f64,
-    /// Steps. Published are 300 epochs of 128,000 pixels of each view: 1,200 steps for each training view.
+    /// Number of steps. The published training has 300 epochs of 128,000 pixels of each view: 1,200 steps per training
+    /// view.
     pub steps: usize,
-    /// Pixels of each view in an epoch, drawn anew each time; at most as many as it has.
+    /// Pixels of each view in an epoch, redrawn every epoch; at most the pixels of the view.
     pub pixels_per_view: usize,
-    /// Pixels a step.
+    /// Pixels per step.
     pub batch: usize,
     /// Learning rate of Adam.
     pub rate: f64,
-    /// Weight of half the sum of all squared weights and biases in what is minimised.
+    /// Weight in the loss of half the sum of all squared weights and biases.
     pub weight_decay: f64,
 }
 
@@ -42,10 +43,10 @@ impl Default for CoordNetConfig {
 }
 
 impl CoordNetConfig {
-    /// Refuses settings that no training can start with.
+    /// Rejects settings that no training can start with.
     ///
     /// # Errors
-    /// The first such key with its value, and what it may be.
+    /// The first invalid key with its value, and the values allowed.
     pub fn check(&self) -> Result<(), String> {
         if self.widths.is_empty() || self.widths.contains(&0) {
             return Err(format!("coordnet.widths = {:?}: at least one width, each at least 1", self.widths));

@@ -3,31 +3,31 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The most orders of the colours' series in time.
+/// Maximum number of orders of the colours' series in time.
 const MOST_ORDERS: usize = 8;
-/// The most neighbours of a Gaussian.
+/// Maximum number of neighbours of a Gaussian.
 const MOST_NEIGHBOURS: usize = 256;
 
-/// `4dgs.*`: Gaussians in space and time, of native 4D Gaussian splatting; what they have in common with those of 3DGS is in
-/// the other sections. The defaults are the published settings, as VolSegGS compares with them.
+/// `4dgs.*`: Gaussians in space and time of native 4D Gaussian splatting; what they share with 3DGS is set in the other
+/// sections. The defaults are the published settings, as used in the VolSegGS paper's comparison.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FourDgsConfig {
-    /// Orders in which colours change over time, beside the constant one; 0 for colours that stay.
+    /// Orders in which colours change over time, in addition to the constant one; 0 for constant colours.
     pub time_orders: usize,
-    /// The first Gaussians' peaks lie between the first time and the last, and by so much beyond either.
+    /// Margin by which the initial peak times extend beyond the first and the last time.
     pub time_margin: f64,
-    /// Standard deviation of the first Gaussians along time; the whole time is 1.
+    /// Initial standard deviation of the Gaussians along time; the whole time range is 1.
     pub time_scale: f64,
-    /// Learning rate of the times of the peaks, as a fraction of the scene's extent; it stays.
+    /// Learning rate of the peak times, as a multiple of the scene's extent; it is constant.
     pub times: f64,
-    /// Gaussians are added also where the mean size of the gradient by the time of the peak is as large; 0 for nowhere.
+    /// Mean absolute gradient with respect to the peak time above which Gaussians are added as well; 0 disables this.
     pub time_threshold: f64,
-    /// Weight of the differences between velocities of neighbours; 0 for none.
+    /// Weight of the differences between the velocities of neighbours; 0 for none.
     pub rigid: f64,
-    /// So many neighbours of each, itself with them.
+    /// Number of neighbours of each Gaussian, itself included.
     pub rigid_neighbours: usize,
-    /// Steps after which neighbours are looked for anew.
+    /// Steps between searches for neighbours.
     pub rigid_every: usize,
 }
 
@@ -47,10 +47,10 @@ impl Default for FourDgsConfig {
 }
 
 impl FourDgsConfig {
-    /// Refuses settings that no training can start with.
+    /// Rejects settings that no training can start with.
     ///
     /// # Errors
-    /// The first such key with its value, and what it may be.
+    /// The first invalid key with its value, and the values allowed.
     pub fn check(&self) -> Result<(), String> {
         if self.time_orders > MOST_ORDERS {
             return Err(format!("4dgs.time_orders = {}: at most {MOST_ORDERS}", self.time_orders));
@@ -72,23 +72,23 @@ impl FourDgsConfig {
         Ok(())
     }
 
-    /// Numbers of one Gaussian, with spherical harmonics of that degree at each order in time.
+    /// Number of values per Gaussian, with spherical harmonics of degree `sh_degree` at each order in time.
     #[must_use]
     pub fn numbers(&self, sh_degree: usize) -> u128 {
         // position, time; scales; two quaternions; opacity
         self.colours(sh_degree).saturating_add(3 + 1 + 4 + 4 + 4 + 1)
     }
 
-    /// Those of its colours.
+    /// Number of values of its colours.
     #[must_use]
     pub fn colours(&self, sh_degree: usize) -> u128 {
         let coefficients = (sh_degree as u128).saturating_add(1).saturating_pow(2);
         (self.time_orders as u128).saturating_add(1).saturating_mul(coefficients).saturating_mul(3)
     }
 
-    /// Values that a step keeps for each Gaussian until the gradients are found, beside its numbers: rotations and their
-    /// factors, what is conditioned on a time, terms of the colours, velocities of neighbours. As measured: 100,000 published Gaussians
-    /// take 0.7 GB.
+    /// Values that a step keeps for each Gaussian until the gradients are computed, besides its own: rotations and
+    /// their factors, quantities conditioned on a time, terms of the colours, velocities of neighbours. As measured,
+    /// 100,000 published Gaussians take 0.7 GB.
     #[must_use]
     pub fn kept_values(&self, sh_degree: usize) -> u128 {
         let neighbours = if self.rigid > 0.0 { self.rigid_neighbours } else { 0 };

@@ -4,50 +4,51 @@ use super::{above_zero, at_least_one, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `insitunet.*`: the networks and the training of InSituNet. The defaults are the published settings, enlarged to images of
-/// 1024x1024 pixels as VolSegGS did.
+/// `insitunet.*`: networks and training of InSituNet. The defaults are the published settings, enlarged to images of
+/// 1024x1024 pixels as in the VolSegGS paper.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InSituNetConfig {
-    /// Channels of the generator at 4x4 pixels and after each block, which doubles the side: pictures are
-    /// 4 * 2^(blocks) pixels wide and high.
+    /// Channels of the generator at 4x4 pixels and after each block, which doubles the side: its images have a width
+    /// and height of 4 * 2^(blocks) pixels.
     pub channels: Vec<usize>,
-    /// Channels of the discriminator after each block, which halves the side; as many as the generator's blocks.
+    /// Channels of the discriminator after each block, which halves the side; as many values as the generator has
+    /// blocks.
     pub critic_channels: Vec<usize>,
-    /// Width of the layers that take in the time and the direction of view.
+    /// Width of the layers that encode the time and the view direction.
     pub encoder: usize,
-    /// Steps.
+    /// Number of steps.
     pub steps: usize,
-    /// Views a step.
+    /// Views per step.
     pub batch: usize,
     /// Learning rate of the generator.
     pub rate: f64,
     /// Learning rate of the discriminator.
     pub critic_rate: f64,
-    /// First decay of Adam.
+    /// First decay rate of Adam.
     pub beta1: f64,
-    /// Weight of the mean squared difference of features of a VGG network.
+    /// Weight of the mean squared difference of VGG features.
     pub perceptual: f64,
-    /// File with the weights of VGG-16 that `volseggs lpips` makes; empty for none: pixels are then compared in the place of
+    /// File with the weights of VGG-16 as written by `volseggs lpips`; if empty, pixels are compared instead of
     /// features.
     pub vgg: String,
     /// Weight of the mean squared difference of pixels in [-1, 1].
     pub pixel: f64,
-    /// Weight of the discriminator's verdict; 0 for no discriminator.
+    /// Weight of the discriminator's score; 0 for no discriminator.
     pub adversarial: f64,
-    /// How the discriminator is trained.
+    /// Loss of the discriminator.
     pub adversarial_loss: AdversarialLoss,
-    /// Whether its layers are divided by their largest singular value.
+    /// Whether the weights of its layers are divided by their largest singular value.
     pub spectral_norm: bool,
 }
 
-/// What the discriminator minimises.
+/// Loss of the discriminator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AdversarialLoss {
-    /// The logistic loss of the first generative adversarial networks.
+    /// The logistic loss of the original generative adversarial networks.
     Vanilla,
-    /// Nothing beyond a margin of 1.
+    /// Hinge loss, zero beyond a margin of 1.
     Hinge,
 }
 
@@ -73,10 +74,10 @@ impl Default for InSituNetConfig {
 }
 
 impl InSituNetConfig {
-    /// Refuses settings that no training can start with.
+    /// Rejects settings that no training can start with.
     ///
     /// # Errors
-    /// The first such key with its value, and what it may be.
+    /// The first invalid key with its value, and the values allowed.
     pub fn check(&self) -> Result<(), String> {
         for (key, channels) in [("channels", &self.channels), ("critic_channels", &self.critic_channels)] {
             if channels.contains(&0) {
@@ -105,7 +106,7 @@ impl InSituNetConfig {
             ("insitunet.pixel", self.pixel),
             ("insitunet.adversarial", self.adversarial),
         ])?;
-        // 1 in single precision would divide by zero
+        // 1 in `f32` would cause a division by zero
         if !(0.0..=0.999_999).contains(&self.beta1) {
             return Err(format!("insitunet.beta1 = {:?}: between 0 and 0.999999", self.beta1));
         }
@@ -115,8 +116,8 @@ impl InSituNetConfig {
         Ok(())
     }
 
-    /// What the differences of features and of pixels count: without a file of VGG there are no features, and pixels take
-    /// their place.
+    /// The weights of the feature and pixel differences. Without a VGG file there are no features, and pixels replace
+    /// them.
     #[must_use]
     pub fn comparison(&self) -> [f64; 2] {
         match (self.vgg.is_empty(), self.pixel > 0.0) {
@@ -126,7 +127,7 @@ impl InSituNetConfig {
         }
     }
 
-    /// Width and height of the generator's pictures, pixels.
+    /// Width and height of the generator's images, pixels.
     #[must_use]
     pub fn side(&self) -> usize {
         4 << self.channels.len().saturating_sub(1)

@@ -1,4 +1,4 @@
-//! Sections of methods other than ours, each with all settings of its method.
+//! Sections of the other methods, each with all settings of its method.
 
 mod coordnet;
 mod d3dgs;
@@ -12,19 +12,19 @@ pub use fourdgs::FourDgsConfig;
 pub use insitunet::{AdversarialLoss, InSituNetConfig};
 pub use visnerf::VisNerfConfig;
 
-/// Refuses the first of some keys that is 0.
+/// Rejects the first of these keys that is 0.
 fn at_least_one(counts: &[(&str, usize)]) -> Result<(), String> {
     let found = counts.iter().find(|(_, value)| *value == 0);
     found.map_or(Ok(()), |(key, _)| Err(format!("{key} = 0: at least 1")))
 }
 
-/// Refuses the first of some keys that is not above 0.
+/// Rejects the first of these keys that is not above 0.
 fn above_zero(values: &[(&str, f64)]) -> Result<(), String> {
     let found = values.iter().find(|(_, value)| value.is_nan() || *value <= 0.0);
     found.map_or(Ok(()), |(key, value)| Err(format!("{key} = {value:?}: above 0")))
 }
 
-/// Refuses the first of some keys that is below 0.
+/// Rejects the first of these keys that is below 0.
 fn not_negative(values: &[(&str, f64)]) -> Result<(), String> {
     let found = values.iter().find(|(_, value)| value.is_nan() || *value < 0.0);
     found.map_or(Ok(()), |(key, value)| Err(format!("{key} = {value:?}: 0 or above")))

@@ -4,63 +4,65 @@ use super::{above_zero, at_least_one, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `visnerf.*`: the grids, networks and training of ViSNeRF. The defaults are the published settings.
+/// `visnerf.*`: grids, networks and training of ViSNeRF. The defaults are the published settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VisNerfConfig {
-    /// Voxels of the box, from whose number and shape the nodes along each axis follow: planes and lines have so many.
+    /// Number of voxels in the box; with the box's shape it gives the number of nodes of planes and lines along each
+    /// axis.
     pub voxels: usize,
     /// Margin added around the box of the visual hull, as a fraction of its size.
     pub bounds_margin: f64,
-    /// Planes and lines of a kind for density.
+    /// Number of planes and lines per orientation for density.
     pub density_ranks: usize,
-    /// Planes and lines of a kind for appearance.
+    /// Number of planes and lines per orientation for appearance.
     pub appearance_ranks: usize,
-    /// Numbers that each training time has for itself, in either grid.
+    /// Number of values per training time, in each of the two grids.
     pub time_ranks: usize,
-    /// Features that a network gets of its grid.
+    /// Number of features that each network receives from its grid.
     pub features: usize,
-    /// Octaves in which a network sees its inputs, besides as they are.
+    /// Octaves of the encoding of a network's inputs, in addition to the inputs themselves.
     pub octaves: usize,
     /// Width of the hidden layers.
     pub width: usize,
-    /// Taken from what the density network gives, before softplus.
+    /// Subtracted from the output of the density network, before softplus.
     pub density_shift: f64,
-    /// Factor of distances along rays.
+    /// Factor applied to distances along rays.
     pub distance_scale: f64,
-    /// Samples with a smaller weight in their pixel have no colour.
+    /// Samples with a smaller weight in their pixel are not coloured.
     pub least_weight: f64,
-    /// Steps.
+    /// Number of steps.
     pub steps: usize,
-    /// Rays a step.
+    /// Rays per step.
     pub batch: usize,
     /// Samples along the longest ray at the first step.
     pub samples_first: usize,
-    /// The same from step `samples_until` on; in between their number rises evenly.
+    /// Samples along the longest ray from step `samples_until` on; the number grows linearly until then.
     pub samples_last: usize,
-    /// When that is reached.
+    /// Step at which `samples_last` is reached.
     pub samples_until: usize,
-    /// Distance of samples in pictures, in voxels.
+    /// Distance between samples in rendered images, in voxels.
     pub render_step: f64,
     /// Learning rate of planes, lines and vectors.
     pub rate_grid: f64,
     /// Learning rate of the networks.
     pub rate_network: f64,
-    /// What is left of both rates, and of the weights of `tv` and `tv_time`, at the end.
+    /// Final value of both rates, and of the weights `tv` and `tv_time`, as a fraction of the initial value.
     pub decay: f64,
-    /// Steps at which Adam starts anew, at the first rates; empty for never.
+    /// Steps at which Adam restarts with the initial rates; empty for never.
     pub restarts: Vec<usize>,
-    /// Weight of the mean absolute value of planes and lines of density.
+    /// Weight of the mean absolute values of density planes and lines, and of the deviation of density time vectors
+    /// from 1.
     pub sparsity: f64,
     /// Weight of the total variation of appearance planes.
     pub tv: f64,
-    /// Weight of the total variation of the vectors of time.
+    /// Weight of the total variation of the time vectors.
     pub tv_time: f64,
-    /// Cells along each axis in which places that are empty at a time are marked, to be passed over; 0 for none.
+    /// Cells along each axis of a grid that marks the places empty at each time, which are skipped; 0 for none.
     pub occupancy: usize,
-    /// Steps between two markings.
+    /// Steps between updates of this grid.
     pub occupancy_every: usize,
-    /// A cell with less opacity over one `render_step` is empty.
+    /// A cell with a smaller opacity over one `render_step` counts as empty.
     pub occupancy_threshold: f64,
 }
 
@@ -99,10 +101,10 @@ impl Default for VisNerfConfig {
 }
 
 impl VisNerfConfig {
-    /// Refuses settings that no training can start with.
+    /// Rejects settings that no training can start with.
     ///
     /// # Errors
-    /// The first such key with its value, and what it may be.
+    /// The first invalid key with its value, and the values allowed.
     pub fn check(&self) -> Result<(), String> {
         at_least_one(&[
             ("visnerf.voxels", self.voxels),
@@ -131,11 +133,11 @@ impl VisNerfConfig {
             ("visnerf.tv_time", self.tv_time),
             ("visnerf.occupancy_threshold", self.occupancy_threshold),
         ])?;
-        // far smaller ones would never come to the end of a ray
+        // with much smaller steps a ray would never reach its end
         if !(0.01..=100.0).contains(&self.render_step) {
             return Err(format!("visnerf.render_step = {:?}: between 0.01 and 100", self.render_step));
         }
-        // 2^24 is as far as single precision counts
+        // `f32` counts exactly up to 2^24
         if self.octaves > 24 {
             return Err(format!("visnerf.octaves = {}: at most 24", self.octaves));
         }

@@ -1,5 +1,5 @@
-//! The container of `torch.save` up to PyTorch 1.5: pickles (magic number, protocol, system, state dict, keys of the
-//! storages), then each storage as a count and its values.
+//! The container of `torch.save` up to PyTorch 1.5: pickles (magic number, protocol, system, state dict, storage keys),
+//! then each storage as a count and its values.
 
 use super::pickle::{self, Pickle};
 use super::{Place, Result, bytes_at, damaged, places, unsupported};
@@ -8,10 +8,10 @@ use std::io::{Read, Seek};
 
 /// The pickle of the magic number.
 pub(super) const MAGIC: &[u8] = b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.";
-/// Bytes of the count before a storage.
+/// Size in bytes of the count before a storage.
 const COUNT: u64 = 8;
 
-/// The tensors of a file of `length` bytes, of which `head` are the first.
+/// The tensors of a file of `length` bytes that starts with `head`.
 pub(super) fn tensors(file: &mut (impl Read + Seek), head: &[u8], length: u64) -> Result<BTreeMap<String, Place>> {
     let mut at = MAGIC.len();
     let mut next = || -> Result<Pickle<'_>> {
@@ -30,7 +30,7 @@ pub(super) fn tensors(file: &mut (impl Read + Seek), head: &[u8], length: u64) -
     let mut storages = HashMap::new();
     let mut at = at as u64;
     for key in keys {
-        // without a tensor there is no element size, and so no next storage
+        // without a tensor the element size is unknown, and so is the position of the next storage
         let Some((count, size)) = described.get(key) else { return damaged(format!("nothing tells of storage {key}")) };
         let (start, bytes) = (at + COUNT, count * size);
         if start > length || bytes > length - start {

@@ -1,10 +1,11 @@
-//! Reads named tensors from the files in which networks are published: PyTorch state dicts in both containers of
+//! Reads named tensors from the formats in which networks are published: PyTorch state dicts in both containers of
 //! `torch.save`, and safetensors.
 //!
-//! Own code, since a state dict needs two dozen instructions of pickle: the crate that reads them (`pytorch-reader`)
-//! brings tar and zip with it and changes the inflate of the whole program, and sets no bound that fits files this small.
-//! Nothing of a file is run. Only its description is held in memory ([`DESCRIPTION`] bytes at most); values are read one
-//! tensor at a time, and each size is checked against the file before anything is allocated.
+//! Implemented here because a state dict needs only two dozen pickle instructions: the crate that reads them
+//! (`pytorch-reader`) depends on tar and zip, changes the inflate implementation of the whole program, and sets no
+//! bounds suited to files this small. Nothing in a file is executed. Only its description is held in memory (at most
+//! [`DESCRIPTION`] bytes); values are read one tensor at a time, and each size is checked against the file before
+//! anything is allocated.
 
 mod legacy;
 mod pickle;
@@ -22,29 +23,31 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::Path;
 use torch::TorchTensor;
 
-/// What describes the tensors (pickles, a directory, a header) is at most so long, bytes. Published networks need 10 kB.
+/// Maximum size in bytes of the description of the tensors (pickles, a directory, a header). Published networks need 10
+/// kB.
 const DESCRIPTION: usize = 1 << 20;
 
-/// Where a tar archive, in which the first networks of torchvision were published, tells what it is.
+/// Offset and value of the magic number of a tar archive, the format in which torchvision's first networks were
+/// published.
 const TAR: (usize, &[u8]) = (257, b"ustar");
 
-/// Why a file gives no tensors. The messages go after the file's name.
+/// Why a file yields no tensors. The messages follow the file's name.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StateDictError {
-    /// The system cannot read it.
+    /// The system cannot read the file.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
-    /// It is of no known format.
+    /// The file has no known format.
     #[error("neither a PyTorch file (.pth) nor safetensors; it may be the page of an error: download it again")]
     Unknown,
-    /// It is cut short or its parts contradict each other.
+    /// The file is truncated or inconsistent.
     #[error("damaged: {0}; download it again")]
     Damaged(String),
-    /// It holds something that a state dict of weights does not need.
+    /// The file holds something that does not occur in a state dict of weights.
     #[error("not a state dict of weights: {0}")]
     Unsupported(String),
-    /// A tensor is not in it.
+    /// A tensor is missing.
     #[error("there is no tensor `{0}`")]
     Missing(String),
     /// A tensor has the wrong shape.
@@ -52,7 +55,7 @@ pub enum StateDictError {
     Shape {
         /// The tensor.
         key: String,
-        /// The shape asked for.
+        /// The expected shape.
         expected: Vec<usize>,
         /// The shape in the file.
         found: Vec<usize>,
@@ -72,7 +75,7 @@ fn unsupported<T>(what: impl Into<String>) -> Result<T> {
     Err(StateDictError::Unsupported(what.into()))
 }
 
-/// How a number is stored.
+/// The storage type of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Single,
@@ -88,17 +91,17 @@ impl Kind {
     }
 }
 
-/// Where a tensor lies in the file. Its bytes are within the file.
+/// The location of a tensor in the file. Its bytes are within the file.
 #[derive(Clone, Debug)]
 struct Place {
     kind: Kind,
     shape: Vec<usize>,
     at: u64,
-    /// The checksum of these bytes, if the file holds one for exactly them.
+    /// The checksum of these bytes, if the file has one for exactly this range.
     crc: Option<u32>,
 }
 
-/// The tensors of a file by name, read when they are asked for.
+/// The tensors of a file by name, read on demand.
 #[derive(Debug)]
 pub(super) struct StateDict<F> {
     file: F,
@@ -162,7 +165,7 @@ impl<F: Read + Seek> StateDict<F> {
     }
 }
 
-/// The number of elements of a shape, small enough that its bytes can be counted.
+/// The number of elements of a shape, if it is small enough for its bytes to be counted.
 fn elements(shape: &[usize]) -> Option<u64> {
     let count = shape.iter().try_fold(1u64, |n, side| n.checked_mul(*side as u64))?;
     (count < 1 << 60).then_some(count)
@@ -182,7 +185,8 @@ fn checksum(bytes: &[u8]) -> u32 {
     crc.sum()
 }
 
-/// Finds the tensors of a pickle in storages of which `storage` gives position, number of elements and checksum.
+/// Locates the tensors of a pickle in their storages; `storage` returns a storage's position, length in bytes and
+/// checksum.
 fn places<'a>(
     tensors: BTreeMap<String, TorchTensor<'a>>,
     storage: impl Fn(&TorchTensor<'a>) -> Result<(u64, u64, Option<u32>)>,
@@ -194,14 +198,14 @@ fn places<'a>(
             return damaged(format!("`{key}` is described with {} values and stored otherwise", tensor.storage.count));
         }
         let whole = elements(&tensor.shape) == Some(tensor.storage.count);
-        // the pickle's reader has checked that the tensor lies within the storage
+        // the pickle reader has checked that the tensor lies within the storage
         let at = start + tensor.offset * size;
         Ok((key, Place { kind: tensor.kind, shape: tensor.shape, at, crc: crc.filter(|_| whole) }))
     };
     tensors.into_iter().map(place).collect()
 }
 
-/// The tensors of a safetensors file; those of other types than F32 and F16 are left out.
+/// The tensors of a safetensors file; types other than F32 and F16 are omitted.
 fn safetensors(head: &[u8], length: u64) -> Result<BTreeMap<String, Place>> {
     const PREFIX: usize = 8;
     let cut = || StateDictError::Damaged("its header is longer than the file, or than 1 MiB".into());

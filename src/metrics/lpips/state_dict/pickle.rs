@@ -1,14 +1,14 @@
-//! The instructions of Python's pickle that `torch.save` writes for a state dict. What they call is in `torch`, containers
-//! and files are elsewhere.
+//! The instructions of Python's pickle that `torch.save` writes for a state dict. The functions they call are in
+//! `torch`; containers and files are handled elsewhere.
 //!
-//! Values are nodes of one list and refer to each other by number, so that nothing is copied and nothing is walked
-//! deeper than the tables ask for; a pickle makes at most one node an instruction.
+//! Values are nodes of one list and refer to each other by number, so nothing is copied and nothing is traversed deeper
+//! than the tables require; a pickle makes at most one node per instruction.
 
 use super::torch::{Name, Storage, TorchTensor};
 use super::{Kind, Result, StateDictError, damaged, unsupported};
 use std::collections::{BTreeMap, HashMap};
 
-/// Number of a node.
+/// Index of a node.
 pub(super) type Id = usize;
 
 /// A value.
@@ -21,7 +21,7 @@ pub(super) enum Node<'a> {
     Name(Name),
     Items(Vec<Id>),
     Pairs(Vec<(Id, Id)>),
-    /// `first` elements of the storage come before this view of it, which ends before element `end`.
+    /// A view of a storage, from element `first` up to, but not including, element `end`.
     Storage {
         kind: Kind,
         storage: Storage<'a>,
@@ -31,11 +31,11 @@ pub(super) enum Node<'a> {
     Tensor(TorchTensor<'a>),
 }
 
-/// A pickle that has been read.
+/// A parsed pickle.
 pub(super) struct Pickle<'a> {
     nodes: Vec<Node<'a>>,
     root: Id,
-    /// Bytes up to its end.
+    /// Its length in bytes.
     pub length: usize,
 }
 
@@ -56,7 +56,7 @@ impl<'a> Pickle<'a> {
         }
     }
 
-    /// The tensors of a dictionary; other entries are left out.
+    /// The tensors of a dictionary; other entries are omitted.
     pub(super) fn tensors(&self) -> BTreeMap<String, TorchTensor<'a>> {
         let tensor = |(key, value): &(Id, Id)| match (&self.nodes[*key], &self.nodes[*value]) {
             (Node::Text(key), Node::Tensor(tensor)) => Some(((*key).to_owned(), tensor.clone())),
@@ -73,7 +73,7 @@ impl<'a> Pickle<'a> {
         })
     }
 
-    /// The texts of a list of texts.
+    /// The strings of a list of strings.
     pub(super) fn texts(&self) -> Option<Vec<&'a str>> {
         let Node::Items(items) = &self.nodes[self.root] else { return None };
         let text = |id: &Id| if let Node::Text(text) = &self.nodes[*id] { Some(*text) } else { None };
@@ -81,21 +81,21 @@ impl<'a> Pickle<'a> {
     }
 }
 
-/// The stack machine that a pickle is a program for.
+/// The stack machine that executes a pickle.
 pub(super) struct Machine<'a> {
     pub bytes: &'a [u8],
     at: usize,
     pub nodes: Vec<Node<'a>>,
     pub stack: Vec<Id>,
-    /// Heights of the stack.
+    /// Heights of the stack at the open marks.
     marks: Vec<usize>,
     memo: HashMap<u32, Id>,
-    /// Pairs that calls have copied.
+    /// Number of pairs copied by calls.
     pub copied: usize,
 }
 
 impl<'a> Machine<'a> {
-    /// Does one instruction; false after the last.
+    /// Executes one instruction; returns false after the last.
     fn step(&mut self) -> Result<bool> {
         let [instruction] = self.array()?;
         match instruction {
@@ -219,7 +219,7 @@ impl<'a> Machine<'a> {
         Ok(array)
     }
 
-    /// Up to the end of the line, which is left out.
+    /// Reads up to the end of the line, which is dropped.
     fn line(&mut self) -> Result<&'a str> {
         let length = self.bytes[self.at..].iter().position(|b| *b == b'\n').unwrap_or(usize::MAX - 1);
         let line = self.take(length.saturating_add(1))?;
@@ -232,7 +232,7 @@ impl<'a> Machine<'a> {
         Ok(())
     }
 
-    /// A whole number of up to eight bytes.
+    /// Reads an integer of up to eight bytes.
     fn long(&mut self, length: usize) -> Result<()> {
         let bytes = self.take(length)?;
         if length > 8 {

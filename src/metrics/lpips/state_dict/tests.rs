@@ -7,7 +7,7 @@ const LEGACY: &[u8] = include_bytes!("../../../../tests/data/state_dict/legacy.p
 const MODULE: &[u8] = include_bytes!("../../../../tests/data/state_dict/module.pth");
 const TRANSPOSED: &[u8] = include_bytes!("../../../../tests/data/state_dict/transposed.pth");
 
-/// Names and shapes of what both files hold.
+/// Names and shapes of the tensors in both files.
 const SHAPES: [(&str, &[usize]); 9] = [
     ("features.0.weight", &[2, 3, 2, 2]),
     ("features.0.bias", &[2]),
@@ -34,7 +34,7 @@ fn legacy(pickle: &[u8]) -> Vec<u8> {
     [legacy::MAGIC, b"\x80\x02M\xe9\x03.", system, b"\x80\x02", pickle, b".\x80\x02]."].concat()
 }
 
-/// All that one may ask of a file.
+/// Reads everything that can be read from a file.
 fn read_all(bytes: &[u8]) -> Result<usize> {
     let mut file = open(bytes)?;
     let shapes: Vec<(String, Vec<usize>)> = file.tensors.iter().map(|(k, t)| (k.clone(), t.shape.clone())).collect();
@@ -64,7 +64,7 @@ fn both_containers_of_pytorch_give_the_same_tensors() {
     }
 }
 
-/// The files of 2017 name a function with four arguments and may describe a tensor in a part of a storage.
+/// The files of 2017 name a function with four arguments and may place a tensor in a view of a storage.
 #[test]
 fn the_first_files_of_pytorch_are_read() {
     let part = b"(U\x07storagectorch\nHalfStorage\nU\x01kU\x03cpuK\x04U\x01vK\x01K\x03\x87tQ";
@@ -74,7 +74,7 @@ fn the_first_files_of_pytorch_are_read() {
     let values: Vec<u8> = [0.5, 1.5, 2.5, 3.5].iter().flat_map(|v| f16::from_f32(*v).to_le_bytes()).collect();
     let bytes = [&start[..], &4u64.to_le_bytes(), &values].concat();
     assert_eq!(open(&bytes).unwrap().values("x", &[2]).unwrap(), [2.5, 3.5]);
-    // a part that ends behind the storage
+    // a view that ends beyond the storage
     let mut beyond = bytes.clone();
     let at = beyond.windows(4).position(|w| w == b"K\x01K\x03").unwrap();
     beyond[at + 3] = 4;
@@ -116,10 +116,10 @@ fn what_is_no_file_of_weights_is_told() {
 
 #[test]
 fn descriptions_that_ask_for_too_much_are_refused() {
-    // nesting costs no stack, and a file of brackets is a file of brackets
+    // nesting uses no stack, and a file of brackets is parsed like any other
     let deep = "]".repeat(100_000) + &"a".repeat(99_999);
     assert!(open(&legacy(deep.as_bytes())).unwrap().tensors.is_empty());
-    // a long list that is copied again and again
+    // a long list that is copied repeatedly
     let mut bomb = b"ccollections\nOrderedDict\nq\x00](".to_vec();
     bomb.extend(b"NN\x86".repeat(10_000));
     bomb.extend(b"e\x85q\x01");
@@ -148,7 +148,7 @@ fn an_empty_tensor_may_have_giant_sides() {
 fn every_cut_is_found() {
     for (bytes, name) in [(ZIP, "zip"), (LEGACY, "legacy")] {
         for length in 0..bytes.len() {
-            // the last storage of the legacy file may lack bytes that no tensor uses: none does here
+            // the last storage of the legacy file might have bytes that no tensor uses, but here it does not
             assert!(read_all(&bytes[..length]).is_err(), "{name} cut at {length}");
         }
         assert_eq!(read_all(bytes).unwrap(), 24 + 2 + 3 + 5 + 4 + 4 + 6 + 1);
@@ -167,7 +167,7 @@ fn every_changed_value_of_a_zip_is_found() {
 }
 
 proptest! {
-    /// Damage is an error or leaves a file of tensors that are not larger than the file, and never panics.
+    /// Damage gives an error or a file whose tensors are not larger than the file, and never a panic.
     #[test]
     fn damage_never_panics(
         zip: bool,

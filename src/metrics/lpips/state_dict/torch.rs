@@ -1,12 +1,12 @@
-//! The functions and classes of PyTorch that a state dict names, and what they make. Nothing else can be called.
+//! The PyTorch functions and classes named by state dicts, and what they create. Nothing else can be called.
 
 use super::pickle::{Id, Machine, Node};
 use super::{Kind, Result, StateDictError, damaged, elements, unsupported};
 
-/// The most sides a tensor may have.
+/// Maximum number of dimensions of a tensor.
 const RANK: usize = 8;
 
-/// The functions and classes that a state dict names.
+/// The functions and classes named by state dicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Name {
     OrderedDict,
@@ -28,25 +28,25 @@ impl Name {
     }
 }
 
-/// A storage as a pickle describes it: `count` values, of which tensors use a part.
+/// A storage as described by a pickle: `count` values, of which tensors use a part.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Storage<'a> {
     pub key: &'a str,
     pub count: u64,
 }
 
-/// A tensor as a pickle describes it; `offset` and shape lie within the storage, in row-major order.
+/// A tensor as described by a pickle; it lies within the storage, in row-major order.
 #[derive(Clone, Debug)]
 pub(super) struct TorchTensor<'a> {
     pub kind: Kind,
     pub storage: Storage<'a>,
-    /// Elements before the first.
+    /// Number of elements before its first.
     pub offset: u64,
     pub shape: Vec<usize>,
 }
 
 impl<'a> Machine<'a> {
-    /// `('storage', type, key, device, count[, (view, first, count)])`.
+    /// Parses `('storage', type, key, device, count[, (view, first, count)])`.
     pub(super) fn storage(&self, id: Id) -> Result<Node<'a>> {
         let items = self.items(id);
         let found = match items {
@@ -62,7 +62,7 @@ impl<'a> Machine<'a> {
         else {
             return None;
         };
-        // that its bytes can be counted
+        // so that its bytes can be counted
         let count = self.count(count).filter(|n| *n < 1 << 60)?;
         let (first, end) = match view.map(|v| &self.nodes[*v]) {
             None | Some(Node::Nothing) => (0, count),
@@ -94,7 +94,7 @@ impl<'a> Machine<'a> {
         Ok(())
     }
 
-    /// `OrderedDict()` or `OrderedDict([[key, value], ...])`.
+    /// Evaluates `OrderedDict()` or `OrderedDict([[key, value], ...])`.
     fn ordered(&mut self, arguments: Id) -> Result<Node<'a>> {
         let Some(list) = self.items(arguments).first().copied() else { return Ok(Node::Pairs(Vec::new())) };
         self.copied += self.items(list).len();
@@ -108,7 +108,7 @@ impl<'a> Machine<'a> {
         Ok(Node::Pairs(self.items(list).iter().map(pair).collect::<Result<_>>()?))
     }
 
-    /// `(storage, offset, shape, strides, ...)`.
+    /// Parses `(storage, offset, shape, strides, ...)`.
     fn tensor(&self, arguments: Id) -> Result<TorchTensor<'a>> {
         let wrong = || StateDictError::Damaged("the description of a tensor".into());
         let [storage, offset, shape, strides, ..] = *self.items(arguments) else { return Err(wrong()) };
@@ -130,7 +130,7 @@ impl<'a> Machine<'a> {
             if *side > 1 && stride != expected {
                 return unsupported(format!("a tensor of shape {shape:?} is not stored in row-major order"));
             }
-            // may be too large where another side is 0
+            // may be too large if another side is 0
             expected = expected.saturating_mul((*side).max(1) as u64);
         }
         Ok(TorchTensor { kind, storage, offset, shape })

@@ -5,7 +5,7 @@ use super::{DESCRIPTION, Place, Result, StateDictError, bytes_at, checksum, dama
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Read, Seek};
 
-/// What begins an entry, and so the file.
+/// Signature of an entry, and so of the file.
 pub(super) const LOCAL: &[u8] = b"PK\x03\x04";
 const CENTRAL: &[u8] = b"PK\x01\x02";
 const END: &[u8] = b"PK\x05\x06";
@@ -17,10 +17,10 @@ const CENTRAL_LENGTH: usize = 46;
 const END_LENGTH: usize = 22;
 const END_64_LENGTH: usize = 56;
 const LOCATOR_64_LENGTH: usize = 20;
-/// The longest comment after the end record.
+/// Maximum length of the comment after the end record.
 const COMMENT: usize = u16::MAX as usize;
 
-/// A stored entry: where its bytes are.
+/// The position of a stored entry's bytes.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     at: u64,
@@ -135,7 +135,7 @@ fn directory(file: &mut (impl Read + Seek), length: u64) -> Result<HashMap<Strin
     Ok(entries)
 }
 
-/// Fields of a record, of which those that are too large stand among its extra fields.
+/// The values of a record's fields; those too large for them are taken from its extra fields.
 fn widened(fields: [u32; 3], mut extra: &[u8]) -> Result<[u64; 3]> {
     const WIDE: usize = 1;
     let mut wide: &[u8] = &[];

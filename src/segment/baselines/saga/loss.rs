@@ -1,5 +1,5 @@
-//! The contrastive loss over pairs of pixels at several scales, with its gradient, and the gate that the scale acts
-//! through. Nothing here knows which Gaussians a pixel is made of.
+//! The contrastive loss over pairs of pixels at several scales, with its gradient, and the scale gate. Nothing here
+//! depends on which Gaussians contribute to a pixel.
 
 use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
@@ -12,12 +12,12 @@ pub(super) const FEATURES: usize = 32;
 pub(super) type Feature = [f32; FEATURES];
 /// Weight of the pair with the smallest masks; that with the largest has 1.
 const HEAVIEST: f32 = 10.0;
-/// Pixels of one task; a constant, so that sums do not depend on the number of threads.
+/// Pixels per parallel task; a constant, so that sums do not depend on the number of threads.
 const ROWS: usize = 32;
 /// Features shorter than this have no direction.
 const SHORT: f32 = 1e-12;
 
-/// The scale gate: what each channel is multiplied by at a scale.
+/// The scale gate: a factor for each channel that depends on the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gate {
     pub(super) weight: Feature,
@@ -27,18 +27,18 @@ pub(super) struct Gate {
 impl Gate {
     const ZERO: Self = Self { weight: [0.0; FEATURES], bias: [0.0; FEATURES] };
 
-    /// Factors in (0, 1) at `scale`.
+    /// Returns the factors, in (0, 1), at `scale`.
     pub(super) fn at(&self, scale: f32) -> Feature {
         std::array::from_fn(|k| sigmoid(self.weight[k] * scale + self.bias[k]))
     }
 }
 
-/// What of a view's masks does not change from step to step.
+/// Properties of a view's masks that do not change from step to step.
 #[derive(Clone, Debug)]
 pub(super) struct Facts {
     /// For each mask, how many of the view's pixels it covers.
     sizes: Vec<u32>,
-    /// For each mask, its place from small to large.
+    /// For each mask, its rank from small to large.
     order: Vec<u32>,
     /// Scales of masks that cover anything, ascending, each once.
     pub(super) scales: Vec<f32>,
@@ -57,10 +57,10 @@ impl Facts {
         Self { sizes, order, scales }
     }
 
-    /// The scale above which pixels with these lists of masks share one.
+    /// Returns the scale above which two pixels with the mask lists `a` and `b` share a mask.
     ///
-    /// At a scale, a pixel goes by its masks below that scale and the next larger one. So a shared mask counts above
-    /// the scales of the masks just before it in both lists, and the smallest shared one counts first.
+    /// At a scale, a pixel uses its masks below that scale and the next larger one. So a shared mask counts above the
+    /// scales of the masks just before it in both lists, and the smallest shared one decides.
     pub(super) fn joined(&self, view: &FineView, a: &[u32], b: &[u32]) -> f32 {
         let before =
             |list: &[u32], at: usize| at.checked_sub(1).map_or(f32::NEG_INFINITY, |k| view.scales[list[k] as usize]);
@@ -79,16 +79,16 @@ impl Facts {
 /// Which of P pixels belong together at which scale, and how much each pair counts.
 #[derive(Clone, Debug)]
 pub(super) struct Pixels {
-    /// Number of each pixel's list of masks, `[P]`.
+    /// Index of each pixel's list of masks among the L distinct ones, `[P]`.
     lists: Vec<u32>,
-    /// The scale above which lists share a mask, `[L, L]`.
+    /// The scale above which two lists share a mask, `[L, L]`.
     joined: Vec<f32>,
     /// One over the mean size of a pixel's masks, `[P]`.
     inverse: Vec<f32>,
 }
 
 impl Pixels {
-    /// Of the pixels `chosen` of `view`.
+    /// Collects the data of the pixels `chosen` of `view`.
     pub(super) fn new(view: &FineView, facts: &Facts, chosen: &[usize]) -> Self {
         let mut numbers: HashMap<&[u32], u32> = HashMap::new();
         let mut distinct = Vec::new();
@@ -116,7 +116,8 @@ impl Pixels {
         self.lists.len()
     }
 
-    /// `(constant, factor)`: a pair's weight is the constant and the factor times the product of its two `inverse`.
+    /// Returns `(constant, factor)`: a pair's weight is the constant plus the factor times the product of its
+    /// `inverse`.
     fn weighing(&self) -> (f32, f32) {
         let low = self.inverse.iter().copied().fold(f32::INFINITY, f32::min).powi(2);
         let high = self.inverse.iter().copied().fold(0.0, f32::max).powi(2);
@@ -131,16 +132,16 @@ impl Pixels {
 /// Which pairs count.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rule {
-    /// Pairs that should be alike are hard below this cosine.
+    /// Pairs that should be similar are hard below this cosine.
     pub(super) alike: f32,
     /// Pairs that should differ are hard above this cosine.
     pub(super) apart: f32,
-    /// Which of [`Self::TURNS`] parts of the easy pairs counts.
+    /// Which of the [`Self::TURNS`] subsets of the easy pairs counts.
     pub(super) turn: usize,
 }
 
 impl Rule {
-    /// Of the pairs that are easy and the same at all scales, one in so many counts.
+    /// Of the pairs that are easy and the same at all scales, one in this many counts.
     pub(super) const TURNS: usize = 8;
 }
 
@@ -148,18 +149,18 @@ impl Rule {
 #[derive(Clone, Debug)]
 pub(super) struct Loss {
     pub(super) loss: f64,
-    /// By the features as they were given, `[P, 32]`.
+    /// With respect to the given features, `[P, 32]`.
     pub(super) features: Vec<f32>,
     pub(super) gate: Gate,
 }
 
-/// The loss of the rendered `features` `[P, 32]`, a mean over all pairs at all `scales` (ascending), and the mean of
-/// `(1 - |F|)^2` over the pixels. Features without length count as 0 and get no gradient.
+/// Computes the loss of the rendered `features` `[P, 32]`: the mean over all pairs at all `scales` (ascending), plus
+/// the mean of `(1 - |F|)^2` over the pixels. Features shorter than [`SHORT`] count as 0 and get no gradient.
 pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: &Gate, rule: Rule) -> Loss {
     let (p, s) = (pixels.len(), scales.len());
     let gates: Vec<Feature> = scales.iter().map(|&scale| gate.at(scale)).collect();
     let rendered: Vec<Feature> = features.chunks_exact(FEATURES).map(|f| std::array::from_fn(|k| f[k])).collect();
-    // gated features of unit length and their length before, `[S, P]`
+    // gated features, normalised, and their original lengths, `[S, P]`
     let gated: Vec<(Feature, f32)> = gates
         .par_iter()
         .flat_map_iter(|g| rendered.iter().map(|f| unit(std::array::from_fn(|k| f[k] * g[k]))))
@@ -195,7 +196,7 @@ pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: 
                         loss += f64::from(weight * cosine);
                         by_unit.iter_mut().zip(other).for_each(|(b, o)| *b += weight * o);
                     }
-                    // each pair is met from both of its ends
+                    // each pair is visited from both of its pixels
                     by_unit.iter_mut().for_each(|b| *b *= 2.0 / pairs);
                     let by_gated = through_unit(&by_unit, &gated[k * p + i]);
                     for c in 0..FEATURES {
@@ -228,13 +229,14 @@ pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: 
     out
 }
 
-/// The direction of `v`, zeros if it is too short, and its length.
+/// Returns the direction of `v`, or zeros if it is too short, and its length.
 pub(super) fn unit(v: Feature) -> (Feature, f32) {
     let length = dot(&v, &v).sqrt();
     if length <= SHORT { ([0.0; FEATURES], length) } else { (v.map(|x| x / length), length) }
 }
 
-/// The gradient by a vector, from that by its direction: what lies along it does not count.
+/// Returns the gradient with respect to a vector from that with respect to its direction, without the component along
+/// it.
 pub(super) fn through_unit(slope: &Feature, (direction, length): &(Feature, f32)) -> Feature {
     if *length <= SHORT {
         return [0.0; FEATURES];
@@ -243,7 +245,7 @@ pub(super) fn through_unit(slope: &Feature, (direction, length): &(Feature, f32)
     std::array::from_fn(|k| (slope[k] - along * direction[k]) / length)
 }
 
-/// The product, in eight sums side by side so that it fills vector registers.
+/// Computes the dot product in eight independent sums, to fill vector registers.
 #[inline(always)]
 pub(super) fn dot(a: &Feature, b: &Feature) -> f32 {
     let mut sums = [0.0f32; 8];

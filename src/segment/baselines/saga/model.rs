@@ -1,21 +1,21 @@
-//! What training leaves: smoothed features and the gate, and what a click selects by them.
+//! The trained model: smoothed features and the gate, and what a click selects with them.
 
 use super::loss::{FEATURES, Feature, Gate, dot, unit};
 use super::smooth::{Neighbours, directions, means_of};
 use rayon::prelude::*;
 
-/// Trained features of N Gaussians. Smoothed once, so that a click costs one product a Gaussian.
+/// Trained features of N Gaussians, smoothed once, so that a click costs one dot product per Gaussian.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SagaModel {
     /// Unit features, smoothed over all neighbours, `[N]`.
     features: Vec<Feature>,
     gate: Gate,
-    /// Gaussians that have a place, `[N]`.
+    /// Whether each Gaussian has a finite position, `[N]`.
     placed: Vec<bool>,
 }
 
 impl SagaModel {
-    /// From unit features `[N, 32]` before smoothing.
+    /// Builds the model from unit features `[N, 32]` before smoothing.
     pub(super) fn new(own: &[f32], neighbours: &Neighbours, gate: Gate, means: &[f32]) -> Self {
         let n = means.len() / 3;
         let near = (0..n as u32).flat_map(|i| neighbours.of(i)).copied().collect();
@@ -31,14 +31,15 @@ impl SagaModel {
         self.features.len()
     }
 
-    /// True without any Gaussian.
+    /// True if there are no Gaussians.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.features.is_empty()
     }
 
-    /// How alike each Gaussian is to number `clicked` at `scale` in [0, 1], from 0 to 1, `[N]`: `(cosine + 1) / 2` of
-    /// the gated features. NaN for Gaussians without a finite position, and for all if `clicked` has none.
+    /// Returns the similarity of each Gaussian to number `clicked` at `scale` in [0, 1], from 0 to 1, `[N]`:
+    /// `(cosine + 1) / 2` of the gated features. NaN for Gaussians without a finite position, and for all if `clicked`
+    /// has none.
     ///
     /// # Panics
     /// If `clicked` is not below N.
@@ -52,8 +53,8 @@ impl SagaModel {
         rows.map(|(f, &placed)| if placed && clicked { 0.5 * (dot(&gated(f), &of) + 1.0) } else { f32::NAN }).collect()
     }
 
-    /// Which Gaussians are more alike to number `clicked` than `threshold`, at `scale` in [0, 1] from small parts to
-    /// large ones, `[N]`. Gaussians without a finite position never are.
+    /// Returns which Gaussians have a similarity to number `clicked` above `threshold`, at `scale` in [0, 1] from small
+    /// parts to large ones, `[N]`. Gaussians without a finite position never do.
     ///
     /// # Panics
     /// If `clicked` is not below N.

@@ -1,5 +1,5 @@
-//! Features of Gaussians as means over their neighbours: the lists, and the mean as a sparse matrix. Nothing is learnt
-//! here.
+//! Features of Gaussians averaged over their neighbours: lists of neighbours, and the mean as a sparse matrix. Nothing
+//! is learnt here.
 
 use super::loss::{FEATURES, Feature, unit};
 use crate::points::PointsError;
@@ -7,16 +7,17 @@ use crate::points::neighbours::Grid;
 use rayon::prelude::*;
 use volseggs_kernels::splat::contributors::Contributors;
 
-/// The nearest neighbours of N Gaussians, itself first, near to far.
+/// The nearest neighbours of N Gaussians, each Gaussian itself first, then from near to far.
 #[derive(Clone, Debug)]
 pub(super) struct Neighbours {
-    /// `[N, per]`; a Gaussian stands in for neighbours that it does not have.
+    /// `[N, per]`; missing neighbours are replaced by the Gaussian itself.
     ids: Vec<u32>,
     per: usize,
 }
 
 impl Neighbours {
-    /// Of `means` `[N, 3]`, `per` each. A Gaussian without a finite position is its own only neighbour.
+    /// Finds `per` neighbours of each of `means` `[N, 3]`. A Gaussian without a finite position is its own only
+    /// neighbour.
     pub(super) fn new(means: &[f32], per: usize) -> Result<Self, PointsError> {
         let grid = Grid::adaptive(means)?;
         let row = |i: u32| {
@@ -29,30 +30,30 @@ impl Neighbours {
         Ok(Self { ids, per })
     }
 
-    /// Neighbours of each Gaussian, itself among them.
+    /// Number of neighbours of each Gaussian, including itself.
     pub(super) fn per(&self) -> usize {
         self.per
     }
 
-    /// Neighbours of Gaussian `i`.
+    /// Neighbours of Gaussian `i`, including itself.
     pub(super) fn of(&self, i: u32) -> &[u32] {
         &self.ids[i as usize * self.per..][..self.per]
     }
 }
 
-/// The matrix of means: row by row the numbers that `indices` gives, `per` a row, each with weight `1 / per`.
+/// Returns the averaging matrix: each row has the next `per` of `indices`, each with weight `1 / per`.
 pub(super) fn means_of(indices: Vec<u32>, per: usize) -> Contributors {
     let offsets = (0..=indices.len() as u32).step_by(per).collect();
     let weights = vec![1.0 / per as f32; indices.len()];
     Contributors { offsets, indices, weights }
 }
 
-/// Directions and lengths of rows `[R, 32]`.
+/// Returns the directions and lengths of rows `[R, 32]`.
 pub(super) fn directions(rows: &[f32]) -> Vec<(Feature, f32)> {
     rows.par_chunks_exact(FEATURES).map(|row| unit(std::array::from_fn(|k| row[k]))).collect()
 }
 
-/// The directions alone, `[R, 32]` flat.
+/// Returns the directions alone, `[R, 32]` flat.
 pub(super) fn flat(rows: &[(Feature, f32)]) -> Vec<f32> {
     rows.par_iter().flat_map_iter(|row| row.0).collect()
 }

@@ -1,4 +1,4 @@
-//! One step: which pixels, scales and Gaussians; features to loss and back; Adam on what was touched.
+//! One training step: choice of pixels, scales and neighbours; loss and gradients; Adam on the Gaussians touched.
 
 use super::loss::{FEATURES, Facts, Feature, Gate, Loss, Pixels, Rule, contrast, through_unit, unit};
 use super::model::SagaModel;
@@ -9,13 +9,14 @@ use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
 use volseggs_kernels::splat::contributors::Contributors;
 
-/// Decay of the moments of Adam, and its guard against division by zero.
+/// Decay rates of Adam's moments.
 const BETAS: [f32; 2] = [0.9, 0.999];
+/// Adam's guard against division by zero.
 const EPSILON: f32 = 1e-15;
-/// The place of a Gaussian that the step does not touch.
+/// Marks a Gaussian that the step does not touch.
 const NOWHERE: u32 = u32::MAX;
 
-/// A vector of parameters with its moments.
+/// A vector of parameters with its Adam moments.
 #[derive(Clone, Debug)]
 pub(super) struct Parameter {
     pub(super) value: Feature,
@@ -29,7 +30,7 @@ impl Parameter {
         Self { value, first: [0.0; FEATURES], second: [0.0; FEATURES], steps: 0 }
     }
 
-    /// One step of Adam.
+    /// Takes one Adam step.
     fn step(&mut self, slope: &Feature, rate: f32) {
         self.steps += 1;
         let [one, two] = BETAS.map(|b| 1.0 - b.powi(self.steps));
@@ -41,13 +42,13 @@ impl Parameter {
     }
 }
 
-/// What one step works on.
+/// The data of one step.
 pub(super) struct Batch {
-    /// Pixels and the T Gaussians that they are made of, counted anew from 0.
+    /// Pixels and the T Gaussians that contribute to them, renumbered from 0.
     rows: Contributors,
-    /// How the features of these are made from those of S sources, `[T, S]`.
+    /// Averaging matrix from the features of S sources to those of the T Gaussians, `[T, S]`.
     smoothing: Contributors,
-    /// The Gaussians that are the sources, `[S]`.
+    /// Indices of the source Gaussians, `[S]`.
     pub(super) sources: Vec<u32>,
     pixels: Pixels,
     /// Ascending.
@@ -58,12 +59,12 @@ pub(super) struct Batch {
 /// A step's loss and gradients.
 pub(super) struct Slopes {
     pub(super) loss: f64,
-    /// By the features of the sources, `[S]`.
+    /// With respect to the features of the sources, `[S]`.
     pub(super) sources: Vec<Feature>,
     pub(super) gate: Gate,
 }
 
-/// Parameters and what they are learnt from.
+/// Parameters and their training data.
 pub(super) struct Trainer<'a> {
     views: &'a [FineView],
     facts: Vec<Facts>,
@@ -71,7 +72,7 @@ pub(super) struct Trainer<'a> {
     neighbours: Neighbours,
     pub(super) features: Vec<Parameter>,
     pub(super) gate: [Parameter; 2],
-    /// Where each Gaussian is among the sources of the step that is being made, `[N]`.
+    /// Position of each Gaussian among the sources of the current step, `[N]`.
     place: Vec<u32>,
 }
 
@@ -97,14 +98,14 @@ impl<'a> Trainer<'a> {
         } else {
             (0..options.pixels).map(|_| rng.below(all)).collect()
         };
-        // the largest scale is always there
+        // the largest scale is always included
         let mut scales = vec![1.0];
         if !facts.scales.is_empty() {
             scales.extend((0..options.scales).map(|_| facts.scales[rng.below(facts.scales.len())]));
         }
         scales.sort_by(f32::total_cmp);
         scales.dedup();
-        // which of the neighbours, the same ones of every Gaussian
+        // the neighbours kept, at the same positions for every Gaussian
         let per = self.neighbours.per();
         let kept = ((1.0 - options.dropout) * per as f32).round().clamp(1.0, per as f32) as usize;
         let mut columns: Vec<usize> = (0..per).collect();
@@ -138,7 +139,7 @@ impl<'a> Trainer<'a> {
         }
     }
 
-    /// The loss of a batch and its gradients.
+    /// Returns the loss of a batch and its gradients.
     pub(super) fn loss(&self, batch: &Batch) -> Slopes {
         let own: Vec<(Feature, f32)> =
             batch.sources.par_iter().map(|&i| unit(self.features[i as usize].value)).collect();
@@ -152,7 +153,7 @@ impl<'a> Trainer<'a> {
         Slopes { loss, sources, gate }
     }
 
-    /// Steps what `batch` touched, and the gate.
+    /// Updates the features that `batch` touched, and the gate.
     pub(super) fn step(&mut self, batch: &Batch, slopes: &Slopes) {
         let rate = self.options.rate;
         batch.sources.iter().zip(0..).for_each(|(&i, s)| self.place[i as usize] = s);
@@ -164,7 +165,7 @@ impl<'a> Trainer<'a> {
         self.gate[1].step(&slopes.gate.bias, rate);
     }
 
-    /// What has been learnt.
+    /// Returns the model learnt so far.
     pub(super) fn model(&self, means: &[f32]) -> SagaModel {
         let own: Vec<(Feature, f32)> = self.features.par_iter().map(|f| unit(f.value)).collect();
         SagaModel::new(&flat(&own), &self.neighbours, self.gate(), means)
@@ -175,7 +176,7 @@ impl<'a> Trainer<'a> {
     }
 }
 
-/// The number of `i` in `list`, at whose end it is put if it is new; `place` knows where each is.
+/// Returns the position of `i` in `list`, appending it if it is new; `place` holds the position of each index.
 fn number(place: &mut [u32], list: &mut Vec<u32>, i: u32) -> u32 {
     let at = &mut place[i as usize];
     if *at == NOWHERE {
@@ -185,7 +186,7 @@ fn number(place: &mut [u32], list: &mut Vec<u32>, i: u32) -> u32 {
     *at
 }
 
-/// Gradients by rows, from those by their directions `[R, 32]`.
+/// Returns gradients with respect to rows from those with respect to their directions `[R, 32]`.
 fn back(slopes: &[f32], rows: &[(Feature, f32)]) -> Vec<Feature> {
     let slopes = slopes.par_chunks_exact(FEATURES).zip(rows);
     slopes.map(|(slope, row)| through_unit(&std::array::from_fn(|k| slope[k]), row)).collect()

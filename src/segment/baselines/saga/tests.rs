@@ -1,4 +1,4 @@
-//! SAGA on two balls: what a click selects, gradients, poison, threads.
+//! SAGA on two balls: what a click selects, gradients, non-finite values, thread counts.
 
 use super::loss::{FEATURES, Facts};
 use super::step::Trainer;
@@ -35,7 +35,7 @@ fn a_click_selects_its_ball_at_a_small_scale_and_both_at_the_largest() {
 fn gradients_agree_with_differences() {
     let at = APART.gaussians();
     let views = APART.prepared(&at);
-    // all pairs; then hard ones alone, of which so few pixels have none close to a threshold, where the loss jumps
+    // all pairs; then hard ones alone, with so few pixels that none is close to a threshold, where the loss jumps
     for (pixels, scales, alike, apart) in [(20, 8, 2.0, -1.0), (6, 1, 0.75, 0.5)] {
         let options = SagaOptions { pixels, scales, hard_alike: alike, hard_apart: apart, ..SagaOptions::default() };
         let mut trainer = Trainer::new(&views, &at.means, &options).unwrap();
@@ -44,7 +44,7 @@ fn gradients_agree_with_differences() {
         let slopes = trainer.loss(&batch);
         let of_gate = vec![slopes.gate.weight, slopes.gate.bias];
         for (by_features, by_gate) in [(1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
-            // downhill, where the change is large against rounding, and some way aside
+            // along the gradient, where the change is large compared with rounding, plus a random component
             let mut direction = |rows: &[[f32; FEATURES]], size: f32| -> Vec<[f32; FEATURES]> {
                 let length = rows.iter().flatten().map(|v| v * v).sum::<f32>().sqrt();
                 let aside = 0.5 / ((rows.len() * FEATURES) as f32).sqrt();

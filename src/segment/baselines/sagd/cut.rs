@@ -1,18 +1,18 @@
-//! Cutting back Gaussians that reach over a mask's edge: the long axis is shortened to its part inside.
+//! Cuts back Gaussians that extend beyond a mask's edge: the long axis is shortened to its part inside.
 
 use super::Chosen;
 use crate::model::HostGaussians;
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 
-/// The ends of the long axis are so many standard deviations from the centre.
+/// Distance of the ends of the long axis from the centre, in standard deviations.
 const REACH: f32 = 3.0;
-/// What the inner part of the axis is shortened by beside its share.
+/// Factor by which the inner part of the axis is shortened further.
 const SHRINK: f32 = 0.8;
-/// Pieces that an axis is looked at in.
+/// Number of pieces in which an axis is sampled.
 const PIECES: usize = 32;
 
-/// Cuts each of the Gaussians back in one view after the other.
+/// Cuts each Gaussian back in one view after the other.
 pub(super) fn cut(gaussians: &mut HostGaussians, chosen: &[Chosen<'_>]) {
     let HostGaussians { means, log_scales, rotations, .. } = gaussians;
     let rows = means.par_chunks_exact_mut(3).zip(log_scales.par_chunks_exact_mut(3)).zip(rotations.par_chunks_exact(4));
@@ -23,13 +23,14 @@ pub(super) fn cut(gaussians: &mut HostGaussians, chosen: &[Chosen<'_>]) {
     });
 }
 
-/// If one end of the long axis is inside the mask and the other is not, the Gaussian becomes that part of it which is
-/// inside, a share `r` of the axis: its scale there `0.8 r` times as large, its centre moved by half the rest.
+/// Reduces a Gaussian to its part inside the mask, if one end of its long axis is inside and the other is not: for an
+/// inner fraction `r` of the axis, its scale there is multiplied by `0.8 r`, and its centre moves inwards by half the
+/// rest.
 fn cut_one(mean: &mut [f32], log_scale: &mut [f32], rotation: &[f32], view: &Chosen<'_>) {
     let longest = (1..3).fold(0, |best, k| if log_scale[k] > log_scale[best] { k } else { best });
     let turn = Quat::from_xyzw(rotation[1], rotation[2], rotation[3], rotation[0]);
     let length = turn.length();
-    // as drawing takes them
+    // normalised as in rendering
     let turn = if length > 1e-12 { turn / length } else { Quat::IDENTITY };
     let centre = Vec3::from_slice(mean);
     let half = turn * Vec3::AXES[longest] * (REACH * log_scale[longest].exp());
@@ -41,7 +42,7 @@ fn cut_one(mean: &mut [f32], log_scale: &mut [f32], rotation: &[f32], view: &Cho
     };
     let axis = outer - inner;
     let still = |k: &usize| label(inner + axis * (*k as f32 / PIECES as f32)) == Some(true);
-    // the edge is between the last point inside, at least the end itself, and the next
+    // the edge lies between the last sample inside, the end itself at the earliest, and the next one
     let last = (1..PIECES).take_while(still).count();
     let share = (last as f32 + 0.5) / PIECES as f32;
     log_scale[longest] += (SHRINK * share).ln();

@@ -1,4 +1,4 @@
-//! SAGD on two balls: votes, choices of masks, cuts, poison, threads.
+//! SAGD on two balls: votes, choices of masks, cuts, non-finite values, thread counts.
 
 use super::*;
 use crate::segment::balls::{APART, COUNT, add, on_threads};
@@ -7,7 +7,7 @@ fn balls() -> Vec<SagdView> {
     APART.views().into_iter().map(|(camera, masks)| SagdView { camera, masks }).collect()
 }
 
-/// A camera at z = -4 that looks along z: x to the right, y down, 100 pixels a unit at the origin.
+/// A camera at z = -4 that looks along z: x to the right, y down, 100 pixels per unit at the origin.
 fn ahead(masks: Vec<Mask>) -> SagdView {
     let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let translation = [0.0, 0.0, 4.0];
@@ -42,7 +42,7 @@ fn a_click_finds_its_ball_by_the_small_mask_and_both_by_the_large_one() {
             assert_eq!((found.voting, &found.gaussians), (6, &at.subset(&found.members)));
         }
     }
-    // with neighbours of the other ball in the prompt, only the mask of both is over all of it
+    // with neighbours from the other ball in the prompt, only the mask of both covers all of it
     let wide = SagdOptions { choice: MaskChoice::Smallest, neighbours: 2 * COUNT, ..SagdOptions::default() };
     assert_eq!(segment(&at, &views, 0, &wide).unwrap().members.len(), 2 * COUNT);
 }
@@ -51,7 +51,7 @@ fn a_click_finds_its_ball_by_the_small_mask_and_both_by_the_large_one() {
 fn the_vote_needs_more_than_the_agreement() {
     let mut at = one([-0.2, 0.0, 0.0], [-5.0; 3]);
     add(&mut at, [0.2, 0.0, 0.0], [-5.0; 3]);
-    // number 1 is inside the mask of as many views as `wide`, of ten
+    // Gaussian 1 is inside the masks of `wide` of the ten views
     let views = |wide: usize| (0..10).map(|v| ahead(vec![left(if v < wide { 100 } else { 50 })])).collect::<Vec<_>>();
     let members = |wide| segment(&at, &views(wide), 0, &SagdOptions::default()).unwrap().members;
     assert_eq!((members(7), members(8)), (vec![0], vec![0, 1]));
@@ -71,14 +71,14 @@ fn a_gaussian_over_the_edge_is_cut_back_to_its_part_inside() {
     let (scale, x) = (found.gaussians.log_scales[0].exp() / sigma, found.gaussians.means[0]);
     assert!((scale - 0.8 * 0.7).abs() < 0.02, "{scale}");
     assert!((x + 0.14).abs() < 0.01, "{x}");
-    // all else stays, of this Gaussian and of the one inside
+    // everything else is unchanged, in this Gaussian and in the one inside
     let mut back = found.gaussians.clone();
     (back.means[0], back.log_scales[0]) = (at.means[0], at.log_scales[0]);
     assert_eq!(back, at);
-    // a second look at the same edge changes nothing
+    // a second view of the same edge changes nothing
     let twice = segment(&at, &[ahead(vec![left(50)]), ahead(vec![left(50)])], 1, &options).unwrap();
     assert_eq!(twice.gaussians, found.gaussians);
-    // the same along y, by a turn about z, from the other end
+    // the same along y, by a rotation about z, from the other end
     let mut turned = at.clone();
     let (sin, cos) = (std::f32::consts::FRAC_PI_4.sin(), std::f32::consts::FRAC_PI_4.cos());
     turned.rotations[..4].copy_from_slice(&[2.0 * cos, 0.0, 0.0, 2.0 * sin]);

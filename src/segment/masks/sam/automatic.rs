@@ -13,23 +13,23 @@ pub enum Keep {
     All,
 }
 
-/// How masks are found and sorted out.
+/// How masks are found and filtered.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AutomaticOptions {
     /// Points along a side of the grid.
     pub points_per_side: usize,
-    /// Points that go through the mask decoder together, several such batches at once; changes the time and the memory
-    /// that are used (some 30 MB a point), not the result.
+    /// Points that go through the mask decoder together, several such batches at once; affects time and memory (some 30
+    /// MB per point), not the result.
     pub points_per_batch: usize,
     /// Which of a point's candidates are kept.
     pub keep: Keep,
     /// Masks are kept above this predicted intersection over union.
     pub predicted_iou: f32,
-    /// Masks are kept from this stability on, see [`stability_score`].
+    /// Minimum stability of the masks that are kept, see [`stability_score`].
     pub stability: f32,
     /// How far the logits' threshold is moved up and down for the stability.
     pub stability_offset: f32,
-    /// Of two masks whose boxes' intersection over union is above this, the one of lower predicted quality goes.
+    /// Of two masks whose boxes' intersection over union is above this, the one of lower predicted quality is dropped.
     pub box_overlap: f32,
 }
 
@@ -56,7 +56,7 @@ pub struct SamMask {
     pub predicted_iou: f32,
     /// See [`stability_score`].
     pub stability: f32,
-    /// The point that it was asked for, x and y in pixels.
+    /// The point that prompted it, x and y in pixels.
     pub point: [f32; 2],
     /// Left, top, right, bottom of the set pixels, inclusive.
     pub bounds: [u32; 4],
@@ -68,7 +68,7 @@ pub fn point_grid(n: usize, width: usize, height: usize) -> Vec<[f32; 2]> {
     (0..n * n).map(|i| [at(i % n, width), at(i / n, height)]).collect()
 }
 
-/// The candidates to keep of one point's predicted qualities, those above `threshold`; NaN never is.
+/// Indices of the candidates to keep, by one point's predicted qualities: those above `threshold`; NaN never is.
 pub fn select_candidates(iou: &[f32], keep: Keep, threshold: f32) -> Vec<usize> {
     let above = (0..iou.len()).filter(|&i| iou[i] > threshold);
     match keep {

@@ -1,4 +1,4 @@
-//! Where the weights file is. Only looks; nothing is fetched or read here.
+//! Locates the weights file. Nothing is downloaded or read here.
 
 use super::SamError;
 use std::ffi::OsString;
@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 /// Name of the weights file in the cache folder.
 pub const FILE_NAME: &str = "mobile_sam.safetensors";
-/// What the weights are made of.
+/// The published checkpoint that the weights are converted from.
 pub const SOURCE: &str =
     "mobile_sam.pt (Apache-2.0, https://github.com/ChaoningZhang/MobileSAM, weights/mobile_sam.pt)";
-/// How, as a shell line; needs the Python packages torch and safetensors.
+/// The conversion as a shell command; needs the Python packages torch and safetensors.
 pub const CONVERT: &str = "python -c \"import torch, safetensors.torch as s; \
     w = torch.load('mobile_sam.pt', map_location='cpu', weights_only=True); \
     s.save_file({k: v.float().contiguous() for k, v in w.items()}, 'mobile_sam.safetensors')\"";
@@ -24,10 +24,10 @@ pub fn locate(explicit: Option<&Path>) -> Result<PathBuf, SamError> {
 
 fn locate_in(explicit: Option<&Path>, cache: Option<OsString>, home: Option<OsString>) -> Result<PathBuf, SamError> {
     let looked = match explicit {
-        // a path that was asked for is not quietly replaced by another
+        // an explicit path is not silently replaced by another
         Some(path) => vec![path.to_path_buf()],
         None => {
-            // the XDG specification has relative paths ignored
+            // the XDG specification requires relative paths to be ignored
             let cache = cache.map(PathBuf::from).filter(|p| p.is_absolute());
             let folder = cache.or_else(|| home.filter(|h| !h.is_empty()).map(|h| Path::new(&h).join(".cache")));
             folder.into_iter().map(|f| f.join("volseggs").join(FILE_NAME)).collect()

@@ -15,9 +15,9 @@ pub struct SamConfig {
     pub heads: [usize; 4],
     /// Side of each stage's attention windows, cells; the first stage has none.
     pub windows: [usize; 4],
-    /// Hidden over input channels of the encoder's MLPs.
+    /// Ratio of hidden to input channels of the encoder's MLPs.
     pub mlp_ratio: usize,
-    /// Hidden over input channels of the first stage's convolution blocks.
+    /// Ratio of hidden to input channels of the first stage's convolution blocks.
     pub expand_ratio: usize,
     /// Channels of the image embedding, the prompts and the mask decoder; a multiple of 8.
     pub prompt_dim: usize,
@@ -27,7 +27,7 @@ pub struct SamConfig {
     pub decoder_heads: usize,
     /// Hidden channels of the mask decoder's MLPs.
     pub decoder_mlp: usize,
-    /// Input over inner channels of the decoder's attention between tokens and image.
+    /// Ratio of input to inner channels of the decoder's attention between tokens and image.
     pub decoder_downsample: usize,
     /// Candidate masks per prompt.
     pub candidates: usize,

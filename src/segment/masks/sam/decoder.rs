@@ -1,4 +1,4 @@
-//! The mask decoder: an image embedding and prompts to candidate masks with a guess of their quality.
+//! The mask decoder: from an image embedding and prompts to candidate masks and their predicted quality.
 
 use super::SamError;
 use super::config::SamConfig;
@@ -13,7 +13,7 @@ use burn::tensor::activation::gelu;
 #[derive(Module, Debug)]
 pub(super) struct MaskDecoder {
     transformer: TwoWayTransformer,
-    /// The token of the quality, of the single mask and of the candidates, `[2 + candidates, C]`.
+    /// The tokens of the quality, of the single mask and of the candidates, `[2 + candidates, C]`.
     tokens: Param<Tensor<2>>,
     first_doubling: Doubling,
     norm: LayerNorm,
@@ -48,8 +48,8 @@ impl MaskDecoder {
         })
     }
 
-    /// Image `[1, C, S, S]` with the mask prompt added, positional encoding `[1, S * S, C]` and prompts `[B, N, C]` to
-    /// logits `[B, M, 4 S, 4 S]` and qualities `[B, M]`: the candidates, or the single mask.
+    /// Maps an image `[1, C, S, S]` with the mask prompt added, positional encoding `[1, S * S, C]` and prompts
+    /// `[B, N, C]` to logits `[B, M, 4 S, 4 S]` and qualities `[B, M]`: the candidates, or the single mask.
     pub(super) fn forward(
         &self,
         image: Tensor<4>,

@@ -8,7 +8,7 @@ fn list(paths: &[PathBuf]) -> String {
     paths.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
-/// Why a network cannot be loaded or an image not be segmented.
+/// Why a network cannot be loaded or an image cannot be segmented.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SamError {
@@ -27,10 +27,10 @@ pub enum SamError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The weights file is not a whole safetensors file.
+    /// The weights file is not a complete safetensors file.
     #[error(
         "{path} is not a whole safetensors file ({source}); copy it again, or convert the published {SOURCE} by: {CONVERT}",
         path = path.display()
@@ -38,7 +38,7 @@ pub enum SamError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What the parser said.
+        /// The error of the parser.
         source: safetensors::SafeTensorError,
     },
     /// A tensor is absent.
@@ -64,7 +64,7 @@ pub enum SamError {
         /// The shape in the file.
         found: Vec<usize>,
     },
-    /// A tensor has an element type that is not read.
+    /// A tensor has an unsupported element type.
     #[error("{path}: `{tensor}` holds {found} values; convert them to F32 or F16", path = path.display())]
     Type {
         /// The file.
@@ -87,15 +87,15 @@ pub enum SamError {
     Config {
         /// The field.
         field: &'static str,
-        /// What it breaks.
+        /// The rule that it breaks.
         rule: String,
     },
-    /// An image that does not hold its pixels.
+    /// An image buffer of the wrong length.
     #[error("the image holds {found} bytes, expected {height} * {width} * 3; give RGB bytes without alpha")]
     ImageSize {
-        /// Pixels across.
+        /// Width in pixels.
         width: usize,
-        /// Pixels down.
+        /// Height in pixels.
         height: usize,
         /// Bytes given.
         found: usize,
@@ -105,9 +105,9 @@ pub enum SamError {
         "an image of {width}x{height} pixels cannot be resized to a longest side of {side}; give a larger or less thin one"
     )]
     ImageShape {
-        /// Pixels across.
+        /// Width in pixels.
         width: usize,
-        /// Pixels down.
+        /// Height in pixels.
         height: usize,
         /// The network's input side.
         side: usize,
@@ -120,7 +120,7 @@ pub enum SamError {
         /// What is wrong.
         rule: &'static str,
     },
-    /// An option of the automatic mode.
+    /// An option of the automatic mode is 0.
     #[error("automatic masks, {field}: must be above 0")]
     Option {
         /// The option.
@@ -129,7 +129,7 @@ pub enum SamError {
     /// A mask that cannot be stored.
     #[error(transparent)]
     Mask(#[from] MaskError),
-    /// The device did not give the result back.
+    /// The result cannot be read from the device.
     #[error("cannot read the SAM result from the device: {0}")]
     Device(String),
 }

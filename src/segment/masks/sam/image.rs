@@ -1,9 +1,9 @@
-//! Pixels to the network's input and logits back to the image's size, on the host.
+//! Converts pixels to the network's input, and logits back to the image's size, on the host.
 
 use super::SamError;
 use rayon::prelude::*;
 
-/// Mean and deviation of the training images' red, green and blue, 0 to 255.
+/// Mean and standard deviation of the training images' red, green and blue, 0 to 255.
 const MEAN: [f32; 3] = [123.675, 116.28, 103.53];
 const DEVIATION: [f32; 3] = [58.395, 57.12, 57.375];
 
@@ -33,7 +33,7 @@ impl Frame {
         Ok(Self { original: [width, height], resized, input })
     }
 
-    /// Pixels of the image as a position in the network's input, `[0, 1]^2`.
+    /// Converts pixels of the image to a position in the network's input, `[0, 1]^2`.
     pub(super) fn position(&self, at: [f32; 2]) -> [f32; 2] {
         [0, 1].map(|axis| {
             let scale = self.resized[axis] as f64 / self.original[axis] as f64;
@@ -42,7 +42,7 @@ impl Frame {
     }
 }
 
-/// RGB bytes `[H, W, 3]` as the network's input `[3, I, I]`: resized, normalised, padded with zeros.
+/// Converts RGB bytes `[H, W, 3]` to the network's input `[3, I, I]`: resized, normalised, padded with zeros.
 ///
 /// # Errors
 /// [`SamError::ImageSize`] if `rgb` does not hold the frame's original size.
@@ -93,7 +93,7 @@ fn round(sum: i32) -> u8 {
     ((sum + (1 << (FRACTION - 1))) >> FRACTION).clamp(0, 255) as u8
 }
 
-/// Resizes RGB bytes from `[width, height]` to `[width, height]`, rows first, rounding in between.
+/// Resizes RGB bytes from size `from` to size `to`, both `[width, height]`, rows first, rounding in between.
 pub fn resize_rgb(rgb: &[u8], from: [usize; 2], to: [usize; 2]) -> Vec<u8> {
     let mut wide = vec![0; to[0] * from[1] * 3];
     if from[0] == to[0] {
@@ -124,7 +124,7 @@ pub fn resize_rgb(rgb: &[u8], from: [usize; 2], to: [usize; 2]) -> Vec<u8> {
     out
 }
 
-/// The neighbours of output `i` of `to` among `from` values, the first and the second's weight.
+/// The two neighbours of output `i` of `to` among `from` values, each with its weight.
 fn neighbours(i: usize, from: usize, to: usize) -> [(usize, f64); 2] {
     let at = ((i as f64 + 0.5) * from as f64 / to as f64 - 0.5).max(0.0);
     let first = (at as usize).min(from - 1);
@@ -132,8 +132,9 @@ fn neighbours(i: usize, from: usize, to: usize) -> [(usize, f64); 2] {
     [(first, 1.0 - part), ((first + 1).min(from - 1), part)]
 }
 
-/// From the low resolution to the network's input, cut to the scaled image, from there to the image: two linear
-/// interpolations along an axis as one. The first value and the weights of those from it on, for each output.
+/// Combines two linear interpolations along an axis: from the low resolution to the network's input, cropped to the
+/// scaled image, and from there to the image. Gives, for each output, the index of its first value and the weights from
+/// that one on.
 fn enlargement(side: usize, input: usize, resized: usize, original: usize) -> Vec<(usize, Vec<f32>)> {
     let output = |i: usize| {
         let mut parts = Vec::with_capacity(4);
@@ -157,13 +158,14 @@ pub struct Enlarger {
 }
 
 impl Enlarger {
-    /// For logits `[side, side]` of an image that lies in the network's input as `frame` says; `side` is above 0.
+    /// Creates an enlarger of logits `[side, side]` of an image that lies in the network's input as `frame` says;
+    /// `side` is above 0.
     pub fn new(side: usize, frame: &Frame) -> Self {
         let axis = |axis: usize| enlargement(side, frame.input, frame.resized[axis], frame.original[axis]);
         Self { side, across: axis(0), down: axis(1) }
     }
 
-    /// Logits `[side, side]` at the image's size, `[height, width]`.
+    /// Enlarges logits `[side, side]` to the image's size, `[height, width]`.
     ///
     /// # Panics
     /// If there are fewer than `side * side` logits.

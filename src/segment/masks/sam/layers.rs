@@ -1,4 +1,4 @@
-//! The layers that all parts share, built from their weights. No network's structure here.
+//! Layers shared by all parts, built from their weights. The structure of the networks is elsewhere.
 
 use super::SamError;
 use super::weights::Scope;
@@ -10,7 +10,7 @@ use burn::tensor::ops::{ConvOptions, ConvTransposeOptions};
 
 /// Batch and layer norms of PyTorch divide by the root of the variance plus this.
 pub(super) const NORM_EPSILON: f64 = 1e-5;
-/// The same of the layer norms over the channels of an image.
+/// The same for the layer norms over the channels of an image.
 pub(super) const CHANNEL_NORM_EPSILON: f64 = 1e-6;
 
 /// `x W + b` over the last axis.
@@ -43,7 +43,7 @@ pub(super) struct Mlp {
 }
 
 impl Mlp {
-    /// Under `layers.0` to `layers.{depth - 1}`.
+    /// Loads the layers `layers.0` to `layers.{depth - 1}`.
     pub(super) fn load(
         scope: &Scope<'_>,
         inputs: usize,

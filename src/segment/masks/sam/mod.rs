@@ -2,8 +2,8 @@
 //!
 //! Inference only. [`Sam`] holds the networks and ties the steps together; `tiny_vit` encodes images, `prompt` points
 //! and boxes, `decoder` and `transformer` make masks of both, `image` converts pixels and logits on the host, and
-//! [`automatic`] prompts with a grid. Weights are never fetched: [`checkpoint`] finds a local file, `weights` reads it
-//! under the names of the published PyTorch model.
+//! [`automatic`] prompts with a grid. Weights are never downloaded: [`checkpoint`] finds a local file, `weights` reads
+//! it under the names of the published PyTorch model.
 
 pub mod automatic;
 pub mod checkpoint;
@@ -65,7 +65,7 @@ pub struct Prediction {
     pub side: usize,
     /// Mask logits `[B, M, L, L]`; a pixel is set where the logit is above 0.
     pub logits: Vec<f32>,
-    /// The network's guess of each candidate's intersection over union with the true mask, `[B, M]`.
+    /// The network's estimate of each candidate's intersection over union with the true mask, `[B, M]`.
     pub iou: Vec<f32>,
 }
 
@@ -124,8 +124,8 @@ impl Sam {
     /// Encodes an RGB image `[height, width, 3]`, row-major from the top.
     ///
     /// # Errors
-    /// [`SamError::ImageSize`] if `rgb` does not hold `width * height * 3` bytes, [`SamError::ImageShape`] if the image is
-    /// empty or too thin to be resized.
+    /// [`SamError::ImageSize`] if `rgb` does not hold `width * height * 3` bytes, [`SamError::ImageShape`] if the image
+    /// is empty or too thin to be resized.
     pub fn encode(&self, rgb: &[u8], width: usize, height: usize) -> Result<Embedding, SamError> {
         let frame = Frame::new(width, height, self.config.image_size)?;
         let values = image::network_input(rgb, &frame)?;
@@ -135,11 +135,12 @@ impl Sam {
         Ok(Embedding { features, frame })
     }
 
-    /// Candidate masks for each prompt: three at different scales, or with `multimask` off the single one that is meant
-    /// for prompts of several points.
+    /// Predicts candidate masks for each prompt: three at different scales or, without `multimask`, the single one that
+    /// is meant for prompts of several points.
     ///
     /// # Errors
-    /// [`SamError::Prompt`] if a prompt is empty, not finite, or differs in its number of points or in having a box from the first.
+    /// [`SamError::Prompt`] if a prompt is empty, not finite, or differs from the first in its number of points or in
+    /// having a box.
     pub fn predict(&self, image: &Embedding, prompts: &[Prompt], multimask: bool) -> Result<Prediction, SamError> {
         let side = 4 * self.config.embedding_side();
         let candidates = if multimask { self.config.candidates } else { 1 };

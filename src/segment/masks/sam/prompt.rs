@@ -1,4 +1,4 @@
-//! Points and boxes as vectors for the mask decoder.
+//! Encodes points and boxes as vectors for the mask decoder.
 
 use super::SamError;
 use super::config::SamConfig;
@@ -7,7 +7,7 @@ use super::weights::Scope;
 use burn::module::{Module, Param};
 use burn::tensor::{DType, Int, Tensor, TensorData};
 
-/// What a point says of the object.
+/// How a point relates to the object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Label {
     /// Not part of it.
@@ -39,12 +39,12 @@ const OUTSIDE: usize = 1;
 const INSIDE: usize = 2;
 const CORNERS: [usize; 2] = [3, 4];
 
-/// The prompt encoder. Mask prompts are not taken.
+/// The prompt encoder. Mask prompts are not supported.
 #[derive(Module, Debug)]
 pub(super) struct PromptEncoder {
     /// Random spatial frequencies of the positional encoding, `[2, C / 2]`.
     frequencies: Param<Tensor<2>>,
-    /// What is added for each kind of position, `[5, C]`.
+    /// The embedding added for each kind of position, `[5, C]`.
     kinds: Param<Tensor<2>>,
     /// Stands in for a mask prompt, `[1, C, 1, 1]`.
     no_mask: Param<Tensor<4>>,
@@ -63,7 +63,7 @@ impl PromptEncoder {
         Ok(Self { frequencies, kinds: scope.place(kinds, [5, dim]), no_mask })
     }
 
-    /// Positions in `[0, 1]^2` as waves, `[N, C]`.
+    /// Encodes positions in `[0, 1]^2` as sines and cosines, `[N, C]`.
     fn waves(&self, positions: Vec<f32>) -> Tensor<2> {
         let shape = [positions.len() / 2, 2];
         let device = self.frequencies.device();
@@ -72,19 +72,19 @@ impl PromptEncoder {
         Tensor::cat(vec![phase.clone().sin(), phase.cos()], 1)
     }
 
-    /// The centres of `side^2` cells of the network's input, row by row, `[1, side^2, C]`.
+    /// Encodes the centres of `side^2` cells of the network's input, row by row, `[1, side^2, C]`.
     pub(super) fn cells(&self, side: usize) -> Tensor<3> {
         let centre = |i: usize| ((i as f64 + 0.5) / side as f64) as f32;
         let positions = (0..side * side).flat_map(|i| [centre(i % side), centre(i / side)]).collect();
         self.waves(positions).unsqueeze()
     }
 
-    /// An image embedding `[1, C, S, S]` with what stands in for a mask prompt added.
+    /// Adds the stand-in for a mask prompt to an image embedding `[1, C, S, S]`.
     pub(super) fn with_no_mask(&self, features: Tensor<4>) -> Tensor<4> {
         features + self.no_mask.val()
     }
 
-    /// Prompts as `[B, N, C]`: per prompt its points, then its box's corners, or a padding point without a box.
+    /// Encodes prompts as `[B, N, C]`: per prompt its points, then its box's corners, or a padding point without a box.
     pub(super) fn sparse(&self, prompts: &[Prompt], frame: &Frame) -> Result<Tensor<3>, SamError> {
         let (mut positions, mut kinds) = (Vec::new(), Vec::new());
         for (index, prompt) in prompts.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Against the published implementation: `tests/support/sam_reference.py` made the weights, inputs and outputs.
+//! Tests against the published implementation: `tests/support/sam_reference.py` made the weights, inputs and outputs.
 
 use super::image::{Enlarger, network_input, resize_rgb};
 use super::prompt::{Label, Prompt};
@@ -7,7 +7,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors, serialize_to_file};
 use std::path::PathBuf;
 
-/// The network of the fixture; no two dimensions that could be mixed up are equal.
+/// The network of the fixture; no two dimensions that could be confused are equal.
 pub(in super::super) fn small() -> SamConfig {
     SamConfig {
         image_size: 64,
@@ -32,7 +32,7 @@ pub(in super::super) fn fixture() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/sam.safetensors")
 }
 
-/// What the published implementation makes of an image.
+/// What the published implementation computes for an image.
 struct Reference(Vec<u8>);
 
 impl Reference {
@@ -90,8 +90,8 @@ fn close(what: &str, found: &[f32], expected: &[f32]) {
     assert!(off < 1e-4, "{what} is off by {off:e} of its largest value");
 }
 
-/// For the full size with random weights, whose single pixels amplify rounding: the published decoder in single
-/// precision is off by 2e-4 of the largest logit from itself in double.
+/// For the full size with random weights, where single pixels amplify rounding: the published decoder in single
+/// precision differs from itself in double by 2e-4 of the largest logit.
 fn close_on_average(what: &str, found: &[f32], expected: &[f32]) {
     println!("{what}, largest: {:e}", difference(found, expected));
     let power = |values: &mut dyn Iterator<Item = f32>| values.map(|v| f64::from(v).powi(2)).sum::<f64>().sqrt();

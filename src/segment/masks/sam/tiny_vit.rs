@@ -67,8 +67,8 @@ pub(super) struct TinyVit {
     neck_norms: Vec<LayerNorm>,
 }
 
-/// Strides after stages 0, 1 and 2. The published TinyViT halves three times; SAM's leaves the last one out, which
-/// keeps the embedding at a sixteenth of the input.
+/// Strides after stages 0, 1 and 2. The published TinyViT halves three times; SAM's omits the last one, which keeps the
+/// embedding at a sixteenth of the input.
 const MERGE_STRIDES: [usize; 3] = [2, 2, 1];
 
 impl TinyVit {
@@ -107,7 +107,7 @@ impl TinyVit {
         })
     }
 
-    /// Normalised pixels `[B, 3, I, I]` to the embedding `[B, C, I / 16, I / 16]`.
+    /// Maps normalised pixels `[B, 3, I, I]` to the embedding `[B, C, I / 16, I / 16]`.
     pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         let mut x = x;
         for (i, conv) in self.stem.iter().enumerate() {

@@ -45,7 +45,7 @@ impl Block {
 #[derive(Module, Debug)]
 struct WindowAttention {
     norm: LayerNorm,
-    /// Queries, keys and values of a head side by side, head by head.
+    /// Queries, keys and values concatenated within each head, head by head.
     qkv: Linear,
     out: Linear,
     /// `[1, heads, window^2, window^2]`
@@ -82,7 +82,7 @@ impl WindowAttention {
         let [batch, height, width, dim] = x.dims();
         let window = self.window;
         let (rows, columns) = (height.div_ceil(window), width.div_ceil(window));
-        // The cells that fill up the last windows are zeros before the norm, and are attended to: so it was trained.
+        // the cells that pad the last windows are zeros before the norm and are attended to, as in training
         let x = fill(fill(x, 1, rows * window), 2, columns * window);
         let x = x.reshape([batch, rows, window, columns, window, dim]).swap_dims(2, 3);
         let x = self.attend(x.reshape([batch * rows * columns, window * window, dim]));

@@ -87,7 +87,7 @@ impl TwoWayBlock {
         prompts: &Tensor<3>,
         cells: &Tensor<3>,
     ) -> (Tensor<3>, Tensor<3>) {
-        // the first block's tokens are the prompts themselves: nothing to add or keep
+        // the first block's tokens are the prompts themselves: there is nothing to add or keep
         let tokens = if self.first {
             self.own.forward(tokens.clone(), tokens.clone(), tokens)
         } else {
@@ -126,8 +126,8 @@ impl TwoWayTransformer {
         })
     }
 
-    /// Image `[1, M, C]`, its positional encoding `[1, M, C]` and prompts `[B, N, C]` to tokens `[B, N, C]` and an
-    /// image for each prompt `[B, M, C]`.
+    /// Maps an image `[1, M, C]`, its positional encoding `[1, M, C]` and prompts `[B, N, C]` to tokens `[B, N, C]` and
+    /// an image for each prompt `[B, M, C]`.
     pub(super) fn forward(&self, image: Tensor<3>, cells: Tensor<3>, prompts: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
         let (mut tokens, mut image) = (prompts.clone(), image);
         for block in &self.blocks {

@@ -36,12 +36,12 @@ impl<'a> Scope<'a> {
         if self.prefix.is_empty() { name.to_owned() } else { format!("{}.{name}", self.prefix) }
     }
 
-    /// Goes down.
+    /// Returns the scope `name` below this one.
     pub(super) fn at(&self, name: impl std::fmt::Display) -> Scope<'a> {
         Scope { weights: self.weights, prefix: self.name(&name.to_string()) }
     }
 
-    /// The values of a tensor of that shape, row-major.
+    /// Returns the values of the tensor `name`, which must have this shape, row-major.
     pub(super) fn values(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, SamError> {
         let tensor = self.name(name);
         let path = || self.weights.path.to_path_buf();
@@ -64,18 +64,18 @@ impl<'a> Scope<'a> {
         Ok(values)
     }
 
-    /// The error about a tensor's values.
+    /// Returns the error about a tensor's values.
     pub(super) fn not_allowed(&self, name: &str) -> SamError {
         SamError::NotFinite { path: self.weights.path.to_path_buf(), tensor: self.name(name) }
     }
 
-    /// Values on the device, as a parameter.
+    /// Places values on the device, as a parameter.
     pub(super) fn place<const D: usize>(&self, values: Vec<f32>, shape: [usize; D]) -> Param<Tensor<D>> {
         let data = TensorData::new(values, shape);
         Param::from_tensor(Tensor::from_data(data, (self.weights.device, DType::F32)))
     }
 
-    /// A tensor of that shape on the device, as a parameter.
+    /// Places a tensor of that shape on the device, as a parameter.
     pub(super) fn param<const D: usize>(&self, name: &str, shape: [usize; D]) -> Result<Param<Tensor<D>>, SamError> {
         Ok(self.place(self.values(name, &shape)?, shape))
     }

@@ -7,7 +7,7 @@ use super::{Found, MaskSource, Seen, SourceError};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Masks made elsewhere of the pictures of some groups.
+/// Masks that another program made of the pictures of some groups.
 #[derive(Debug)]
 pub struct Foreign {
     name: String,
@@ -18,18 +18,18 @@ pub struct Foreign {
 enum Masks {
     /// By group.
     Folders(Vec<PngFolder>),
-    /// The file, and by group and view which of its images that is.
+    /// The file, and the index of its image for each group and view.
     Coco(CocoFile, HashMap<(usize, usize), usize>),
 }
 
 impl Foreign {
-    /// Opens `path`: a COCO file, whose images are called `GROUP/VIEW.png`, or a folder with one of PNGs for each group
-    /// in it, see [`PngFolder`]. Of a single group, the folder itself may hold the PNGs and COCO's names may leave the
-    /// group out. Endings of file names do not matter; all pictures are `width` by `height` pixels.
+    /// Opens `path`: a COCO file, whose images are called `GROUP/VIEW.png`, or a folder that contains one of PNGs for
+    /// each group, see [`PngFolder`]. For a single group, the folder itself may hold the PNGs and COCO names may omit
+    /// the group. Extensions of file names are ignored; all pictures are `width` by `height` pixels.
     ///
     /// # Errors
     /// As [`PngFolder::open`] and [`CocoFile::open`]; [`StoreError::Field`] where a group's folder is missing, an image
-    /// is none of the pictures or of another size, and where there is nothing for any picture.
+    /// is not one of the pictures or is of another size, and where there is nothing for any picture.
     pub fn open(path: &Path, groups: &[String], views: &[String], width: u32, height: u32) -> Result<Self, StoreError> {
         let name = format!("dir {}", path.file_name().unwrap_or_default().to_string_lossy());
         let masks = if path.is_dir() {
@@ -58,7 +58,7 @@ impl Foreign {
     }
 }
 
-/// Which image of the file is which view of which group.
+/// Finds the image of the file for each group and view.
 fn places(
     path: &Path,
     file: &CocoFile,

@@ -1,14 +1,14 @@
-//! Masks of the truth: label images of a dataset, cut to where a group is what one sees.
+//! Ground-truth masks: label images of a dataset, restricted to where a group is in front.
 
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
 use crate::segment::masks::Mask;
 
-/// Fewer pixels of an id make no mask.
+/// Minimum number of pixels for an id to make a mask.
 const FEWEST_PIXELS: u64 = 16;
 
-/// Label images, one a view.
+/// Label images, one per view.
 #[derive(Clone, Debug)]
 pub struct Labels {
     name: String,
@@ -17,7 +17,7 @@ pub struct Labels {
 }
 
 impl Labels {
-    /// Of `views`, which are those that are drawn, in that order.
+    /// Creates the source from `views`, which are those that are drawn, in the same order.
     #[must_use]
     pub fn new(truth: Truth, views: Vec<LabelledView>) -> Self {
         let dataset = truth.root.file_name().unwrap_or_default().to_string_lossy();
@@ -30,7 +30,7 @@ impl MaskSource for Labels {
         &self.name
     }
 
-    /// One mask for each id that shows in front, by ascending id.
+    /// Returns one mask for each id that shows in front, by ascending id.
     fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
         let (width, height) = (seen.picture.width, seen.picture.height);
         let of_size = |v: &&LabelledView| (v.camera.width as usize, v.camera.height as usize) == (width, height);

@@ -1,4 +1,4 @@
-//! Masks of the picture alone: [`find_regions`] as a source.
+//! Masks from the picture alone: [`find_regions`] as a source.
 
 use super::super::regions::{RegionError, RegionImage, RegionOptions, find_regions};
 use super::{Found, MaskSource, Seen, SourceError};
@@ -12,7 +12,7 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// For pictures over `background`.
+    /// Creates the source for pictures over `background`.
     #[must_use]
     pub fn new(background: [f32; 3], options: RegionOptions) -> Self {
         Self { background, options }
@@ -35,7 +35,7 @@ impl MaskSource for Regions {
     }
 }
 
-/// Straight colour and alpha, from what was drawn over the background.
+/// Recovers straight colour and alpha from what was drawn over the background.
 fn region_image(picture: &Picture, background: [f32; 3]) -> Result<RegionImage, RegionError> {
     let mut rgba = picture.rgba.clone();
     for p in rgba.chunks_exact_mut(4) {

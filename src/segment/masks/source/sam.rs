@@ -6,10 +6,10 @@ use super::{Found, MaskSource, Seen, SourceError};
 use burn::tensor::Device;
 use std::path::Path;
 
-/// Seconds that a picture and a point of the grid took on two cores.
+/// Seconds per picture and per point of the grid, measured on two cores.
 const SECONDS: [f64; 2] = [4.0, 0.12];
 
-/// A network that is asked at a grid of points.
+/// A network prompted with a grid of points.
 #[derive(Clone, Debug)]
 pub struct SamSource {
     name: String,
@@ -18,7 +18,7 @@ pub struct SamSource {
 }
 
 impl SamSource {
-    /// Of a loaded network.
+    /// Creates the source from a loaded network.
     #[must_use]
     pub fn new(sam: Sam, options: AutomaticOptions) -> Self {
         let points = options.points_per_side;
@@ -34,7 +34,8 @@ impl SamSource {
         Ok(Self::new(sam, AutomaticOptions { points_per_side: points, ..AutomaticOptions::default() }))
     }
 
-    /// About how many seconds the full-size network takes for so many pictures on a CPU of two cores.
+    /// Estimates the seconds that the full-size network takes for `pictures` pictures, with `points` points along a
+    /// side of the grid, on a CPU of two cores.
     #[must_use]
     pub fn seconds(pictures: usize, points: usize) -> f64 {
         pictures as f64 * (SECONDS[0] + SECONDS[1] * (points * points) as f64)
@@ -89,7 +90,7 @@ mod tests {
     fn the_small_network_is_a_source() {
         let device = crate::device::DeviceName::all()[0].open().unwrap();
         let sam = Sam::load(fixture(), &small(), &device).unwrap();
-        // random weights are sure of nothing, so nothing is sorted out
+        // random weights have no confidence, so nothing is filtered out
         let options = AutomaticOptions {
             points_per_side: 3,
             predicted_iou: f32::NEG_INFINITY,
@@ -102,7 +103,7 @@ mod tests {
         assert!(!found.is_empty());
         assert!(found.iter().all(|f| (f.mask.width, f.mask.height) == (40, 24) && f.mask.area() > 0));
         assert!(find(&picture(|_| 0.0)).is_empty());
-        // one pale all over has the masks of an opaque one: the network sees the same colours
+        // a uniformly pale picture has the masks of an opaque one: the network sees the same colours
         assert_eq!(find(&picture(|_| 0.1)), found);
         assert_eq!(source.name(), "sam, 3 by 3 points");
     }

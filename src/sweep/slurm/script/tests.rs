@@ -45,7 +45,7 @@ fn the_script_has_what_the_profile_asks_for() {
     ] {
         assert!(lines.contains(&line), "{line} is not in\n{text}");
     }
-    // Slurm reads no options after the first command.
+    // Slurm reads no options after the first command
     let first = lines.iter().position(|line| !line.starts_with('#')).unwrap();
     assert!(lines[first..].iter().all(|line| !line.starts_with("#SBATCH")));
     assert!(!text.contains("VOLSEGGS_"));
@@ -85,7 +85,7 @@ fn bash_takes_the_script_with_any_path() {
     }
 }
 
-/// A sweep's folder with a worker that says what it was given and does what `body` says.
+/// A sweep's folder with a fake worker that does what `body` says and can take notes.
 struct Stage {
     base: tempfile::TempDir,
     job: Job,
@@ -133,7 +133,7 @@ fn signal(child: &Child, name: &str) {
     bash(&["-c", &format!("kill -{name} {}", child.id())]);
 }
 
-/// A worker that saves for a moment when it is asked to end, and counts how often it is asked.
+/// A worker that takes a moment to save when it is asked to end, and notes each time it is asked.
 const SAVES: &str = "trap 'note asked; stop=1' TERM
 note \"worker $* threads $RAYON_NUM_THREADS\"
 note began
@@ -152,7 +152,7 @@ fn a_worker_gets_folder_task_and_threads_and_its_code_is_the_jobs() {
     assert!(stage.notes().contains("|--task|2004|5"));
     let done = Stage::new("exit 0", "");
     assert_eq!(done.start(&[]).wait().unwrap().code(), Some(0));
-    // Stopped by somebody else's hand: nothing is queued again.
+    // stopped without a signal to the script: nothing is queued again
     let stopped = Stage::new("exit 75", "");
     assert_eq!(stopped.start(&[]).wait().unwrap().code(), Some(75));
     assert_eq!(stopped.notes(), "");

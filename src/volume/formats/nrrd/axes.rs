@@ -1,4 +1,4 @@
-//! Which axes of an NRRD file are space and which is time, and where the grid lies. No data are read here.
+//! Decides which axes of an NRRD file are space and which is time, and where the grid lies. No data are read here.
 
 use super::super::common;
 use super::text::Text;
@@ -18,7 +18,7 @@ pub struct Axes {
     pub spacing: [f64; 3],
     /// Centre of the first voxel.
     pub origin: [f64; 3],
-    /// What was taken for granted or ignored.
+    /// What was assumed or ignored.
     pub notes: Vec<String>,
 }
 
@@ -43,7 +43,7 @@ impl Axes {
     /// Reads `dimension`, `sizes`, `kinds`, `spacings`, `space directions` and `space origin`.
     ///
     /// # Errors
-    /// Not three axes of space and at most one of time, several components a voxel, or a malformed field.
+    /// Not three axes of space and at most one of time, several components per voxel, or a malformed field.
     pub fn read(path: &Path, text: &Text) -> Result<Self, VolumeError> {
         let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
         let dimension = text.need(path, "dimension")?;

@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Deflate cannot expand further: 258 bytes from 2 bits.
+/// Maximum expansion of deflate: 258 bytes from 2 bits.
 const MAX_EXPANSION: u64 = 1032;
 
 /// Decompressed bytes held at once; a multiple of every scalar's size.
@@ -19,7 +19,7 @@ const BLOCK: u64 = 1 << 20;
 /// How values are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As they are.
+    /// Uncompressed.
     Raw,
     /// Compressed.
     Gzip,
@@ -42,7 +42,7 @@ pub struct Data {
     pub endian: Endian,
     /// Lines to skip, before decompression.
     pub line_skip: u64,
-    /// Bytes to skip, after decompression; `None` is from the end.
+    /// Bytes to skip, after decompression; `None` counts from the end.
     pub byte_skip: Option<u64>,
     /// Values in each file.
     pub per_file: u64,
@@ -51,16 +51,16 @@ pub struct Data {
 /// The values numbered `first + i * stride`, `i` below `count`, counted over all files.
 #[derive(Clone, Copy, Debug)]
 pub struct Selection {
-    /// Number of the first.
+    /// Number of the first value.
     pub first: u64,
-    /// Distance, at least 1.
+    /// Distance between the values, at least 1.
     pub stride: u64,
-    /// How many, at least 1.
+    /// Number of values, at least 1.
     pub count: usize,
 }
 
 impl Selection {
-    /// The `i` among the `n` values from number `from` on, and the place of the first of them there.
+    /// The `i` of those among the `n` values from number `from` on, and the position of the first of them there.
     fn part(&self, from: u64, n: u64) -> Option<(Range<usize>, usize)> {
         let until = |end: u64| end.saturating_sub(self.first).div_ceil(self.stride).min(self.count as u64);
         let (lo, hi) = (until(from), until(from + n));
@@ -76,7 +76,7 @@ impl Data {
     /// Checks that each data file exists and can hold what the header claims, before anything is allocated.
     ///
     /// # Errors
-    /// It does not.
+    /// A data file is missing, cannot be opened or is too small.
     pub fn check(&self, header: &Path) -> Result<(), VolumeError> {
         for file in &self.files {
             if !file.is_file() {
@@ -134,7 +134,7 @@ impl Data {
     /// Reads the selected values into `out`, which holds `chosen.count` values.
     ///
     /// # Errors
-    /// Truncated, damaged, or more data than the header says (seen when the last values are read).
+    /// Truncated or damaged data, or more of it than the header says (detected when the last values are read).
     pub fn read(&self, chosen: Selection, out: &mut [f32]) -> Result<(), VolumeError> {
         for (file, i) in self.files.iter().zip(0u64..) {
             let from = i * self.per_file;
@@ -213,7 +213,7 @@ impl Data {
             }
             at += n;
         }
-        // Only the end of the stream tells that there is no more, and checks its sum.
+        // only the end of the stream shows that there is no more, and verifies the checksum
         if at == self.per_file && stream.read(&mut [0]).map_err(damaged)? > 0 {
             return Err(self.wrong(file, "gzip", "found more when decompressed"));
         }

@@ -1,4 +1,5 @@
-//! NRRD files, attached (`.nrrd`) and detached (`.nhdr`), NRRD0001 to NRRD0005: fields to a header and its data.
+//! NRRD files, attached (`.nrrd`) and detached (`.nhdr`), NRRD0001 to NRRD0005: turns fields into a header and its
+//! data.
 
 mod axes;
 mod data;
@@ -18,10 +19,10 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use text::Text;
 
-/// No header is longer, even one that lists thousands of data files.
+/// Maximum length of a header, even of one that lists thousands of data files.
 const MAX_HEADER: u64 = 1 << 22;
 
-/// Bytes that are unpacked to read all steps of one compressed file, at most: some hours.
+/// Maximum number of bytes decompressed to read all steps of one compressed file: some hours.
 const MOST_UNPACKED: f64 = 1e13;
 
 #[derive(Debug)]
@@ -36,14 +37,14 @@ struct Nrrd {
 /// Opens an NRRD file: reads its header and checks the sizes of its data files.
 ///
 /// # Errors
-/// A field that is missing, malformed or not read here, absent data files, or data that cannot hold the sizes.
+/// A field that is missing, malformed or not supported, missing data files, or data that cannot hold the sizes.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
     let (file, _) = common::open_file(path)?;
     let mut bytes = Vec::new();
     let fail = |e| VolumeError::io(path, "read the header", e, "check the disk");
     let mut reader = file.take(MAX_HEADER);
-    // A header is short: the whole limit is read only where no blank line shows up before.
+    // headers are short: the whole limit is read only if no blank line appears before
     while !bytes.windows(2).any(|w| w == b"\n\n") && !bytes.windows(4).any(|w| w == b"\r\n\r\n") {
         let more = (bytes.len() as u64).max(1 << 14);
         if reader.by_ref().take(more).read_to_end(&mut bytes).map_err(fail)? == 0 {

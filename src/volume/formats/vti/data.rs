@@ -1,5 +1,5 @@
-//! The numbers of a `.vti` array: ascii, base64 or raw, plain or in packed blocks. Where the array lies and how many
-//! values it must hold is decided by the caller; nothing here is allocated on the word of a block header alone.
+//! The numbers of a `.vti` array: ascii, base64 or raw, plain or in compressed blocks. Where the array lies and how
+//! many values it must hold is decided by the caller; nothing here is allocated because of a block header alone.
 
 use crate::memory::Budget;
 use crate::volume::formats::stream::{damaged, read_values, reserve};
@@ -8,7 +8,7 @@ use flate2::read::ZlibDecoder;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 
-/// How bytes are spelled.
+/// How bytes are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -29,7 +29,7 @@ pub(super) enum Packing {
 pub(super) struct Layout {
     /// First byte of the array in the file.
     pub start: u64,
-    /// Bytes that may belong to it, as spelled in the file.
+    /// Bytes that may belong to it, as encoded in the file.
     pub len: u64,
     pub encoding: Encoding,
     pub packing: Packing,
@@ -37,7 +37,7 @@ pub(super) struct Layout {
     pub wide: bool,
     pub big_endian: bool,
     pub kind: ScalarType,
-    /// Number of values the extent asks for.
+    /// Number of values required by the extent.
     pub count: usize,
 }
 
@@ -81,7 +81,7 @@ fn ascii(mut src: impl BufRead, layout: &Layout, out: &mut Vec<f32>) -> io::Resu
     Ok(())
 }
 
-/// Ends a token: none, or one value of the array's type.
+/// Ends a token: nothing, or one value of the array's type.
 fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Result<()> {
     if token.is_empty() {
         return Ok(());
@@ -137,23 +137,24 @@ fn word(src: &mut impl Read, layout: &Layout) -> io::Result<u64> {
     })
 }
 
-/// Unpacks blocks one after the other.
+/// Decompresses blocks one after the other.
 struct Blocks<R> {
     src: R,
     packing: Packing,
-    /// Packed bytes of each block.
+    /// Compressed bytes of each block.
     packed: Vec<u64>,
     next: usize,
-    /// Unpacked bytes of a block, and of the last.
+    /// Decompressed bytes of a block, and of the last.
     full: usize,
     last: usize,
-    /// The block at hand and how much of it is read.
+    /// The current block and how much of it has been read.
     block: Vec<u8>,
     pos: usize,
 }
 
 impl<R: Read> Blocks<R> {
-    /// Reads the header: number of blocks, unpacked size of each, of the last if shorter (else 0), packed sizes.
+    /// Reads the header: number of blocks, decompressed size of each, of the last if shorter (else 0), compressed
+    /// sizes.
     fn new(mut src: R, layout: &Layout, needed: u64) -> io::Result<Self> {
         let [blocks, full, partial] = [word(&mut src, layout)?, word(&mut src, layout)?, word(&mut src, layout)?];
         let last = if partial == 0 { full } else { partial };
@@ -163,7 +164,8 @@ impl<R: Read> Blocks<R> {
                 "{blocks} blocks of {full} bytes, the last of {last}, do not make the {needed} bytes of the extent"
             )));
         }
-        // Both sizes are at most `needed`, which the caller found to fit the file; packed, at most what is left of it.
+        // both sizes are at most `needed`, which the caller checked against the file; compressed, at most the rest of
+        // the file
         let at_once = u128::from(full).saturating_add(u128::from(full.min(layout.len)));
         let free = Budget::now().check(format!("blocks of {full} bytes"), at_once);
         free.map_err(|e| io::Error::new(ErrorKind::OutOfMemory, e))?;
@@ -175,7 +177,7 @@ impl<R: Read> Blocks<R> {
         Ok(Self { src, packing: layout.packing, packed, next: 0, full, last, block: Vec::new(), pos: 0 })
     }
 
-    /// Unpacks the next block; false after the last.
+    /// Decompresses the next block; false after the last.
     fn refill(&mut self) -> io::Result<bool> {
         let Some(&size) = self.packed.get(self.next) else { return Ok(false) };
         self.next += 1;
@@ -217,15 +219,15 @@ impl<R: Read> Read for Blocks<R> {
     }
 }
 
-/// Decodes base64 four letters at a time. VTK pads after a block header and goes on with the data, so that padding
-/// ends a group of four, not the stream.
+/// Decodes base64 four characters at a time. VTK pads after a block header and continues with the data, so padding ends
+/// a group of four, not the stream.
 struct Base64<R> {
     src: R,
     group: [u8; 4],
     letters: usize,
     bytes: Vec<u8>,
     pos: usize,
-    /// A byte that is no letter: an error only if more bytes are asked for.
+    /// A byte that is not a base64 character: an error only if more bytes are requested.
     stop: Option<u8>,
 }
 
@@ -273,7 +275,7 @@ impl<R: BufRead> Read for Base64<R> {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         while self.pos == self.bytes.len() {
             match self.stop {
-                // A tag after the letters: the data ends here.
+                // a tag after the characters: the data ends here
                 Some(b'<') => return Ok(0),
                 Some(b) => return Err(damaged(format!("byte {b:#04x} is not base64"))),
                 None => self.refill()?,

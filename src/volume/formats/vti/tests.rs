@@ -115,7 +115,7 @@ fn message(bytes: &[u8]) -> String {
     load(bytes).unwrap_err().to_string()
 }
 
-/// The message for a file with one piece of text changed.
+/// The result for a file with one piece of text changed.
 fn changed(bytes: &[u8], from: &str, to: &str) -> Result<(Header, Vec<f32>), VolumeError> {
     let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
     load(&[&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat())
@@ -125,7 +125,7 @@ fn changed(bytes: &[u8], from: &str, to: &str) -> Result<(Header, Vec<f32>), Vol
 fn reads_every_form_and_packing() {
     for form in FORMS {
         for packer in PACKERS {
-            // One block of 48 bytes is the whole array, 16 divides it, 7 splits values between blocks.
+            // one block of 48 bytes is the whole array, 16 divides it, 7 splits values across blocks
             for block in [48, 7, 16] {
                 let (h, values) = load(&file(form, packer, block)).unwrap();
                 assert_eq!((h.grid.dims, h.scalar, h.steps), ([2, 3, 4], ScalarType::I16, 1));

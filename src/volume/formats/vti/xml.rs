@@ -1,5 +1,5 @@
 //! The markup of a `.vti` file: geometry, arrays and where their text lies. Reads no values, and stops where raw
-//! appended data (which is no XML) begins.
+//! appended data (which is not XML) begins.
 
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
@@ -8,7 +8,7 @@ use quick_xml::events::{BytesStart, Event};
 use std::io::BufRead;
 use std::path::Path;
 
-/// What the markup says.
+/// The content of the markup.
 #[derive(Debug)]
 pub(super) struct Document {
     pub big_endian: bool,
@@ -129,7 +129,7 @@ fn underscore(path: &Path, src: impl BufRead, start: u64) -> Result<u64, VolumeE
     Err(VolumeError::invalid(path, "AppendedData", "does not start with an underscore", REWRITE))
 }
 
-/// What is known so far.
+/// The parser's state.
 #[derive(Debug, Default)]
 struct State {
     kind_seen: bool,
@@ -289,7 +289,7 @@ impl<'a> Attributes<'a> {
     fn of(path: &'a Path, element: &str, tag: &BytesStart<'_>) -> Result<Self, VolumeError> {
         let bad = |e: String| VolumeError::invalid(path, element, format!("bad attribute: {e}"), REWRITE);
         let mut list = Vec::new();
-        // The check for repeated names takes quadratic time, which a hostile file could use.
+        // the check for repeated names takes quadratic time, which a hostile file could exploit
         for attribute in tag.attributes().with_checks(false) {
             let attribute = attribute.map_err(|e| bad(e.to_string()))?;
             let value = quick_xml::escape::unescape(&attribute.value).map_err(|e| bad(e.to_string()))?;
