@@ -1,5 +1,5 @@
-//! Methods behind their interface: one without Gaussians is trained, stopped, resumed, measured and drawn by what serves all
-//! methods, and refused by name where Gaussians are needed.
+//! Methods behind their common interface: a method without Gaussians is trained, stopped, resumed, evaluated and
+//! rendered by the code that serves all methods, and is refused by name where Gaussians are needed.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -40,7 +40,7 @@ fn resolved(more: &[&str]) -> (Config, String) {
     (resolved.value.clone(), resolved.to_toml().unwrap())
 }
 
-/// Trains `root/NAME` until the end, or until some step.
+/// Trains `root/NAME` to the end, or up to some step.
 fn trained(root: &Path, name: &str, start: Start, stop_after: Option<usize>, more: &[&str]) -> RunOutcome {
     let (config, config_toml) = resolved(more);
     let device = DeviceName::all()[0].open().unwrap();
@@ -50,7 +50,8 @@ fn trained(root: &Path, name: &str, start: Start, stop_after: Option<usize>, mor
     volseggs::method::train(&config, &data, &device, &options, None, &AtomicBool::new(false), &mut Nobody).unwrap()
 }
 
-/// Runs the program in this process, as the registered method is known here alone: the error and its exit code.
+/// Runs the program in this process, as only this process knows the registered method. Returns the exit code and the
+/// error.
 fn told(arguments: &[&str]) -> Result<(), (u8, String)> {
     let cli = Cli::try_parse_from(["volseggs"].iter().chain(arguments)).unwrap();
     cli.run().map_err(|error| (error.code(), error.to_string()))
@@ -68,14 +69,14 @@ fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all()
     assert!(lines[5]["loss"].as_f64().unwrap() < 0.8 * lines[0]["loss"].as_f64().unwrap(), "{lines:?}");
     assert_eq!((&lines[5]["stage"], &lines[5]["gaussians"]), (&"train".into(), &0.into()));
 
-    // stopped and resumed it is the same
+    // stopped and resumed, it is the same
     trained(root.path(), "parts", Start::New, Some(33), &[]);
     trained(root.path(), "parts", Start::Resume, None, &[]);
     let parts = root.path().join("parts");
     assert!(newest_bytes(&parts) == newest_bytes(&run), "a resumed run ends elsewhere");
     assert_eq!(metrics(&parts), lines);
 
-    // measured as any other
+    // evaluated like any other
     let path = text(root.path(), "whole");
     told(&["eval", &path]).unwrap();
     let mean = json(&run.join("eval/test/mean.json"));
@@ -86,7 +87,7 @@ fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all()
     assert!(mean["psnr"].as_f64().unwrap() > 5.0 && mean["fps"].as_f64().unwrap() > 0.0, "{mean}");
     told(&["compare", &path, "--out", &text(root.path(), "table")]).unwrap();
 
-    // drawn as any other
+    // rendered like any other
     let frames = text(root.path(), "frames");
     told(&["render", &path, "--path", "orbit", "--frames", "2", "--size", "16", "--out", &frames]).unwrap();
     assert_eq!(json(&root.path().join("frames/frames.json"))["show"], "colour");
@@ -151,7 +152,8 @@ fn gaussians_in_space_and_time_are_trained_measured_drawn_and_refused_by_name() 
     assert!(!root.path().join("more").exists());
 }
 
-/// Whatever needs Gaussians that persist refuses the run `root/NAME` by its method's name, and leaves nothing behind.
+/// Checks that everything that needs persistent Gaussians refuses the run `root/NAME` by its method's name and leaves
+/// nothing behind.
 fn refused_where_gaussians_are_needed(root: &Path, name: &str, method: &str) {
     let words = format!("the method {method},");
     let run = root.join(name);
@@ -178,7 +180,7 @@ fn refused_where_gaussians_are_needed(root: &Path, name: &str, method: &str) {
         assert!(error.contains(&words) && error.contains("Gaussians"), "{arguments:?}: {error}");
         assert_eq!(error.lines().count(), 1, "{error}");
     }
-    // as the viewer asks for it
+    // as the viewer opens it
     let error = OpenRun::open(&run, &DeviceName::all()[0].open().unwrap()).unwrap_err();
     assert!(error.is_input() && error.to_string().contains(&words), "{error}");
     assert_eq!(names(&run), before, "nothing is left behind");
@@ -247,7 +249,7 @@ fn a_file_of_another_method_or_of_another_size_is_refused() {
     assert!(error.contains("scene.safetensors") && error.contains("another method"), "{error}");
 }
 
-/// The built-in methods without Gaussians, with settings of which a step takes milliseconds.
+/// The built-in methods without Gaussians, with settings for which a step takes milliseconds.
 const BUILT_IN: [(&str, &[&str]); 3] = [
     ("coordnet", &["coordnet.widths=[12]", "coordnet.blocks=1", "coordnet.batch=256", "coordnet.steps=6"]),
     (

@@ -1,4 +1,4 @@
-//! The extension points with the examples of `docs/research.md`: registered, trained, saved, measured.
+//! The extension points, with the examples of `docs/research.md`: registered, trained, saved, evaluated.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -52,15 +52,15 @@ fn device() -> Device {
     DeviceName::all()[0].open().unwrap()
 }
 
-/// A trainer after `steps` steps, and its losses.
+/// Returns a trainer after `steps` steps, and its losses.
 fn trained(data: &Dataset, config: Config, steps: usize) -> (Trainer, Vec<f64>) {
     let mut trainer = Trainer::new(config, data, &device()).unwrap();
     let losses = (0..steps).map(|_| trainer.step(&data.train).unwrap().loss).collect();
     (trainer, losses)
 }
 
-/// The largest distance between the gradient of `f` at `x` and central differences, over every `every`th value of `x`,
-/// as a fraction of the largest gradient.
+/// Returns the largest difference between the gradient of `f` at `x` and central differences, over every `every`th
+/// value of `x`, as a fraction of the largest gradient.
 fn differences<const D: usize>(x: &Tensor<D>, every: usize, f: impl Fn(Tensor<D>) -> Tensor<1>) -> f64 {
     const STEP: f32 = 1e-2;
     let leaf = x.clone().detach().require_grad();
@@ -181,7 +181,7 @@ fn the_encoder_has_the_right_gradients() {
 fn the_encoder_trains_and_comes_back_from_its_file() {
     let root = dataset();
     let data = open(root.path());
-    // the default rates are made for thousands of steps
+    // the default rates are meant for thousands of steps
     let rates = ["optim.encoder=0.005", "optim.decoder=0.01", "optim.final_fraction=0.3", "loss.dssim=0"];
     let which = ["model.encoder=extra", "model.extra_encoder=waves", "stages.joint_steps=280"];
     let settings: Vec<&str> = which.into_iter().chain(rates).collect();

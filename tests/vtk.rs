@@ -1,7 +1,7 @@
-//! The ray caster against VTK's, on the same volume, camera and transfer function.
+//! Compares the ray caster with VTK's, on the same volume, camera and transfer function.
 //!
-//! Needs Python with the package `vtk` (`PYTHON` names the interpreter), and OpenGL without a display.
-//! What remains is explained at each comparison.
+//! Needs Python with the package `vtk` (`PYTHON` names the interpreter), and OpenGL without a display. The remaining
+//! difference is explained at each comparison.
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
@@ -55,7 +55,7 @@ fn transfer(shading: Shading) -> TransferFunction {
     }
 }
 
-/// VTK's picture over white, `[H, W, 3]`; none where VTK is not there.
+/// Renders VTK's image over white, `[H, W, 3]`; `None` if VTK is not available.
 fn vtk(
     folder: &Path,
     volume: &Volume,
@@ -92,7 +92,7 @@ fn vtk(
     let python = python_with("vtk", Need::VtkRendering)?;
     let output = Command::new(&python).arg(script).arg(folder.join("job.json")).output().unwrap();
     if !output.status.success() {
-        // a machine without any OpenGL library: VTK is there but cannot make a window
+        // on a machine without any OpenGL library, VTK is there but cannot make a window
         let said = String::from_utf8_lossy(&output.stderr);
         skip(
             Need::VtkRendering,
@@ -118,14 +118,14 @@ fn pictures_agree_with_vtk() {
     let placement = Placement::new(&volume.grid, published_side());
     let lit = |specular| Shading { enabled: true, ambient: 0.3, diffuse: 0.7, specular, power: 20.0 };
     let cases = [
-        // light, opacity and positions alone: samples lie half a step apart
+        // emission, opacity and positions alone: samples lie half a step apart
         ("gpu", Shading { enabled: false, ..Shading::default() }, 55.0),
         // the same headlight: from the eye along each ray
         ("gpu", lit(0.0), 55.0),
         // VTK's CPU ray caster: one light direction for the whole image, normals in 16 bits, 15-bit colours
         ("fixed", Shading { enabled: false, ..Shading::default() }, 52.0),
         ("fixed", lit(0.2), 42.0),
-        // VTK's GPU caster has Phong's highlight (of the reflected ray) where ours is Blinn-Phong's
+        // VTK's GPU caster has Phong's highlight (of the reflected ray), this project's Blinn-Phong's
         ("gpu", lit(0.2), 38.0),
     ];
     for eye in [DVec3::new(2.2, -3.0, 1.5), DVec3::new(-1.0, 1.0, -3.7)] {

@@ -8,13 +8,13 @@ use volseggs::rng::Rng;
 
 /// One feature is `height * sin(frequency . [x, y, z, t] + phase)`.
 pub struct Waves {
-    /// Standard deviation of the first frequencies, radians over half the box (and over all of time).
+    /// Standard deviation of the initial frequencies, in radians over half the box (and over all of time).
     pub frequency: f32,
 }
 
 impl EncoderDefinition for Waves {
     fn features(&self, config: &ModelConfig) -> usize {
-        config.levels * config.channels // as many as the factorised encoder has
+        config.levels * config.channels // as many as in the factorised encoder
     }
 
     fn parameters(&self, config: &ModelConfig, rng: &mut Rng) -> Vec<Parameter> {

@@ -6,7 +6,7 @@ mod method;
 mod metric;
 mod schedule;
 
-/// The program's own allocator, so that minutes of training compare.
+/// The program's own allocator, so that training times are comparable.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -1,4 +1,4 @@
-//! A method: a small network from where a camera stands, when, and a pixel to the pixel's colour. No Gaussians at all.
+//! A method without Gaussians: a small network from the camera's direction, the time and a pixel to the pixel's colour.
 
 use volseggs::burn; // for the derive
 use volseggs::burn::module::{Module, Param};
@@ -30,7 +30,7 @@ fn setting(config: &Config, name: &str, otherwise: f64) -> f64 {
 }
 
 impl Layers {
-    /// Colours `[H, W, 3]` of all pixels of a view.
+    /// Returns the colours `[H, W, 3]` of all pixels of a view.
     fn colours(&self, camera: &PinholeCamera, time: f32) -> Tensor<3> {
         let (eye, [h, w]) = (camera.position(), [camera.height, camera.width]);
         let length = eye.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-6);
@@ -48,7 +48,7 @@ impl Layers {
 
 impl Network for Pixels {
     type Module = Layers;
-    /// Its width: what its file has to say beside the tensors.
+    /// Its width: all that its file stores besides the tensors.
     type Spec = usize;
 
     fn check(&self, config: &Config) -> Result<(), String> {
@@ -88,7 +88,7 @@ impl Network for Pixels {
         }
     }
 
-    /// The mean squared error of one view.
+    /// Returns the mean squared error of one view.
     fn loss(&self, network: &Layers, seen: &Seen<'_, usize>) -> [Tensor<1>; 2] {
         let (images, views) = (&seen.split.images, seen.split.frames.len());
         let view = Rng::new(seen.config.seed, seen.step as u64, Purpose::Custom(2)).below(views);
@@ -106,7 +106,7 @@ impl Network for Pixels {
         Some(setting(config, "rate", 5e-3))
     }
 
-    /// Alpha is 1 everywhere: it is not learnt.
+    /// Renders with an alpha of 1 everywhere, as it is not learnt.
     fn image(&self, network: &Layers, _: &usize, camera: PinholeCamera, time: f32) -> Tensor<3> {
         let colours = network.colours(&camera, time);
         let alpha = Tensor::ones([camera.height, camera.width, 1], &colours.device());

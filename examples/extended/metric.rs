@@ -1,4 +1,4 @@
-//! A metric: PSNR where there is something to see. Over the whole image an empty background counts as well drawn.
+//! A metric: PSNR of the foreground. Over the whole image, an empty background counts as well rendered.
 
 use volseggs::extend::{Metric, MetricInput};
 

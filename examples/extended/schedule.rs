@@ -1,13 +1,13 @@
-//! A schedule: rates rise at first, while Adam learns the size of the gradients, then fall by a cosine.
+//! A schedule: rates rise at first, while Adam learns the size of the gradients, then fall along a cosine.
 
 use std::f64::consts::PI;
 use volseggs::extend::Schedule;
 
 /// Linear warm-up, then half a period of a cosine.
 pub struct WarmCosine {
-    /// Share of the stage in which the rates rise.
+    /// Fraction of the stage in which the rates rise.
     pub warm: f64,
-    /// Where they start and end, as a fraction of the full rate.
+    /// Initial and final rate, as a fraction of the full rate.
     pub last: f64,
 }
 

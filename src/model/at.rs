@@ -69,7 +69,7 @@ impl Scene {
     /// # Panics
     /// If `asked` is not of length N.
     #[must_use]
-    pub fn opacity_elsewhen(&self, asked: &[bool], least: f32) -> Vec<f32> {
+    pub fn opacity_at_other_times(&self, asked: &[bool], least: f32) -> Vec<f32> {
         // far apart first, so that few soon remain open
         const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
         assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
@@ -127,7 +127,7 @@ mod tests {
             spec.deformed = deformed;
             let scene = Scene::new(gaussians.clone(), spec.clone(), 3, &device);
             let asked: Vec<bool> = (0..n).map(|i| i % 3 == 1).collect();
-            let found = scene.opacity_elsewhen(&asked, 0.5);
+            let found = scene.opacity_at_other_times(&asked, 0.5);
             for i in 0..n {
                 let of: Vec<f32> = (0..11).map(|k| scene.host_at(k as f32 / 10.0).opacity()[i]).collect();
                 let any = of.iter().any(|o| *o >= 0.5);
@@ -135,7 +135,7 @@ mod tests {
                 assert!(found[i] == 0.0 || found[i] >= 0.5 && of.iter().any(|o| (o - found[i]).abs() < 1e-6), "{i}");
             }
             assert!(found.iter().any(|o| *o > 0.0));
-            assert!(scene.opacity_elsewhen(&vec![false; n], 0.0).iter().all(|o| *o == 0.0));
+            assert!(scene.opacity_at_other_times(&vec![false; n], 0.0).iter().all(|o| *o == 0.0));
             let (which, all) = ([3, 50, 149], scene.host_at(0.3));
             let some = scene.some(&which).at(0.3);
             assert_eq!(

@@ -1,7 +1,7 @@
 //! How a model's Gaussians are drawn, beside the camera.
 
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{MOST_DILATION, SplatSettings};
+use volseggs_kernels::splat::{MAX_DILATION, SplatSettings};
 
 /// How a model's Gaussians are drawn, beside the camera: the settings used in training.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,9 +34,9 @@ impl Rendering {
 /// # Errors
 /// A message that names the range.
 pub fn check_dilation(dilation: f32) -> Result<(), String> {
-    if (0.0..=MOST_DILATION).contains(&dilation) {
+    if (0.0..=MAX_DILATION).contains(&dilation) {
         Ok(())
     } else {
-        Err(format!("dilation = {dilation}: 0 to {MOST_DILATION}, in pixels squared"))
+        Err(format!("dilation = {dilation}: 0 to {MAX_DILATION}, in pixels squared"))
     }
 }

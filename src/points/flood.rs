@@ -3,7 +3,7 @@
 
 /// A peak: its summit and the cells assigned to it so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Hill {
+pub(crate) struct Mode {
     /// Its highest cell.
     pub(crate) summit: usize,
     /// Sum of the masses of its cells.
@@ -22,10 +22,10 @@ pub(crate) fn flood(
     cells: usize,
     mass: impl Fn(usize) -> f64,
     mut around: impl FnMut(usize, &mut Vec<usize>),
-    parted: impl Fn(&Hill, &Hill, usize) -> bool,
-) -> (Vec<usize>, Vec<Hill>) {
+    parted: impl Fn(&Mode, &Mode, usize) -> bool,
+) -> (Vec<usize>, Vec<Mode>) {
     // peaks in the order of their summits; `part_of` of a merged one is the peak it was merged into
-    let (mut part_of, mut hills): (Vec<usize>, Vec<Hill>) = (Vec::new(), Vec::new());
+    let (mut part_of, mut modes): (Vec<usize>, Vec<Mode>) = (Vec::new(), Vec::new());
     let mut of_cell = vec![usize::MAX; cells];
     let (mut near, mut met) = (Vec::new(), Vec::new());
     for &c in order {
@@ -36,37 +36,37 @@ pub(crate) fn flood(
         met.sort_unstable();
         met.dedup();
         let Some(&top) = met.first() else {
-            of_cell[c] = hills.len();
-            part_of.push(hills.len());
-            hills.push(Hill { summit: c, mass: mass(c) });
+            of_cell[c] = modes.len();
+            part_of.push(modes.len());
+            modes.push(Mode { summit: c, mass: mass(c) });
             continue;
         };
         of_cell[c] = top;
-        hills[top].mass += mass(c);
+        modes[top].mass += mass(c);
         for &low in &met[1..] {
-            if !parted(&hills[low], &hills[top], c) {
+            if !parted(&modes[low], &modes[top], c) {
                 part_of[low] = top;
-                hills[top].mass += hills[low].mass;
+                modes[top].mass += modes[low].mass;
             }
         }
     }
-    let mut numbers = vec![usize::MAX; hills.len()];
+    let mut numbers = vec![usize::MAX; modes.len()];
     let mut kept = Vec::new();
-    for hill in (0..hills.len()).filter(|&h| part_of[h] == h) {
-        numbers[hill] = kept.len();
-        kept.push(hills[hill]);
+    for mode in (0..modes.len()).filter(|&h| part_of[h] == h) {
+        numbers[mode] = kept.len();
+        kept.push(modes[mode]);
     }
-    for hill in of_cell.iter_mut().filter(|h| **h != usize::MAX) {
-        *hill = numbers[root(&part_of, *hill)];
+    for mode in of_cell.iter_mut().filter(|h| **h != usize::MAX) {
+        *mode = numbers[root(&part_of, *mode)];
     }
     (of_cell, kept)
 }
 
-fn root(part_of: &[usize], mut hill: usize) -> usize {
-    while part_of[hill] != hill {
-        hill = part_of[hill];
+fn root(part_of: &[usize], mut mode: usize) -> usize {
+    while part_of[mode] != mode {
+        mode = part_of[mode];
     }
-    hill
+    mode
 }
 
 #[cfg(test)]
@@ -74,16 +74,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hills_meet_in_the_pass_and_become_one_where_they_are_not_parted() {
+    fn modes_meet_in_the_pass_and_become_one_where_they_are_not_parted() {
         let heights = [0.0, 3.0, 5.0, 4.0, 1.0, 4.0, 3.5, 6.0, 0.5];
         let mut order: Vec<usize> = (0..heights.len()).filter(|&c| heights[c] > 0.0).collect();
         order.sort_by(|&a, &b| f64::total_cmp(&heights[b], &heights[a]));
         let around = |c: usize, near: &mut Vec<usize>| near.extend([c.saturating_sub(1), (c + 1).min(8)]);
-        let deep = |low: &Hill, _: &Hill, cell: usize| heights[cell] < 0.5 * heights[low.summit];
-        let (of_cell, hills) = flood(&order, 9, |_| 1.0, around, deep);
-        assert_eq!(hills.iter().map(|h| (h.summit, h.mass)).collect::<Vec<_>>(), [(7, 5.0), (2, 3.0)]);
+        let deep = |low: &Mode, _: &Mode, cell: usize| heights[cell] < 0.5 * heights[low.summit];
+        let (of_cell, modes) = flood(&order, 9, |_| 1.0, around, deep);
+        assert_eq!(modes.iter().map(|h| (h.summit, h.mass)).collect::<Vec<_>>(), [(7, 5.0), (2, 3.0)]);
         assert_eq!(of_cell, [usize::MAX, 1, 1, 1, 0, 0, 0, 0, 0]);
-        let (of_cell, hills) = flood(&order, 9, |_| 1.0, around, |_, _, _| false);
-        assert_eq!((hills.len(), of_cell[2], of_cell[7]), (1, 0, 0));
+        let (of_cell, modes) = flood(&order, 9, |_| 1.0, around, |_, _, _| false);
+        assert_eq!((modes.len(), of_cell[2], of_cell[7]), (1, 0, 0));
     }
 }

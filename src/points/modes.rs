@@ -2,7 +2,7 @@
 //! k-means this finds groups of very unequal size, and their number. What the points stand for lives elsewhere.
 
 use super::error::{PointsError, check_len, check_positive, rows};
-use super::flood::{Hill, flood};
+use super::flood::{Mode, flood};
 
 /// Cells of the density along one side of the plane.
 const SIDE: usize = 72;
@@ -11,7 +11,7 @@ const LINE: usize = 96;
 /// Cells less dense than this fraction of the densest belong to no mode.
 const FLOOR: f64 = 1e-5;
 
-/// Settings of [`hills`] and [`valleys`].
+/// Settings of [`modes`] and [`valleys`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModeConfig {
     /// Lowest and highest coordinate, for both axes of the plane; points outside count at the border.
@@ -22,9 +22,9 @@ pub struct ModeConfig {
     pub smallest: f64,
 }
 
-/// The outcome of [`hills`].
+/// The outcome of [`modes`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hills {
+pub struct Modes {
     /// `[K, 2]`: centre of the densest cell of each mode, highest density first.
     pub peaks: Vec<[f32; 2]>,
     /// `[N]`: 1 + row of the point's mode; 0 for non-finite points and for the few that belong to none.
@@ -38,12 +38,12 @@ pub struct Hills {
 ///
 /// # Errors
 /// Slices of the wrong length; an empty range, or a bandwidth that is not positive.
-pub fn hills(
+pub fn modes(
     points: &[f32],
     weights: &[f32],
     config: &ModeConfig,
     pass: impl Fn([f32; 2], [f32; 2]) -> f64,
-) -> Result<Hills, PointsError> {
+) -> Result<Modes, PointsError> {
     let count = rows("points", points.len(), 2, "[N, 2]")?;
     check_len("weights", weights.len(), count, "[N]")?;
     let cell = config.cell(SIDE)?;
@@ -65,7 +65,7 @@ pub fn hills(
     let (of_cell, summits) =
         of_density(&density, &masses, config.smallest, |low, high| pass(middle(low), middle(high)));
     let labels = (0..count).map(|i| if finite(i) { of_cell[at(i)[1] * SIDE + at(i)[0]] } else { 0 }).collect();
-    Ok(Hills { peaks: summits.into_iter().map(middle).collect(), labels })
+    Ok(Modes { peaks: summits.into_iter().map(middle).collect(), labels })
 }
 
 /// Returns the mode of each cell (from 1, 0 for none) and the summit cells, highest first.
@@ -85,14 +85,14 @@ fn of_density(
             near.extend((x.saturating_sub(1)..=(x + 1).min(SIDE - 1)).map(|i| j * SIDE + i));
         }
     };
-    let parted = |low: &Hill, top: &Hill, c: usize| {
+    let parted = |low: &Mode, top: &Mode, c: usize| {
         density[c] <= pass(low.summit, top.summit) * density[low.summit] && low.mass >= least
     };
-    let (of_cell, hills) = flood(&order, density.len(), |c| masses[c], around, parted);
-    let mut names = vec![0u32; hills.len()];
+    let (of_cell, modes) = flood(&order, density.len(), |c| masses[c], around, parted);
+    let mut names = vec![0u32; modes.len()];
     let mut kept = Vec::new();
-    for (name, hill) in names.iter_mut().zip(&hills).filter(|(_, h)| h.mass >= least) {
-        kept.push(hill.summit);
+    for (name, mode) in names.iter_mut().zip(&modes).filter(|(_, h)| h.mass >= least) {
+        kept.push(mode.summit);
         *name = kept.len() as u32;
     }
     (of_cell.into_iter().map(|h| if h == usize::MAX { 0 } else { names[h] }).collect(), kept)
@@ -183,7 +183,7 @@ mod tests {
         let mut points = blobs(&[vec![-0.5, 0.0]], 3000, 0.2, 1);
         points.extend(blobs(&[vec![0.5, 0.1]], 30, 0.1, 2));
         points.extend([0.0, 0.9, f32::NAN, 0.0, 9.0, -9.0]);
-        let found = hills(&points, &[1.0; 3033], &PLANE, |_, _| 0.5).unwrap();
+        let found = modes(&points, &[1.0; 3033], &PLANE, |_, _| 0.5).unwrap();
         assert_eq!(found.peaks.len(), 2);
         assert!((found.peaks[0][0] + 0.5).abs() < 0.1 && (found.peaks[1][0] - 0.5).abs() < 0.1, "{:?}", found.peaks);
         assert_eq!(&found.labels[3030..], [0, 0, 0]);
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn what_counts_as_a_pass_decides_about_two_summits_that_are_near() {
         let points = blobs(&[vec![-0.12, 0.0], vec![0.12, 0.0]], 4000, 0.15, 3);
-        let found = |pass: f64| hills(&points, &[1.0; 8000], &PLANE, |_, _| pass).unwrap().peaks.len();
+        let found = |pass: f64| modes(&points, &[1.0; 8000], &PLANE, |_, _| pass).unwrap().peaks.len();
         assert_eq!((found(0.9), found(0.1)), (2, 1));
     }
 
@@ -213,17 +213,17 @@ mod tests {
 
     #[test]
     fn poison_and_nothing() {
-        let none = hills(&[], &[], &PLANE, |_, _| 0.5).unwrap();
+        let none = modes(&[], &[], &PLANE, |_, _| 0.5).unwrap();
         assert!(none.peaks.is_empty() && none.labels.is_empty());
-        let weightless = hills(&[0.0; 4], &[f32::NAN, -1.0], &PLANE, |_, _| 0.5).unwrap();
+        let weightless = modes(&[0.0; 4], &[f32::NAN, -1.0], &PLANE, |_, _| 0.5).unwrap();
         assert_eq!((weightless.peaks.len(), weightless.labels), (0, vec![0, 0]));
         assert!(valleys(&[], &[], &PLANE, 0.3).unwrap().is_empty());
         assert!(
-            hills(&[0.0; 3], &[1.0], &PLANE, |_, _| 0.5).is_err()
-                && hills(&[0.0; 4], &[1.0], &PLANE, |_, _| 0.5).is_err()
+            modes(&[0.0; 3], &[1.0], &PLANE, |_, _| 0.5).is_err()
+                && modes(&[0.0; 4], &[1.0], &PLANE, |_, _| 0.5).is_err()
         );
         for bad in [ModeConfig { bandwidth: 0.0, ..PLANE }, ModeConfig { range: [1.0, 1.0], ..PLANE }] {
-            assert!(hills(&[0.0; 2], &[1.0], &bad, |_, _| 0.5).is_err() && valleys(&[0.0], &[1.0], &bad, 0.3).is_err());
+            assert!(modes(&[0.0; 2], &[1.0], &bad, |_, _| 0.5).is_err() && valleys(&[0.0], &[1.0], &bad, 0.3).is_err());
         }
     }
 }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Maximum number of cells along one axis; points beyond share the outermost cell (slower, still correct).
-const MOST_CELLS: f64 = (1u32 << 31) as f64;
+const MAX_CELLS: f64 = (1u32 << 31) as f64;
 
 /// A grid of cubic cells over points `[M, 3]`; non-finite points are skipped.
 ///
@@ -77,7 +77,7 @@ impl Grid {
             cell,
             low,
             top: [0; 3],
-            clamped: (0..3).any(|a| (high[a] - low[a]) / cell >= MOST_CELLS - 1.0),
+            clamped: (0..3).any(|a| (high[a] - low[a]) / cell >= MAX_CELLS - 1.0),
             ids: Vec::new(),
             places: Vec::new(),
             columns: Vec::new(),
@@ -148,7 +148,7 @@ impl Grid {
 
     /// Monotone in `value`, so that range look-ups are complete.
     fn coordinate(&self, value: f64, axis: usize) -> u32 {
-        ((value - self.low[axis]) / self.cell).floor().clamp(0.0, MOST_CELLS - 1.0) as u32
+        ((value - self.low[axis]) / self.cell).floor().clamp(0.0, MAX_CELLS - 1.0) as u32
     }
 
     /// Number of points in the grid (the finite ones).

@@ -10,13 +10,13 @@ use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering};
 use crate::name::Name;
 use crate::segment::candidates::{Candidates, Found};
-use crate::segment::carry::carry;
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
 use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::{PickOptions, Picked, meant, pick};
+use crate::segment::propagate::propagate;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
 use glam::{DVec2, DVec3};
@@ -222,7 +222,7 @@ pub struct Made {
     pub from_other_times: usize,
 }
 
-/// Creates a segment `name` from what a click at `time` selected, propagated to the other times, see [`carry`].
+/// Creates a segment `name` from what a click at `time` selected, propagated to the other times, see [`propagate`].
 ///
 /// # Errors
 /// If nothing was selected, the name is taken, or the segment that was searched no longer exists.
@@ -246,7 +246,7 @@ pub fn commit(
         Some(whole) => all.get(whole).map_err(RunError::input)?.members.clone(),
         None => (0..run.scene.gaussians.count() as u32).collect(),
     };
-    let members = carry(&run.scene, members, &within, time).map_err(RunError::failure)?;
+    let members = propagate(&run.scene, members, &within, time).map_err(RunError::failure)?;
     let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
     let made = Made { gaussians: members.len(), from_other_times };
     let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);

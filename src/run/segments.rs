@@ -221,7 +221,7 @@ impl RunSegments {
         if let Some(clusters) = options.clusters {
             check_clusters(clusters, n, "the scene has", 3)?;
         }
-        let later = run.scene.opacity_elsewhen(&options.hidden(at), options.min_opacity);
+        let later = run.scene.opacity_at_other_times(&options.hidden(at), options.min_opacity);
         let found = coarse(at, Some(&later), options).map_err(RunError::input)?;
         let mut all = run.no_segments();
         for (label, entry) in (1..).zip(&found.palette) {

@@ -41,7 +41,7 @@ const MIXED: f64 = 0.5;
 ///
 /// # Panics
 /// If an index is not below N.
-pub fn join_skins(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
+pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
     let opacity: Vec<f64> = shown.iter().map(|&i| f64::from(at.opacity_of(i as usize))).collect();
     let pieces = Pieces::of(at, shown, labels, &opacity)?;
     let contacts = pieces.contacts(at, shown, &opacity)?;
@@ -207,7 +207,7 @@ mod tests {
 
     fn joined(at: &HostGaussians, labels: &[u32]) -> Vec<u32> {
         let (all, mut out): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels.to_vec());
-        join_skins(at, &all, &mut out).unwrap();
+        join_surface_layers(at, &all, &mut out).unwrap();
         out
     }
 

@@ -5,9 +5,9 @@ use super::fine::AffinityField;
 use super::fine::extract::cosines;
 use super::fine::network::Frame;
 use super::necks;
+use super::objects::{self, objects};
 use super::pick::PickError;
 use super::pieces::{Touch, pieces};
-use super::things::{self, things};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::Components;
@@ -133,7 +133,7 @@ impl<'a> Candidates<'a> {
     }
 
     /// Returns for each of the Gaussians `members` of the piece `piece` the label, from 1, of its object among the
-    /// [`things()`] that the affinity distinguishes or, if there is only one, of its part between [`necks`].
+    /// [`objects()`] that the affinity distinguishes or, if there is only one, of its part between [`necks`].
     ///
     /// # Errors
     /// If a member is not among the candidates, or the arrays of `at` disagree.
@@ -142,13 +142,13 @@ impl<'a> Candidates<'a> {
             return Ok(known.clone());
         }
         let body = self.at.subset(members);
-        let all = self.features(things::SCALE);
+        let all = self.features(objects::SCALE);
         let mut features = Vec::with_capacity(FEATURES * members.len());
         for &member in members {
             let position = self.position(member)?;
             features.extend_from_slice(&all[FEATURES * position..FEATURES * (position + 1)]);
         }
-        let mut found = things(&body, &features)?;
+        let mut found = objects(&body, &features)?;
         if found.iter().all(|thing| *thing == 1) {
             found = necks::parts(&body)?;
         }

@@ -1,7 +1,7 @@
 //! Coarse segmentation: groups Gaussians by the colour of their material, or by their mean colour as in the paper's
 //! section on colours, and removes outliers.
 
-use super::bodies::{join_skins, label_of_nearest};
+use super::bodies::{join_surface_layers, label_of_nearest};
 use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
@@ -41,7 +41,7 @@ pub struct CoarseOptions {
     /// Whether surface layers stay segments of their own, or go with the objects of their hue, instead of joining the
     /// bodies that they cover, see [`bodies`](super::bodies). They always do if the number of colours is given or mean
     /// colours are grouped.
-    pub keep_skins: bool,
+    pub keep_surface_layers: bool,
     /// How outliers are found; `None` keeps them. Gaussians with too few neighbours are removed unless they touch and
     /// form a connected piece of more than that number of their colour, as threads do.
     pub outliers: Option<OutlierConfig>,
@@ -55,7 +55,7 @@ impl Default for CoarseOptions {
             clusters: None,
             space: ColourSpace::Material,
             min_opacity: 0.02,
-            keep_skins: false,
+            keep_surface_layers: false,
             outliers: Some(OutlierConfig::default()),
             seed: 0,
         }
@@ -156,10 +156,10 @@ pub fn coarse(
         }
     }
     let mut of_later = found.later;
-    if options.space == ColourSpace::Material && options.clusters.is_none() && !options.keep_skins {
+    if options.space == ColourSpace::Material && options.clusters.is_none() && !options.keep_surface_layers {
         let before: Vec<u32> = shown.rows.iter().map(|&i| labels[i as usize]).collect();
         let mut after = before.clone();
-        join_skins(gaussians, &shown.rows, &mut after)?;
+        join_surface_layers(gaussians, &shown.rows, &mut after)?;
         follow_nearest(gaussians, [&shown.rows, &later.rows], [&before, &after], &mut of_later)?;
         shown.rows.iter().zip(after).for_each(|(&i, label)| labels[i as usize] = label);
     }

@@ -2,7 +2,7 @@
 //!
 //! Within a segment, such as a colour, the likeliest level is its connected piece that contains the clicked Gaussian: a
 //! connected piece of one colour is mostly one object, unless the affinity separates objects that touch (see
-//! [`super::things`]) or the piece has a neck (see [`super::necks`]). Then the clicked part is the likeliest, and the
+//! [`super::objects`]) or the piece has a neck (see [`super::necks`]). Then the clicked part is the likeliest, and the
 //! whole piece is the next level. In a whole scene, where objects touch each other, it is a plateau of the affinity.
 //!
 //! The set of Gaussians similar to the clicked one grows as the minimum cosine falls. When it reaches the edge of an

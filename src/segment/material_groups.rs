@@ -4,7 +4,7 @@
 use super::material::{Materials, from_plane, to_plane, to_rgb};
 use crate::points::PointsError;
 use crate::points::chunks::map_chunks;
-use crate::points::modes::{ModeConfig, hills, valleys};
+use crate::points::modes::{ModeConfig, modes, valleys};
 use crate::points::neighbours::Grid;
 use centre::{Centre, Members};
 
@@ -26,7 +26,7 @@ const SUPPORT: [f32; 2] = [0.1, 0.3];
 /// Mode search in the plane of colours, see [`to_plane`], whose extent is +-0.85.
 const PLANE: ModeConfig = ModeConfig { range: [-0.9, 0.9], bandwidth: 0.035, smallest: 0.006 };
 /// Two hues are two materials unless the pass between them is higher than this fraction of the lower mode, see
-/// [`hills`].
+/// [`modes`].
 const PASS: f64 = 0.5;
 /// The same for two chromas of one hue, which highlights and haze spread out.
 const PASS_OF_A_HUE: f64 = 0.35;
@@ -79,7 +79,7 @@ impl MaterialGroups {
         let weights = smooth.weights();
         let all: Vec<f32> = self.smooth.plane.iter().chain(&smooth.plane).flatten().copied().collect();
         let all_weights = [&self.weights[..], &weights].concat();
-        let found = hills(&all, &all_weights, &PLANE, pass)?;
+        let found = modes(&all, &all_weights, &PLANE, pass)?;
         let total: f64 = all_weights.iter().map(|w| f64::from(*w)).sum();
         let labels = &found.labels[self.weights.len()..];
         let shown = self.centres.len();
@@ -221,7 +221,7 @@ fn light(full: f32) -> f32 {
 /// The modes of the density of colours, with greys separated by lightness.
 fn parts(smooth: &Smooth, weights: &[f32]) -> Result<Vec<Members>, PointsError> {
     let flat: Vec<f32> = smooth.plane.iter().flatten().copied().collect();
-    let found = hills(&flat, weights, &PLANE, pass)?;
+    let found = modes(&flat, weights, &PLANE, pass)?;
     let mut parts = Vec::new();
     for (label, peak) in (1..).zip(&found.peaks) {
         let rows: Vec<u32> = (0..weights.len() as u32).filter(|&i| found.labels[i as usize] == label).collect();

@@ -4,14 +4,13 @@
 //! from the mean colour ([`coarse`]), fine ones from a field trained on 2D masks ([`masks`], [`mod@fine`]). A
 //! [`segmentation`] is what later commands read; [`history`] undoes changes to it. [`voxels`] transfers labels to a
 //! volume and [`dice`] compares label volumes. [`pick`] determines what a click selects among [`candidates`],
-//! [`levels`] finds the parts and wholes there, [`pieces`] the connected pieces, [`things`] and [`necks`] split them,
-//! and [`carry`] propagates a selection to other times. [`paint`] shows segments in colour. Published methods for
+//! [`levels`] finds the parts and wholes there, [`pieces`] the connected pieces, [`objects`] and [`necks`] split them,
+//! and [`propagate`] extends a selection to other times. [`paint`] shows segments in colour. Published methods for
 //! comparison are in [`baselines`]. What segments do over time is in `track`.
 
 pub mod baselines;
 pub mod bodies;
 pub mod candidates;
-pub mod carry;
 pub mod click;
 pub mod coarse;
 pub mod colour;
@@ -24,13 +23,14 @@ pub mod masks;
 pub mod material;
 pub mod material_groups;
 pub mod necks;
+pub mod objects;
 pub mod paint;
 pub mod palette;
 pub mod pick;
 pub mod pictures;
 pub mod pieces;
+pub mod propagate;
 pub mod segmentation;
-pub mod things;
 pub mod voxels;
 
 #[cfg(test)]

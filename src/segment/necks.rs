@@ -11,7 +11,7 @@
 use super::depth::depths;
 use super::voxels::{LabelledCloud, Vote, VoxelError, label_voxels};
 use crate::model::HostGaussians;
-use crate::points::flood::{Hill, flood};
+use crate::points::flood::{Mode, flood};
 use crate::points::neighbours::Grid as Neighbours;
 use crate::volume::grid::Grid;
 use rayon::prelude::*;
@@ -65,21 +65,21 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
         }
     };
     let large = |low: f32, top: f32| low >= LEAST && low >= BUMP * top;
-    let parted = |low: &Hill, top: &Hill, c: usize| {
+    let parted = |low: &Mode, top: &Mode, c: usize| {
         let (low, top) = (depth[low.summit], depth[top.summit]);
         large(low, top) && depth[c] < NECK * low
     };
-    let (of_cell, hills) = flood(&order, depth.len(), |_| 1.0, around, parted);
+    let (of_cell, modes) = flood(&order, depth.len(), |_| 1.0, around, parted);
     let of_cell = upwards(&order, of_cell, around);
-    let highest = hills.first().map_or(0.0, |h| depth[h.summit]);
-    let kept: Vec<bool> = hills.iter().map(|h| large(depth[h.summit], highest)).collect();
-    let mut cells = vec![0usize; hills.len()];
+    let highest = modes.first().map_or(0.0, |h| depth[h.summit]);
+    let kept: Vec<bool> = modes.iter().map(|h| large(depth[h.summit], highest)).collect();
+    let mut cells = vec![0usize; modes.len()];
     of_cell.iter().filter(|h| **h != usize::MAX).for_each(|h| cells[*h] += 1);
     let round = |n: usize| {
-        let ball = 4.0 / 3.0 * PI * f64::from(depth[hills[n].summit]).powi(3);
+        let ball = 4.0 / 3.0 * PI * f64::from(depth[modes[n].summit]).powi(3);
         ball >= ROUND * cells[n] as f64
     };
-    let of_parts: Vec<usize> = (0..hills.len()).filter(|&n| kept[n]).collect();
+    let of_parts: Vec<usize> = (0..modes.len()).filter(|&n| kept[n]).collect();
     if of_parts.len() < 2 || !of_parts.into_iter().all(round) {
         return Ok(one);
     }
@@ -88,8 +88,8 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
         let cell: [usize; 3] =
             std::array::from_fn(|a| ((place[a] - grid.origin[a]) / grid.spacing[a]).round().max(0.0) as usize);
         let within = cell.iter().zip(grid.dims).all(|(c, d)| *c < d);
-        let hill = if within { of_cell[cell[0] + x * (cell[1] + y * cell[2])] } else { usize::MAX };
-        if kept.get(hill).copied().unwrap_or(false) { hill as u32 + 1 } else { 0 }
+        let mode = if within { of_cell[cell[0] + x * (cell[1] + y * cell[2])] } else { usize::MAX };
+        if kept.get(mode).copied().unwrap_or(false) { mode as u32 + 1 } else { 0 }
     };
     Ok(joined(body, &(0..body.len()).map(own).collect::<Vec<u32>>()))
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Maximum number of grid cells (32 MiB of bits); a finer request is coarsened.
-const MOST_CELLS: f64 = (1u64 << 28) as f64;
+const MAX_CELLS: f64 = (1u64 << 28) as f64;
 
 /// One ellipsoid: centre, rotation (columns are the axes), half axes, all in world units.
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +46,7 @@ pub fn union_volume(ellipsoids: &[Ellipsoid], cell: f64) -> (f64, f64) {
     }
     let mut cell = cell;
     let counts = |cell: f64| [0, 1, 2].map(|a| (high[a] / cell).floor() - (low[a] / cell).floor() + 1.0);
-    while counts(cell).iter().product::<f64>() > MOST_CELLS {
+    while counts(cell).iter().product::<f64>() > MAX_CELLS {
         cell *= 2.0;
     }
     let first = low.map(|v| (v / cell).floor());

@@ -1,5 +1,5 @@
-//! Training with attributes that not all Gaussians have, normals and embeddings: what is trained, what a checkpoint keeps,
-//! what becomes of them in new Gaussians.
+//! Tests of training with the optional attributes, normals and embeddings: what is trained, what a checkpoint keeps,
+//! and what new Gaussians receive.
 
 use super::Trainer;
 use super::checkpoint::{self, State};
@@ -50,7 +50,7 @@ fn normals_and_material_are_trained_and_follow_the_gaussians() {
     assert_ne!(shading.normals[..first.normals.len()], first.normals[..]);
 }
 
-/// With both, and planes of time.
+/// A configuration with both attributes and space-time planes.
 fn embedded() -> Config {
     let mut config = config(Appearance::Headlight);
     (config.model.encoder, config.model.time_curve) = (EncoderKind::HexPlane, TimeCurve::Cubic);
@@ -122,7 +122,7 @@ fn a_shaded_scene_is_drawn_from_its_file_as_it_was_trained() {
     let camera = data.train.frames[1].camera.to_kernel();
     let picture = read.render(camera, 0.4);
     assert_eq!(picture, trainer.scene().render(camera, 0.4));
-    // the Gaussians of a time that went over the host are drawn alike, and their light is part of what is seen
+    // the Gaussians of a time read back to the host are drawn alike, and their light affects the picture
     let host = read.host_at(0.4);
     let draw = |g: &HostGaussians, degree: usize| {
         let rendering = Rendering { sh_degree: degree, ..read.spec.rendering() };
@@ -134,7 +134,7 @@ fn a_shaded_scene_is_drawn_from_its_file_as_it_was_trained() {
     let mut moved = host.clone();
     moved.shading.as_mut().unwrap().light = Light::Far([0.0, 0.0, 1.0]);
     assert_ne!(draw(&moved, read.spec.sh_degree), picture);
-    // harmonics alone come near
+    // spherical harmonics alone come close
     let baked = draw(&host.baked(), 2);
     let off = baked.iter().zip(&picture).map(|(a, b)| (a - b).abs()).sum::<f32>() / picture.len() as f32;
     assert!(off < 0.02, "{off}");

@@ -1,7 +1,8 @@
-//! A moving average of the parameters of a scene, shown and saved in the place of what the last step left.
+//! Moving average of a scene's parameters, shown and saved in place of the state after the last step.
 //!
-//! Each step sees one view and moves the parameters towards it; their mean over the last steps is nearer to what all views ask
-//! for (Polyak and Juditsky 1992). Steps go on from the parameters themselves, so that the average changes none of them.
+//! Each step sees one view and moves the parameters towards it; their mean over the last steps is closer to what suits
+//! all views (Polyak and Juditsky 1992). Steps continue from the parameters themselves, so the average changes none of
+//! them.
 
 use super::densify::{Row, apply};
 use crate::model::params::{self, HostTensor, Path};
@@ -11,29 +12,29 @@ use burn::tensor::Tensor;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-/// Steps from one look at the parameters to the next.
+/// Steps between two looks at the parameters.
 const EVERY: usize = 10;
-/// It reaches back at most one in so many of the steps since it began, so that it does not show an early training as older
-/// than it is.
+/// The average reaches back over at most one in this many of the steps since it began, so that early in a training it
+/// does not lag behind.
 const SHARE: usize = 10;
-/// Steps that an average reaches back at least: two looks; and at most: what a checkpoint counts exactly.
+/// Bounds of the reach in steps: two looks, and what a checkpoint counts exactly.
 pub(super) const REACH: RangeInclusive<usize> = 2 * EVERY..=1_000_000;
-/// Where a checkpoint keeps the parameters that steps go on from.
+/// Prefix, in a checkpoint, of the parameters that steps continue from.
 const TRAINED: &str = "trained.";
-/// Where it keeps how many looks the average is of.
+/// Key, in a checkpoint, of the number of looks in the average.
 const LOOKS: &str = "average.looks";
 
-/// The average, once there is one.
+/// The average, empty before the first look.
 #[derive(Debug)]
 pub(super) struct Average {
-    /// Steps that it reaches back; 0 for none.
+    /// Steps that it reaches back; 0 disables it.
     reach: usize,
-    /// The mean, without gradients, and how many looks it is of; counted as far as that matters.
+    /// The mean, without gradients, and the number of looks in it, counted only as far as it matters.
     mean: Option<(Scene, usize)>,
 }
 
 impl Average {
-    /// None yet, of `reach` steps; 0 for never.
+    /// Returns an empty average over `reach` steps; 0 disables it.
     pub(super) fn new(reach: usize) -> Self {
         Self { reach, mean: None }
     }
@@ -43,13 +44,13 @@ impl Average {
         self.mean.as_ref().map(|(scene, _)| scene)
     }
 
-    /// Begins anew, as when there are other Gaussians than before.
+    /// Starts over, as when the set of Gaussians changes.
     pub(super) fn clear(&mut self) {
         self.mean = None;
     }
 
-    /// Looks at the parameters after `steps` steps, if a look is due. Older looks weigh less by a factor of e in `reach` steps, or
-    /// in a tenth of the steps since it began while that is fewer.
+    /// Looks at the parameters after `steps` steps, if a look is due. The weight of older looks falls by a factor of e
+    /// in `reach` steps, or in a tenth of the steps since the average began while that is fewer.
     pub(super) fn look(&mut self, steps: usize, trained: &Scene) {
         if self.reach == 0 || !steps.is_multiple_of(EVERY) {
             return;
@@ -68,7 +69,7 @@ impl Average {
         self.mean = Some((Scene { spec, ..mean }, looks));
     }
 
-    /// Puts its Gaussians into the order of `rows`, which keep them all.
+    /// Reorders its Gaussians by `rows`, which keep all of them.
     pub(super) fn rearrange(&mut self, rows: &[Row]) {
         if let Some((scene, _)) = &mut self.mean {
             let device = scene.gaussians.means.val().device();
@@ -77,18 +78,18 @@ impl Average {
         }
     }
 
-    /// What a checkpoint needs beside the average itself, which is its model; nothing where there is none.
+    /// Returns what a checkpoint needs besides the average itself, which is its model; empty if there is no average.
     pub(super) fn to_tensors(&self, trained: &Scene) -> BTreeMap<String, HostTensor> {
         let Some((_, looks)) = &self.mean else { return BTreeMap::new() };
         let own = params::collect(trained).into_iter().map(|(name, tensor)| (format!("{TRAINED}{name}"), tensor));
         own.chain([(LOOKS.to_owned(), HostTensor { shape: vec![1], values: vec![*looks as f32] })]).collect()
     }
 
-    /// Takes back what [`Average::to_tensors`] gave, where `model` is the model of the checkpoint, and gives the scene that steps go
-    /// on from.
+    /// Restores what [`Average::to_tensors`] returned, where `model` is the model of the checkpoint, and returns the
+    /// scene that steps continue from.
     ///
     /// # Errors
-    /// A message that names a tensor which does not fit.
+    /// A message naming a tensor that does not fit.
     pub(super) fn load(&mut self, model: Scene, tensors: &BTreeMap<String, HostTensor>) -> Result<Scene, String> {
         self.mean = None;
         let Some(looks) = tensors.get(LOOKS) else { return Ok(model) };
@@ -111,13 +112,13 @@ impl Average {
             own.insert(name, tensor.clone());
         }
         let trained = params::load(model.clone(), &own).map_err(|e| format!("{TRAINED}*: {e}"))?;
-        // a run may go on without its average
+        // a run may be resumed without its average
         self.mean = (self.reach > 0).then(|| (model.valid(), looks as usize));
         Ok(trained)
     }
 }
 
-/// The parameters of a scene by name, flat.
+/// Returns the parameters of a scene by name, flat.
 fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
     struct Handles {
         path: Path,
@@ -141,7 +142,7 @@ fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
     handles.out
 }
 
-/// Moves each parameter towards the value of its name.
+/// Moves each parameter towards the value of the same name.
 struct Blend {
     path: Path,
     values: BTreeMap<String, Tensor<1>>,
@@ -174,7 +175,7 @@ mod tests {
         params::load(scene.clone(), &tensors).unwrap()
     }
 
-    /// By how much each parameter of `a` is above that of `b`, if it is the same for all.
+    /// Returns `a - b` for the parameters, asserting that it is the same for all.
     fn difference(a: &Scene, b: &Scene) -> f32 {
         let (a, b) = (params::collect(a), params::collect(b));
         let all: Vec<f32> =

@@ -1,5 +1,5 @@
-//! Whether a training fits into memory, asked before anything of it is allocated: an allocation that fails ends the
-//! program. The sizes are counted from the configuration; what kernels need besides is estimated.
+//! Checks whether a training fits into memory before anything is allocated for it: a failed allocation ends the
+//! program. The sizes are counted from the configuration; what kernels need in addition is estimated.
 
 use super::TrainError;
 use super::due::Span;
@@ -7,47 +7,47 @@ use crate::config::types::{Config, DensifyMode};
 use crate::memory::Budget;
 use crate::model::{d3dgs, size};
 
-/// Bytes of a value.
+/// Bytes per value.
 const VALUE: u128 = 4;
-/// Copies of each parameter in a step: itself, its gradient, two moments, and one in passing.
+/// Copies of each parameter in a step: itself, its gradient, two moments and one temporary.
 const COPIES: u128 = 5;
 /// Copies of each Gaussian's attributes while Gaussians are added and removed: on the device, on the host, old and new.
 const COPIES_MOVED: u128 = 7;
-/// More of both with a moving average: itself, and one in passing.
+/// Additional copies of both with a moving average: the average and one temporary.
 const COPIES_AVERAGED: u128 = 2;
-/// Values of each Gaussian in a step beside attributes, features and hidden layers: outputs, projections, tile entries.
+/// Values per Gaussian in a step besides attributes, features and hidden layers: outputs, projections, tile entries.
 const VALUES_DRAWN: u128 = 60;
-/// Values of each pixel in a step: target, image, gradients, and the statistics of DSSIM.
+/// Values per pixel in a step: target, image, gradients, and the statistics of DSSIM.
 const VALUES_PIXEL: u128 = 60;
-/// Entries of a view's table while the visual hull is carved, at most.
+/// Maximum number of entries in a view's table while the visual hull is carved.
 const HULL_TABLE: u128 = 257 * 257;
 
-/// The training images as memory sees them.
+/// Size of the training images.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Views {
-    /// How many.
+    /// Number of images.
     pub count: usize,
-    /// Pixels of each.
+    /// Pixels per image.
     pub pixels: usize,
 }
 
-/// Refuses a training that needs more memory than `budget`; of the tensors that live `on_gpu`, copies on the host count.
+/// Refuses a training that needs more memory than `budget`; `on_gpu`, only the tensors' copies on the host count.
 ///
 /// # Errors
-/// The key that takes most, with its value.
+/// If the memory does not suffice, naming the key that needs most of it, with its value.
 pub(crate) fn check_memory(config: &Config, views: Views, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
     let need = |config: &Config| needed(config, views, on_gpu);
     let bytes = need(config);
     budget.check(largest(config, need), bytes).map_err(|e| TrainError::Config(e.to_string()))
 }
 
-/// What the sizes of a method's model are made of, in values.
+/// Sizes that determine the memory of a method's model, in values.
 struct Sizes {
-    /// Those of one Gaussian.
+    /// Values per Gaussian.
     attributes: u128,
-    /// Parameters beside the Gaussians.
+    /// Parameters besides the Gaussians.
     parameters: u128,
-    /// Those that a step keeps for each Gaussian until the gradients are found, beside its attributes.
+    /// Values that a step keeps per Gaussian until the gradients are computed, besides its attributes.
     kept: u128,
 }
 
@@ -65,7 +65,7 @@ impl Sizes {
                 Self { attributes, parameters: d3dgs::parameters(network), kept: d3dgs::kept_values(network) }
             }
             (None, None) => {
-                // with an embedding they are joined to it, and their gradients come out joined
+                // an embedding is concatenated with the features, and so are the gradients
                 let joined = if model.embedding > 0 { size::inputs(model) } else { 0 };
                 let features = size::features(model).saturating_add(joined).saturating_mul(2);
                 let kept = features.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model));
@@ -75,7 +75,7 @@ impl Sizes {
     }
 }
 
-/// Bytes at the peak of a training, beside the images themselves.
+/// Returns the bytes at the peak of a training, excluding the images themselves.
 fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
     let (n, count) = (most_gaussians(config), views.count as u128);
     let Sizes { attributes, parameters, kept } = Sizes::of(config);
@@ -96,7 +96,7 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
     values.saturating_mul(VALUE).saturating_add(hull.max(reduced))
 }
 
-/// The most Gaussians that there can be: no more than twice as many after each time that some are added.
+/// Returns the maximum number of Gaussians: each time some are added, their number at most doubles.
 pub(super) fn most_gaussians(config: &Config) -> u128 {
     let (start, d) = (config.init.points as u128, &config.densify);
     if d.mode == DensifyMode::Off {
@@ -108,10 +108,10 @@ pub(super) fn most_gaussians(config: &Config) -> u128 {
     doubled.min(d.budget.max(d.warmup_most()) as u128).max(start)
 }
 
-/// A key and where its value is.
+/// A key and an accessor of its value.
 type Key = (&'static str, fn(&mut Config) -> &mut usize);
 
-/// The keys that sizes follow from.
+/// The keys that determine the sizes.
 const KEYS: [Key; 13] = [
     ("init.points", |c| &mut c.init.points),
     ("densify.budget", |c| &mut c.densify.budget),
@@ -128,7 +128,7 @@ const KEYS: [Key; 13] = [
     ("model.implicit_depth", |c| &mut c.model.implicit_depth),
 ];
 
-/// The key, with its value, whose return to its default would save most; the number of Gaussians where none would.
+/// Returns the key, with its value, whose return to its default would save most; the number of Gaussians if none would.
 fn largest(config: &Config, need: impl Fn(&Config) -> u128) -> String {
     let mut defaults = Config::default();
     let saved = |(name, place): &Key| {

@@ -1,4 +1,4 @@
-//! What a configuration must hold before training may start, beyond its types.
+//! Requirements on a configuration before training may start, beyond its types.
 
 use super::budget::most_gaussians;
 use super::rate_schedule::find_schedule;
@@ -12,7 +12,7 @@ use crate::rng::{Purpose, Rng};
 use crate::volume::transfer::color::parse_hex;
 use burn::tensor::Device;
 
-/// What lies behind the Gaussians.
+/// The background behind the Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Background {
     /// Always this colour.
@@ -22,7 +22,7 @@ pub(crate) enum Background {
 }
 
 impl Background {
-    /// That of a step.
+    /// Returns the colour for a step.
     pub(crate) fn colour(self, seed: u64, step: usize) -> [f32; 3] {
         match self {
             Self::Fixed(colour) => colour,
@@ -34,10 +34,10 @@ impl Background {
     }
 }
 
-/// The background colour that `data.background` names; white in evaluation where it is `random`.
+/// Returns the background colour that `data.background` names; white in evaluation if it is `random`.
 ///
 /// # Errors
-/// If it is none of the known forms.
+/// If it has none of the known forms.
 pub fn evaluation_background(text: &str) -> Result<[f32; 3], TrainError> {
     match parse_background(text)? {
         Background::Fixed(colour) => Ok(colour),
@@ -56,7 +56,7 @@ pub(crate) fn parse_background(text: &str) -> Result<Background, TrainError> {
     }
 }
 
-/// Refuses a run whose largest buffers the device cannot bind; says nothing of devices in host memory.
+/// Refuses a run whose largest buffers the device cannot bind; accepts any on devices in host memory.
 pub(crate) fn check_device(
     config: &Config,
     start: usize,
@@ -67,7 +67,7 @@ pub(crate) fn check_device(
     let n = usize::try_from(most_gaussians(config)).unwrap_or(usize::MAX).max(start);
     let m = &config.model;
     let colours = (m.sh_degree as u128).saturating_add(1).saturating_pow(2).saturating_mul(3);
-    // colours of one Gaussian, what the decoder sees of it, width of the decoder, widest layer of an implicit network
+    // colours of one Gaussian, inputs of the decoder, width of the decoder, widest layer of an implicit network
     let (colours, seen, width, widest) = match (&config.fourdgs, &config.d3dgs) {
         (Some(in_time), _) => (in_time.colours(m.sh_degree), 0, 0, 0),
         (None, Some(network)) => (colours, 0, 0, d3dgs::widest(network)),
@@ -95,7 +95,7 @@ pub(crate) fn check_device(
 /// Refuses values that no training can start with.
 ///
 /// # Errors
-/// The first such value, by its key.
+/// The first such value, named by its key.
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
     check_model(&config.model).map_err(TrainError::Config)?;
@@ -163,7 +163,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     check_registered(config)
 }
 
-/// Refuses numbers with which a training would soon hold NaN, and then blame its learning rates.
+/// Refuses numbers that would soon lead to NaN, for which the learning rates would then be blamed.
 fn check_ranges(config: &Config) -> Result<(), TrainError> {
     let (init, optim) = (&config.init, &config.optim);
     let [first, second] = optim.betas;
@@ -178,7 +178,7 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
         ("optim.betas[0]", first, 0.0, 0.999_999),
         ("optim.betas[1]", second, 0.0, 0.999_999),
         ("densify.prune_opacity", config.densify.prune_opacity, 0.0, 0.999),
-        // a rate that falls log-linearly to nothing is nothing from the second step on
+        // a rate that falls log-linearly to zero is zero from the second step on
         ("optim.attributes_final_fraction", optim.attributes_final_fraction, 1e-9, 1e9),
         ("optim.final_fraction", if falls_to_nothing { optim.final_fraction } else { 1.0 }, 1e-9, 1e9),
     ];
@@ -193,7 +193,7 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
     }
 }
 
-/// Refuses times that no view can have.
+/// Refuses times that no view can have, and two selections of times at once.
 fn check_times(data: &DataConfig) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
     if let Some(time) = data.only_times.iter().find(|time| !(0.0..=1.0).contains(*time)) {
@@ -205,7 +205,8 @@ fn check_times(data: &DataConfig) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Refuses keys that would do nothing, as they wait for resets of opacity that never come, or something else than they say.
+/// Refuses keys that would have no effect, as they wait for opacity resets that never come, or an effect other than
+/// stated.
 fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
     if densify.every == 0 {
@@ -226,7 +227,7 @@ fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
     }
 }
 
-/// Refuses names of registered things that are not there, before hours of training and not after them.
+/// Refuses unregistered names at the start, not after hours of training.
 fn check_registered(config: &Config) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
     if let Err(error) = losses::ExtraTerms::new(&config.loss) {
@@ -248,8 +249,8 @@ fn check_registered(config: &Config) -> Result<(), TrainError> {
     }
 }
 
-/// What is wrong with the first number below 0, not finite (which JSON writes as null) or beyond single precision: no
-/// key takes any of these.
+/// Describes the first number that is below 0, not finite (which JSON writes as null) or beyond single precision: no
+/// key accepts any of these.
 fn bad_number(value: &serde_json::Value, key: String) -> Option<String> {
     match value {
         serde_json::Value::Null => Some(format!("{key}: NaN or infinite; a finite number, 0 or above")),
@@ -312,7 +313,7 @@ mod tests {
                 ["model.implicit_octaves = 64", "at most 24"],
             ),
         ];
-        // a cosine may end at nothing
+        // a cosine may end at zero
         let mut cosine = Config::default();
         (cosine.optim.schedule, cosine.optim.final_fraction) = ("cosine".into(), 0.0);
         check(&cosine).unwrap();

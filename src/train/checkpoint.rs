@@ -1,7 +1,7 @@
-//! Checkpoints: everything that a run needs to go on as if it had never stopped.
+//! Checkpoints: everything that a run needs to continue as if it had never stopped.
 //!
-//! `checkpoints/step-NNNNNN/{scene,optimizer}.safetensors` and `state.json`, written to a temporary folder
-//! and renamed, so that a checkpoint is either whole or not there.
+//! `checkpoints/step-NNNNNN/{scene,optimizer}.safetensors` and `state.json`, written to a temporary folder and renamed,
+//! so that a checkpoint is either complete or absent.
 
 use super::resume::{self, Change};
 use super::{Saved, Training};
@@ -16,10 +16,10 @@ use std::path::{Path, PathBuf};
 /// Why a checkpoint cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// A tensor file.
+    /// A tensor file cannot be written or read.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Another file or the folder.
+    /// Another file or the folder cannot be written or read.
     #[error("{path}: {reason}")]
     File {
         /// The file.
@@ -27,15 +27,15 @@ pub enum CheckpointError {
         /// What is wrong.
         reason: String,
     },
-    /// A checkpoint is not whole any more.
+    /// A checkpoint is no longer complete.
     #[error("{reason}; {advice}")]
     Damaged {
         /// What is wrong, with the file.
         reason: String,
-        /// The way out, as a command where there is one.
+        /// The remedy, as a command where there is one.
         advice: String,
     },
-    /// The checkpoint belongs to other data.
+    /// The checkpoint belongs to another dataset.
     #[error(
         "{path}: trained on another dataset ({was}, this one is {now}); point to the one it was trained on with --data, or train \
          into a new folder"
@@ -48,7 +48,7 @@ pub enum CheckpointError {
         /// Fingerprint of the dataset given.
         now: String,
     },
-    /// Keys were changed that shaped the steps already taken.
+    /// Keys that shaped the steps already taken were changed.
     #[error("{path}: {}; resume without that, or train into a new folder", listed(changes))]
     Changed {
         /// The checkpoint.
@@ -56,19 +56,19 @@ pub enum CheckpointError {
         /// The keys.
         changes: Vec<Change>,
     },
-    /// What only training needs is not there.
+    /// The state that only training needs is missing.
     #[error("{path}: is packed, without what only training needs; resume the run that it was packed from")]
     Packed {
         /// The checkpoint.
         path: PathBuf,
     },
-    /// There is nothing to go on from.
+    /// There is no checkpoint to resume from.
     #[error("{run}: no checkpoint to go on from; without --resume training begins anew")]
     None {
         /// The run.
         run: PathBuf,
     },
-    /// Another folder stands where the checkpoint should go.
+    /// Another folder is in the place of the checkpoint.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
 }
@@ -80,12 +80,12 @@ fn listed(changes: &[Change]) -> String {
 /// The folder of a checkpoint.
 const KIND: FolderKind = FolderKind { what: "a checkpoint", markers: &[STATE], entries: &[RunPaths::SCENE, OPTIMIZER] };
 
-/// What is not a tensor, see [`State`].
+/// The file of everything but tensors, see [`State`].
 const STATE: &str = "state.json";
-/// What only training needs.
+/// The file of the tensors that only training needs.
 const OPTIMIZER: &str = "optimizer.safetensors";
 
-/// What is not a tensor.
+/// Everything in a checkpoint but its tensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Steps taken.
@@ -98,30 +98,30 @@ pub struct State {
     pub config: String,
     /// Seconds of training so far.
     pub seconds: f64,
-    /// Whether the scene is packed, and what only training needs left out: it can be looked at, and not trained on.
+    /// Whether the scene is packed and what only training needs is omitted: it can be viewed, but not trained further.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub packed: bool,
 }
 
-/// Name of the checkpoint after `step` steps.
+/// Returns the name of the checkpoint after `step` steps.
 pub fn folder_name(step: usize) -> String {
     format!("step-{step:06}")
 }
 
-/// The step of the checkpoint in that folder, by its name.
+/// Returns the step of the checkpoint in that folder, from its name.
 #[must_use]
 pub fn step_of(path: &Path) -> Option<usize> {
     path.file_name()?.to_str()?.strip_prefix("step-")?.parse().ok()
 }
 
-/// Complete checkpoints in a run folder, oldest first; none where the folder cannot be read, see [`newest`].
+/// Lists the complete checkpoints in a run folder, oldest first; none if the folder cannot be read, see [`newest`].
 pub fn list(run: &Path) -> Vec<(usize, PathBuf)> {
     let mut found = folders(run).unwrap_or_default();
     found.retain(|(_, path)| path.join(STATE).is_file());
     found
 }
 
-/// Folders of checkpoints in a run, whole or not, oldest first.
+/// Lists the checkpoint folders of a run, complete or not, oldest first.
 fn folders(run: &Path) -> Result<Vec<(usize, PathBuf)>, CheckpointError> {
     let path = RunPaths(run).checkpoints();
     let wrong = |e: std::io::Error| CheckpointError::File { path: path.clone(), reason: e.to_string() };
@@ -139,16 +139,16 @@ fn folders(run: &Path) -> Result<Vec<(usize, PathBuf)>, CheckpointError> {
     Ok(found)
 }
 
-/// The newest checkpoint of a run, if it has one.
+/// Returns the newest checkpoint of a run, if it has one.
 ///
 /// # Errors
-/// [`CheckpointError::Damaged`] if it is not whole: checkpoints appear whole, so a part of it was lost since.
+/// [`CheckpointError::Damaged`] if it is incomplete: checkpoints appear complete, so a part of it was lost since.
 /// [`CheckpointError::File`] if the folder cannot be read.
 pub fn newest(run: &Path) -> Result<Option<PathBuf>, CheckpointError> {
     let Some((_, path)) = folders(run)?.pop() else { return Ok(None) };
     let files = KIND.markers.iter().chain(KIND.entries);
     match files.into_iter().find(|name| !path.join(name).is_file()) {
-        // a training removes old ones, by renaming them first
+        // a training removes old checkpoints, renaming them first
         Some(_) if !path.exists() => Ok(list(run).pop().map(|(_, path)| path)),
         Some(&name) if name == OPTIMIZER && read_state(&path).is_ok_and(|state| state.packed) => Ok(Some(path)),
         Some(name) => Err(CheckpointError::Damaged {
@@ -159,13 +159,13 @@ pub fn newest(run: &Path) -> Result<Option<PathBuf>, CheckpointError> {
     }
 }
 
-/// The scene file of the newest checkpoint of a run.
+/// Returns the scene file of the newest checkpoint of a run.
 pub fn newest_scene(run: &Path) -> Option<PathBuf> {
     list(run).pop().map(|(_, path)| path.join(RunPaths::SCENE))
 }
 
-/// The run and the checkpoint that `path` stands for: a run folder with its newest checkpoint, if it has one, or one of
-/// its checkpoints.
+/// Returns the run and the checkpoint that `path` refers to: a run folder with its newest checkpoint, if it has one, or
+/// one of its checkpoints.
 pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
     let run =
         path.parent().filter(|p| p.file_name().is_some_and(|n| n == RunPaths::CHECKPOINTS)).and_then(Path::parent);
@@ -178,7 +178,8 @@ pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
     }
 }
 
-/// What to do when the checkpoint at `path` is damaged: the newest older one that is whole, as a command would name it.
+/// Returns what to do when the checkpoint at `path` is damaged, naming the newest older one that is complete as a
+/// command would.
 pub fn advice(path: &Path) -> String {
     let run = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new("."));
     let whole = |checkpoint: &Path| {
@@ -201,8 +202,8 @@ pub fn advice(path: &Path) -> String {
     }
 }
 
-/// Takes checkpoints after `step`, whole or not, out of the way, as training goes on from there: they stay beside it
-/// under `aside-step-NNNNNN`. Gives their number.
+/// Sets aside the checkpoints after `step`, complete or not, as training continues from there: they stay beside it
+/// under `aside-step-NNNNNN`. Returns their number.
 ///
 /// # Errors
 /// If one cannot be renamed.
@@ -212,7 +213,7 @@ pub fn set_newer_aside(run: &Path, step: usize) -> Result<usize, CheckpointError
     Ok(newer.len())
 }
 
-/// Renames a checkpoint so that it counts as none.
+/// Renames a checkpoint so that it no longer counts as one.
 fn set_aside(path: &Path) -> Result<(), CheckpointError> {
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let aside = |k: usize| {
@@ -224,7 +225,7 @@ fn set_aside(path: &Path) -> Result<(), CheckpointError> {
     moved.map_err(|e| CheckpointError::File { path: path.into(), reason: e.to_string() })
 }
 
-/// What a checkpoint says beside its tensors.
+/// Reads the state of a checkpoint besides its tensors.
 ///
 /// # Errors
 /// If its file is missing or damaged.
@@ -235,8 +236,8 @@ pub fn read_state(checkpoint: &Path) -> Result<State, CheckpointError> {
     serde_json::from_str(&text).map_err(|e| bad(&e))
 }
 
-/// Writes what can be drawn of a checkpoint into `run`, a folder that nobody sees yet: `scene`, which is that of
-/// `checkpoint`, packed.
+/// Writes the viewable part of `checkpoint` into `run`, a folder not yet visible to others: `scene`, which is its
+/// scene, packed. Returns the scene file.
 ///
 /// # Errors
 /// If a file cannot be read or written.
@@ -255,14 +256,14 @@ pub fn save_packed(run: &Path, scene: &Scene, checkpoint: &Path) -> Result<PathB
 /// Writes a checkpoint and removes all but the `keep` newest.
 ///
 /// # Errors
-/// If a file cannot be written, or a moment is no finite number; nothing half-written is left under a final name.
+/// If a file cannot be written, or a moment is not finite; nothing incomplete is left under a final name.
 pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> Result<PathBuf, CheckpointError> {
     let path = RunPaths(run).checkpoints().join(folder_name(state.step));
     let file_error = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     std::fs::create_dir_all(RunPaths(run).checkpoints()).map_err(|e| file_error(&e))?;
     let dir = AtomicDir::create(&path).map_err(|e| file_error(&e))?;
     training.model().save(&dir.dir().join(RunPaths::SCENE))?;
-    // on a GPU losses and gradients are looked at now and then only; what is not finite shows in the moments too
+    // on a GPU losses and gradients are read only now and then; non-finite values show in the moments too
     let moments = training.state();
     refuse_not_finite(&path.join(OPTIMIZER), &moments)?;
     write_tensors(&dir.dir().join(OPTIMIZER), &moments, None)?;
@@ -271,7 +272,7 @@ pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> 
     dir.commit_replacing(&KIND, &[])?;
     let all = list(run);
     for (_, old) in all.iter().take(all.len().saturating_sub(keep.max(1))) {
-        // one in which somebody keeps files of their own stays, out of the way
+        // one in which a user keeps other files is set aside instead
         match KIND.check(old, &[]) {
             Ok(()) => remove_whole(old).map_err(|e| file_error(&e))?,
             Err(_) => set_aside(old)?,
@@ -280,11 +281,11 @@ pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> 
     Ok(path)
 }
 
-/// Takes a training, new from the same data and a configuration that may differ in what [`resume`] allows, to where the
-/// checkpoint was. Gives the keys that differ.
+/// Restores a checkpoint into a training newly created from the same data and a configuration that may differ in what
+/// [`resume`] allows. Returns the state and the keys that differ.
 ///
 /// # Errors
-/// If a file is missing or damaged, or the configuration or the dataset is another.
+/// If a file is missing or damaged, or the configuration or the dataset does not match.
 pub fn restore(
     path: &Path,
     training: &mut dyn Training,

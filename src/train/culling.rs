@@ -1,44 +1,44 @@
-//! Which Gaussians were transparent at which training time, so that the next steps at that time may pass over them.
-//! A Gaussian that no pixel can see has no gradient; all that is lost is the moment at which it would have come back.
+//! Records which Gaussians were transparent at which training time, so that the next steps at that time may skip them.
+//! A Gaussian that no pixel sees has no gradient; skipping it can only delay its return.
 
 use crate::model::params::HostTensor;
 use std::collections::BTreeMap;
 use volseggs_kernels::activation::logit;
 use volseggs_kernels::splat::ALPHA_MIN;
 
-/// Bits that a number of a checkpoint holds exactly.
+/// Bits that one number of a checkpoint holds exactly.
 const BITS: usize = 16;
-/// Where a checkpoint keeps them; files of earlier versions hold this word.
+/// Prefix of its tensors in a checkpoint, kept as in files of earlier versions.
 const PREFIX: &str = "asleep.";
 
-/// The Gaussians culled at each time seen so far.
+/// The culled Gaussians of each time seen so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Culling {
-    /// Visits of a time from one look at all Gaussians to the next; 0 for always.
+    /// Visits of a time from one that evaluates all Gaussians to the next; 0 if every visit does.
     every: usize,
-    /// By the bits of the time: visits since the last look at all, and which are culled `[N]`.
+    /// By the bits of the time: visits since the last that evaluated all, and which Gaussians are culled `[N]`.
     times: BTreeMap<u64, (usize, Vec<bool>)>,
 }
 
 impl Culling {
-    /// None is culled yet; every Gaussian is looked at in one of `every` visits of a time, 0 for always.
+    /// Starts with none culled; one in `every` visits of a time evaluates all Gaussians, 0 for every visit.
     pub fn new(every: usize) -> Self {
         Self { every, times: BTreeMap::new() }
     }
 
-    /// Which Gaussians `[N]` may be passed over in this visit of `time`; `None` if all are due.
+    /// Returns which Gaussians `[N]` may be skipped in this visit of `time`; `None` if all are due.
     pub fn visit(&mut self, time: f64) -> Option<Vec<bool>> {
         let (visits, culled) = self.times.get_mut(&time.to_bits())?;
         *visits = visits.saturating_add(1);
         (*visits < self.every).then(|| culled.clone())
     }
 
-    /// Whether any Gaussian is ever passed over.
+    /// Whether any Gaussian is ever skipped.
     pub fn is_on(&self) -> bool {
         self.every > 1
     }
 
-    /// Notes which are transparent at `time`, by their logits `[N]`, after a visit in which all were looked at.
+    /// Records which Gaussians are transparent at `time`, from their logits `[N]`, after a visit that evaluated all.
     pub fn note(&mut self, time: f64, opacity_logits: &[f32]) {
         if self.is_on() {
             let limit = logit(ALPHA_MIN);
@@ -46,12 +46,12 @@ impl Culling {
         }
     }
 
-    /// Forgets all, as when the Gaussians are others than before.
+    /// Forgets everything, as when the set of Gaussians changes.
     pub fn clear(&mut self) {
         self.times.clear();
     }
 
-    /// All of it as tensors for a checkpoint.
+    /// Returns the state as tensors for a checkpoint.
     pub fn to_tensors(&self) -> BTreeMap<String, HostTensor> {
         let pack = |bits: &[bool]| bits.iter().rev().fold(0u32, |v, b| v << 1 | u32::from(*b)) as f32;
         let tensor = |(time, (visits, culled)): (&u64, &(usize, Vec<bool>))| {
@@ -62,7 +62,7 @@ impl Culling {
         self.times.iter().map(tensor).collect()
     }
 
-    /// Takes back what [`Culling::to_tensors`] gave, for `n` Gaussians; entries that do not fit are left out.
+    /// Restores what [`Culling::to_tensors`] returned, for `n` Gaussians; entries that do not fit are skipped.
     pub fn load(&mut self, tensors: &BTreeMap<String, HostTensor>, n: usize) {
         self.times = tensors
             .iter()

@@ -1,7 +1,7 @@
-//! Which Gaussians are added and removed: clone, split, prune, reset, to an exact budget.
+//! Adding and removing Gaussians: clone, split, prune and reset, to an exact budget.
 //!
-//! Plans on the host from statistics gathered over the steps; the plan is then applied to the attributes
-//! and to the optimiser's moments alike.
+//! The plan is made on the host from statistics gathered over the steps, and is then applied alike to the attributes
+//! and to the optimiser's moments.
 
 use super::due::Due;
 use crate::config::types::{Config, DensifyMode, PruneBy};
@@ -11,19 +11,19 @@ use crate::rng::{Purpose, Rng};
 use std::collections::BTreeMap;
 use volseggs_kernels::activation::sigmoid;
 
-/// What is remembered about each Gaussian between densifications.
+/// Statistics of each Gaussian between densifications.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Statistics {
-    /// Sum of the norm of the screen-space gradient, normalised device coordinates.
+    /// Sum of the norms of the screen-space gradient, in normalised device coordinates.
     pub gradient: Vec<f32>,
-    /// Views that drew it.
+    /// Number of views that drew it.
     pub views: Vec<f32>,
-    /// Largest opacity it had since the last pruning.
+    /// Largest opacity since the last pruning or reset.
     pub opacity: Vec<f32>,
 }
 
 impl Statistics {
-    /// Nothing seen yet, for `n` Gaussians.
+    /// Returns empty statistics for `n` Gaussians.
     pub fn new(n: usize) -> Self {
         Self { gradient: vec![0.0; n], views: vec![0.0; n], opacity: vec![0.0; n] }
     }
@@ -39,14 +39,15 @@ impl Statistics {
         }
     }
 
-    /// Notes the opacities of a step, given as logits `[N]`.
+    /// Records the opacities of a step, given as logits `[N]`.
     pub fn add_opacity(&mut self, logits: &[f32]) {
         for (largest, logit) in self.opacity.iter_mut().zip(logits) {
             *largest = largest.max(sigmoid(*logit));
         }
     }
 
-    /// What is remembered of the Gaussians of `rows` once `due` was done: nothing, but their opacity until they are pruned by it.
+    /// Returns the statistics of the Gaussians of `rows` once `due` is done: empty, but for the largest opacity, which
+    /// is kept unless Gaussians were pruned or opacities reset.
     #[must_use]
     pub fn renewed(&self, rows: &[Row], due: Due) -> Self {
         let mut new = Self::new(rows.len());
@@ -56,14 +57,14 @@ impl Statistics {
         new
     }
 
-    /// The same of the Gaussians in the order of `rows`.
+    /// Returns the statistics in the order of `rows`.
     #[must_use]
     pub fn rearranged(&self, rows: &[Row]) -> Self {
         let [gradient, views, opacity] = [&self.gradient, &self.views, &self.opacity].map(|v| gather(v, rows, 1));
         Self { gradient, views, opacity }
     }
 
-    /// What a checkpoint keeps of it.
+    /// Returns the statistics as tensors for a checkpoint.
     #[must_use]
     pub fn into_tensors(self) -> BTreeMap<String, HostTensor> {
         let named = [("gradient", self.gradient), ("views", self.views), ("opacity", self.opacity)];
@@ -71,10 +72,10 @@ impl Statistics {
         named.into_iter().map(|(name, values)| (format!("statistics.{name}"), tensor(values))).collect()
     }
 
-    /// That of `n` Gaussians from [`Statistics::into_tensors`].
+    /// Restores the statistics of `n` Gaussians from [`Statistics::into_tensors`].
     ///
     /// # Errors
-    /// What is missing or does not fit.
+    /// A message naming what is missing or does not fit.
     pub fn from_tensors(tensors: &BTreeMap<String, HostTensor>, n: usize) -> Result<Self, String> {
         let of = |name: &str| {
             let values = tensors.get(&format!("statistics.{name}")).map(|t| t.values.clone());
@@ -89,7 +90,7 @@ impl Statistics {
     }
 }
 
-/// Where a row of the new arrays comes from.
+/// Source of a row of the new arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Row {
     /// An old Gaussian, with its moments.
@@ -101,14 +102,14 @@ pub enum Row {
 }
 
 impl Row {
-    /// The old Gaussian.
+    /// Returns the index of the old Gaussian.
     pub fn source(self) -> usize {
         let (Self::Keep(i) | Self::Clone(i) | Self::Half(i)) = self;
         i
     }
 }
 
-/// Decides which rows the new arrays have, by the statistics, `opacity_logits` `[N]` and `log_scales` `[N, 3]`.
+/// Plans the rows of the new arrays from the statistics, `opacity_logits` `[N]` and `log_scales` `[N, 3]`.
 pub fn plan(
     due: Due,
     statistics: &Statistics,
@@ -123,7 +124,7 @@ pub fn plan(
         PruneBy::Largest => statistics.opacity[i],
         PruneBy::Present => sigmoid(opacity_logits[i]),
     };
-    // whether a standard deviation is above a fraction of the scene's extent
+    // whether any standard deviation exceeds a fraction of the scene's extent
     let is_above = |fraction: f64| {
         let limit = (fraction * extent).ln() as f32;
         move |i: usize| log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit)
@@ -131,7 +132,7 @@ pub fn plan(
     let is_transparent = |i: usize| due.prune && f64::from(opacity(i)) < d.prune_opacity;
     let is_oversized = is_above(d.prune_size);
     let alive: Vec<usize> = (0..n).filter(|&i| !(is_transparent(i) || due.prune_large && is_oversized(i))).collect();
-    // never prune the scene away
+    // never prune all Gaussians
     let alive = if alive.is_empty() { (0..n).collect() } else { alive };
     let wanted = due.grow_to.map_or(0, |target| target.saturating_sub(alive.len()));
     let threshold = if d.mode == DensifyMode::Threshold { d.threshold as f32 } else { 0.0 };
@@ -151,12 +152,12 @@ pub fn plan(
     rows
 }
 
-/// Rows of a row-major array with `width` columns.
+/// Gathers rows of a row-major array with `width` columns.
 pub fn gather(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
     rows.iter().flat_map(|r| &values[width * r.source()..][..width]).copied().collect()
 }
 
-/// Rows of an optimiser moment: zero for Gaussians that are new.
+/// Gathers rows of an optimiser moment; zero for new Gaussians.
 pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
     let mut out = vec![0.0; rows.len() * width];
     for (target, row) in out.chunks_exact_mut(width).zip(rows) {
@@ -167,7 +168,7 @@ pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
     out
 }
 
-/// The new attributes. Halves are drawn from their parent's distribution and 1.6 times smaller (3DGS).
+/// Returns the new attributes. Halves are drawn from their parent's distribution and are 1.6 times smaller (3DGS).
 pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
     let mut out = g.map(|column| column.gather(rows.iter().map(|row| row.source())));
     let mut rng = Rng::new(seed, step as u64, Purpose::Split);
@@ -219,7 +220,7 @@ mod tests {
         let due = Due { grow_to: Some(13), ..Due::default() };
         let rows = planned(due, &statistics(10), &g, &Config::default());
         assert_eq!(rows.len(), 13);
-        // 7, 8 and 9 have the largest; odd ones are large and split, 8 is cloned
+        // 7, 8 and 9 have the largest gradients; odd ones are large and are split, 8 is cloned
         assert_eq!(rows[7..], [Row::Half(7), Row::Keep(8), Row::Half(9), Row::Half(7), Row::Clone(8), Row::Half(9)]);
         let out = apply(&rows, &g, 1, 2);
         assert_eq!(out.means[3 * 11..3 * 12], g.means[24..27]);
@@ -246,12 +247,12 @@ mod tests {
         let kept = |config: &Config, g: &HostGaussians, due: Due| -> Vec<usize> {
             planned(due, &s, g, config).into_iter().map(Row::source).collect()
         };
-        g.opacity_logits[2] = -6.0; // 0.0025; it was drawn with 0.5
+        g.opacity_logits[2] = -6.0; // 0.0025; its largest so far is 0.5
         let due = Due { prune: true, ..Due::default() };
         assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);
         config.densify.prune_by = PruneBy::Present;
         assert_eq!(kept(&config, &g, due), [0, 1, 3, 4, 5]);
-        // odd ones have a standard deviation of 1; 0.3 of the extent is more, 0.2 less
+        // odd ones have a standard deviation of 1: below 0.3 of the extent, above 0.2
         config.densify.prune_size = 0.3;
         let due = Due { prune_large: true, ..Due::default() };
         assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);

@@ -1,4 +1,4 @@
-//! When Gaussians are added, removed and reset: what is due after a step, from the step alone.
+//! When Gaussians are added, removed and reset: what is due after a step, determined by the step alone.
 
 use super::schedule::Stage;
 use crate::config::types::{Config, DensifyMode};
@@ -6,17 +6,17 @@ use crate::config::types::{Config, DensifyMode};
 /// What is due at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Due {
-    /// The number of Gaussians to grow to; `None` if none are added now.
+    /// Number of Gaussians to grow to; `None` if none are added now.
     pub grow_to: Option<usize>,
     /// Whether transparent Gaussians are removed.
     pub prune: bool,
-    /// Whether large ones are removed.
+    /// Whether large Gaussians are removed.
     pub prune_large: bool,
     /// Whether opacities are reset.
     pub reset: bool,
 }
 
-/// The steps of a stage, counted from 1, at which Gaussians may be added: above `from`, up to and with `until`.
+/// The steps of a stage, counted from 1, at which Gaussians may be added: after `from`, up to and including `until`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Span {
     from: usize,
@@ -24,7 +24,7 @@ pub(super) struct Span {
 }
 
 impl Span {
-    /// That of warm-up and that of the joint stage.
+    /// Returns the spans of warm-up and of the joint stage.
     pub(super) fn of(config: &Config) -> [Self; 2] {
         let (d, stages) = (&config.densify, &config.stages);
         [
@@ -33,12 +33,12 @@ impl Span {
         ]
     }
 
-    /// Its number of steps.
+    /// Returns its number of steps.
     pub(super) fn steps(self) -> usize {
         self.until.saturating_sub(self.from)
     }
 
-    /// How many of them are done with `step`.
+    /// Returns how many of its steps are done after `step`.
     fn done(self, step: usize) -> usize {
         step.saturating_sub(self.from).min(self.steps())
     }
@@ -48,7 +48,8 @@ impl Span {
     }
 }
 
-/// What is due after `stage`'s step (counted from 1 within its stage), for a run that started with `start` Gaussians.
+/// Returns what is due after the step of `stage`, for a run that started with `start` Gaussians; steps count from 1
+/// within their stage.
 pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let d = &config.densify;
     let [warmup, joint] = Span::of(config);
@@ -57,7 +58,7 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         Stage::Joint(s) => (s + 1, joint),
     };
     let within = span.contains(step);
-    // the last step of each line towards a budget, so that the line ends there
+    // the last step of each line towards a budget, so that the line ends at the budget
     let ends = stage.is_joint() || joint.steps() == 0 || d.warmup_budget > 0;
     let is_last = ends && step == span.until;
     let every = |n: usize| within && (step.is_multiple_of(n.max(1)) || is_last);
@@ -73,7 +74,7 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         Stage::Joint(_) => d.prune_joint,
     };
     let prunes = prunes && every(d.prune_every);
-    // counted over the run where resets go on in the joint stage
+    // counted over the run, as resets may continue in the joint stage
     let of_run = stage.step_of_run(config) + 1;
     let was_reset = d.opacity_reset > 0 && of_run > d.opacity_reset;
     let reset = (!stage.is_joint() || d.opacity_reset_joint)
@@ -87,8 +88,8 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
     }
 }
 
-/// Where the straight line towards the budget is after a step: one line over both stages, or one for each if warm-up has
-/// a budget of its own.
+/// Returns the value of the straight line towards the budget after a step: one line over both stages, or one per stage
+/// if warm-up has a budget of its own.
 fn line(stage: Stage, config: &Config, start: usize) -> usize {
     let d = &config.densify;
     let [warmup, joint] = Span::of(config);
@@ -108,7 +109,7 @@ mod tests {
     use crate::config::PRESETS;
     use crate::config::layers::Layers;
 
-    /// The warm-up steps, counted from 1, at which `what` is due.
+    /// Returns the warm-up steps, counted from 1, at which `what` is due.
     fn warmup_steps(config: &Config, what: impl Fn(Due) -> bool) -> Vec<usize> {
         (1..=config.stages.warmup_steps).filter(|s| what(due(Stage::Warmup(s - 1), config, 100))).collect()
     }
@@ -141,7 +142,7 @@ mod tests {
         assert_eq!(warmup_steps(&config, |d| d.grow_to.is_some()), [200, 300, 400, 450]);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
         assert_eq!(warmup_steps(&config, |d| d.prune), [200, 300, 400, 450]);
-        // a joint stage that adds none is no joint stage in this
+        // a joint stage that adds no Gaussians does not count
         (config.stages.joint_steps, config.densify.joint_from) = (300, 300);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
     }
@@ -155,7 +156,7 @@ mod tests {
         assert!(all.is_sorted(), "{all:?}");
         assert_eq!((all[9], all.last()), (300, Some(&500)));
         assert_eq!(targets(&config, 400).first(), Some(&300), "more than that from the start: none are added");
-        // above the second budget: the joint stage asks for no more than that, and for nothing to go
+        // warm-up above the second budget: the joint stage aims at that budget and removes none
         config.densify.warmup_budget = 700;
         let all = targets(&config, 100);
         assert_eq!(all[9], 700);

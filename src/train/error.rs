@@ -1,4 +1,4 @@
-//! The error of training.
+//! Errors of training.
 
 use crate::data::error::DataError;
 use std::path::PathBuf;
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 /// Why training stops.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// The data do not allow to start.
+    /// Training cannot start with the data.
     #[error(transparent)]
     Data(#[from] DataError),
     /// A number is not finite.
@@ -17,7 +17,7 @@ pub enum TrainError {
     NotFinite {
         /// Global step, from 0.
         step: usize,
-        /// The loss or the tensor, with the element.
+        /// The loss, or the tensor with the element.
         what: String,
     },
     /// The configuration contradicts itself.

@@ -1,12 +1,12 @@
-//! Statistics for densification, gathered where they are cheap: on the host for devices in its memory, on the device
-//! for one that runs ahead, where they wait until somebody asks.
+//! Statistics for densification, gathered where that is cheap: on the host for devices in its memory, on the device for
+//! one that runs ahead of the host, where they stay until they are read.
 
 use super::densify::Statistics;
 use crate::model::params::to_vec;
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Int, Tensor};
 
-/// Sums on the device since the last time they were asked for; each `[N]`.
+/// Values accumulated on the device since the last [`Gathered::replace`]; each `[N]`.
 #[derive(Clone, Debug)]
 struct Waiting {
     gradient: Tensor<1>,
@@ -14,7 +14,7 @@ struct Waiting {
     opacity: Tensor<1>,
 }
 
-/// Statistics on both sides.
+/// Statistics on the host and on the device.
 #[derive(Clone, Debug)]
 pub struct Gathered {
     host: Statistics,
@@ -22,7 +22,7 @@ pub struct Gathered {
     waiting: Option<Waiting>,
 }
 
-/// What a step tells, without gradients.
+/// Contribution of one step, without gradients.
 pub struct View {
     /// Gradient of the screen positions `[N, 2]`, if there was one.
     pub screen: Option<Tensor<2>>,
@@ -35,12 +35,12 @@ pub struct View {
 }
 
 impl Gathered {
-    /// Nothing yet, for `n` Gaussians.
+    /// Returns empty statistics for `n` Gaussians.
     pub fn new(n: usize, on_device: bool) -> Self {
         Self::from(Statistics::new(n), on_device)
     }
 
-    /// Goes on from `host`.
+    /// Continues from `host`.
     pub fn from(host: Statistics, on_device: bool) -> Self {
         Self { host, on_device, waiting: None }
     }
@@ -73,7 +73,7 @@ impl Gathered {
         });
     }
 
-    /// All that was gathered; waits for the device if it has some.
+    /// Returns all statistics gathered so far; waits for the device if it holds some.
     pub fn to_host(&self) -> Statistics {
         let mut host = self.host.clone();
         if let Some(w) = &self.waiting {
@@ -87,7 +87,7 @@ impl Gathered {
         host
     }
 
-    /// Replaces all by what `f` makes of it.
+    /// Replaces all statistics by the result of `f`.
     pub fn replace(&mut self, f: impl FnOnce(Statistics) -> Statistics) {
         self.host = f(self.to_host());
         self.waiting = None;

@@ -1,4 +1,4 @@
-//! [`Trainer`] as the training of a method: what a checkpoint keeps of it, and how it goes on from one.
+//! [`Trainer`] as a [`Training`]: what a checkpoint keeps of it, and how it resumes from one.
 
 use super::checkpoint::CheckpointError;
 use super::densify::Statistics;

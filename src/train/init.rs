@@ -1,4 +1,4 @@
-//! The first Gaussians, and the box of the deformation field.
+//! Initial Gaussians and bounding box of the deformation field.
 
 use crate::config::types::{Bounds, Config, Placement};
 use crate::data::Split;
@@ -11,7 +11,7 @@ use glam::DVec3;
 use volseggs_kernels::activation::logit_f64;
 use volseggs_kernels::sh::C0;
 
-/// The first Gaussians of a scene and its spec.
+/// Returns the initial Gaussians of a scene and its spec.
 ///
 /// # Errors
 /// If the visual hull is empty: no point lies inside the alpha masks of all views of any time.
@@ -52,7 +52,7 @@ pub fn initialise(
         sh,
         sh_stride: k,
         shading: HostShading::first(&config.model, n, config.seed),
-        embedding: None, // the scene adds what its model asks for
+        embedding: None, // the scene adds it if its model has one
         means: points.iter().flatten().copied().collect(),
     };
     let bounds = match (config.model.bounds, &hull) {

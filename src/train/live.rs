@@ -1,15 +1,15 @@
-//! Reading the checkpoints of a run that may be training: it removes old ones at any time, also while they are read.
+//! Reads the checkpoints of a run that may be training: it may remove old ones at any time, even while they are read.
 
 use super::checkpoint::{list, locate};
 use std::path::{Path, PathBuf};
 
-/// Whether a checkpoint that was listed is not there any more. Removed ones are moved away first.
+/// Whether a listed checkpoint no longer exists. Checkpoints are moved away before they are removed.
 fn is_gone(checkpoint: &Path) -> bool {
     !checkpoint.join("state.json").is_file()
 }
 
-/// The run that `path` stands for, see [`locate`], and its checkpoint with what `read` makes of it. If that one is
-/// removed meanwhile, the newest is sought once again.
+/// Returns the run that `path` refers to, see [`locate`], and its checkpoint with the result of `read`. If that
+/// checkpoint is removed meanwhile, the newest is located once again.
 ///
 /// # Errors
 /// Those of `read`.
@@ -29,10 +29,10 @@ pub fn read_located<T, E>(
     Ok((run, Some((found, value))))
 }
 
-/// Has `read` look at all checkpoints of a run, and gives the steps of those that are still there, oldest first.
+/// Calls `read` for all checkpoints of a run, and returns the steps of those that still exist, oldest first.
 ///
 /// # Errors
-/// Those of `read`, of a checkpoint that is there.
+/// Those of `read`, for a checkpoint that still exists.
 pub fn read_all<E>(run: &Path, read: impl Fn(&Path) -> Result<(), E>) -> Result<Vec<usize>, E> {
     let mut steps = Vec::new();
     for (step, path) in list(run) {
@@ -79,7 +79,7 @@ mod tests {
         let (found, checkpoint) = read_located(dir.path(), read).unwrap();
         assert_eq!(found, dir.path());
         assert_eq!(checkpoint, Some((dir.path().join("checkpoints/step-000020"), 7)));
-        // a damaged one is an error, and so is one that leaves none
+        // a damaged checkpoint is an error, and so is the removal of the only one
         assert_eq!(read_located(dir.path(), |_| Err::<(), _>("damaged")), Err("damaged"));
         let last = |path: &Path| fs::remove_dir_all(path).map_or(Ok(()), |()| Err("gone"));
         assert_eq!(read_located(dir.path(), last), Err("gone"));

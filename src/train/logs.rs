@@ -1,4 +1,4 @@
-//! What the logs of a training say of a step.
+//! Entries of the training logs for a step.
 
 use super::StepReport;
 use crate::log::tensorboard::EventWriter;
@@ -29,7 +29,7 @@ struct Milliseconds {
     densify: f64,
 }
 
-/// What the progress bar says beside the steps.
+/// Returns the text of the progress bar beside the number of steps.
 pub fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> String {
     let test = test.map(|p| format!(" test {p:.2} dB")).unwrap_or_default();
     let train = train.unwrap_or_default();
@@ -37,7 +37,7 @@ pub fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> St
     format!("{} loss {:.5} train {train:.2} dB{test}{count}", report.stage, report.loss)
 }
 
-/// The line of a step.
+/// Returns the line of a step.
 pub fn line(report: &StepReport, seconds: f64, test_psnr: Option<f64>) -> Line {
     let ms = |d: std::time::Duration| (d.as_secs_f64() * 1e5).round() / 100.0;
     let t = &report.times;
@@ -61,7 +61,7 @@ pub fn line(report: &StepReport, seconds: f64, test_psnr: Option<f64>) -> Line {
     }
 }
 
-/// The same for TensorBoard.
+/// Writes the same values for TensorBoard.
 ///
 /// # Errors
 /// If the file cannot be written.

@@ -10,17 +10,17 @@ use volseggs_kernels::splat::SplatInputs;
 
 pub(crate) static LOSS_TERMS: Registry<dyn LossTerm> = Registry::new("loss term");
 
-/// What a loss term sees of one training step. All tensors are on one device, those of the scene with gradients.
+/// Input of a loss term at one training step. All tensors are on one device; those of the scene have gradients.
 #[derive(Clone, Copy, Debug)]
 pub struct LossInput<'a> {
-    /// The picture of the scene `[H, W, 4]`: colour over the background, and alpha; in [0, 1] or little beyond.
+    /// The rendered image `[H, W, 4]`: colour over the background, and alpha; in [0, 1] or slightly beyond.
     pub image: &'a Tensor<3>,
     /// The training image in the same form, in [0, 1]; a constant.
     pub target: &'a Tensor<3>,
     /// The canonical Gaussians (`scene.gaussians`), the deformation field (`scene.field`).
     pub scene: &'a Scene,
     /// The N Gaussians at this time: means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]`, opacity logits `[N]`,
-    /// coefficients of colours `[N, K, 3]`.
+    /// colour coefficients `[N, K, 3]`.
     pub at: &'a SplatInputs,
     /// The view's camera.
     pub camera: &'a Camera,
@@ -32,20 +32,20 @@ pub struct LossInput<'a> {
     pub time: f32,
 }
 
-/// A term that is added to the loss of every step, times its weight `loss.extra.NAME`.
+/// A term added to the loss of every step, times its weight `loss.extra.NAME`.
 ///
-/// The built-in loss is a mean over pixels, so a term that is one too keeps its weight when images or the number of
-/// Gaussians change. It must be differentiable by burn's tape: made of tensor operations, from `image`, `at` or the
-/// parameters of `scene`. A value that is not finite stops the run.
+/// The built-in loss is a mean over pixels, so a term that is also a mean keeps its relative weight when images or the
+/// number of Gaussians change. It must be differentiable by burn: made of tensor operations on `image`, `at` or the
+/// parameters of `scene`. A non-finite value stops the run.
 pub trait LossTerm: Send + Sync {
-    /// The term's value before its weight, `[1]`.
+    /// Returns the term's value before its weight, `[1]`.
     fn loss(&self, seen: &LossInput<'_>) -> Tensor<1>;
 }
 
-/// The loss term of that name.
+/// Returns the loss term of that name.
 ///
 /// # Errors
-/// [`NotRegistered`], which lists those that are.
+/// [`NotRegistered`], which lists the registered names.
 pub fn find_loss_term(name: &str) -> Result<Arc<dyn LossTerm>, NotRegistered> {
     LOSS_TERMS.get(name)
 }

@@ -1,5 +1,5 @@
-//! What is minimised (the paper's equations 5 to 8). To add a term, write a function of tensors here,
-//! a weight in `config::types::LossConfig`, and add it in `Trainer::step`; or register it, see [`crate::extend`].
+//! The loss function (the paper's equations 5 to 8). To add a term, write a function of tensors here, a weight in
+//! `config::types::LossConfig`, and add it in `Trainer::step`; or register it, see [`crate::extend`].
 
 use super::loss_term::{LossInput, LossTerm, find_loss_term};
 use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};
@@ -13,9 +13,9 @@ use volseggs_kernels::splat::SplatInputs;
 use volseggs_kernels::ssim::mean_ssim;
 use volseggs_kernels::tv::{self, TvKind, TvWeights, total_variation};
 
-/// Colour and alpha distance: mean over pixels and colour channels of the squared (`l2`, the paper's
+/// Returns the distance in colour and alpha: mean over pixels and colour channels of the squared (`l2`, the paper's
 /// equation 5) or absolute difference, plus `alpha` times the same for the alpha channel; and the mean squared
-/// difference of the colours, for PSNR. `loss.weight` is not in it.
+/// difference of the colours, for PSNR. `loss.weight` is not included.
 ///
 /// `image` and `target` are `[H, W, 4]`.
 pub fn photometric(image: Tensor<3>, target: Tensor<3>, config: &LossConfig) -> Photometric {
@@ -26,16 +26,18 @@ pub fn photometric(image: Tensor<3>, target: Tensor<3>, config: &LossConfig) -> 
     photometric_loss(image, target, kind, config.alpha as f32)
 }
 
-/// `1 - SSIM` of the colours (equation 7). `image` and `target` are `[H, W, 4]`. Returns `[1]`.
+/// Returns `1 - SSIM` of the colours (equation 7), `[1]`. `image` and `target` are `[H, W, 4]`.
 pub fn dssim(image: Tensor<3>, target: Tensor<3>) -> Tensor<1> {
     mean_ssim(image, target).neg().add_scalar(1.0)
 }
 
-/// Smoothness of the encoder, weights included; `None` if the encoder has no grid or every weight is zero.
+/// Returns the smoothness loss of the encoder, weights included; `None` if the encoder has no grid or every weight is
+/// zero.
 ///
-/// Equation 6 sums the squared differences of every tensor (`loss.tv_reduction = "sum"`); the default takes their mean in
-/// each tensor, along each axis of a plane by itself, and adds these up over the tensors of all levels, as the reference
-/// code does. Of planes of space and time their mean over time is smooth in space, and each point of them along time. `loss.one_prior` always counts with the mean of each tensor.
+/// Equation 6 sums the squared differences of every tensor (`loss.tv_reduction = "sum"`); the default takes their mean
+/// in each tensor, separately along each axis of a plane, and adds these up over the tensors of all levels, as the
+/// reference code does. Space-time planes are smooth in space in their mean over time, and along time in each of their
+/// points. `loss.one_prior` always uses the mean of each tensor.
 pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
     let weights = TvWeights {
         space: config.tv as f32,
@@ -66,14 +68,14 @@ pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
     }
 }
 
-/// How much the Gaussians fade: the mean over them of how far the opacity at a time is from the canonical one, in [0, 1].
-/// Both are logits `[N]`. Returns `[1]`. Ours: pictures alone do not tell a thing that moves from one that goes out while
-/// another comes up.
+/// Returns how much the Gaussians fade: the mean absolute difference between their opacity at a time and the canonical
+/// one, in [0, 1]. Both are logits `[N]`; the result is `[1]`. This term is this project's own: images alone do not
+/// distinguish an object that moves from one that fades out while another appears.
 pub fn fading(at: Tensor<1>, canonical: Tensor<1>) -> Tensor<1> {
     (sigmoid(at) - sigmoid(canonical)).abs().mean()
 }
 
-/// Smoothness along time of planes of space and time `[knots, lines]`, weighted as `loss.tv_time` says.
+/// Returns the smoothness loss along time of space-time planes `[knots, lines]`, weighted by `loss.tv_time`.
 fn over_time(planes: Tensor<2>, config: &LossConfig) -> Tensor<1> {
     let differences = |values: Tensor<2>| {
         let [knots, n] = values.dims();
@@ -92,12 +94,12 @@ fn over_time(planes: Tensor<2>, config: &LossConfig) -> Tensor<1> {
     sum.mul_scalar(config.tv_time)
 }
 
-/// The registered loss terms that a configuration asks for, with their weights.
+/// The registered loss terms that a configuration requests, with their weights.
 #[derive(Clone, Default)]
 pub struct ExtraTerms(Vec<(String, f32, Arc<dyn LossTerm>)>);
 
 impl ExtraTerms {
-    /// The terms of `loss.extra`, in the order of their names; those of weight 0 are not taken in.
+    /// Returns the terms of `loss.extra`, in the order of their names; those of weight 0 are skipped.
     ///
     /// # Errors
     /// The first name that is not registered, whatever its weight.
@@ -108,12 +110,12 @@ impl ExtraTerms {
         Ok(Self(terms))
     }
 
-    /// The Gaussians at a time, kept for the terms; `None` if there are no terms.
+    /// Returns a copy of the Gaussians at a time, for the terms; `None` if there are no terms.
     pub fn keep(&self, at: &SplatInputs) -> Option<SplatInputs> {
         (!self.0.is_empty()).then(|| at.clone())
     }
 
-    /// `loss` with every term added.
+    /// Returns `loss` with every term added.
     pub fn add_to(&self, loss: Tensor<1>, input: &LossInput<'_>) -> Tensor<1> {
         self.0.iter().fold(loss, |sum, (_, weight, term)| sum + term.loss(input).mul_scalar(*weight))
     }

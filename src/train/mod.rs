@@ -1,8 +1,8 @@
-//! Training: images in, a scene out. Stages, losses, densification, optimiser groups, checkpoints.
+//! Training of a scene from images: stages, losses, densification, optimiser groups, checkpoints.
 //!
-//! A [`Training`] takes one step at a time and knows nothing of folders or terminals; [`run`] drives it, of whichever
-//! [method](crate::method), with logs, evaluation, checkpoints and signals, and lets an [`observer`] look on. [`Trainer`] is
-//! that of Gaussians with a deformation field.
+//! A [`Training`] advances by one step at a time and knows nothing of folders or terminals; [`run`] drives one of any
+//! [method](crate::method), with logs, evaluation, checkpoints and signals, and lets an [`observer`] watch. [`Trainer`]
+//! is the training of Gaussians with a deformation field.
 
 #[cfg(test)]
 mod attribute_tests;

@@ -1,7 +1,7 @@
-//! Who looks on while a run trains, and may have it pause between two steps.
+//! Observers of a run while it trains, which may pause it between two steps.
 //!
-//! Whatever an observer does, no step depends on it: it sees the model and cannot change it, and the training draws no
-//! random numbers of its account.
+//! No step depends on what an observer does: it sees the model but cannot change it, and the training draws no random
+//! numbers on its account.
 
 use super::StepReport;
 use super::run::RunRecord;
@@ -11,47 +11,47 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How often an observer is asked whether a pause is over.
+/// Interval at which an observer is asked whether a pause is over.
 const ASK: Duration = Duration::from_millis(20);
 
-/// How far a training has come.
+/// Progress of a training.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment<'a> {
     /// Folder of the run.
     pub run: &'a Path,
     /// Its configuration.
     pub config: &'a Config,
-    /// Its record, as it was written last.
+    /// Its record, as last written.
     pub record: &'a RunRecord,
-    /// What is trained, on the device that it trains on.
+    /// The model being trained, on the training device.
     pub model: &'a dyn Model,
-    /// Steps taken, those before a resume with them.
+    /// Steps taken, including those before a resume.
     pub steps: usize,
-    /// Steps at which this training ends.
+    /// Number of steps at which this training ends.
     pub until: usize,
-    /// Seconds of training, without pauses.
+    /// Seconds of training, excluding pauses.
     pub seconds: f64,
-    /// The last step; none before the first.
+    /// The last step; `None` before the first.
     pub report: Option<StepReport>,
 }
 
 /// What a training does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
-    /// The next step.
+    /// Takes the next step.
     GoOn,
-    /// Nothing; the observer is asked again.
+    /// Waits; the observer is asked again.
     Pause,
 }
 
-/// Looks on while a run trains.
+/// Watches a run while it trains.
 pub trait Observer {
-    /// Called before the first step, after every one, and again and again during a pause; the training waits for it. After
+    /// Called before the first step, after every step, and repeatedly during a pause; the training waits for it. After
     /// the last step there is no pause.
     fn look(&mut self, now: &Moment<'_>) -> Next;
 }
 
-/// Nobody looks on.
+/// An observer that does nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Nobody;
 
@@ -61,8 +61,8 @@ impl Observer for Nobody {
     }
 }
 
-/// Lets `observer` look, and waits for as long as it has the training pause, at most until `stop` is raised. A pause
-/// begins with `begin`. Gives the time for which the training paused.
+/// Calls `observer` and waits for as long as it pauses the training, at most until `stop` is raised. Calls `begin` at
+/// the start of a pause. Returns the duration of the pause.
 pub fn wait_for(observer: &mut dyn Observer, now: &Moment<'_>, stop: &AtomicBool, begin: impl FnOnce()) -> Duration {
     if observer.look(now) == Next::GoOn || now.steps >= now.until {
         return Duration::ZERO;

@@ -1,4 +1,4 @@
-//! The dataset as a configuration wants it: size, splits, which of the views.
+//! Opens a dataset as a configuration requests it: image size, splits and selection of views.
 
 use crate::config::types::Config;
 use crate::data::dataset::read_split;
@@ -8,10 +8,10 @@ use crate::data::{DataError, Dataset, OpenOptions, Split, SplitName};
 use crate::rng::{Purpose, Rng};
 use std::path::{Path, PathBuf};
 
-/// Opens `root` for training with `config`; test views come along where they are looked at while training.
+/// Opens `root` for training with `config`, including the test views if they are evaluated during training.
 ///
 /// # Errors
-/// As [`Dataset::open`], and if two of `data.only_times` choose the same time.
+/// As [`Dataset::open`], or if two of `data.only_times` select the same time.
 pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> {
     let mut splits = vec![SplitName::Train];
     if config.output.eval_every > 0 && Dataset::present(root).contains(&SplitName::Test) {
@@ -28,8 +28,8 @@ pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> 
     Ok(dataset)
 }
 
-/// The views of a split that a scene trained with `config` is measured on, at most `max_views`, evenly spaced: all, or with
-/// `data.only_times` those nearest to the times that it was trained on.
+/// Opens the views of a split that a scene trained with `config` is evaluated on, at most `max_views`, evenly spaced:
+/// all views, or with `data.only_times` those nearest to the training times.
 ///
 /// # Errors
 /// If the split, or with `data.only_times` the list of training views, cannot be read.
@@ -43,7 +43,7 @@ pub fn open_measured(
         return read_split(root, name, config.data.downscale, max_views);
     }
     let split = read_split(root, name, config.data.downscale, None)?;
-    // of a dataset without training views, the times that were asked for
+    // without training views, the requested times are used
     let times = match SplitName::Train.json_path(root).exists() {
         true => {
             let options = OpenOptions { downscale: config.data.downscale, splits: &[], max_views: None };
@@ -58,11 +58,11 @@ pub fn open_measured(
     })
 }
 
-/// The views that a scene was trained on with `config`, at most `most` of them with their images, and how many there are.
-/// Which ones is drawn at random, and the same for every run on the dataset.
+/// Opens a random sample of at most `most` of the views that a scene was trained on with `config`, with their images,
+/// and returns it with the number of all such views. The sample is the same for every run on the dataset.
 ///
 /// # Errors
-/// If the training views cannot be read, or two of `data.only_times` choose the same time.
+/// If the training views cannot be read, or two of `data.only_times` select the same time.
 pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split, usize), DataError> {
     let options = OpenOptions { downscale: config.data.downscale, splits: &[], max_views: None };
     let mut split = Dataset::open(root, &options)?.train;
@@ -84,23 +84,23 @@ pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split,
     Ok((split, of))
 }
 
-/// The times in [0, 1] that `config` trains on, of a dataset opened with or without its images.
+/// Returns the times in [0, 1] that `config` trains on; `data` may have been opened with or without its images.
 #[must_use]
 pub fn trained_times(data: &Dataset, config: &Config) -> Vec<f64> {
     if config.data.only_times.is_empty() {
-        // how many views of each does not matter
+        // the number of views per time does not matter
         return thinned(data.train.clone(), config.data.times, 1).times();
     }
     nearest_times(&data.train.times(), &config.data.only_times)
 }
 
-/// The views of `split` at those of its times that are nearest to `times`.
+/// Keeps the views of `split` at those of its times that are nearest to `times`.
 fn near(split: Split, times: &[f64]) -> Split {
     let nearest = nearest_times(&split.times(), times);
     at_times(split, &nearest)
 }
 
-/// The training times that `data.only_times` chooses.
+/// Returns the training times that `data.only_times` selects.
 fn only_times(root: &Path, all: &[f64], wanted: &[f64]) -> Result<Vec<f64>, DataError> {
     let chosen = nearest_times(all, wanted);
     let twice = (0..chosen.len()).find_map(|i| (0..i).find(|&j| chosen[j] == chosen[i]).map(|j| (j, i)));
@@ -134,7 +134,7 @@ mod tests {
         assert_eq!(trained_times(&open_dataset(folder.path(), &Config::default()).unwrap(), &config), [1.0]);
         config.data.views_per_time = 2;
         assert_eq!(open_dataset(folder.path(), &config).unwrap().train.frames.len(), 2);
-        // the same data for all who ask whether they are
+        // the fingerprint is that of the whole dataset, whatever is selected
         let whole = open_dataset(folder.path(), &Config::default()).unwrap();
         assert_eq!((whole.train.frames.len(), whole.fingerprint()), (6, data_fingerprint(folder.path(), &config)));
     }

@@ -1,4 +1,4 @@
-//! Adam over a module's parameters by name, with moments that can follow Gaussians as they come and go.
+//! Adam over a module's parameters by name, with moments that can follow Gaussians as they are added and removed.
 
 use crate::model::params::{HostTensor, Path, to_vec};
 use burn::module::{Module, ModuleMapper, Param};
@@ -17,15 +17,15 @@ struct Moments {
 /// Adam's constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamConstants {
-    /// Decays of the moments.
+    /// Decay rates of the moments.
     pub betas: [f64; 2],
-    /// Added to the root.
+    /// Added to the square root of the second moment.
     pub epsilon: f64,
-    /// Learning rate of spherical harmonics beyond the first, as a fraction of the first's.
+    /// Learning rate of the higher spherical harmonics, as a fraction of that of the first.
     pub sh_rest: f64,
 }
 
-/// A gradient or a parameter that is not finite.
+/// A non-finite gradient or parameter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NotFinite {
     /// The parameter's name.
@@ -56,9 +56,9 @@ impl Optimizer {
         Self { constants, moments: BTreeMap::new() }
     }
 
-    /// One step on every parameter that has a gradient and a rate. Gives the module back with the first
-    /// parameter or gradient that is not finite, if any: parameters visited before it have then been updated, and the
-    /// caller stops and goes back to the last checkpoint.
+    /// Takes one step on every parameter that has a gradient and a rate. Returns the module and the first non-finite
+    /// parameter or gradient, if any: parameters visited before it have then been updated, and the caller stops and
+    /// goes back to the last checkpoint.
     pub fn step<M: Module>(
         &mut self,
         module: M,
@@ -70,7 +70,7 @@ impl Optimizer {
         (module, stepper.bad)
     }
 
-    /// The moments of parameter `name`, for densification: rewritten row by row by `f`.
+    /// Replaces each of the two moments of parameter `name`, flat, by the result of `f`, for densification.
     pub fn map_moments(&mut self, name: &str, f: impl Fn(&[f32]) -> Vec<f32>) {
         if let Some(m) = self.moments.get_mut(name) {
             for tensor in [&mut m.first, &mut m.second] {
@@ -82,7 +82,7 @@ impl Optimizer {
         }
     }
 
-    /// The state as named tensors; the number of steps is a tensor of two 24-bit halves, exact in f32.
+    /// Returns the state as named tensors; the number of steps is a tensor of two 24-bit halves, exact in f32.
     pub fn to_tensors(&self) -> BTreeMap<String, HostTensor> {
         let mut out = BTreeMap::new();
         for (name, m) in &self.moments {
@@ -96,10 +96,10 @@ impl Optimizer {
         out
     }
 
-    /// Takes the state back from [`Optimizer::to_tensors`]; `sizes` are the numbers of values of the parameters by name.
+    /// Restores the state from [`Optimizer::to_tensors`]; `sizes` holds the number of values of each parameter by name.
     ///
     /// # Errors
-    /// A message that names a tensor which does not fit; the state is then incomplete.
+    /// A message naming a tensor that does not fit; the state is then incomplete.
     pub fn load(
         &mut self,
         tensors: &BTreeMap<String, HostTensor>,
@@ -133,7 +133,7 @@ impl Optimizer {
     }
 }
 
-/// Halves of a number of steps are below this, so that f32 holds them exactly.
+/// Upper bound of each half of a step count, so that f32 holds it exactly.
 const HALF: f32 = 16_777_216.0;
 
 struct Stepper<'a, F> {

@@ -5,21 +5,22 @@ use std::sync::Arc;
 
 pub(crate) static SCHEDULES: Registry<dyn Schedule> = Registry::new("schedule");
 
-/// A course of the learning rates of means, encoder, decoder and embedding, in place of `optim.final_fraction ^ progress`.
+/// A schedule of the learning rates of means, encoder, decoder and embedding, replacing `optim.final_fraction ^
+/// progress`.
 ///
-/// The other groups keep `optim.attributes_final_fraction`.
+/// The other parameter groups keep `optim.attributes_final_fraction`.
 pub trait Schedule: Send + Sync {
-    /// What these rates are multiplied by; finite, 0 or above.
+    /// Returns the factor applied to these rates; finite, 0 or above.
     ///
-    /// `progress` in [0, 1] is the step of the joint stage over `stages.joint_steps`. In warm-up, where of these only the
-    /// means are trained, it is the step over `optim.warmup_decay_steps`, and may end below 1 or stay at 1.
+    /// `progress` in [0, 1] is the step of the joint stage over `stages.joint_steps`. In warm-up, which trains only the
+    /// means among these, it is the step over `optim.warmup_decay_steps`, and may end below 1 or stay at 1.
     fn factor(&self, progress: f64) -> f64;
 }
 
-/// The schedule of that name, if it is not one of the built-in ones.
+/// Returns the registered schedule of that name; the built-in schedules are not registered.
 ///
 /// # Errors
-/// [`NotRegistered`], which lists those that are.
+/// [`NotRegistered`], which lists the registered names.
 pub fn find_schedule(name: &str) -> Result<Arc<dyn Schedule>, NotRegistered> {
     SCHEDULES.get(name)
 }

@@ -1,19 +1,19 @@
-//! What a step did, and where its time went.
+//! Outcome and timings of a step.
 
 use std::time::Duration;
 
-/// Where the time of a step went.
+/// Times of the parts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepTimes {
     /// Choosing and compositing the view.
     pub data: Duration,
-    /// Field and decoder, or another network, forward.
+    /// Forward pass of field and decoder, or of another network.
     pub deform: Duration,
-    /// Splatting, or what else makes pixels of it, forward.
+    /// Forward pass of splatting, or of another renderer.
     pub splat: Duration,
-    /// Loss, forward.
+    /// Forward pass of the loss.
     pub loss: Duration,
-    /// Everything backward.
+    /// The whole backward pass.
     pub backward: Duration,
     /// Optimiser.
     pub adam: Duration,
@@ -21,19 +21,19 @@ pub struct StepTimes {
     pub densify: Duration,
 }
 
-/// What a step did.
+/// Outcome of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct StepReport {
     /// Global step, from 0.
     pub step: usize,
-    /// The name of its stage: `warmup` or `joint`; `train` of a method without stages.
+    /// Name of its stage: `warmup` or `joint`; `train` for a method without stages.
     pub stage: &'static str,
-    /// The whole loss; on a device that runs ahead of the host, of the last step that was looked at.
+    /// Total loss; on a device that runs ahead of the host, that of the last step that was read.
     pub loss: f64,
     /// PSNR of that step's training view, decibels.
     pub psnr: f64,
     /// Gaussians after the step; 0 for a method without primitives.
     pub primitives: usize,
-    /// Where the time went.
+    /// Times of its parts.
     pub times: StepTimes,
 }

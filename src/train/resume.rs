@@ -1,9 +1,9 @@
-//! Which keys of a configuration may change when a run goes on from a checkpoint, and which may not.
+//! Which keys of a configuration may change when a run resumes from a checkpoint.
 //!
-//! Logs, evaluations, checkpoints and the average that is shown shape no step, so `output.*` and `optim.average` are
-//! free. `stages.joint_steps` may grow: a trained run can be lengthened. The schedules then follow the new length from
-//! the next step on (a rate that had fallen to its end rises to where the longer schedule has it, and a late DSSIM
-//! moves to the new end), so a run that was lengthened is not the run of that length from the start.
+//! Logs, evaluations, checkpoints and the moving average affect no step, so `output.*` and `optim.average` may change.
+//! `stages.joint_steps` may grow: a trained run can be lengthened. The schedules then follow the new length from the
+//! next step on (a rate that had fallen to its end rises to its value in the longer schedule, and a late DSSIM moves to
+//! the new end), so a lengthened run differs from a run of that length from the start.
 
 use crate::config::legacy::implied;
 use crate::config::types::Config;
@@ -11,17 +11,17 @@ use std::collections::BTreeMap;
 use std::fmt;
 use toml::{Table, Value};
 
-/// The key of the length of joint training.
+/// Key of the length of joint training.
 const LENGTH: &str = "stages.joint_steps";
 
-/// The key of the moving average.
+/// Key of the moving average.
 const AVERAGE: &str = "optim.average";
 
-/// The key of the encoder, and how the keys begin that the implicit one alone reads: their defaults have changed.
+/// Key of the encoder, and prefix of the keys that only the implicit encoder reads: their defaults have changed.
 const ENCODER: &str = "model.encoder";
 const IMPLICIT: &str = "model.implicit_";
 
-/// A key that differs from the checkpoint's.
+/// A key whose value differs from the checkpoint's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
     /// The key.
@@ -30,7 +30,7 @@ pub struct Change {
     pub was: String,
     /// Its value now.
     pub now: String,
-    /// Why it may not change; none if it may.
+    /// Why it may not change; `None` if it may.
     pub refused: Option<String>,
 }
 
@@ -42,8 +42,8 @@ impl fmt::Display for Change {
     }
 }
 
-/// The keys in which two resolved configurations (TOML) differ, those that may change and those that may not, for a
-/// checkpoint after `step` steps.
+/// Returns the keys in which two resolved configurations (TOML) differ, first those that may change and then those that
+/// may not, for a checkpoint after `step` steps.
 ///
 /// # Errors
 /// If the checkpoint's configuration cannot be read.
@@ -81,7 +81,8 @@ fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize
     Some(format!("it shaped the {step} steps already taken"))
 }
 
-/// Every key with its value; those that an early version did not write have their defaults, or what it did instead.
+/// Returns every key with its value; a key that an early version did not write has its default, or the value that
+/// matches what that version did.
 fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
     let table: Table = text.parse().map_err(|e: toml::de::Error| format!("configuration: {}", e.message()))?;
     let mut all = BTreeMap::new();
@@ -164,10 +165,10 @@ mod tests {
         let without = |text: &str| -> String {
             text.lines().filter(|l| !l.starts_with("warmup_decay_steps")).map(|l| format!("{l}\n")).collect()
         };
-        // `best`: as the default says
+        // `best`: the same as the default
         let best = text(|_| ());
         assert_eq!(changes(&without(&best), &best, 5).unwrap(), (Vec::new(), Vec::new()));
-        // a shorter one fell over its own length
+        // in a shorter run, rates fell over its own length
         let short = text(|c| c.stages.joint_steps = 9000);
         assert_eq!(changes(&without(&short), &without(&short), 5).unwrap(), (Vec::new(), Vec::new()));
         let (_, refused) = changes(&without(&short), &short, 5).unwrap();

@@ -27,30 +27,30 @@ use std::time::{Duration, Instant};
 /// How a run begins.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// Anew; a folder that holds checkpoints is refused.
+    /// From the first step; a folder that holds checkpoints is refused.
     New,
     /// From the newest checkpoint; a folder without one is refused.
     Resume,
     /// From this checkpoint of the run; newer ones are set aside once it has been read.
     ResumeFrom(PathBuf),
-    /// From the newest checkpoint if there is one, or else anew.
+    /// From the newest checkpoint if there is one, otherwise from the first step.
     NewOrResume,
 }
 
-/// What a run is asked to do.
+/// Options of a run.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
     /// Folder of the run.
     pub out: PathBuf,
-    /// Anew or from a checkpoint.
+    /// From the first step or from a checkpoint.
     pub start: Start,
-    /// The command as it was called, for others who find the run locked.
+    /// The command as it was called, reported to others who find the run locked.
     pub command: String,
     /// The resolved configuration as TOML, kept beside the results.
     pub config_toml: String,
     /// The device's name, for the record.
     pub device_name: String,
-    /// Stop after this many steps in all, as if interrupted (a checkpoint is saved).
+    /// Stop after this many steps in total, as if interrupted (a checkpoint is saved).
     pub stop_after: Option<usize>,
 }
 
@@ -59,13 +59,13 @@ pub struct RunOptions {
 pub struct RunRecord {
     /// Version of the program.
     pub version: String,
-    /// The method; ours in records of early versions, which had no other.
+    /// The method; VolSegGS in records of early versions, which had no other.
     #[serde(default = "ours")]
     pub method: String,
     /// Digest of the program, see [`crate::program`]; empty in records of early versions.
     #[serde(default)]
     pub build: String,
-    /// Digests of other builds that took the steps before, where the run was resumed by another one.
+    /// Digests of other builds that took earlier steps, if the run was resumed with a different one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub earlier_builds: Vec<String>,
     /// Seed.
@@ -82,11 +82,11 @@ pub struct RunRecord {
     pub status: String,
     /// Steps taken.
     pub steps: usize,
-    /// Seconds of training, without pauses and the wait between a stop and a resume.
+    /// Seconds of training, excluding pauses and the time between a stop and a resume.
     pub training_seconds: f64,
-    /// Gaussians at the end; 0 of a method without primitives.
+    /// Gaussians at the end; 0 for a method without primitives.
     pub gaussians: usize,
-    /// Peak memory of the process, bytes, the largest of all that trained the run; 0 where unknown.
+    /// Peak memory in bytes, the maximum over all processes that trained the run; 0 if unknown.
     pub peak_memory_bytes: u64,
 }
 
@@ -107,21 +107,21 @@ pub struct RunOutcome {
     pub changed: Vec<Change>,
 }
 
-/// What a run that is lengthened is told.
+/// Note printed when a run is lengthened.
 const LENGTHENED: &str = ": rates and the late DSSIM follow the new length from here on, so the result is not that of a run \
                           of this length from the start";
 
-/// Takes the lock of the run in `out` for training, if the folder is there: asked for before data are read, a run that
-/// is in use refuses at once.
+/// Locks the run in `out` for training, if it exists. Called before data are read, so that a run in use is refused at
+/// once.
 ///
 /// # Errors
 /// If another process writes into the run.
 pub fn lock(out: &Path, command: &str) -> Result<Option<RunLock>, LockError> {
-    // only where a run is: no lock file is left in a folder that is then refused
+    // only where a run exists: no lock file is left in a folder that is then refused
     RunPaths(out).record().is_file().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
 }
 
-/// The checkpoint to begin from, if any.
+/// Returns the checkpoint to start from, if any.
 fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointError> {
     match (start, checkpoint::newest(out)) {
         (Start::ResumeFrom(path), _) => Ok(Some(path.clone())),
@@ -138,8 +138,8 @@ fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointErr
     }
 }
 
-/// Refuses a place where no run can be made: a file, a dataset, or a folder that holds files of the names that a run
-/// writes and is not a run. Asked before anything is written.
+/// Refuses a path where no run can be created: a file, a dataset, or a folder that is not a run but holds files with
+/// the names that a run writes. Called before anything is written.
 fn check_out(out: &Path) -> Result<(), CheckpointError> {
     let refuse = |path: PathBuf, reason: &str| Err(CheckpointError::File { path, reason: reason.to_owned() });
     if let Some(file) = out.ancestors().find(|p| p.symlink_metadata().is_ok() && !p.is_dir()) {
@@ -162,12 +162,14 @@ fn check_out(out: &Path) -> Result<(), CheckpointError> {
     }
 }
 
-/// Takes `training`, new from `dataset` with `config`, into `options.out` until the end, a signal or an error; see
-/// [`crate::method::train`], which starts it too. `stop` is raised by a signal handler. The run is locked while that lasts: `held` is its lock, where the caller took it before. `observer` looks on between the steps, and
-/// may have the training pause there; no step depends on it.
+/// Drives `training`, newly created from `dataset` with `config`, in `options.out` until the end, a signal or an error;
+/// see [`crate::method::train`], which also creates it. `stop` is raised by a signal handler. The run is locked
+/// meanwhile; `held` is its lock if the caller has already taken it. `observer` watches between the steps, and may
+/// pause the training there; no step depends on it.
 ///
 /// # Errors
-/// As [`Training::step`], if there is nothing to resume or another process writes into the run, and if a file cannot be written.
+/// As [`Training::step`]; also if there is nothing to resume, if another process writes into the run, and if a file
+/// cannot be written.
 pub fn run(
     config: &Config,
     dataset: &Dataset,
@@ -240,12 +242,12 @@ pub fn run(
         let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
         write_atomic(&record_path, &json).map_err(|e| log_error(&record_path, &e))
     };
-    // first of all files, as it tells a run from any other folder
+    // written before all other files, as it distinguishes a run from any other folder
     write_record(&record)?;
     let config_path = RunPaths(out).config();
     write_atomic(&config_path, options.config_toml.as_bytes()).map_err(|e| log_error(&config_path, &e))?;
     if newest.is_none() && metrics_path.exists() {
-        // what a run left that died before its first checkpoint
+        // left by a run that died before its first checkpoint
         std::fs::remove_file(&metrics_path).map_err(|e| log_error(&metrics_path, &e))?;
     }
     let mut metrics = JsonlWriter::open(&metrics_path)?;
@@ -272,14 +274,14 @@ pub fn run(
 
     let total = training.total_steps();
     let limit = options.stop_after.map_or(total, |s| s.min(total));
-    // drawn from the first step on: an observer may print before
+    // created at the first step: an observer may print before it
     let mut bar = None;
     let on_terminal = std::io::stderr().is_terminal();
     let mut saved = newest.is_some();
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
     let mut report = None;
-    // a run that is resumed with its time over takes no step; one that begins takes one, so that there is a checkpoint
+    // a run resumed after its time is over takes no step; a new one takes one, so that there is a checkpoint
     let out_of_time = |steps: usize| {
         let minutes = config.output.max_minutes;
         minutes > 0.0 && steps > 0 && seconds() >= 60.0 * minutes
@@ -346,12 +348,12 @@ pub fn run(
     Ok(RunOutcome { record, complete, test_psnr, changed })
 }
 
-/// What the run's record says before it is written anew; none where it cannot be read.
+/// Returns the run's record before it is rewritten; `None` if it cannot be read.
 fn earlier_record(path: &Path) -> Option<RunRecord> {
     serde_json::from_str(&read_text(path).ok()?).ok()
 }
 
-/// The builds that the record of a run names, other than `build`; one of early versions counts as an empty name.
+/// Returns the builds named in a run's record, except `build`; a record of early versions counts as an empty name.
 fn builds_before(record: RunRecord, build: &str) -> Vec<String> {
     let RunRecord { build: last, earlier_builds: mut builds, .. } = record;
     if !builds.contains(&last) {
@@ -361,7 +363,8 @@ fn builds_before(record: RunRecord, build: &str) -> Vec<String> {
     builds
 }
 
-/// Mean PSNR over `views` evenly spaced views of a split as 8-bit images, decibels; finite, as that of an evaluation.
+/// Returns the mean PSNR in decibels over `views` evenly spaced views of a split as 8-bit images; finite, as that of an
+/// evaluation.
 #[must_use]
 pub fn mean_psnr(model: &dyn Model, split: &Split, views: usize) -> f64 {
     let n = split.frames.len();

@@ -21,15 +21,15 @@ impl Stage {
         if step < warmup { Self::Warmup(step) } else { Self::Joint(step - warmup) }
     }
 
-    /// The spherical-harmonics degree in use: one more every `stages.sh_every` steps of the run, up to the top.
+    /// The spherical-harmonics degree in use: one higher every `stages.sh_every` steps of the run, up to the maximum.
     pub fn sh_degree(self, config: &Config) -> usize {
         let every = config.stages.sh_every;
         self.step_of_run(config).checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
     }
 
-    /// How far the rates have come, in [0, 1]: over `optim.warmup_decay_steps` in warm-up, over the joint stage in that.
-    /// As in the reference code, they start over with the joint stage; with `optim.decay_over = "run"` they fall once over
-    /// both, as in 3DGS.
+    /// Progress of the learning rates in [0, 1]: over `optim.warmup_decay_steps` in warm-up, over the whole stage in
+    /// the joint stage. As in the reference code, the rates start over with the joint stage; with `optim.decay_over =
+    /// "run"` they fall once over both, as in 3DGS.
     pub fn progress(self, config: &Config) -> f64 {
         let stages = &config.stages;
         let (done, steps) = match self {
@@ -55,15 +55,15 @@ impl Stage {
         if self.is_joint() { "joint" } else { "warmup" }
     }
 
-    /// True in the joint stage.
+    /// Whether this is the joint stage.
     pub fn is_joint(self) -> bool {
         matches!(self, Self::Joint(_))
     }
 
-    /// Weight of DSSIM: on in the last `loss.dssim_last` steps of the joint stage (of warm-up if there is no joint stage),
-    /// rising over the first `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and Adam's second moment
-    /// takes some hundred steps to learn their size; switched on at once it throws the scene back. With `loss.dssim_warmup` it
-    /// counts in full in warm-up too.
+    /// Weight of DSSIM: active in the last `loss.dssim_last` steps of the joint stage (of warm-up if there is no joint
+    /// stage), rising over the first `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and
+    /// Adam's second moment takes some hundred steps to learn their size; switched on at once, DSSIM sets the scene
+    /// back. With `loss.dssim_warmup` it also has its full weight in warm-up.
     pub fn dssim_weight(self, config: &Config) -> f64 {
         let stages = &config.stages;
         let (s, steps) = match self {
@@ -81,11 +81,11 @@ impl Stage {
     }
 }
 
-/// The schedules that are built in.
+/// The built-in schedules.
 pub const SCHEDULES: [&str; 3] = ["log-linear", "cosine", "constant"];
 
-/// What the rates of means, encoder, decoder and embedding are multiplied by at `progress` in [0, 1]: as the registered schedule
-/// `optim.schedule` says, or the built-in one of that name, or else log-linearly.
+/// Returns the factor applied to the rates of means, encoder, decoder and embedding at `progress` in [0, 1]: that of
+/// the registered schedule `optim.schedule`, or of the built-in one of that name, or else log-linear.
 pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
     let last = config.final_fraction;
     match (find_schedule(&config.schedule), config.schedule.as_str()) {
@@ -96,13 +96,13 @@ pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
     }
 }
 
-/// Learning rate of a parameter by its name, `None` if it is not trained in this stage.
+/// Returns the learning rate of a parameter by its name, `None` if it is not trained in this stage.
 pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> Option<f64> {
     let OptimConfig {
         means, rotations, log_scales, opacity, sh, normals, material, encoder, decoder, embedding, ..
     } = config.optim;
     let decayed = |rate: f64| rate * decay(&config.optim, stage.progress(config));
-    // warm-up before a joint stage with rates of its own ends with the rates that it began with
+    // in warm-up before a joint stage with its own decay, these rates stay constant
     let falls = stage.is_joint() || config.stages.joint_steps == 0 || config.optim.decay_over == DecayOver::Run;
     let attribute = |rate: f64| {
         if falls { rate * config.optim.attributes_final_fraction.powf(stage.progress(config)) } else { rate }
@@ -122,7 +122,8 @@ pub fn learning_rate(name: &str, stage: Stage, config: &Config, extent: f64) -> 
     }
 }
 
-/// The training view of a step, as `data.order` says: every view once, shuffled anew each time round, or any at any step.
+/// Returns the training view of a step, as `data.order` specifies: every view once per round, shuffled anew each round,
+/// or any view at any step.
 pub fn view(config: &Config, step: usize, views: usize) -> usize {
     let rng = |key: usize| Rng::new(config.seed, key as u64, Purpose::Views);
     match config.data.order {
@@ -195,10 +196,10 @@ mod tests {
         for (stage, progress) in [(Stage::Warmup(1500), 0.05), (Stage::Joint(0), 0.1), (Stage::Joint(12_000), 0.5)] {
             assert!((rate("gaussians.means", stage) / start - 0.01f64.powf(progress)).abs() < 1e-12, "{stage:?}");
         }
-        // the network's own begins where the schedule has come by then, as in the published code of D3DGS
+        // the network's rate starts at the schedule's value at that step, as in the published code of D3DGS
         let network = rate("field.encoder.D3dgs.output.weight", Stage::Joint(0));
         assert!((network / config.optim.encoder - 0.01f64.powf(0.1)).abs() < 1e-12);
-        // and so do the attributes
+        // and the attributes' rates follow it too
         config.optim.attributes_final_fraction = 0.01;
         let rate = |name, stage| learning_rate(name, stage, &config, 1.0).unwrap();
         let fallen =
@@ -241,12 +242,12 @@ mod tests {
         assert!((weight(15_000) - 0.02).abs() < 1e-12);
         assert_eq!((weight(15_009), weight(19_999)), (0.2, 0.2));
         assert_eq!(Stage::Warmup(499).dssim_weight(&config), 0.0);
-        // a static scene: the last steps of warm-up, or all
+        // a static scene: the last steps of warm-up, or all of them
         (config.stages.warmup_steps, config.stages.joint_steps, config.loss.dssim_ramp) = (6000, 0, 1);
         assert_eq!([999, 1000, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.0, 0.2, 0.2]);
         config.loss.dssim_last = 6000;
         assert_eq!(Stage::Warmup(0).dssim_weight(&config), 0.2);
-        // without a joint stage as with one
+        // the same without a joint stage as with one
         (config.loss.dssim_warmup, config.loss.dssim_last) = (true, 0);
         assert_eq!([0, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.2; 2]);
     }

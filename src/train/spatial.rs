@@ -1,13 +1,13 @@
-//! The Gaussians along a space-filling curve, so that neighbours in space are neighbours in memory: the field's
-//! planes, gathered by depth or by place, then come from the cache.
+//! Ordering of Gaussians along a space-filling curve, so that neighbours in space are neighbours in memory: lookups
+//! into the field's planes, in order of depth or of position, then hit the cache.
 
 use super::densify::Row;
 
-/// Bits an axis; 21 fill 63 of 64 bits, 10 are enough for cells of a thousandth of the scene.
+/// Bits per axis; 21 would fill 63 of 64 bits, 10 suffice for cells of a thousandth of the scene.
 const BITS: u32 = 10;
 
-/// The Gaussians in Morton order of their means `[N, 3]` over their bounding box; ties, and means that are not
-/// finite (last), stay in order.
+/// Returns the Gaussians in Morton order of their means `[N, 3]` over their bounding box. Ties keep their order, as do
+/// non-finite means, which come last.
 pub fn curve_order(means: &[f32]) -> Vec<Row> {
     let finite = |p: &[f32]| p.iter().all(|v| v.is_finite());
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
@@ -30,7 +30,7 @@ pub fn curve_order(means: &[f32]) -> Vec<Row> {
     order.into_iter().map(|(_, i)| Row::Keep(i)).collect()
 }
 
-/// The bits of `v`, two zeros after each.
+/// Spreads the bits of `v`, two zeros after each.
 fn spread(v: u32) -> u32 {
     (0..BITS).fold(0, |out, bit| out | (v >> bit & 1) << (3 * bit))
 }

@@ -1,10 +1,10 @@
-//! The image that a step is to reproduce: a view over the background, with its alpha, `[H, W, 4]`.
+//! The target image of a step: a view over the background, with its alpha, `[H, W, 4]`.
 
 use crate::data::Split;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
-/// View `view` over `background`, put together on the host, or, with `on_device`, from its four bytes a pixel on the
-/// device: a quarter of the way to a GPU.
+/// Returns view `view` over `background`, composited on the host, or, with `on_device`, from its four bytes per pixel
+/// on the device, which sends a quarter of the data to a GPU.
 pub(crate) fn target(split: &Split, view: usize, background: [f32; 3], device: &Device, on_device: bool) -> Tensor<3> {
     let (h, w) = (split.images.height as usize, split.images.width as usize);
     if !on_device {

@@ -1,4 +1,4 @@
-//! A trainer on a dataset of a few small views: what the start of the grid means, and poison values.
+//! Tests of [`Trainer`] on a dataset of a few small views.
 
 use super::schedule::{Stage, learning_rate};
 use super::{Saved, TrainError, Trainer, Training, losses};
@@ -12,7 +12,7 @@ use crate::model::encoder::Encoder;
 use crate::model::params::{self, to_vec};
 use burn::tensor::Tensor;
 
-/// 200 Gaussians, no warm-up, nothing but the colours and alpha in the loss.
+/// 200 Gaussians, no warm-up, and a loss of colours and alpha only.
 fn config() -> Config {
     let mut config = Config::default();
     config.model.encoder = EncoderKind::Factorised;
@@ -31,7 +31,7 @@ fn trainer(config: &Config) -> (Dataset, Trainer) {
     (data, trainer)
 }
 
-/// Gradients of planes, lines and temporal vectors of one view's colours, before any step.
+/// Returns the gradients of planes, lines and temporal vectors for the photometric loss of one view, before any step.
 fn encoder_gradients(config: &Config) -> [Vec<f32>; 3] {
     let (data, mut trainer) = trainer(config);
     let scene = trainer.scene.as_mut().unwrap();
@@ -60,7 +60,7 @@ fn a_grid_of_zeros_has_no_gradient_and_one_away_from_it_has() {
     assert_eq!(nonzero(&zeros), [0; 3], "a dead saddle whatever the decoder");
 
     let counts = nonzero(&config());
-    // temporal vectors: the one knot at time 0, 8 channels on 2 levels
+    // temporal vectors: only the knot at time 0, 8 channels on 2 levels
     assert!(counts[0] > 100 && counts[1] > 100 && counts[2] >= 16, "{counts:?}");
     assert!(encoder_gradients(&config()).iter().flatten().all(|v| v.is_finite()));
 }
@@ -77,7 +77,7 @@ fn a_grid_of_zeros_is_learnt_only_with_the_prior() {
         grid(&trainer)
     };
     assert!(after(&zeros).iter().all(|v| *v == 0.0));
-    // nor does total variation lead away, of whichever kind
+    // nor does total variation of either kind move it away from zero
     (zeros.loss.tv, zeros.loss.tv_time) = (1e-4, 1e-2);
     for (kind, reduction) in [(TvOrder::Second, TvReduction::Mean), (TvOrder::First, TvReduction::Sum)] {
         (zeros.loss.tv_kind, zeros.loss.tv_reduction) = (kind, reduction);
@@ -150,14 +150,14 @@ fn every_layer_of_the_implicit_encoder_is_trained() {
     for name in layers {
         assert_ne!(start[name], end[name], "{name}");
     }
-    // sums over several views, as each step sees another one
+    // sums over several views, as each step sees a different one
     assert!(losses[24..].iter().sum::<f64>() < losses[..6].iter().sum(), "{losses:?}");
 }
 
 #[test]
 fn a_loss_that_is_not_finite_stops_training() {
     let (data, mut trainer) = trainer(&config());
-    trainer.config.loss.alpha = 1e300; // no check lets it through; infinite in f32
+    trainer.config.loss.alpha = 1e300; // the checks would refuse it; infinite in f32
     let before = params::collect(trainer.scene());
     match trainer.step(&data.train) {
         Err(TrainError::NotFinite { step: 0, what }) => assert!(what.contains("the loss"), "{what}"),
@@ -245,7 +245,7 @@ fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
         config.speed.cull_visits = cull_visits;
         (config.speed.sort_every, config.optim.opacity) = (0, 0.0);
         let (data, mut trainer) = trainer(&config);
-        // two thirds start transparent, and stay so but for the field
+        // two thirds start transparent, and only the field can change that
         let mut host = trainer.scene().gaussians.to_host();
         (0..200).filter(|i| i % 3 > 0).for_each(|i| host.opacity_logits[i] = -9.0);
         trainer.replace_gaussians(host);

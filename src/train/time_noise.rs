@@ -1,11 +1,11 @@
-//! Noise on the time of a step, which D3DGS calls annealed smooth training (its equation 6): neighbouring times learn from each
-//! other, less and less.
+//! Noise on the time of a step, which D3DGS calls annealed smooth training (its equation 6): neighbouring times learn
+//! from each other, to a decreasing degree.
 
 use crate::config::types::Config;
 use crate::rng::{Purpose, Rng};
 
-/// The time at which step `step` (of the whole run, from 0) deforms the Gaussians for a view of `time`; `interval` lies between
-/// two training times. It may lie a little beyond [0, 1].
+/// Returns the time at which step `step` (of the whole run, from 0) deforms the Gaussians for a view at `time`, where
+/// `interval` is the spacing of training times. It may lie slightly outside [0, 1].
 pub(super) fn noisy(time: f64, config: &Config, step: usize, interval: f64) -> f32 {
     let Some(d3dgs) = &config.d3dgs else { return time as f32 };
     let left = 1.0 - step as f64 / d3dgs.time_noise_steps.max(1) as f64;
@@ -28,7 +28,7 @@ mod tests {
         config.d3dgs = Some(D3dgsConfig { time_noise: 0.5, time_noise_steps: 1000, ..D3dgsConfig::default() });
         let at = |from: usize| (from..from + 200).map(|s| f64::from(noisy(0.3, &config, s, 0.1)) - 0.3);
         let size = |from: usize| (at(from).map(|v| v * v).sum::<f64>() / 200.0).sqrt();
-        // standard deviations of 0.05 at the start and a half of it in the middle
+        // standard deviations of 0.05 at the start and half of that in the middle
         assert!((size(0) / (0.05 * 0.9) - 1.0).abs() < 0.15, "{}", size(0));
         assert!((size(400) / (0.05 * 0.5) - 1.0).abs() < 0.15, "{}", size(400));
         assert!((at(0).sum::<f64>() / 200.0).abs() < 0.01);

@@ -27,34 +27,34 @@ use volseggs_kernels::activation::logit;
 #[derive(Debug)]
 pub struct Trainer {
     pub(super) config: Config,
-    /// Absent only while the optimiser holds it.
+    /// Absent only while the optimiser owns it.
     pub(super) scene: Option<Scene>,
     pub(super) optimizer: Optimizer,
     pub(super) average: Average,
     pub(super) statistics: Gathered,
     pub(super) culling: Culling,
     pub(super) step: usize,
-    /// Gaussians at the start: the foot of the line towards the budget.
+    /// Gaussians at the start: where the line towards the budget begins.
     pub(super) initial: usize,
     extent: f64,
-    /// Between two training times.
+    /// Spacing of the training times.
     interval: f64,
     background: Background,
     warmup_views: Vec<usize>,
     extra: losses::ExtraTerms,
-    /// The training views reduced, for the first steps.
+    /// The training views at reduced size, for the first steps.
     pub(super) coarse: Option<Split>,
     device: Device,
-    /// Whether asking the device for a number makes it wait.
+    /// Whether reading a value from the device makes it wait.
     runs_ahead: bool,
     watch: LossWatch,
 }
 
 impl Trainer {
-    /// Starts a run: checks the configuration, carves the hull, places the first Gaussians.
+    /// Starts a run: checks the configuration, carves the hull, places the initial Gaussians.
     ///
     /// # Errors
-    /// If the configuration contradicts itself or the data do not allow to start.
+    /// If the configuration contradicts itself or training cannot start with the data.
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
         let images = &dataset.train.images;
@@ -73,7 +73,7 @@ impl Trainer {
         Self::from_scene(config, scene, dataset)
     }
 
-    /// Starts a run from a scene that is there already, on a device with gradients, with new moments.
+    /// Starts a run from an existing scene, on a device with gradients, with new moments.
     ///
     /// # Errors
     /// If the configuration contradicts itself or does not fit the data.
@@ -119,7 +119,7 @@ impl Trainer {
         self.step
     }
 
-    /// The scene as the last step left it.
+    /// The scene after the last step.
     pub fn scene(&self) -> &Scene {
         match &self.scene {
             Some(scene) => scene,
@@ -134,7 +134,7 @@ impl Trainer {
         }
     }
 
-    /// What is shown and saved: the average of the last steps, where one is asked for.
+    /// The scene that is shown and saved: the moving average, if there is one.
     pub(super) fn shown(&self) -> &Scene {
         self.average.scene().unwrap_or_else(|| self.scene())
     }
@@ -158,7 +158,7 @@ impl Trainer {
     pub fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
         let step = self.step;
         if step >= self.config.speed.coarse_steps {
-            self.coarse = None; // its memory is wanted
+            self.coarse = None; // frees its memory
         }
         // taken out and put back, so that the views can be read while the state changes
         let coarse = self.coarse.take();
@@ -286,7 +286,7 @@ impl Trainer {
         self.replace_gaussians(new);
     }
 
-    /// Puts the Gaussians, with all that is kept about each, along a space-filling curve.
+    /// Sorts the Gaussians, with everything kept about each, along a space-filling curve.
     fn sort(&mut self) {
         let host = self.scene().gaussians.to_host();
         let rows = spatial::curve_order(&host.means);

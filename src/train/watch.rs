@@ -1,4 +1,4 @@
-//! The guard over the loss: what is not finite stops a training before anything is learnt from it.
+//! Check of the loss: a non-finite value stops the training before anything is learnt from it.
 
 use super::TrainError;
 use burn::tensor::{Device, Tensor};
@@ -6,8 +6,8 @@ use burn::tensor::{Device, Tensor};
 /// Steps between two looks at the loss on a device that runs ahead of the host.
 const LOOK_EVERY: usize = 20;
 
-/// Brings the loss to the host: at every step, but on a device that runs ahead of the host, which would have to wait, only in
-/// the first steps, at every 20th, and before a checkpoint.
+/// Reads the loss back to the host: at every step, or, on a device that runs ahead of the host and would have to wait,
+/// only in the first steps, at every 20th, and before a checkpoint.
 #[derive(Clone, Debug)]
 pub struct LossWatch {
     runs_ahead: bool,
@@ -15,12 +15,12 @@ pub struct LossWatch {
     checkpoint_every: usize,
     /// Steps of the whole training.
     total: usize,
-    /// Loss and PSNR when they were last looked at.
+    /// Loss and PSNR when last read.
     last: (f64, f64),
 }
 
 impl LossWatch {
-    /// One for a training of `total` steps on `device` with a checkpoint every `checkpoint_every` steps.
+    /// Returns a watch over a training of `total` steps on `device` with a checkpoint every `checkpoint_every` steps.
     #[must_use]
     pub fn new(device: &Device, checkpoint_every: usize, total: usize) -> Self {
         let runs_ahead = crate::device::runs_ahead(device);
@@ -38,8 +38,8 @@ impl LossWatch {
             || done == self.total
     }
 
-    /// Looks at the `loss` `[1]` of `step` (from 0), before its gradients are taken, and at the mean squared error of the colours
-    /// that `squared` gives, `[1]`; or leaves the device alone.
+    /// Reads the `loss` `[1]` of `step` (from 0), before its gradients are computed, and the mean squared error of the
+    /// colours `[1]` that `squared` returns; does nothing at a step without a look.
     ///
     /// # Errors
     /// [`TrainError::NotFinite`] if the loss is not finite.
@@ -61,7 +61,7 @@ impl LossWatch {
         Ok(())
     }
 
-    /// Loss, and PSNR in decibels, of the last step that was looked at.
+    /// Returns the loss, and the PSNR in decibels, of the last step that was read.
     #[must_use]
     pub fn last(&self) -> (f64, f64) {
         self.last

@@ -7,8 +7,8 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use volseggs::train::checkpoint;
 
-/// All faults of what a killed command left in `folder`: `before` it, and `after` one that was left alone. Nothing is in
-/// `after` yet when that one is checked itself.
+/// Returns all faults in what a killed command left in `folder`, given the files `before` it, `now`, and `after` a
+/// command that was left alone. `after` is empty when that one is checked itself.
 pub fn faults(job: &Job, folder: &Path, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Vec<String> {
     let mut faults = Vec::new();
     let may = |path: &str| fits(&job.may, path) && !fits(&job.but, path);
@@ -47,7 +47,7 @@ pub fn faults(job: &Job, folder: &Path, before: &Snapshot, now: &Snapshot, after
     faults
 }
 
-/// A folder that is neither wholly as before nor wholly as after.
+/// Returns a fault if a folder is neither entirely as before nor entirely as after.
 fn mixed(part: &str, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Option<String> {
     let prefix = format!("{part}/");
     let of = |all: &Snapshot| -> Snapshot {
@@ -71,7 +71,7 @@ fn mixed(part: &str, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Opt
     ))
 }
 
-/// Folders with final names that lack a part.
+/// Returns the faults of folders that have a final name but lack a part.
 fn folders(folder: &Path, now: &Snapshot) -> Vec<String> {
     let mut faults = Vec::new();
     for name in ["prepared", "fresh"] {
@@ -103,13 +103,13 @@ fn folders(folder: &Path, now: &Snapshot) -> Vec<String> {
     faults
 }
 
-/// Whether a run lost its newest checkpoint, which was there before.
+/// Returns a fault if a run lost the newest checkpoint that it had before.
 pub fn lost_checkpoint(run: &Path, before: Option<usize>) -> Option<String> {
     let newest = newest(run);
     (newest < before).then(|| format!("{}: the newest checkpoint was {before:?}, now {newest:?}", run.display()))
 }
 
-/// Steps of a run's newest checkpoint.
+/// Returns the step of a run's newest checkpoint.
 pub fn newest(run: &Path) -> Option<usize> {
     checkpoint::list(run).pop().map(|(step, _)| step)
 }

@@ -1,17 +1,18 @@
-//! Trees of files: contents, temporaries.
+//! Trees of files: their contents and temporaries.
 
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// How names of what is still being written begin.
+/// Prefix of the names of files that are still being written.
 const TEMPORARY: &str = ".tmp-";
-/// Holds nothing that anybody wants to keep.
+/// Name of the lock file, whose contents do not matter.
 const LOCK: &str = ".lock";
 
-/// Contents by path below a folder, with `/`; without temporaries and locks.
+/// File contents by path below a folder, with `/`; excludes temporaries and locks.
 pub type Snapshot = BTreeMap<String, Vec<u8>>;
 
-/// Entries of a folder in the order of their names, with whether they are folders; none if it is not there (any more).
+/// Returns the entries of a folder, sorted by name, each with whether it is a folder; none if the folder does not exist
+/// (any more).
 fn entries(folder: &Path) -> Vec<(String, bool)> {
     let Ok(listed) = std::fs::read_dir(folder) else { return Vec::new() };
     let entry =
@@ -21,7 +22,7 @@ fn entries(folder: &Path) -> Vec<(String, bool)> {
     all
 }
 
-/// All contents below a folder that nobody writes into.
+/// Reads all contents below a folder that no process writes to.
 pub fn snapshot(folder: &Path) -> Snapshot {
     let mut all = Snapshot::new();
     add(folder, "", &mut all);
@@ -43,7 +44,7 @@ fn add(folder: &Path, prefix: &str, all: &mut Snapshot) {
     }
 }
 
-/// Paths of the temporaries below a folder.
+/// Returns the paths of the temporaries below a folder.
 pub fn temporaries(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for (name, is_folder) in entries(folder) {
@@ -63,7 +64,7 @@ pub fn remove(folder: &Path) {
     }
 }
 
-/// Whether one of the patterns fits a path; `*` stands for folders too.
+/// Whether one of the patterns matches a path; `*` matches across folders too.
 pub fn fits(patterns: &[String], path: &str) -> bool {
     patterns.iter().any(|p| glob::Pattern::new(p).unwrap().matches(path))
 }

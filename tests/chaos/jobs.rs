@@ -1,20 +1,20 @@
-//! Every command that writes, what it may touch, and how one goes on after it was killed.
+//! Every command that writes, what it may touch, and how it is completed after a kill.
 
 use crate::program::words;
 use crate::world::{CAMERA, PREPARE, World, knows, knows_replace};
 
-/// How the command is brought to its end after a kill.
+/// How a command is completed after a kill.
 pub enum Again {
-    /// Once more as it was.
+    /// Run again unchanged.
     Same,
-    /// A training into this folder: with `--resume` once there is a checkpoint, or else as it was; the result is that of
-    /// a training that was never killed.
+    /// A training into this folder: run with `--resume` once there is a checkpoint, otherwise unchanged; the result is
+    /// that of a training that was never killed.
     Train(&'static str),
-    /// Once more, unless this segment is there.
+    /// Run again, unless this segment exists.
     Segment(&'static str),
-    /// Once more, unless this segment is gone.
+    /// Run again, unless this segment is gone.
     NoSegment(&'static str),
-    /// Once more, unless this folder is there, which it is refused to replace.
+    /// Run again, unless this folder exists, which the command refuses to replace.
     Folder(&'static str),
 }
 
@@ -22,13 +22,13 @@ pub enum Again {
 pub struct Job {
     pub name: &'static str,
     pub arguments: Vec<String>,
-    /// Paths that it may make and change; `*` stands for folders too.
+    /// Paths that it may create and change; `*` matches across folders too.
     pub may: Vec<String>,
-    /// Of these, paths that it may not.
+    /// Exceptions to these paths.
     pub but: Vec<String>,
     /// Paths that it may remove.
     pub goes: Vec<String>,
-    /// Folders that are wholly as they were or wholly as they will be.
+    /// Folders that must be entirely in their old state or entirely in their new one.
     pub at_once: Vec<String>,
     pub again: Again,
 }
@@ -65,14 +65,14 @@ fn owned(list: &[&str]) -> Vec<String> {
     list.iter().map(ToString::to_string).collect()
 }
 
-/// Files that tell the time or how long something took: never the same twice.
+/// Whether a file holds a time or a duration, and so is never the same twice.
 pub fn tells_the_time(path: &str) -> bool {
     const CLOCKS: [&str; 6] =
         ["*/run.json", "*/metrics.jsonl", "*/state.json", "*/tensorboard/*", "*/mean.json", "*/prepare.json"];
     crate::files::fits(&owned(&CLOCKS), path)
 }
 
-/// All of them, for copies of the world.
+/// Returns all commands, for copies of the world.
 pub fn jobs(world: &World) -> Vec<Job> {
     let (a, b, pixel) = (&world.segments[0], &world.segments[1], &world.pixel);
     let tracks = [a, b].map(|name| format!("run/track/{name}"));
@@ -147,7 +147,7 @@ pub fn jobs(world: &World) -> Vec<Job> {
     if knows(&base, "segment undo") {
         all.push(Job::new("segment undo", "segment undo run", &segments).but(&made_from_masks));
     }
-    // commands that ask before they replace what is there
+    // commands that replace existing output only if asked to
     for job in &mut all {
         let asks = ["segment masks", "segment fine", "segment split", "track", "eval", "render", "compare"];
         let exports = job.name.starts_with("export") || job.name.starts_with("inspect");

@@ -1,4 +1,4 @@
-//! Every writing command is killed at random moments; each time all files are looked at, and then the command is run to
+//! Kills every writing command at random moments; after each kill all files are checked, and the command is then run to
 //! its end.
 
 use crate::check::{faults, lost_checkpoint, newest};
@@ -15,41 +15,41 @@ use volseggs::files::RunPaths;
 use volseggs::rng::{Purpose, Rng};
 use volseggs::segment::segmentation::Segmentation;
 
-/// Tells these random numbers from the library's own.
+/// Distinguishes these random numbers from the library's own.
 const PURPOSE: u64 = 0xC4A0;
-/// Kills of each command without a number from the environment.
+/// Kills per command, unless the environment sets a number.
 const ROUNDS: usize = 3;
-/// Nor is there a second kill of a command after this long.
+/// Without that number, no command is killed a second time after this long.
 const ENOUGH: Duration = Duration::from_secs(45);
-/// Most seconds from the first sight of a temporary to the kill.
+/// Maximum number of seconds from the first sight of a temporary to the kill.
 const WRITING: f64 = 0.006;
-/// Longest wait for one.
+/// Longest wait for a temporary.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// A writer of the run: shows that a killed command does not hold its lock any more.
+/// A command that writes to the run: shows that a killed command no longer holds its lock.
 const NEXT: &str = "edit undo run";
 
-/// What is found.
+/// Results of the kills.
 #[derive(Default)]
 struct Found {
-    /// Strikes, and those of them that hit a living process.
+    /// All strikes; `kills` counts those that hit a living process.
     strikes: usize,
     kills: usize,
-    /// Files that were looked at.
+    /// Files that were checked.
     files: usize,
     faults: Vec<String>,
 }
 
-/// A command, how long it takes when it is left alone and what it leaves then.
+/// A command, its duration when left alone, and what it then leaves.
 struct Known {
     job: Job,
     seconds: f64,
     after: Snapshot,
 }
 
-/// One kill: its number tells the moment.
+/// One kill; its number determines the moment.
 struct Strike {
     number: usize,
-    /// While something is being written, or else at any moment.
+    /// Whether it comes while something is being written, rather than at any moment.
     writing: bool,
     rng: Rng,
 }
@@ -70,7 +70,7 @@ pub fn strike_all() {
     let n = known.len();
     println!("{n} commands, {:.0} s when left alone", began.elapsed().as_secs_f64());
     let wanted = settings.kills.unwrap_or(ROUNDS * n);
-    // a strike that comes after the end of its command counts for nothing
+    // a strike after the end of its command does not count
     for number in 0..3 * wanted {
         if found.kills >= wanted {
             break;
@@ -80,7 +80,7 @@ pub fn strike_all() {
             break;
         }
         let rng = Rng::new(settings.seed, number as u64, Purpose::Custom(PURPOSE));
-        // by turns, so that each command meets both
+        // alternating, so that each command gets both kinds
         let strike = Strike { number, writing: (number / n + number % n) % 2 == 1, rng };
         strike.at(world, &mut known[number % n], &base, settings.seed, &mut found);
         if (number + 1) % 50 == 0 {
@@ -104,7 +104,7 @@ pub fn strike_all() {
     assert!(found.kills >= enough, "{} of {} strikes hit a living process", found.kills, found.strikes);
 }
 
-/// The first faults in full, of the others their first lines.
+/// Formats the first faults in full, and the first lines of the others.
 fn told(faults: &[String]) -> String {
     const WHOLE: usize = 25;
     let short = |fault: &String| fault.lines().next().unwrap_or_default().to_owned();
@@ -113,7 +113,7 @@ fn told(faults: &[String]) -> String {
     all.join("\n\n")
 }
 
-/// Runs a command to its end and keeps what it leaves; none if it fails.
+/// Runs a command to its end and records what it leaves; `None` if it fails.
 fn left_alone(world: &World, job: Job, base: &Snapshot, found: &mut Found) -> Option<Known> {
     let folder = world.fresh(&format!("alone-{}", file_name(job.name)));
     let ended = run(&folder, &job.arguments);
@@ -135,7 +135,7 @@ fn left_alone(world: &World, job: Job, base: &Snapshot, found: &mut Found) -> Op
 }
 
 impl Strike {
-    /// One kill with all checks.
+    /// Kills a command once, with all checks.
     fn at(mut self, world: &World, known: &mut Known, base: &Snapshot, seed: u64, found: &mut Found) {
         let number = self.number;
         let folder = world.fresh(&format!("kill-{number:04}-{}", file_name(known.job.name)));
@@ -151,7 +151,7 @@ impl Strike {
         let mut wrong = faults(&known.job, &folder, base, &now, &known.after);
         wrong.extend(lost_checkpoint(&folder.join("half"), before));
         if !ended.was_killed() {
-            // it was quicker than the strike
+            // it ended before the strike
             wrong.extend((ended.code() != Some(0)).then(|| "failed by itself".to_owned()));
             known.seconds = known.seconds.min(ended.seconds);
         }
@@ -170,14 +170,14 @@ impl Strike {
         }
     }
 
-    /// Waits for the moment, which is told.
+    /// Waits for the moment of the kill, and describes it.
     fn wait(&mut self, child: &mut Running, folder: &Path, seconds: f64) -> String {
         let at = f64::from(self.rng.uniform()) * seconds;
         if !self.writing {
             std::thread::sleep(Duration::from_secs_f64(at));
             return format!("at {at:.3} s");
         }
-        // most of what is written is written near the end
+        // most of the writing happens near the end
         std::thread::sleep(Duration::from_secs_f64(0.5 * at));
         let mut seen = Vec::new();
         while seen.is_empty() && !child.has_ended() && child.age() < PATIENCE {
@@ -191,8 +191,8 @@ impl Strike {
     }
 }
 
-/// Runs the killed command to its end, or where its work was done already another that needs the run's lock. Gives that
-/// and all faults of what is there then.
+/// Runs the killed command to its end, or, if its work was already done, another one that needs the run's lock. Returns
+/// its outcome and all faults of the files it leaves.
 fn to_the_end(world: &World, job: &Job, folder: &Path, base: &Snapshot) -> (Ended, Vec<String>) {
     let has_segment = |name: &str| {
         let all = Segmentation::load(&RunPaths(&folder.join("run")).segments());
@@ -230,7 +230,7 @@ fn to_the_end(world: &World, job: &Job, folder: &Path, base: &Snapshot) -> (Ende
     (ended, wrong)
 }
 
-/// A killed training ends with the bytes of one that was left alone.
+/// Checks that a killed training ends with the bytes of one that was left alone.
 fn trained(world: &World, run: &Path) -> Result<(), String> {
     let status = json(&run.join("run.json"))["status"].clone();
     if status != "complete" {
@@ -241,13 +241,13 @@ fn trained(world: &World, run: &Path) -> Result<(), String> {
         .ok_or_else(|| "its scene or its optimiser is not that of a training that was never killed".to_owned())
 }
 
-/// Temporaries, where there should be none any more.
+/// Returns a fault if temporaries are left where there should be none.
 fn left_over(folder: &Path) -> Option<String> {
     let left = temporaries(folder);
     (!left.is_empty()).then(|| format!("temporaries are left at the end: {}", left.join(", ")))
 }
 
-/// A name without spaces and dashes at its ends.
+/// Returns a command's name for use in a file name, with `-` in place of spaces and of the dashes of options.
 fn file_name(name: &str) -> String {
     name.replace(" --", "-").replace(' ', "-")
 }

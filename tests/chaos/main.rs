@@ -1,5 +1,5 @@
-//! The whole program under attack: it is killed at random moments, run twenty times at once, left without anybody who
-//! reads what it prints, and told to stop in every way. Nothing may be lost, nothing may panic, nothing may stay locked.
+//! The whole program under attack: it is killed at random moments, run twenty times at once, left with output streams
+//! that nobody reads, and told to stop in every way. Nothing may be lost, panic or stay locked.
 //!
 //! The short form is an ordinary part of `cargo test`. The long form is the same code with more rounds:
 //!
@@ -7,16 +7,16 @@
 //! VOLSEGGS_CHAOS_KILLS=300 VOLSEGGS_CHAOS_EDITS=1000 VOLSEGGS_CHAOS_SEED=7 cargo test --test chaos -- --nocapture
 //! ```
 //!
-//! | variable | what | if not given |
+//! | variable | meaning | default |
 //! |---|---|---|
-//! | `VOLSEGGS_CHAOS_KILLS` | kills of living processes in all, dealt to the writing commands in turn | three of each command, one on a slow machine |
-//! | `VOLSEGGS_CHAOS_EDITS` | edits and groups by 20 writers at a time | 60 |
+//! | `VOLSEGGS_CHAOS_KILLS` | kills of living processes, over all writing commands | 3 each, 1 on a slow machine |
+//! | `VOLSEGGS_CHAOS_EDITS` | edits and groups, by 20 writers at a time | 60 |
 //! | `VOLSEGGS_CHAOS_SEED` | seed of the moments | 1 |
-//! | `VOLSEGGS_CHAOS_ONLY` | only commands whose name holds this are killed, such as `prepare` | all |
+//! | `VOLSEGGS_CHAOS_ONLY` | kill only commands whose name contains this, such as `prepare` | all |
 //!
-//! One part alone: `cargo test --test chaos kill`, or `writers`, `training`, `streams`, `signals`. What a failed round left
-//! stays in `target/tmp/chaos/work`; its message has the command, the moment, the seed and the number of the kill, which
-//! together give the same round again (as far as a clock can).
+//! To run one part alone: `cargo test --test chaos kill`, or `writers`, `training`, `streams`, `signals`. The files of
+//! a failed round stay in `target/tmp/chaos/work`; its message holds the command, the moment, the seed and the number
+//! of the kill, which together reproduce the round (as far as a clock can).
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)]
 
@@ -36,7 +36,7 @@ mod world;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// One test at a time: the moments of kills are shares of a duration that was measured, and each test takes all cores.
+/// Runs one test at a time: kills come at fractions of a measured duration, and each test uses all cores.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)

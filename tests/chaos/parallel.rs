@@ -1,4 +1,4 @@
-//! Many writers at one run: short work waits for its turn and none of it is lost, long work refuses others at once.
+//! Many writers to one run: short work waits for its turn and none of it is lost; long work refuses others at once.
 
 use crate::check::newest;
 use crate::common::{copy, json, newest_bytes};
@@ -15,16 +15,16 @@ use volseggs::files::{RunLock, Work};
 use volseggs::rng::{Purpose, Rng};
 use volseggs::segment::segmentation::Segmentation;
 
-/// Tells these random numbers from the library's own.
+/// Distinguishes these random numbers from the library's own.
 const PURPOSE: u64 = 0xC4A1;
-/// Writers at one time.
+/// Simultaneous writers.
 const WRITERS: usize = 20;
-/// Longer than it can take a writer to sign its lock.
+/// Longer than a writer can take to sign its lock.
 const LONG_WAIT: Duration = Duration::from_secs(3);
-/// Within this a writer is refused by one whose work is long.
+/// Time within which a writer is refused while long work is in progress.
 const AT_ONCE: Duration = Duration::from_secs(5);
 
-/// Work of writer `i`, which can be found again by `i`.
+/// Returns the command of writer `i`, whose effect can be identified by `i`.
 fn writer(world: &World, i: usize) -> Vec<String> {
     let (a, b) = (&world.segments[0], &world.segments[1]);
     words(&match i % 3 {
@@ -34,12 +34,12 @@ fn writer(world: &World, i: usize) -> Vec<String> {
     })
 }
 
-/// A number that no other writer has.
+/// Returns a number that no other writer has.
 fn factor(i: usize) -> f32 {
     0.5 + i as f32 / 65536.0
 }
 
-/// Numbers of the writers whose work is in the run.
+/// Returns the numbers of the writers whose work is in the run.
 fn kept(run: &Path) -> BTreeSet<usize> {
     let edits = EditStack::load(&run.join("edits.json")).unwrap();
     let number = |operation: &Operation| match operation {
@@ -55,7 +55,7 @@ fn kept(run: &Path) -> BTreeSet<usize> {
     found
 }
 
-/// Twenty at a time until all edits are made: each succeeds, and each is there in the end.
+/// Runs twenty writers at a time until all edits are made: each succeeds, and each edit is there in the end.
 pub fn writers() {
     let (world, settings) = (world(), Settings::read());
     let folder = world.fresh("writers");
@@ -85,8 +85,8 @@ pub fn writers() {
     remove(&folder);
 }
 
-/// Twenty writers wait for a lock that is held longer than usual, and then take turns: a writer who has waited long
-/// finds the lock file unsigned now and then, which is no reason to give up.
+/// Twenty writers wait for a lock that is held longer than usual, and then take turns: a writer that has waited long
+/// occasionally finds the lock file unsigned, which is no reason to give up.
 pub fn writers_that_waited() {
     let world = world();
     let folder = world.fresh("waited");
@@ -102,8 +102,8 @@ pub fn writers_that_waited() {
     remove(&folder);
 }
 
-/// Twenty writers, half of them killed at random moments: what a writer said to be done is there, the files are whole,
-/// and the others and those that come after get their turn.
+/// Twenty writers, half of them killed at random moments: whatever a writer reported as done is there, the files are
+/// complete, and the other and later writers get their turn.
 pub fn killed_writers() {
     let (world, settings) = (world(), Settings::read());
     let folder = world.fresh("killed-writers");
@@ -131,7 +131,7 @@ pub fn killed_writers() {
         }
         must(&folder, &words("edit list run"));
     }
-    // each cleans up where it writes
+    // each writer cleans up where it writes
     must(&folder, &words("edit clear run"));
     must(&folder, &words(&format!("segment group run last {} {}", world.segments[0], world.segments[1])));
     assert_eq!(temporaries(&folder), Vec::<String>::new(), "after the last edit in {}", folder.display());
@@ -140,7 +140,7 @@ pub fn killed_writers() {
     remove(&folder);
 }
 
-/// Refused at once, by name.
+/// Checks that a command is refused at once, naming the training.
 fn refused_at_once(folder: &Path, arguments: &[String]) {
     let began = Instant::now();
     let ended = run(folder, arguments);
@@ -151,7 +151,7 @@ fn refused_at_once(folder: &Path, arguments: &[String]) {
     }
 }
 
-/// A run that is being trained takes no other writer, shows itself to readers, and is free once it was killed.
+/// A run in training accepts no other writer, can be read, and is free once the training is killed.
 pub fn beside_a_training() {
     let world = world();
     let folder = world.fresh("training");
@@ -178,7 +178,7 @@ pub fn beside_a_training() {
     remove(&folder);
 }
 
-/// Two that begin in the same moment: one trains, the other is refused, and the result is whole.
+/// Two trainings start at the same moment: one trains, the other is refused, and the result is complete.
 pub fn two_trainings() {
     let world = world();
     let folder: PathBuf = world.fresh("two");

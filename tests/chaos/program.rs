@@ -1,5 +1,5 @@
-//! One child of the tests: started without settings from the environment, with streams of choice, and never waited for
-//! without end.
+//! A child process of the tests: started without settings from the environment, with chosen streams, and never waited
+//! for indefinitely.
 
 use crate::common::BINARY;
 use std::fmt;
@@ -10,18 +10,18 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// No command of these tests takes so long, however busy the machine is: one that does hangs.
+/// No command of these tests takes this long, however busy the machine is: one that does hangs.
 const LONGEST: Duration = Duration::from_secs(180);
 const PAUSE: Duration = Duration::from_millis(1);
-/// Bytes of a stream that a message shows, its last ones.
+/// Number of bytes from the end of a stream that a message shows.
 const SHOWN: usize = 1500;
 
-/// What is at the other end of a standard stream.
+/// The other end of a standard stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     /// This test, which reads it.
     Kept,
-    /// A pipe that nobody reads.
+    /// A pipe that has no reader.
     Gone,
     /// `/dev/full`.
     Full,
@@ -41,18 +41,18 @@ impl Stream {
     }
 }
 
-/// Words of a command line that holds no quotes.
+/// Splits a command line without quotes into words.
 pub fn words(line: &str) -> Vec<String> {
     line.split_whitespace().map(str::to_owned).collect()
 }
 
-/// A child that may still live; killed when it is dropped.
+/// A child that may still be running; killed when dropped.
 pub struct Running {
     line: String,
     folder: PathBuf,
     child: Child,
     started: Instant,
-    /// Readers of standard output and standard error, where they are kept.
+    /// Readers of standard output and standard error, if they are kept.
     readers: [Option<JoinHandle<String>>; 2],
 }
 
@@ -61,17 +61,17 @@ pub fn start(folder: &Path, arguments: &[String]) -> Running {
     start_with(folder, arguments, [Stream::Kept; 2])
 }
 
-/// The same with standard output and standard error of choice.
+/// Starts the program with chosen standard output and standard error.
 pub fn start_with(folder: &Path, arguments: &[String], streams: [Stream; 2]) -> Running {
     let mut command = Command::new(BINARY);
     command.args(arguments);
     start_command(folder, command, streams)
 }
 
-/// The same for another program that calls it.
+/// Starts another program that calls this one, with chosen streams.
 pub fn start_command(folder: &Path, mut command: Command, [out, err]: [Stream; 2]) -> Running {
     for (name, _) in std::env::vars_os() {
-        // they are keys of the program's configuration
+        // these set keys of the program's configuration
         if name.to_string_lossy().starts_with("VOLSEGGS_") {
             command.env_remove(name);
         }
@@ -115,7 +115,7 @@ impl Running {
         self.child.try_wait().unwrap().is_some()
     }
 
-    /// Waits for its end; one that hangs is killed.
+    /// Waits for its end; kills one that hangs.
     pub fn end(mut self) -> Ended {
         loop {
             if let Some(status) = self.child.try_wait().unwrap() {
@@ -130,7 +130,7 @@ impl Running {
         }
     }
 
-    /// `kill -9`, if it lives.
+    /// Sends `kill -9`, if it is still running.
     pub fn kill(mut self) -> Ended {
         let _ = self.child.kill();
         let status = self.child.wait().unwrap();
@@ -143,7 +143,7 @@ impl Running {
         assert!(sent.success(), "kill -s {name}: {}", self.line);
     }
 
-    /// Waits until `there` holds, while the child lives.
+    /// Waits until `there` holds, as long as the child is running.
     pub fn wait_until(&mut self, what: &str, mut there: impl FnMut() -> bool) {
         let started = Instant::now();
         while !there() {
@@ -158,7 +158,7 @@ impl Running {
         }
     }
 
-    /// Time since its start.
+    /// Returns the time since its start.
     pub fn age(&self) -> Duration {
         self.started.elapsed()
     }
@@ -182,27 +182,27 @@ pub struct Ended {
     line: String,
     folder: PathBuf,
     status: ExitStatus,
-    /// It had to be killed as it took too long.
+    /// Whether it had to be killed because it took too long.
     hung: bool,
     pub seconds: f64,
-    /// Standard output, where it was kept.
+    /// Standard output, if it was kept.
     pub out: String,
-    /// Standard error, where it was kept.
+    /// Standard error, if it was kept.
     pub err: String,
 }
 
 impl Ended {
-    /// Its exit code; none if it died of a signal or hung.
+    /// Returns its exit code; `None` if it died of a signal or hung.
     pub fn code(&self) -> Option<i32> {
         self.status.code().filter(|_| !self.hung)
     }
 
-    /// Whether `kill -9` hit it while it lived.
+    /// Whether `kill -9` hit it while it was running.
     pub fn was_killed(&self) -> bool {
         !self.hung && self.status.signal() == Some(9)
     }
 
-    /// What no command may do in any circumstances.
+    /// Returns a fault that no command may have under any circumstances.
     pub fn fault(&self) -> Option<String> {
         let told = format!("{}{}", self.out, self.err);
         if self.hung {
@@ -228,7 +228,7 @@ impl fmt::Display for Ended {
     }
 }
 
-/// The end of a long text.
+/// Returns the end of a long text.
 fn last(text: &str) -> &str {
     let text = text.trim();
     let from = text.len().saturating_sub(SHOWN);

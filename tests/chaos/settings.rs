@@ -1,16 +1,16 @@
-//! How long and with which moments: from the environment.
+//! Length of the tests and seed of their moments, from the environment.
 
 use std::str::FromStr;
 
-/// The variables, described at the top of the target.
+/// The environment variables, described at the top of `main.rs`.
 pub struct Settings {
-    /// Kills in all; none for two of each command.
+    /// Kills in total; `None` for three of each command.
     pub kills: Option<usize>,
-    /// Edits and groups in all.
+    /// Edits and groups in total.
     pub edits: usize,
     /// Seed of the moments.
     pub seed: u64,
-    /// Part of the names of the commands that are killed.
+    /// Part of the names of the commands to kill.
     pub only: String,
 }
 

@@ -1,4 +1,4 @@
-//! A command that is asked to stop: a training saves a checkpoint and can go on, `prepare` leaves nothing.
+//! Commands that are asked to stop: a training saves a checkpoint and can be resumed, `prepare` leaves nothing.
 
 use crate::check::newest;
 use crate::common::{BINARY, json};
@@ -9,17 +9,17 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-/// Far too long to end by itself, and no checkpoint is due before the signal comes.
+/// Far too long to end by itself, with no checkpoint due before the signal comes.
 const ENDLESS: [&str; 2] = ["stages.joint_steps=200000", "output.checkpoint_every=100000"];
-/// Between two signals that count as one.
+/// Interval between two signals that count as one.
 const REPEATED: Duration = Duration::from_millis(50);
 
-/// Lines of a run's metrics.
+/// Counts the lines of a run's metrics.
 fn lines(run: &Path) -> usize {
     std::fs::read_to_string(run.join("metrics.jsonl")).map_or(0, |t| t.lines().count())
 }
 
-/// What a stopped training leaves.
+/// Checks what a stopped training leaves.
 fn stopped(what: &str, folder: &Path, name: &str, ended: &Ended) {
     let run = folder.join(name);
     let record = json(&run.join("run.json"));
@@ -30,7 +30,7 @@ fn stopped(what: &str, folder: &Path, name: &str, ended: &Ended) {
     assert_eq!(temporaries(&run), Vec::<String>::new(), "{what}: {ended}");
 }
 
-/// A training that gets `signals` after its first steps; seconds until then.
+/// Runs a training that gets `signals` after its first steps; returns the seconds until then.
 fn signalled(world: &World, folder: &Path, name: &str, signals: &[&str], streams: [Stream; 2]) -> f64 {
     let run = folder.join(name);
     let mut child = start_with(folder, &world.training(name, &ENDLESS), streams);
@@ -65,7 +65,7 @@ pub fn to_trainings() {
     }
     signalled(world, &folder, "twice", &["TERM", "TERM"], kept);
     signalled(world, &folder, "mixed", &["HUP", "TERM", "HUP"], kept);
-    // the terminal is gone, and nobody reads what is said of it
+    // the terminal is gone, and nobody reads the messages about it
     signalled(world, &folder, "alone", &["HUP"], [Stream::Gone; 2]);
     under_timeout(world, &folder, seconds);
     let next = newest(&folder.join("twice")).unwrap() + 3;
@@ -74,7 +74,7 @@ pub fn to_trainings() {
     remove(&folder);
 }
 
-/// `timeout` sends its signal to the program and to the whole group, so that it comes twice.
+/// `timeout` sends its signal to the program and to the whole group, so it arrives twice.
 fn under_timeout(world: &World, folder: &Path, seconds: f64) {
     let version = Command::new("timeout").arg("--version").output();
     if !version.is_ok_and(|v| String::from_utf8_lossy(&v.stdout).contains("coreutils")) {

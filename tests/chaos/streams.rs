@@ -1,4 +1,4 @@
-//! Commands whose standard output or standard error nobody reads, or that go to a full disk: the work is done and saved,
+//! Commands whose standard output or standard error has no reader or goes to a full disk: the work is done and saved,
 //! nothing panics, and a full standard output is an error, as the user asked for what it should hold.
 
 use crate::check::newest;
@@ -22,22 +22,22 @@ const FORMS: [[Stream; 2]; 6] = [
     [Stream::Full, Stream::Full],
 ];
 
-/// What a command's exit code is.
+/// The expected exit code of a command.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Code {
-    /// 0, and 1 where standard output is full.
+    /// 0, or 1 if standard output is full.
     Work,
-    /// 0 or 1: the library of the command line prints it.
+    /// 0 or 1: the command-line library prints the text.
     Text,
-    /// 2: it is wrong.
+    /// 2: the command is invalid.
     Refused,
 }
 
-/// A command; `N` in its arguments is the number of the form, so that each form has outputs of its own.
+/// A command; `N` in its arguments becomes the number of the form, so that each form has its own outputs.
 struct Case {
     line: String,
     code: Code,
-    /// What shows, for a form, that the work was saved.
+    /// Whether the work of a form was saved.
     saved: fn(&Path, usize) -> bool,
 }
 
@@ -83,19 +83,19 @@ fn cases(world: &World) -> Vec<Case> {
     ]
 }
 
-/// The colour of form `n` is among the edits.
+/// Whether the colour of form `n` is among the edits.
 fn recoloured(folder: &Path, n: usize) -> bool {
     let edits = EditStack::load(&folder.join("run/edits.json")).unwrap();
     let blue = |o: &Operation| matches!(o, Operation::Recolour { rgb, .. } if rgb[..2] == [0.0; 2] && rgb[2] == n as f32 / 255.0);
     edits.operations.iter().any(|e| blue(&e.operation))
 }
 
-/// The group of form `n` is among the segments.
+/// Whether the group of form `n` is among the segments.
 fn grouped(folder: &Path, n: usize) -> bool {
     Segmentation::load(&RunPaths(&folder.join("run")).segments()).unwrap().get(&format!("group{n}")).is_ok()
 }
 
-/// The training of form `n` went to its end.
+/// Whether the training of form `n` ran to its end.
 fn trained(folder: &Path, n: usize) -> bool {
     let run = folder.join(format!("train{n}"));
     newest(&run) == Some(15) && json(&run.join("run.json"))["status"] == "complete"
@@ -124,7 +124,7 @@ pub fn all_forms() {
     remove(&folder);
 }
 
-/// A word with the number of the form in place of an `N` at its end, or before its extension.
+/// Puts the number of the form in place of an `N` at the end of a word or before `.ply`.
 fn numbered(word: &str, n: usize) -> String {
     match word.strip_suffix('N') {
         Some(stem) => format!("{stem}{n}"),
@@ -132,7 +132,7 @@ fn numbered(word: &str, n: usize) -> String {
     }
 }
 
-/// What is wrong with how a command ended.
+/// Returns what is wrong with how a command ended.
 fn wrong(case: &Case, [out, err]: [Stream; 2], n: usize, folder: &Path, ended: &Ended) -> Vec<String> {
     let mut wrong: Vec<String> = ended.fault().into_iter().collect();
     let allowed: &[i32] = match (case.code, out) {

@@ -1,4 +1,4 @@
-//! Whether a file with a final name is whole: read with the reader that the program itself has for it.
+//! Whether a file with a final name is complete: it is read with the program's own reader for it.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -26,7 +26,7 @@ fn text(error: impl Display) -> String {
     error.to_string()
 }
 
-/// Reads a file to its end.
+/// Reads a whole file.
 ///
 /// # Errors
 /// What is wrong with it.
@@ -40,7 +40,7 @@ pub fn whole(path: &Path) -> Outcome {
     };
     let device = || DeviceName::Flex.open().map_err(text);
     match (name.as_str(), extension.as_str()) {
-        // appended to, and begun empty
+        // appended to, and empty at first
         (name, _) if name.starts_with("events.out.tfevents") => Ok(()),
         ("scene.safetensors", _) => Scene::load(path, &device()?).map(drop).map_err(text),
         ("segments.safetensors", _) => Segmentation::load(path).map(drop).map_err(text),
@@ -57,7 +57,7 @@ pub fn whole(path: &Path) -> Outcome {
         (_, "jsonl") => lines(&bytes, name == "metrics.jsonl"),
         (_, "toml") => String::from_utf8(bytes).map_err(text)?.parse::<toml::Table>().map(drop).map_err(text),
         (_, "png") => {
-            // what comes after the first frame of an animation is not decoded
+            // frames of an animation after the first are not decoded
             image::load_from_memory(&bytes).map_err(text)?;
             bytes.ends_with(PNG_END).then_some(()).ok_or_else(|| "no IEND at the end".to_owned())
         }
@@ -66,19 +66,19 @@ pub fn whole(path: &Path) -> Outcome {
         (_, "svg") => ends("</svg>"),
         (_, "html") => ends("</html>"),
         (_, "csv") => bytes.ends_with(b"\n").then_some(()).ok_or_else(|| "its last line has no end".to_owned()),
-        // the mark of a folder
+        // marks a folder
         ("comparison", _) => Ok(()),
         _ => (!bytes.is_empty()).then_some(()).ok_or_else(|| "empty".to_owned()),
     }
 }
 
-/// All masks of all views.
+/// Reads all masks of all views.
 fn masks(path: &Path) -> Outcome {
     let reader = MaskReader::open(path).map_err(text)?;
     (0..reader.header().views.len()).try_for_each(|view| reader.view(view).map(drop).map_err(text))
 }
 
-/// JSON in each line; the last of a file that is appended to may lack its end.
+/// Checks that every line is JSON; the last line of a file that is appended to may be incomplete.
 fn lines(bytes: &[u8], appended: bool) -> Outcome {
     for (i, line) in bytes.split_inclusive(|b| *b == b'\n').enumerate() {
         if !line.ends_with(b"\n") && appended {
@@ -89,7 +89,7 @@ fn lines(bytes: &[u8], appended: bool) -> Outcome {
     Ok(())
 }
 
-/// Header and values.
+/// Reads header and values.
 fn volume(path: &Path) -> Outcome {
     let file = formats::open(path).map_err(text)?;
     let mut values = Vec::new();
@@ -98,7 +98,7 @@ fn volume(path: &Path) -> Outcome {
     (values.len() == voxels).then_some(()).ok_or_else(|| format!("{} of {voxels} voxels", values.len()))
 }
 
-/// A dataset that `prepare` made: its record and its sheet, and each image that it lists.
+/// Checks a dataset that `prepare` made: its records and contact sheet, and every image that it lists.
 ///
 /// # Errors
 /// What is missing or damaged.

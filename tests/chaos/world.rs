@@ -9,22 +9,22 @@ use std::sync::OnceLock;
 use volseggs::files::RunPaths;
 use volseggs::segment::segmentation::Segmentation;
 
-/// The folder of all that these tests write.
+/// The folder of everything that these tests write.
 pub struct World {
     pub root: PathBuf,
-    /// Names of the coarse segments, the largest first, at least two.
+    /// Names of the coarse segments, largest first, at least two.
     pub segments: Vec<String>,
-    /// A pixel under which there is a segment, as it is typed.
+    /// A pixel at which there is a segment, as typed on the command line.
     pub pixel: String,
 }
 
-/// Options of `prepare` for a dataset that takes a moment: 12 images and those of its segments.
+/// Options of `prepare` for a dataset that takes a moment to make: 12 images and those of its segments.
 pub const PREPARE: &str = "prepare --synthetic shells --dims 16 --series-steps 3 --times 2 --views 4 --size 24 \
                            --test-views 4 --segment-views 1";
-/// Where clicks and stills are taken from.
+/// Camera of clicks and stills.
 pub const CAMERA: &str = "--camera 3,-2,1.5";
 
-/// Made by the test that comes first.
+/// Returns the world, which the first test makes.
 pub fn world() -> &'static World {
     static WORLD: OnceLock<World> = OnceLock::new();
     WORLD.get_or_init(|| World::make(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("chaos")))
@@ -73,17 +73,17 @@ impl World {
         world
     }
 
-    /// The dataset of images, which nothing may ever change.
+    /// Returns the dataset of images, which nothing may ever change.
     pub fn data(&self) -> String {
         self.root.join("data").display().to_string()
     }
 
-    /// The untouched run of which every round gets a copy.
+    /// Returns the untouched run that every round gets a copy of.
     pub fn run(&self) -> PathBuf {
         self.root.join("base/run")
     }
 
-    /// A copy of everything but the dataset of images.
+    /// Copies everything but the dataset of images.
     pub fn fresh(&self, name: &str) -> PathBuf {
         let folder = self.root.join("work").join(name);
         files::remove(&folder);
@@ -91,7 +91,7 @@ impl World {
         folder
     }
 
-    /// Arguments of a training like that of the run, into `out`, with `more` settings.
+    /// Returns the arguments of a training like that of the run, into `out`, with `more` settings.
     pub fn training(&self, out: &str, more: &[&str]) -> Vec<String> {
         let mut all = vec!["train".into(), "--data".into(), self.data(), "--out".into(), out.into()];
         for setting in SETTINGS.iter().chain(more) {
@@ -101,7 +101,7 @@ impl World {
     }
 }
 
-/// Names of a run's segments that hold anything, the largest first.
+/// Returns the names of a run's non-empty segments, largest first.
 fn largest_first(run: &Path) -> Vec<String> {
     let mut all = Segmentation::load(&RunPaths(run).segments()).unwrap().segments;
     all.retain(|s| !s.members.is_empty());
@@ -109,12 +109,12 @@ fn largest_first(run: &Path) -> Vec<String> {
     all.into_iter().map(|s| s.name.to_string()).collect()
 }
 
-/// Whether there is a command.
+/// Whether the program has a command.
 pub fn knows(folder: &Path, command: &str) -> bool {
     run(folder, &words(&format!("{command} --help"))).code() == Some(0)
 }
 
-/// Whether a command knows `--replace`.
+/// Whether a command has the option `--replace`.
 pub fn knows_replace(folder: &Path, command: &[&str]) -> bool {
     let help = run(folder, &words(&format!("{} --help", command.join(" "))));
     help.out.lines().any(|line| line.trim_start().starts_with("--replace"))

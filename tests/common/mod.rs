@@ -1,4 +1,4 @@
-//! What the whole-program tests share: a small dataset that is rendered here, small settings, the binary.
+//! Shared parts of the whole-program tests: a small dataset that is rendered here, small settings, the binary.
 #![allow(dead_code, clippy::unwrap_used)] // each test file uses a part of it
 
 use assert_cmd::Command;
@@ -15,9 +15,9 @@ use volseggs::train::checkpoint;
 
 /// Width and height of the images in pixels.
 pub const SIZE: u32 = 32;
-/// Times of the dataset.
+/// Number of times in the dataset.
 pub const TIMES: usize = 4;
-/// Training views of each time.
+/// Training views per time.
 pub const VIEWS: usize = 6;
 
 /// The program under test.
@@ -57,8 +57,8 @@ fn balls(time: f64) -> [(DVec3, f64, [f64; 3]); 3] {
     ]
 }
 
-/// The balls as a camera sees them, straight alpha: light falls off along the way through each ball, and the
-/// balls are blended from front to back.
+/// Renders the balls for a camera, with straight alpha: light falls off along the path through each ball, and the balls
+/// are blended from front to back.
 fn picture(camera: &Camera, time: f64) -> RgbaImage {
     let (rotation, _) = camera.world_to_camera_opencv();
     let eye = camera.position();
@@ -127,7 +127,7 @@ pub fn train_arguments(root: &Path, name: &str, more: &[&str]) -> Vec<String> {
     arguments
 }
 
-/// The program, without settings from the environment and never waiting for ever.
+/// The program, without settings from the environment and with a time limit.
 pub fn volseggs() -> Command {
     let mut command = Command::new(BINARY);
     command.timeout(std::time::Duration::from_secs(300));
@@ -139,14 +139,14 @@ pub fn volseggs() -> Command {
     command
 }
 
-/// What the program prints with `--json`, run in `root`.
+/// Runs the program in `root` with `--json` and returns what it prints.
 pub fn run_json(root: &Path, arguments: &[&str]) -> Value {
     let output = volseggs().current_dir(root).args(arguments).arg("--json").assert().success().get_output().clone();
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// A new folder `name` beside the build, with the dataset in `data` and in `run` a small run with coarse segments, found
-/// with `more` arguments. For tests that share one run and copy it before they write into it.
+/// Makes a new folder `name` beside the build, with the dataset in `data` and in `run` a small run with coarse
+/// segments, found with `more` arguments. For tests that share one run and copy it before they write into it.
 pub fn with_segments(name: &str, more: &[&str]) -> PathBuf {
     let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     if root.exists() {
@@ -158,7 +158,7 @@ pub fn with_segments(name: &str, more: &[&str]) -> PathBuf {
     root
 }
 
-/// Copies a folder with all in it.
+/// Copies a folder with all its contents.
 pub fn copy(from: &Path, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for name in names(from) {
@@ -171,8 +171,8 @@ pub fn copy(from: &Path, to: &Path) {
     }
 }
 
-/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` where it does not start, which has been
-/// said.
+/// A device that is compiled in, for `volseggs_testing::on_every_device`; `None` if it does not start, which has then
+/// been reported.
 pub fn open(name: &str) -> Option<DeviceName> {
     let device: DeviceName = name.parse().unwrap();
     device.open().map_err(|error| volseggs_testing::skip_device(name, &error.to_string())).ok().map(|_| device)
@@ -192,12 +192,12 @@ pub fn newest_bytes(run: &Path) -> (Vec<u8>, Vec<u8>) {
     (read("scene.safetensors"), read("optimizer.safetensors"))
 }
 
-/// A JSON file.
+/// Reads a JSON file.
 pub fn json(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// The lines of a run's `metrics.jsonl`, without what depends on the clock.
+/// Returns the lines of a run's `metrics.jsonl`, without the fields that depend on the clock.
 pub fn metrics(run: &Path) -> Vec<Value> {
     let text = std::fs::read_to_string(run.join("metrics.jsonl")).unwrap();
     let without_times = |line: &str| {
@@ -210,7 +210,7 @@ pub fn metrics(run: &Path) -> Vec<Value> {
     text.lines().map(without_times).collect()
 }
 
-/// Names of a folder's entries, sorted.
+/// Returns the names of a folder's entries, sorted.
 pub fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
@@ -218,8 +218,8 @@ pub fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Runs a command that must be refused: exit code 2, nothing on standard output, and one error on standard
-/// error that holds every one of `words`. Gives standard error back.
+/// Runs a command that must be refused: exit code 2, nothing on standard output, and one error on standard error that
+/// contains every one of `words`. Returns standard error.
 pub fn refused(command: &mut Command, words: &[&str]) -> String {
     let output = command.assert().code(2).get_output().clone();
     let text = String::from_utf8(output.stderr).unwrap();
@@ -231,7 +231,7 @@ pub fn refused(command: &mut Command, words: &[&str]) -> String {
     text
 }
 
-/// A path under `root` as text.
+/// Returns a path under `root` as text.
 pub fn text(root: &Path, path: &str) -> String {
     let path: PathBuf = root.join(path);
     path.display().to_string()

@@ -1,4 +1,4 @@
-//! Configuration: files, `--set`, the profile of Slurm.
+//! Configuration: files, `--set`, and the Slurm profile.
 
 use crate::driver::{Target, accepted, fuzz};
 use std::path::Path;

@@ -1,8 +1,8 @@
-//! An allocator that counts what a thread holds, and stops a thread that asks for too much.
+//! An allocator that counts what a thread holds, and stops a thread that requests too much.
 //!
-//! Only threads that called [`watch`] are counted. A thread over its cap is put to sleep for ever inside the allocator:
-//! it cannot unwind from there, a null pointer would end the whole process, and the memory itself might not be there.
-//! Whoever watches the [`Slot`] sees it and goes on with another thread.
+//! Only threads that called [`watch`] are counted. A thread over its cap is put to sleep forever inside the allocator:
+//! it cannot unwind from there, a null pointer would end the whole process, and the memory itself might not be
+//! available. Whoever watches the [`Slot`] notices it and continues with another thread.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -12,7 +12,7 @@ use std::time::Duration;
 /// The system's allocator, counted.
 pub struct Counting;
 
-/// What one thread holds, bytes.
+/// Bytes held by one thread.
 #[derive(Debug, Default)]
 pub struct Slot {
     live: AtomicI64,
@@ -25,7 +25,7 @@ thread_local! {
     static SLOT: Cell<Option<&'static Slot>> = const { Cell::new(None) };
 }
 
-/// Counts this thread in `slot` from now on, and puts it to sleep when it would hold more than `cap` bytes.
+/// Counts this thread in `slot` from now on, and puts it to sleep if it would hold more than `cap` bytes.
 pub fn watch(slot: &'static Slot, cap: i64) {
     slot.cap.store(cap, Relaxed);
     slot.refused.store(0, Relaxed);
@@ -34,18 +34,18 @@ pub fn watch(slot: &'static Slot, cap: i64) {
 }
 
 impl Slot {
-    /// Counts from zero.
+    /// Restarts counting at zero.
     pub fn reset(&self) {
         self.live.store(0, Relaxed);
         self.peak.store(0, Relaxed);
     }
 
-    /// Most bytes held at once since [`Slot::reset`].
+    /// Returns the maximum number of bytes held at once since [`Slot::reset`].
     pub fn peak(&self) -> i64 {
         self.peak.load(Relaxed)
     }
 
-    /// Bytes that the thread asked for when it was put to sleep; 0 if it was not.
+    /// Returns the bytes that the thread requested when it was put to sleep; 0 if it was not.
     pub fn refused(&self) -> i64 {
         self.refused.load(Relaxed)
     }
@@ -74,30 +74,30 @@ fn shrink(bytes: usize) {
     }
 }
 
-// SAFETY: every call is handed on to the system's allocator as it came.
+// SAFETY: every call is passed on unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         grow(layout.size());
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         grow(layout.size());
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         shrink(layout.size());
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         grow(size.saturating_sub(layout.size()));
         shrink(layout.size().saturating_sub(size));
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         unsafe { System.realloc(pointer, layout, size) }
     }
 }

@@ -14,7 +14,7 @@ use volseggs::prepare::PrepareRecord;
 /// Width and height of the images.
 const SIZE: u32 = 8;
 
-/// The JSON of a split of two views.
+/// Returns the JSON of a split of two views.
 fn json(split: &str, lens: Intrinsics) -> String {
     let cameras = training_cameras(2, 4.0, Lens { fov_x: 0.5, width: SIZE, height: SIZE });
     let record = |(i, camera): (usize, volseggs::data::Camera)| FrameRecord {
@@ -30,7 +30,7 @@ fn angle() -> Intrinsics {
     Intrinsics { camera_angle_x: Some(0.5), ..Intrinsics::default() }
 }
 
-/// The JSON in a few forms.
+/// Returns the JSON in several forms.
 fn jsons() -> Vec<Vec<u8>> {
     let side = Some(f64::from(SIZE));
     let focal =
@@ -73,7 +73,7 @@ pub fn labels(side: u32) -> Vec<u8> {
     png(&GrayImage::from_fn(side, side, |x, y| Luma([((x / 3 + y / 3) % 3) as u8])).into())
 }
 
-/// Makes the checksums of a PNG's chunks right.
+/// Corrects the checksums of a PNG's chunks.
 pub fn with_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     let mut at = 8;
     while let Some(head) = bytes.get(at..at + 8) {
@@ -90,7 +90,7 @@ pub fn with_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// Writes a dataset with two training and two test views, and what is known of its segments.
+/// Writes a dataset with two training and two test views, and the ground truth of its segments.
 pub fn dataset(scratch: &Scratch) {
     for split in ["train", "test"] {
         scratch.write(&format!("transforms_{split}.json"), json(split, angle()).as_bytes());
@@ -146,7 +146,7 @@ fn transforms() {
                 .collect();
             let _ = volseggs::data::camera::look_at_point(frames.iter().map(|f| &f.camera));
             let _ = volseggs::data::dataset::scene_extent(&frames);
-            // a picture takes longer than all the rest
+            // a picture takes longer than everything else
             if bytes.len().is_multiple_of(16) {
                 let _ = layout::layout_picture(&frames, &Aabb::cube(glam::DVec3::ZERO, 1.0));
             }
@@ -156,7 +156,7 @@ fn transforms() {
     });
 }
 
-/// Opens the dataset with all it has, and inspects it.
+/// Opens the whole dataset and inspects it.
 fn open(root: &Path) -> bool {
     let options = OpenOptions { downscale: 2, splits: &[SplitName::Train, SplitName::Test], max_views: None };
     let opened = accepted(Dataset::open(root, &options));
@@ -189,7 +189,7 @@ fn dataset_json() {
 const CHUNKS: &[&str] =
     &["IHDR", "IDAT", "IEND", "PLTE", "tRNS", "gAMA", "acTL", "fcTL", "fdAT", "iCCP", "zTXt", "iTXt", "eXIf"];
 
-/// A PNG that says it is huge and holds nothing.
+/// Returns a PNG that claims to be huge and holds nothing.
 fn huge(width: u32, height: u32, depth: u8, colour: u8) -> Vec<u8> {
     let mut bytes = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
     bytes.extend(width.to_be_bytes());
@@ -205,7 +205,7 @@ fn dataset_png() {
         dataset(scratch);
         let (paths, scratch) = (["train/r_0.png", "train/r_1.png"].map(|n| scratch.path(n)), scratch.clone());
         let read = move |bytes: &[u8]| {
-            // both, so that they have one size
+            // both, so that they have the same size
             paths.iter().for_each(|path| scratch.overwrite(path, bytes));
             open(scratch.root())
         };
@@ -221,7 +221,7 @@ fn dataset_png() {
     });
 }
 
-/// Reads what is known of segments, and the label images.
+/// Reads the ground truth of segments, and the label images.
 fn truth(root: &Path) -> bool {
     let Some(truth) = accepted(Truth::read(root)) else { return false };
     for downscale in [1, 2] {

@@ -1,4 +1,4 @@
-//! Runs the cases of a reader on a thread of their own, watches it, and reports what went wrong.
+//! Runs the cases of a reader on a separate thread, watches it, and reports failures.
 
 use crate::counting::{Slot, watch};
 use crate::mutate::damaged;
@@ -15,21 +15,21 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use volseggs::rng::{Purpose, Rng};
 
-/// A case that works longer, three times in a row, is a failure.
+/// A case that works longer than this, three times in a row, is a failure.
 const SLOW: Duration = Duration::from_secs(2);
-/// A case that takes longer is given up.
+/// A case that takes longer than this is abandoned.
 const HUNG: Duration = Duration::from_secs(20);
-/// A thread that would hold more is stopped.
+/// A thread that would hold more bytes than this is stopped.
 const CAP: i64 = 1 << 30;
-/// A reader with so many different failures is given up.
+/// A reader with this many different failures is abandoned.
 const FAILURES: usize = 8;
-/// A reader that has left so many threads behind is given up.
+/// A reader that has left this many threads behind is abandoned.
 const LOST: usize = 8;
-/// As the main thread of the program has it.
+/// Stack size, that of the program's main thread.
 const STACK: usize = 8 << 20;
 const MIB: i64 = 1 << 20;
 
-/// Reads a case; says whether it was accepted.
+/// Reads a case; returns whether it was accepted.
 type Read = Box<dyn FnMut(&[u8]) -> bool>;
 
 /// A reader, and how to damage what it reads.
@@ -43,23 +43,24 @@ pub struct Target {
 }
 
 impl Target {
-    /// A reader that says whether it accepted a file, and used it then. Cases have at most 16 KiB, and may take 64 MiB.
+    /// Creates a target from a reader, which returns whether it accepted a file, after using it. Cases have at most 16
+    /// KiB, and may take 64 MiB.
     pub fn new(corpus: Vec<Vec<u8>>, read: impl FnMut(&[u8]) -> bool + 'static) -> Self {
         let read = Box::new(read);
         Self { corpus, tokens: &[], assemble: |bytes| bytes, longest: 16 << 10, limit: 64 * MIB, read }
     }
 
-    /// Pieces of text that mean something in the format.
+    /// Sets pieces of text that have a meaning in the format.
     pub fn tokens(self, tokens: &'static [&'static str]) -> Self {
         Self { tokens, ..self }
     }
 
-    /// What makes a file of the damaged bytes, such as one whose checksum is right.
+    /// Sets the function that makes a file of the damaged bytes, such as one that corrects a checksum.
     pub fn assemble(self, assemble: fn(Vec<u8>) -> Vec<u8>) -> Self {
         Self { assemble, ..self }
     }
 
-    /// Most bytes of a case, and the memory in MiB that one may take.
+    /// Sets the maximum number of bytes of a case, and the memory in MiB that it may take.
     pub fn sizes(self, longest: usize, limit: i64) -> Self {
         Self { longest, limit: limit * MIB, ..self }
     }
@@ -70,12 +71,12 @@ impl Target {
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// The path of a file in it.
+    /// Returns the path of a file in it.
     pub fn path(&self, name: &str) -> PathBuf {
         self.0.join(name)
     }
 
-    /// Writes a file, with its folder.
+    /// Writes a file, creating its folder.
     pub fn write(&self, name: &str, bytes: &[u8]) -> PathBuf {
         let path = self.path(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -88,18 +89,18 @@ impl Scratch {
         std::fs::write(path, bytes).unwrap();
     }
 
-    /// The folder itself.
+    /// Returns the folder itself.
     pub fn root(&self) -> &Path {
         &self.0
     }
 }
 
-/// What was read, if it was; else its message is written, which must not fail either.
+/// Returns what was read, if anything; otherwise formats the error message, which must not fail either.
 pub fn accepted<T, E: Display>(result: Result<T, E>) -> Option<T> {
     result.map_err(|e| std::hint::black_box(e.to_string().len())).ok()
 }
 
-/// How long, and what.
+/// Number, duration and selection of the cases.
 struct Settings {
     cases: u64,
     time: Duration,
@@ -108,7 +109,7 @@ struct Settings {
     reader: String,
 }
 
-/// What the environment says.
+/// Returns the settings from the environment.
 fn settings() -> &'static Settings {
     static SETTINGS: OnceLock<Settings> = OnceLock::new();
     SETTINGS.get_or_init(from_environment)
@@ -126,16 +127,16 @@ fn from_environment() -> Settings {
     }
 }
 
-/// Whether the environment asks for the reader of that name.
+/// Whether the environment selects the reader of that name.
 pub fn chosen(name: &str) -> bool {
     name.contains(&settings().reader)
 }
 
-/// What the watcher and one thread that works share.
+/// State shared by the watcher and one working thread.
 #[derive(Default)]
 struct Shared {
     slot: Slot,
-    /// The case at hand, and when it began: milliseconds since the start and 1, 0 for between cases.
+    /// The current case, and when it began: milliseconds since the start plus 1, or 0 between cases.
     case: AtomicU64,
     began: AtomicU64,
     bytes: Mutex<Vec<u8>>,
@@ -148,13 +149,13 @@ struct Shared {
 
 struct Failure {
     case: u64,
-    /// What makes two failures one.
+    /// Two failures of the same kind count as one.
     kind: String,
     what: String,
     bytes: Vec<u8>,
 }
 
-/// By kind: how often, the first case, and what is said of it.
+/// By kind: count, first case, and its description.
 type Failures = BTreeMap<String, (u64, u64, String)>;
 
 enum Event {
@@ -163,11 +164,11 @@ enum Event {
 }
 
 thread_local! {
-    /// Where the last panic of this thread came from; none on threads that are not watched.
+    /// Where the last panic of this thread came from; `None` on threads that are not watched.
     static PANIC: RefCell<Option<String>> = const { RefCell::new(None) };
 }
 
-/// Notes panics of watched threads in place of printing them.
+/// Records panics of watched threads instead of printing them.
 fn note_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -187,7 +188,7 @@ fn note_panics() {
     });
 }
 
-/// Damages the files of a reader and reads them. `make` gives the reader, which keeps its files in the folder.
+/// Damages the files of a reader and reads them. `make` returns the reader, which keeps its files in the folder.
 pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
     let settings = settings();
     if !chosen(name) {
@@ -202,7 +203,7 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
         let folder = folder();
         let scratch = Scratch(folder.path().to_owned());
         folders.push(folder);
-        // never freed, as a thread that hangs keeps it
+        // never freed, as a thread that hangs keeps using it
         let shared: &'static Shared = Box::leak(Box::default());
         threads.push(shared);
         let (events, receive) = channel();
@@ -219,7 +220,7 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
                 thread.join().unwrap();
                 break;
             }
-            // the thread is left behind, asleep or at work for ever
+            // the thread is left behind, asleep or working forever
             Ended::Lost(failure) => {
                 next = failure.case + 1;
                 add(failure);
@@ -242,7 +243,7 @@ fn text(payload: &(dyn std::any::Any + Send)) -> String {
     text.or_else(|| payload.downcast_ref::<&str>().map(|t| (*t).to_owned())).unwrap_or_default()
 }
 
-/// Writes a case to a file that stays, and says where and what it begins with.
+/// Writes a case to a file that is kept, and returns its size, its path and its first bytes.
 fn keep(name: &str, case: u64, bytes: &[u8]) -> String {
     let path = std::env::temp_dir().join("volseggs-fuzz").join(format!("{name}-{case}.bin"));
     let _ = std::fs::create_dir_all(path.parent().unwrap());
@@ -257,7 +258,7 @@ enum Ended {
     Dead,
 }
 
-/// Waits for the thread that works, takes its failures, and sees when it hangs or sleeps for want of memory.
+/// Waits for the working thread, collects its failures, and detects when it hangs or sleeps over its memory cap.
 fn attend(shared: &Shared, events: &Receiver<Event>, start: Instant, add: &mut impl FnMut(Failure)) -> Ended {
     loop {
         match events.recv_timeout(Duration::from_millis(50)) {
@@ -283,7 +284,7 @@ fn attend(shared: &Shared, events: &Receiver<Event>, start: Instant, add: &mut i
     }
 }
 
-/// What a thread needs to work.
+/// What a working thread needs.
 struct Work {
     name: &'static str,
     cases: Range<u64>,
@@ -295,9 +296,9 @@ struct Work {
 }
 
 impl Work {
-    /// Runs the cases in order until they or the time end. The first ones are the valid files as they are.
+    /// Runs the cases in order until they or the time run out. The first ones are the valid files, unchanged.
     fn run(self, mut target: Target) {
-        // rayon's tasks then run here too, where they are counted
+        // rayon's tasks then run on this thread too, where they are counted
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().unwrap();
         let shared = self.shared;
         let purpose = self
@@ -328,7 +329,7 @@ impl Work {
             };
             let (mut took, mut outcome) = self.once(&mut target, &bytes);
             for _ in 0..2 {
-                // what is met for the first time costs more
+                // work done for the first time takes longer
                 if took > SLOW {
                     (took, outcome) = self.once(&mut target, &bytes);
                 }
@@ -354,7 +355,7 @@ impl Work {
         let _ = self.events.send(Event::Done);
     }
 
-    /// How long the case took, and whether it was opened or where it panicked.
+    /// Returns how long the case took, and whether it was opened or where it panicked.
     fn once(&self, target: &mut Target, bytes: &[u8]) -> (Duration, Result<bool, String>) {
         let shared = self.shared;
         shared.slot.reset();
@@ -367,21 +368,22 @@ impl Work {
     }
 }
 
-/// Processor time of this thread, on which a busy machine has little effect. One that sleeps is found by the clock, see [`HUNG`].
+/// Returns the processor time of this thread, which a busy machine hardly affects. A sleeping thread is found by the
+/// clock, see [`HUNG`].
 #[cfg(any(target_os = "linux", target_os = "macos"))]
 fn worked() -> Duration {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }
 
-/// Time by the clock, where a thread's own is not to be had.
+/// Returns the wall-clock time, where a thread's own time is not available.
 #[cfg(not(any(target_os = "linux", target_os = "macos")))]
 fn worked() -> Duration {
     static BEGAN: OnceLock<Instant> = OnceLock::new();
     BEGAN.get_or_init(Instant::now).elapsed()
 }
 
-/// Prints the reader's line of the table, and fails if a case did, or none of its valid files was opened.
+/// Prints the reader's row of the table, and fails if a case failed or none of its valid files was opened.
 fn report(name: &str, threads: &[&Shared], took: Duration, failures: &Failures) {
     static HEAD: Once = Once::new();
     HEAD.call_once(|| {

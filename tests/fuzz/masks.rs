@@ -1,4 +1,4 @@
-//! Masks: our own files, those of other programs, and the list of pictures that are handed out.
+//! Masks: this project's files, those of other programs, and the list of pictures that are handed out.
 
 use crate::data::{labels, png, with_checksums};
 use crate::driver::{Target, accepted, fuzz};
@@ -10,10 +10,10 @@ use volseggs::segment::masks::source::{MaskSource, Seen};
 use volseggs::segment::masks::{Annotation, Header, Mask, MaskReader, MaskWriter, View, rle};
 use volseggs::segment::pictures::Picture;
 
-/// Masks of more pixels are not made rows of: their size is the program's to check.
+/// Masks with more pixels are not expanded into rows: checking their size is left to the program.
 const PIXELS: u64 = 1 << 16;
 
-/// All that masks are asked for.
+/// Uses masks in every way.
 fn mask(mask: &Mask, other: &Mask) {
     mask.validate().unwrap();
     let [x, y, w, h] = mask.bbox();
@@ -94,7 +94,7 @@ fn picture() -> Picture {
     Picture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
 }
 
-/// Opens masks of other programs of two views of two groups, and asks for all; gives how many there are.
+/// Opens masks of other programs for two views of two groups, and requests all of them; returns their number.
 fn foreign(path: &Path) -> Option<usize> {
     let (groups, views) = (["a", "b"].map(str::to_owned), ["view-000.png", "view-001.png"].map(str::to_owned));
     let source = accepted(Foreign::open(path, &groups, &views, 4, 2))?;
@@ -143,13 +143,13 @@ fn coco() {
 #[test]
 fn folder() {
     fuzz("masks-png", |scratch| {
-        scratch.write("a/view-001_2.png", &png(&image::GrayImage::new(4, 2).into())); // an empty mask is none
+        scratch.write("a/view-001_2.png", &png(&image::GrayImage::new(4, 2).into())); // an empty mask does not count
         let path = scratch.write("a/view-000.png", b"");
         scratch.write("b/view-000_0.png", b"no picture");
         let scratch = scratch.clone();
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
-            // a folder opens whatever its files hold
+            // a folder opens whatever its files contain
             foreign(scratch.root()).unwrap() > 0
         };
         let sixteen = image::ImageBuffer::from_fn(4, 2, |x, y| Luma([(x * 1000 + y) as u16]));

@@ -1,4 +1,4 @@
-//! Damages: from whole files to broken ones, the same for the same random numbers.
+//! Damage: makes broken files of valid ones, the same for the same random numbers.
 
 use volseggs::rng::Rng;
 
@@ -62,7 +62,7 @@ const NUMBERS: &[&str] = &[
     "--1",
 ];
 
-/// Pieces of text that any format may meet.
+/// Pieces of text that may occur in any format.
 const TEXTS: &[&str] = &[
     "",
     " ",
@@ -99,7 +99,7 @@ const TEXTS: &[&str] = &[
     "false",
 ];
 
-/// Openings that may be nested.
+/// Opening delimiters that may be nested.
 const OPENINGS: &[&str] = &["[", "{\"a\":", "(", "<a>", "{a=", "[[", "a.", "-", "\"", "\\", "<!--", "&", "x=["];
 
 /// Integers of binary headers.
@@ -123,7 +123,8 @@ const WORDS: &[u64] = &[
     0xffff_ffff_ffff_ffff,
 ];
 
-/// A damaged one of `corpus`, of at most `longest` bytes; `tokens` are pieces that mean something in the format.
+/// Returns a damaged file of `corpus`, of at most `longest` bytes; `tokens` are pieces of text with a meaning in the
+/// format.
 pub fn damaged(rng: &mut Rng, corpus: &[Vec<u8>], tokens: &[&str], longest: usize) -> Vec<u8> {
     let mut bytes = pick(rng, corpus).clone();
     let rounds = match rng.below(8) {
@@ -183,7 +184,7 @@ fn once(rng: &mut Rng, bytes: &mut Vec<u8>, corpus: &[Vec<u8>], tokens: &[&str])
         16 => put(bytes, at, 0, &vec![b"a 0.\xff"[rng.below(5)]; 1 + rng.below(3000)]),
         17 => lines(rng, bytes),
         18 => {
-            // a word in place of another, both of the corpus
+            // one word replaced by another, both from the corpus
             let other = pick(rng, corpus);
             let word = word_at(other, rng.below(other.len() + 1));
             let place = word_at(bytes, at);
@@ -197,7 +198,7 @@ fn once(rng: &mut Rng, bytes: &mut Vec<u8>, corpus: &[Vec<u8>], tokens: &[&str])
     }
 }
 
-/// Puts `new` in place of `over` bytes at `at`.
+/// Replaces `over` bytes at `at` by `new`.
 fn put(bytes: &mut Vec<u8>, at: usize, over: usize, new: &[u8]) {
     bytes.splice(at..at + over, new.iter().copied());
 }
@@ -208,7 +209,7 @@ fn block(rng: &mut Rng, n: usize) -> (usize, usize) {
     (from, rng.below((n - from).min(most) + 1))
 }
 
-/// The next number in text from `at` on, or nothing at the end.
+/// Returns the next number in the text from `at` on, empty at the end.
 fn number_from(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
     let digit = |b: &u8| b.is_ascii_digit();
     let start = bytes[at..].iter().position(digit).map_or(bytes.len(), |i| at + i);
@@ -217,7 +218,7 @@ fn number_from(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
     start..end
 }
 
-/// The word around `at`.
+/// Returns the word around `at`.
 fn word_at(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
     let part = |b: &u8| b.is_ascii_alphanumeric() || matches!(b, b'_' | b'.' | b'-');
     let start = bytes[..at].iter().rposition(|b| !part(b)).map_or(0, |i| i + 1);
@@ -225,7 +226,7 @@ fn word_at(bytes: &[u8], at: usize) -> std::ops::Range<usize> {
     start..end
 }
 
-/// Overwrites an integer of 1 to 8 bytes in either order.
+/// Overwrites an integer of 1, 2, 4 or 8 bytes in either byte order.
 fn integer(rng: &mut Rng, bytes: &mut [u8], at: usize) {
     let width = 1 << rng.below(4);
     let Some(place) = bytes.get_mut(at..at + width) else { return };
@@ -237,7 +238,7 @@ fn integer(rng: &mut Rng, bytes: &mut [u8], at: usize) {
     }
 }
 
-/// Doubles, removes or exchanges lines.
+/// Duplicates, removes or swaps lines.
 fn lines(rng: &mut Rng, bytes: &mut Vec<u8>) {
     let mut lines: Vec<&[u8]> = bytes.split_inclusive(|b| *b == b'\n').collect();
     if lines.is_empty() {

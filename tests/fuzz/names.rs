@@ -1,4 +1,4 @@
-//! What people write on the command line: names, colours, sizes, whole lines of arguments.
+//! What users write on the command line: names, colours, sizes, whole lines of arguments.
 
 use crate::driver::{Target, accepted, fuzz};
 use clap::Parser;
@@ -32,7 +32,7 @@ fn words() {
             any |= accepted(text.parse::<SplitName>()).is_some();
             any |= accepted(text.parse::<Axis>()).is_some();
             any |= accepted(text.parse::<Synthetic>()).is_some();
-            // a preset alone: a path would be read
+            // only presets: a path would be read
             any || !text.contains('.') && accepted(TransferFunction::load(&text)).is_some()
         };
         let seeds = [
@@ -55,7 +55,7 @@ fn words() {
     });
 }
 
-/// The command line, which is parsed and not run.
+/// The command line, parsed but not run.
 #[test]
 fn arguments() {
     fuzz("arguments", |_| {

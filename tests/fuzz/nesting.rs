@@ -1,5 +1,5 @@
-//! Deep nesting: a reader that recurses ends the whole process by overflowing its stack, so each is tried in a process
-//! of its own, on a stack as large as the program's main thread has.
+//! Deep nesting: a reader that recurses ends the whole process by overflowing its stack, so each is tried in a separate
+//! process, on a stack as large as that of the program's main thread.
 
 use crate::driver::chosen;
 use std::path::Path;
@@ -15,7 +15,7 @@ use volseggs::sweep::file::SweepFile;
 use volseggs::volume::formats;
 use volseggs::volume::transfer::TransferFunction;
 
-/// Names the reader, the files and their folder to the process that is started.
+/// Passes the reader, the files and their folder to the started process.
 const FILES: &str = "VOLSEGGS_FUZZ_NESTED";
 const STACK: usize = 8 << 20;
 
@@ -39,7 +39,7 @@ fn read(kind: &str, path: &Path) {
     }
 }
 
-/// What the started process does; nothing where none was asked for. It says which file it reads, as it may end there.
+/// The work of the started process; nothing if none was requested. It reports which file it reads, as it may end there.
 #[test]
 fn nested_files() {
     let Ok(what) = std::env::var(FILES) else { return };
@@ -57,12 +57,12 @@ fn nested_files() {
     std::thread::Builder::new().stack_size(STACK).spawn(work).unwrap().join().unwrap();
 }
 
-/// A key through `levels` tables.
+/// Returns a key through `levels` tables.
 fn dotted(levels: usize) -> String {
     format!("{}a", "a.".repeat(levels - 1))
 }
 
-/// Forms of TOML that nest, each key through as many tables as the parser lets pass.
+/// Returns forms of nested TOML, each key through as many tables as the parser accepts.
 fn tomls(start: &str) -> Vec<String> {
     let key = dotted(79);
     let tables = |levels: usize| format!("{start}{}b = 1{}", format!("{key} = {{").repeat(levels), "}".repeat(levels));
@@ -88,7 +88,7 @@ fn jsons() -> Vec<String> {
     ]
 }
 
-/// Reads files of these texts called `name`, and says which one ends the process. Another file may lie beside each.
+/// Reads files of these texts called `name`, and reports which one ends the process. Another file may lie beside each.
 fn survives(kind: &str, name: &str, texts: &[String], beside: Option<&str>) {
     if !chosen("nesting") {
         return;
@@ -117,7 +117,7 @@ fn toml_may_nest() {
         survives(kind, name, &tomls(""), None);
     }
     survives("volume", "v.raw.toml", &tomls(""), Some("v.raw"));
-    // keys that are free, where depth is not the schema's
+    // free keys, whose depth the schema does not limit
     survives("config", "c.toml", &tomls("[loss.extra]\n"), None);
     survives("sweep", "s.toml", &tomls("[grid]\n"), None);
     let values = ["[".repeat(100_000), format!("{}=1", dotted(10_000)), "{a=".repeat(100_000)];

@@ -1,4 +1,4 @@
-//! What lies in a run folder beside tensors: states, records, logs, edits, exported Gaussians.
+//! Files of a run folder other than tensors: states, records, logs, edits, exported Gaussians.
 
 use crate::driver::{Scratch, Target, accepted, fuzz};
 use volseggs::compare::{curves, runs::from_folders};
@@ -53,7 +53,7 @@ fn state() {
     });
 }
 
-/// Compares two runs, of which one has a damaged `file`.
+/// Compares two runs, one of which has a damaged `file`.
 fn compare(scratch: &Scratch, file: &str, seed: &str) -> Target {
     for run in ["a", "b"] {
         scratch.write(&format!("{run}/run.json"), RECORD.as_bytes());

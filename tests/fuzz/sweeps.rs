@@ -21,7 +21,7 @@ fn options(scratch: &Scratch) -> PlanOptions {
     PlanOptions { out: scratch.path("out"), elsewhere: true, ..PlanOptions::default() }
 }
 
-/// All that a plan is asked for before and after its runs.
+/// Uses a plan as before and after its runs.
 fn used(plan: &Plan, scratch: &Scratch) {
     let _ = (plan.hash(), collect::collect(plan, &scratch.path("out/s")).outcomes.len());
     let runs: Vec<usize> = (0..plan.runs.len()).collect();

@@ -29,7 +29,7 @@ use volseggs::tensors;
 use volseggs::train::culling::Culling;
 use volseggs::train::optimizer::{AdamConstants, Optimizer};
 
-/// A case that begins so is a header and, after [`SPLIT`], the data; any other is a file as it is.
+/// A case that begins with this is a header and, after [`SPLIT`], the data; any other is a file as it is.
 const APART: &[u8] = b"apart ";
 const SPLIT: u8 = 1;
 
@@ -37,21 +37,21 @@ pub fn device() -> Device {
     DeviceName::all()[0].open().unwrap()
 }
 
-/// The file as it is and taken apart.
+/// Returns the file as it is, and split into header and data.
 fn both(file: &[u8]) -> [Vec<u8>; 2] {
     let length = u64::from_le_bytes(file[..8].try_into().unwrap()) as usize;
     let (header, data) = file[8..].split_at(length);
     [file.to_vec(), [APART, header, &[SPLIT], data].concat()]
 }
 
-/// Puts a file together and makes its digest right.
+/// Assembles a file and corrects its digest.
 fn signed(mut bytes: Vec<u8>) -> Vec<u8> {
     if let Some(rest) = bytes.strip_prefix(APART) {
         let at = rest.iter().position(|b| *b == SPLIT).unwrap_or(rest.len());
         let (header, data) = (&rest[..at], rest.get(at + 1..).unwrap_or_default());
         bytes = [&(header.len() as u64).to_le_bytes(), header, data].concat();
     }
-    // what is no tensor file any more has no digest to make right
+    // bytes that are no longer a tensor file have no digest to correct
     let _ = volseggs::tensors::sign(&mut bytes);
     bytes
 }
@@ -112,7 +112,7 @@ pub fn scene(model: ModelConfig) -> Scene {
     Scene::new(gaussians, spec(model), 1, &device())
 }
 
-/// Scenes whose header does not fit their tensors, or that are empty.
+/// Returns scenes whose header does not match their tensors, or that are empty.
 fn contradictions() -> impl Iterator<Item = (BTreeMap<String, HostTensor>, SceneSpec)> {
     let tensors = params::collect(&scene(small()));
     let mut empty = tensors.clone();
@@ -173,7 +173,7 @@ fn scene_file() {
     });
 }
 
-/// Files of the method of that name.
+/// Returns a target for files of the method of that name.
 fn of_method(scratch: &Scratch, name: &'static str, seeds: &[Vec<u8>]) -> Target {
     let device = device();
     let cameras = training_cameras(1, 4.0, Lens { fov_x: 0.5, width: 6, height: 4 });
@@ -290,7 +290,7 @@ fn fourdgs() {
     });
 }
 
-/// The state of Adam and of culling, as a checkpoint has them.
+/// Writes the state of Adam and of culling, as in a checkpoint.
 fn optimizer_file(path: &Path, steps: Vec<f32>) {
     let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };
     let all = BTreeMap::from([
@@ -364,7 +364,7 @@ fn segments() {
         target(scratch, &[seed], move |path| {
             let Some(mut found) = accepted(Segmentation::load(path)) else { return false };
             let names = found.leaves();
-            // whether the number is that of the scene is for the program to check
+            // whether the number matches the scene is for the program to check
             if found.gaussians <= 1 << 20 {
                 let labels = accepted(found.labels(&names));
                 assert!(labels.is_none_or(|l| l.len() == found.gaussians));
@@ -387,7 +387,7 @@ fn zeros(tensors: &[(&str, &[usize])]) -> Vec<u8> {
     safetensors::serialize(views, None).unwrap()
 }
 
-/// The whole weights are too large to damage a million times: only what comes first is met here.
+/// The whole weights are too large to damage a million times: only the first tensors are tested here.
 #[test]
 fn lpips_weights() {
     fuzz("lpips", |scratch| {
@@ -396,7 +396,7 @@ fn lpips_weights() {
             zeros(&[("net.conv0.weight", &[64, 3, 3, 3]), ("net.conv0.bias", &[64])]),
         ];
         let device = device();
-        // no file of this size is whole, so one that is accepted is a failure of its own
+        // no file of this size is complete, so accepting one is a failure in itself
         let read = move |path: &Path| accepted(Lpips::load(path, &device)).is_none();
         target(scratch, &seeds, read)
     });

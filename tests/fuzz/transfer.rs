@@ -4,7 +4,7 @@ use crate::driver::{Scratch, Target, accepted, fuzz};
 use std::path::PathBuf;
 use volseggs::volume::transfer::TransferFunction;
 
-/// A reader of the transfer function at `path`, which is used and written again.
+/// Returns a target for the transfer function at `path`, which is used and written again.
 fn target(scratch: &Scratch, path: PathBuf, seeds: &[&str]) -> Target {
     let (again, scratch) = (scratch.path("again.toml"), scratch.clone());
     let read = move |bytes: &[u8]| {

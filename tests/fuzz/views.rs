@@ -8,7 +8,7 @@ use volseggs::run::cameras::SIDE;
 use volseggs::run::keyframes::SavedPath;
 use volseggs::run::saved::{KEYWORD, SavedView};
 
-/// A view alone.
+/// A view on its own.
 const VIEW: &str = r#"{"eye":[4.0,0.30000000000000004,-1e-7],"target":[0.0,0.0,0.0],"up":[0.0,0.0,1.0],"fov":0.5,
     "size":[800,600],"time":0.5,"look":"depth","alone":["red"],"hidden":["blue","a-b"],"edits":true,"palette":"cividis",
     "range":[0.1,123.456]}"#;
@@ -38,14 +38,14 @@ const TOKENS: &[&str] = &[
     "IDAT",
 ];
 
-/// The file of a view, with `more` beside it.
+/// Returns the file of a view, with `more` fields beside it.
 fn saved(more: &str) -> String {
     format!(
         r#"{{"format":1,"version":"9","run":"rün","scene":"0123456789abcdef","command":"volseggs render",{more}"view":{VIEW}}}"#
     )
 }
 
-/// Does with a view what commands do before they draw it.
+/// Uses a view as commands do before they draw it.
 fn used(saved: &SavedView) {
     let [camera, half] = [1.0, 0.5].map(|part| saved.view.camera(part));
     assert!(camera.width > 0 && half.height > 0);

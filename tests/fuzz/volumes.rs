@@ -40,8 +40,8 @@ fn at(scratch: &Scratch, name: &str, corpus: Vec<Vec<u8>>) -> Target {
         scratch.overwrite(&path, bytes);
         volume(&path)
     };
-    // gzip and zlib expand a thousandfold, and a byte becomes an f32
-    // the names of a pattern of files may take 64 MiB, and twice that while they are made
+    // gzip and zlib expand a thousandfold, and a byte becomes an f32; the names of a pattern of files may take 64 MiB,
+    // and twice that while they are made
     Target::new(corpus, read).sizes(8 << 10, 160)
 }
 
@@ -168,7 +168,7 @@ fn nrrd() {
             with(nrrd_header(&format!("{four}encoding: raw\n")), &values()),
             with(nrrd_header(&format!("{axes}encoding: ascii\n")), text.as_bytes()),
             with(skip, &[b"a line\n", &values()[..]].concat()),
-            // zeros, of which gzip makes a thousandth
+            // zeros, which gzip reduces to a thousandth
             with(
                 nrrd_header("dimension: 3\nsizes: 100 100 100\nencoding: gzip\n").replace("ushort", "uchar"),
                 &gzip(&vec![0; 1_000_000], 9),
@@ -288,7 +288,7 @@ fn vti() {
     });
 }
 
-/// A NIfTI-1 file: the header's fields at their places.
+/// Returns a NIfTI-1 file, with the header's fields at their offsets.
 fn nifti_file(dims: &[i16], swap: bool) -> Vec<u8> {
     let mut bytes = vec![0u8; 352];
     let mut put = |at: usize, value: &[u8]| {
@@ -335,7 +335,7 @@ fn nifti_gz() {
     });
 }
 
-/// The values of a compressed file whose header is damaged before it is compressed.
+/// A compressed file that is damaged before it is compressed.
 #[test]
 fn nifti_packed() {
     fuzz("nifti-packed", |scratch| {

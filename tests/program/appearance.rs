@@ -1,4 +1,5 @@
-//! `model.appearance = "headlight"` as a whole program: trained, measured, lit anew, exported, told apart by base colours.
+//! `model.appearance = "headlight"` as a whole program: trained, evaluated, relit, exported, and segmented by base
+//! colours.
 
 use crate::common::{json, refused, text, train, volseggs};
 use std::path::Path;

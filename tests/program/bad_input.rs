@@ -5,7 +5,8 @@ use image::RgbaImage;
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// Training on the dataset under `root` is refused with a message that holds `words`, before anything is written.
+/// Checks that training on the dataset under `root` is refused with a message that contains `words`, before anything is
+/// written.
 fn train_refused(root: &Path, more: &[&str], arguments: &[&str], words: &[&str]) {
     let message = refused(train(root, "run", more).args(arguments), words);
     assert!(!root.join("run").exists(), "a run folder is left after: {message}");

@@ -24,7 +24,7 @@ fn root() -> &'static Path {
     })
 }
 
-/// An evaluation holds the run, and another is refused meanwhile.
+/// Runs one evaluation at a time: it locks the run, and another is refused meanwhile.
 fn eval_alone() -> MutexGuard<'static, ()> {
     static EVAL: Mutex<()> = Mutex::new(());
     EVAL.lock().unwrap_or_else(PoisonError::into_inner)
@@ -38,7 +38,7 @@ fn command(arguments: &[&str]) -> Command {
     program
 }
 
-/// Standard output of a command that succeeds.
+/// Returns the standard output of a command that succeeds.
 fn output(program: &mut Command) -> String {
     String::from_utf8(program.assert().success().get_output().stdout.clone()).unwrap()
 }
@@ -58,7 +58,7 @@ fn eval_writes_tables_and_pictures() {
     for field in ["psnr", "ssim", "ssim_gray", "training_seconds", "model_bytes", "gaussians", "views"] {
         assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");
     }
-    // two figures: with what each frame takes on the device alone, and with the copy of each image to the host
+    // frame rates on the device alone, and with the copy of each image to the host
     for field in ["fps", "fps_frames", "fps_with_copy"] {
         assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");
     }
@@ -66,11 +66,11 @@ fn eval_writes_tables_and_pictures() {
         assert_eq!(summary.get(field), Some(&Value::Null), "{field}");
     }
     assert_eq!((&summary["views"], &summary["gaussians"], &summary["split"]), (&6.into(), &400.into(), &"test".into()));
-    // all test views lie at trained times
+    // all test views are at training times
     let groups = summary["by_distance"].as_array().unwrap();
     assert_eq!((groups.len(), &groups[0]["views"], &groups[0]["to"]), (1, &6.into(), &0.0.into()));
     assert_eq!(groups[0]["psnr"], summary["psnr"]);
-    // beside the views that were trained on, and by where the error sits
+    // compared with the training views, and by where the error lies
     let training = &summary["training_views"];
     assert!(training["psnr"].as_f64().unwrap() > 10.0 && training["views"] == training["of"], "{training}");
     for parts in [&summary["by_region"], &training["by_region"]] {
@@ -137,13 +137,13 @@ fn results_of_another_dataset_have_a_folder_of_their_own() {
     let mean = json(&root().join("run/eval/test-other-data/mean.json"));
     assert_ne!(mean["fingerprint"], record["fingerprint"]);
     assert!(mean["dataset"].as_str().unwrap().ends_with("other data"), "{mean}");
-    // the same data again, wherever they lie
+    // the same data again, wherever they are stored
     let copy = root().join("copy");
     write_dataset(&copy);
     command(&["eval", "--views", "2", "--data", &copy.display().to_string()]).assert().success();
     assert_ne!(std::fs::read(&own).unwrap(), before);
 
-    // what is no evaluation stays
+    // files that do not belong to an evaluation stay
     std::fs::write(root().join("run/eval/test/notes.txt"), "mine").unwrap();
     refused(&mut command(&["eval", "--views", "2"]), &["notes.txt", "does not belong to an evaluation"]);
     std::fs::remove_file(root().join("run/eval/test/notes.txt")).unwrap();
@@ -274,7 +274,7 @@ fn export_writes_ply_files_of_the_convention() {
     }
     assert!(gaussians.means.iter().all(|v| v.abs() < 2.0));
 
-    // compressed, by the ending of its name: a gzip stream, whose length is at its end
+    // compressed, by the ending of its name: a gzip stream, which ends with its length
     let small = folder.path().join("small.spz");
     let report = output(&mut command(&["export", "--time", "0.5", "--out", &small.display().to_string(), "--json"]));
     assert_eq!(serde_json::from_str::<Value>(&report).unwrap()["gaussians"], 400);
@@ -336,7 +336,7 @@ fn config_shows_values_with_their_origins() {
 fn the_schema_is_the_committed_one() {
     let schema: Value = serde_json::from_str(&output(volseggs().args(["config", "schema"]))).unwrap();
     assert!(schema["properties"]["densify"].is_object(), "{schema}");
-    // an editor shows the built-in values, not those that old files are read with
+    // editors show the built-in values, not those that old files are read with
     let built_in = serde_json::to_value(Config::default()).unwrap();
     for key in ["dilation", "embedding", "sh_degree", "encoder"] {
         assert_eq!(schema["$defs"]["ModelConfig"]["properties"][key]["default"], built_in["model"][key], "{key}");
@@ -348,7 +348,7 @@ fn the_schema_is_the_committed_one() {
     }
 }
 
-/// The words of the last command that a text offers, as a shell reads them.
+/// Returns the words of the last command that a text offers, as a shell reads them.
 fn offered(text: &str) -> Vec<String> {
     let start = text.rfind("volseggs ").unwrap_or_else(|| panic!("no command: {text}"));
     let command = text[start..].split(['`', '\n']).next().unwrap();

@@ -1,5 +1,5 @@
-//! Training on every device beside the default one. Those of the CPU run the same kernels and give the same bytes; GPUs
-//! sum in another order and reach the same quality after 200 steps. A checkpoint of either goes on on the other.
+//! Training on every device besides the default one. CPU devices run the same kernels and give the same bytes; GPUs sum
+//! in another order and reach the same quality after 200 steps. A checkpoint of either can be resumed on the other.
 #![cfg(any(feature = "ndarray", feature = "tch", feature = "wgpu", feature = "cuda"))]
 
 use crate::common::{dataset, json, metrics, newest_bytes, train};
@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use tempfile::TempDir;
 use volseggs::device::DeviceName;
 
-/// 40 steps of warm-up, 160 of both; a margin for the sums whose order differs, no more.
+/// 40 steps of warm-up, 160 of joint training; the margin only allows for sums in another order.
 const STEPS: &[&str] = &[
     "stages.warmup_steps=40",
     "stages.joint_steps=160",
@@ -17,7 +17,7 @@ const STEPS: &[&str] = &[
     "output.eval_views=6",
 ];
 
-/// The dataset, with a run on the default device.
+/// Returns the folder of the dataset, with a run on the default device.
 fn straight() -> &'static Path {
     static ROOT: OnceLock<TempDir> = OnceLock::new();
     let folder = ROOT.get_or_init(|| {
@@ -32,7 +32,7 @@ fn test_psnr(run: &Path) -> f64 {
     metrics(run).last().unwrap()["test_psnr"].as_f64().unwrap()
 }
 
-/// Checks that a run that `device` took part in and that ended on `last` is the one on the default device.
+/// Checks that a run in which `device` took part and that ended on `last` matches the one on the default device.
 fn alike(device: DeviceName, last: DeviceName, name: &str) {
     let (run, straight) = (straight().join(name), straight().join("straight"));
     let record = json(&run.join("run.json"));
@@ -65,7 +65,7 @@ fn a_checkpoint_goes_on_on_the_other_device(device: DeviceName) {
     }
 }
 
-// the default device would be compared with itself
+// without the default device, which would be compared with itself
 volseggs_testing::on_devices!(
     crate::common::open => [ndarray "ndarray", tch "tch", wgpu "wgpu", cuda "cuda"]
     two_hundred_steps_end_as_on_the_default_device a_checkpoint_goes_on_on_the_other_device

@@ -1,4 +1,4 @@
-//! `volseggs edit` and what `render` and `export` show of edits and segments, as whole programs on one small run.
+//! `volseggs edit`, and what `render` and `export` show of edits and segments, as whole programs on one small run.
 
 use crate::common::{copy, json, names, refused, volseggs, with_segments};
 use assert_cmd::Command;
@@ -20,7 +20,7 @@ fn made_once() -> &'static Path {
 /// A copy of the run that a test may edit.
 struct Run {
     folder: TempDir,
-    /// The segments: name, Gaussians. The largest first.
+    /// The segments, largest first: name and number of Gaussians.
     segments: Vec<(String, usize)>,
 }
 
@@ -39,27 +39,27 @@ impl Run {
         self.folder.path().join(name)
     }
 
-    /// A command that is run beside the run.
+    /// Returns a command in the folder of the run.
     fn command(&self, arguments: &[&str]) -> Command {
         let mut program = volseggs();
         program.current_dir(self.folder.path()).args(arguments);
         program
     }
 
-    /// `volseggs edit WHAT run REST`; standard output.
+    /// Runs `volseggs edit WHAT run REST` and returns standard output.
     fn edit(&self, what: &str, rest: &[&str]) -> String {
         let output = self.command(&["edit", what, "run"]).args(rest).assert().success().get_output().clone();
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// A picture from the front in the middle of time.
+    /// Renders a picture from the front in the middle of time.
     fn render(&self, rest: &[&str]) -> RgbImage {
         let still = ["render", "run", "--camera", "0,-4,0", "--time", "0.5", "--size", "48", "--out", "still"];
         self.command(&still).args(rest).assert().success();
         image::open(self.path("still/0000.png")).unwrap().to_rgb8()
     }
 
-    /// The Gaussians in a PLY.
+    /// Exports the Gaussians to a PLY and reads it.
     fn export(&self, rest: &[&str]) -> HostGaussians {
         self.command(&["export", "run", "--out", "one.ply"]).args(rest).assert().success();
         ply::read(&self.path("one.ply")).unwrap()
@@ -70,7 +70,7 @@ impl Run {
     }
 }
 
-/// Pixels that are not the white background.
+/// Returns the pixels that are not the white background.
 fn drawn(image: &RgbImage) -> Vec<(f64, f64, [u8; 3])> {
     let pixels = image.enumerate_pixels().filter(|(_, _, p)| p.0 != [255; 3]);
     pixels.map(|(x, y, p)| (f64::from(x), f64::from(y), p.0)).collect()
@@ -159,7 +159,7 @@ fn segments_change_colour_opacity_and_place() {
     let (moved_x, moved_y) = centre(&only(&[]));
     assert!(moved_y > y + 2.0 && (moved_x - x).abs() < 1.0, "({x}, {y}) to ({moved_x}, {moved_y})");
     run.edit("undo", &[]);
-    // half a turn about the line of sight mirrors every segment at one and the same point of the picture
+    // half a turn about the line of sight mirrors every segment at the same point of the picture
     let mirrors = [0, 1].map(|i| {
         let of = ["--segment", run.segments[i].0.as_str()];
         let (x, y) = centre(&run.render(&of));
@@ -278,7 +278,7 @@ fn what_is_refused_changes_nothing() {
     refuse(&["undo", "--count", "0"], &["--count", "at least 1"]);
     refused(&mut run.command(&["edit", "list", "data"]), &["data", "no checkpoint"]);
 
-    // a damaged file is told, and can be cleared
+    // a damaged file is reported, and can be cleared
     std::fs::write(run.path("run/edits.json"), "{").unwrap();
     refuse(&["list"], &["edits.json", "JSON"]);
     refuse(&["hide", "--segment", name], &["edits.json"]);

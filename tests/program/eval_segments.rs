@@ -49,7 +49,7 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
         }
     }
     assert_eq!(found["means"].as_array().unwrap().len(), METHODS.len());
-    // the same again, bit by bit but for the seconds
+    // the same when repeated, bit for bit except for the seconds
     let numbers = |v: &Value| -> Vec<Value> {
         let kinds = |r: &Value| {
             ["fixed", "oracle"].map(|k| {
@@ -62,7 +62,7 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
     };
     assert_eq!(numbers(&run(&[])), numbers(&found));
 
-    // the truth as masks, one method, one segment and all as one; the table on the terminal
+    // the ground truth as masks, one method, one segment and all as one; the table on the terminal
     let mut known: Vec<&str> = results.iter().map(|r| r["segment"].as_str().unwrap()).collect();
     known.dedup();
     let (only, all) = (known[0], format!("all={}", known.join("+")));
@@ -80,7 +80,7 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
     assert_eq!(row("**mean**").split('|').nth(3), row(only).split('|').nth(3), "the mean is of segments alone");
     assert_eq!(names(&root.join("run/eval")), ["segments", "segments-labels"]);
 
-    // pictures for another program, and its masks back
+    // pictures for another program, and its masks read back
     let fine = ["eval", "run", "--methods", "fine", "--no-oracle"];
     let pictures = [&["--mask-pictures", "pictures"][..], &short.split(' ').collect::<Vec<_>>()[..]].concat();
     volseggs().current_dir(root).args(fine).args(&pictures).assert().success();
@@ -103,7 +103,7 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
     assert!(printed.contains("masks: dir, 4 views"), "{printed}");
     assert_eq!(names(&root.join("run/eval")), ["segments", "segments-dir", "segments-labels"]);
 
-    // a dataset of before has no volumes
+    // older datasets have no volumes
     let path = root.join("data/segments.json");
     let mut before = json(&path);
     before.as_object_mut().unwrap().remove("volumes");

@@ -13,7 +13,7 @@ fn open(path: &Path) -> Series {
     Series::open(&[path.display().to_string()], &SeriesOptions::default()).unwrap()
 }
 
-/// A run on small pictures of the jets, with its segments.
+/// Trains a run on small pictures of the jets and finds its segments.
 fn jets() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
@@ -57,7 +57,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
     let count = |id: u16| labels.ids.iter().filter(|l| **l == id).count();
     assert_eq!(nrrd["volumes"][0]["voxels"], serde_json::json!([count(1), count(2), count(3)]));
     assert!(count(1) > 0 && count(0) > 24 * 24 * 24 / 4, "{nrrd}");
-    // most of what is labelled lies in the plumes: the labels are where the volume is, not mirrored or shifted
+    // most labelled voxels lie in the plumes: the labels are where the volume is, neither mirrored nor shifted
     let truth = Synthetic::Jets.sample([24; 3], 0.5).1.ids;
     let both = labels.ids.iter().zip(&truth).filter(|(l, t)| **l > 0 && **t > 0).count();
     let flipped: Vec<u16> = labels.ids.chunks(24 * 24).rev().flatten().copied().collect();
@@ -67,7 +67,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
     assert!(header.contains(&format!("label_1:={}", listed[0]["name"].as_str().unwrap())), "{header}");
     assert!(header.contains("as trained, without edits") && header.contains("edited:=no"), "{header}");
 
-    // the same labels in the other format, in the default place; the table is printed
+    // the same labels in the other format, in the default location; the table is printed
     let printed = volseggs()
         .current_dir(root)
         .args(["export", "run", "--format", "vti", "--time", "0.5", "--truth", "l.seg.nrrd"])
@@ -90,7 +90,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
     let like = run_json(root, &["export", "run", "--format", "vti", "--like", "frames/0001.nrrd", "--out", "like.vti"]);
     assert_eq!((&like["dims"], &like["spacing"]), (&frames["dims"], &frames["spacing"]));
 
-    // labels are of the scene as trained; with --edited, what is hidden has no voxels
+    // labels are of the scene as trained; with --edited, hidden segments have no voxels
     let hide = format!(r#"{{"version":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
     std::fs::write(root.join("run/edits.json"), hide).unwrap();
     let hidden = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5", "--edited"]);
@@ -102,7 +102,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
         assert!(String::from_utf8_lossy(&std::fs::read(&vti_path).unwrap()).contains("as trained"));
     }
 
-    // a group takes no voxel from its parts; it is a label where it is asked for
+    // a group takes no voxels from its parts; it is a label when requested
     run_json(root, &["segment", "group", "run", "pair", listed[0]["name"].as_str().unwrap(), name]);
     let grouped = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5"]);
     assert_eq!(grouped["labels"], nrrd["labels"]);
@@ -137,7 +137,7 @@ fn what_cannot_be_labelled_is_refused() {
         refused(&mut export(arguments), words);
     }
     assert!(!root.join("x.ply").exists() && !root.join("run/labels").exists());
-    // a dataset without a record: one has to say which voxels; over the box of the scene with a note
+    // for a dataset without a record the voxels must be given; over the box of the scene with a note
     std::fs::remove_file(root.join("data/prepare.json")).unwrap();
     for data in [&[][..], &["--data", "data"]] {
         refused(export(&["--format", "nrrd"]).args(data), &["data has no prepare.json", "--like", "--dims"]);
@@ -168,7 +168,7 @@ fn npy(shape: [usize; 3]) -> Vec<u8> {
     bytes
 }
 
-/// VTK's own reader gives the same labels, names and colours. Without the Python package `vtk` this part is skipped.
+/// Checks that VTK's own reader gives the same labels, names and colours. Skipped without the Python package `vtk`.
 fn vtk_reads_it(path: &Path, ids: &[u16]) {
     let script = r#"
 import json, sys, vtk

@@ -7,7 +7,7 @@ use assert_cmd::Command;
 use std::path::Path;
 use std::time::Duration;
 
-/// The program with 8 GB of address space, as batch systems give it.
+/// The program with 8 GB of address space, as batch systems grant it.
 fn confined(arguments: &[String]) -> Command {
     let mut shell = Command::new("sh");
     shell.args(["-c", "ulimit -v 8000000; exec \"$0\" \"$@\"", BINARY]).args(arguments);

@@ -1,4 +1,4 @@
-//! `volseggs lpips` as a whole program: from files of PyTorch to weights that `eval` takes.
+//! `volseggs lpips` as a whole program: from PyTorch files to weights that `eval` accepts.
 
 use crate::common::{json, names, refused, volseggs};
 use safetensors::tensor::{Dtype, TensorView};
@@ -10,13 +10,13 @@ use volseggs::tensors;
 /// Name, shape and values.
 type Tensors = Vec<(String, Vec<usize>, Vec<f32>)>;
 
-/// Place in `features`, shape of the kernel.
+/// Index in `features`, shape of the kernel.
 const ALEX: [(usize, [usize; 4]); 5] =
     [(0, [64, 3, 11, 11]), (3, [192, 64, 5, 5]), (6, [384, 192, 3, 3]), (8, [256, 384, 3, 3]), (10, [256, 256, 3, 3])];
 const ALEX_HEADS: [usize; 5] = [64, 192, 384, 256, 256];
 const VGG_HEADS: [usize; 5] = [64, 128, 256, 512, 512];
 
-/// A tensor of noise in [0, `scale`), which its name and shape determine.
+/// Returns a tensor of noise in [0, `scale`), determined by its name and shape.
 fn tensor(name: String, shape: &[usize], scale: f32) -> (String, Vec<usize>, Vec<f32>) {
     let count = shape.iter().product();
     let mut state = name.bytes().fold(7u32, |h, b| h.wrapping_mul(31) + u32::from(b));
@@ -27,7 +27,7 @@ fn tensor(name: String, shape: &[usize], scale: f32) -> (String, Vec<usize>, Vec
     (name, shape.to_vec(), noise.take(count).collect())
 }
 
-/// AlexNet with a part of its classifier.
+/// Returns AlexNet with part of its classifier.
 fn backbone() -> Tensors {
     let layer = |(place, shape): &(usize, [usize; 4])| {
         let weight = tensor(format!("features.{place}.weight"), shape, 0.01);
@@ -43,7 +43,7 @@ fn heads(channels: [usize; 5]) -> Tensors {
     channels.into_iter().enumerate().map(head).collect()
 }
 
-/// What `torch.save` wrote up to PyTorch 1.5.
+/// Returns a file as `torch.save` wrote it up to PyTorch 1.5.
 fn pth(tensors: &Tensors) -> Vec<u8> {
     let text = |s: &str| [b"X".as_slice(), &(s.len() as u32).to_le_bytes(), s.as_bytes()].concat();
     let int = |n: usize| [b"J".as_slice(), &(n as u32).to_le_bytes()].concat();
@@ -113,7 +113,7 @@ fn published_files_become_weights() {
         assert!(found.data() == expected, "{name} has other values");
     }
 
-    // eval's reader takes it, and both formats give the same file, which may be written anew
+    // eval's reader accepts it, and both formats give the same file, which may be rewritten
     let weights = Lpips::load(root.join("a.safetensors"), &DeviceName::all()[0].open().unwrap()).unwrap();
     assert_eq!(weights.net(), LpipsNet::Alex);
     let image: Vec<f32> = (0..40 * 40 * 3).map(|i| (i % 7) as f32 / 7.0).collect();
@@ -192,7 +192,7 @@ fn wrong_files_are_told_by_name_and_key() {
     );
     assert_eq!(names(root), before, "something was left behind");
 
-    // what is not this program's is not replaced, and neither is an input
+    // files that this program did not make are not replaced, and neither are inputs
     let out = |out: &str, words: &[&str]| {
         refused(&mut lpips(root, "alexnet.pth", "alex.pth", out), words);
     };

@@ -1,5 +1,5 @@
-//! The program as a whole: its commands one after the other, as a person or a batch system calls them. One binary for all, as
-//! each more costs a link of the whole tree.
+//! The program as a whole: its commands one after the other, as a user or a batch system calls them. One binary for all
+//! tests, as each further one costs a link of the whole tree.
 #![allow(clippy::unwrap_used)]
 
 mod appearance;

@@ -1,18 +1,19 @@
-//! The sources of `volseggs segment masks` as a whole program: the truth of a dataset, masks of other programs, a network.
+//! The sources of `volseggs segment masks` as a whole program: the ground truth of a dataset, masks of other programs,
+//! a network.
 
 use crate::common::{dataset, json, names, refused, run_json, text, train, volseggs};
 use image::{GrayImage, Luma};
 use std::path::Path;
 use volseggs::segment::masks::{Annotation, MaskReader};
 
-/// All masks of `segments/masks.jsonl` of the run.
+/// Reads all masks of `segments/masks.jsonl` of the run.
 fn masks(root: &Path) -> (MaskReader, Vec<Annotation>) {
     let reader = MaskReader::open(&root.join("run/segments/masks.jsonl")).unwrap();
     let all = (0..reader.header().views.len()).flat_map(|v| reader.view(v).unwrap()).collect();
     (reader, all)
 }
 
-/// Refused for `words`, and the run's segments are as they were.
+/// Checks that a command is refused with `words` and leaves the run's segments as they were.
 fn refused_and_unchanged(root: &Path, arguments: &[&str], words: &[&str]) {
     let folder = root.join("run/segments");
     let state = || (names(&folder), std::fs::read(folder.join("masks.jsonl")).ok());
@@ -66,7 +67,7 @@ fn the_truth_of_a_dataset_becomes_masks() {
     assert!(header.views.iter().all(|v| v.file.starts_with("train/r_")));
     assert_eq!(made["masks"], all.len());
     assert!(!all.is_empty() && all.iter().all(|a| a.mask.area() >= 16 && a.predicted_iou == 1.0));
-    // a mask shows pixels of one label alone, and no pixel is in masks of two labels or segments
+    // a mask shows pixels of one label only, and no pixel is in masks of two labels or segments
     for (view, entry) in header.views.iter().enumerate() {
         let labels = image::open(root.join(format!("data/labels/{}.png", entry.file))).unwrap().to_luma8();
         let mut taken = [false; 64 * 64];
@@ -78,7 +79,7 @@ fn the_truth_of_a_dataset_becomes_masks() {
         }
     }
     run_json(root, &["segment", "fine", "run", "--steps", "5", "--pixels", "128"]);
-    // more views than training has at that time: the test view of the time joins; fewer: some of them
+    // more views than training has at that time: the test view of that time joins; fewer: some of them
     let again = ["segment", "masks", "run", "--source", "labels", "--replace"];
     refused_and_unchanged(root, &["--source", "labels"], &["masks.jsonl", "--replace"]);
     run_json(root, &again);
@@ -88,7 +89,7 @@ fn the_truth_of_a_dataset_becomes_masks() {
     let (reader, _) = masks(root);
     assert_eq!((reader.header().views.len(), reader.header().time), (2, 0.0));
 
-    // a wrong image in the midst of it leaves the old masks
+    // a wrong image among them leaves the old masks
     let wrong = root.join("data/labels").join(format!("{}.png", files(&reader)[1]));
     let kept = std::fs::read(&wrong).unwrap();
     GrayImage::new(60, 64).save(&wrong).unwrap();
@@ -99,7 +100,7 @@ fn the_truth_of_a_dataset_becomes_masks() {
     refused_and_unchanged(root, &labels, &["data", "not there any more", "--data"]);
     run_json(root, &[&again[..], &["--data", "moved"]].concat());
     assert_eq!(masks(root).0.header().source, "labels of moved");
-    // a dataset of other cameras, to which the scene does not belong
+    // a dataset with other cameras, to which the scene does not belong
     let moved = ["--source", "labels", "--data", "moved", "--replace"];
     let cameras = root.join("moved/transforms_train.json");
     let kept = std::fs::read_to_string(&cameras).unwrap();
@@ -130,7 +131,7 @@ fn masks_of_another_program_come_back() {
     refused_and_unchanged(root, &dir, &["masks"]);
     assert!(!root.join("run/segments/masks.jsonl").exists());
 
-    // 2. another program: what differs from the background, left and right halves; no mask in the last view
+    // 2. another program: everything that differs from the background, left and right halves; no mask in the last view
     let mut coco = (Vec::new(), Vec::new());
     for (g, group) in groups.iter().enumerate() {
         std::fs::create_dir_all(root.join("masks").join(group)).unwrap();
@@ -170,7 +171,7 @@ fn masks_of_another_program_come_back() {
         let rows = image::open(path).unwrap().to_luma8();
         assert_eq!(annotation.mask.to_rows(), rows.as_raw().iter().map(|v| *v > 0).collect::<Vec<_>>());
     }
-    // the same in a COCO file; of one segment alone
+    // the same from a COCO file; then for one segment only
     let text = serde_json::json!({ "images": coco.0, "annotations": coco.1 }).to_string();
     std::fs::write(root.join("masks.json"), text).unwrap();
     refused_and_unchanged(root, &["--source", "dir", "--masks", "masks.json"], &["masks.jsonl", "--replace"]);
@@ -180,7 +181,7 @@ fn masks_of_another_program_come_back() {
     assert_eq!(run_json(root, &one)["masks"], 4);
     run_json(root, &["segment", "fine", "run", "--steps", "5", "--pixels", "128"]);
 
-    // a mask of a wrong size is named and the masks of before stay
+    // a mask of the wrong size is named, and the previous masks stay
     let wrong = root.join("masks").join(&groups[1]).join("view-001_1.png");
     GrayImage::new(41, 40).save(&wrong).unwrap();
     refused_and_unchanged(root, &dir, &["view-001_1.png", "41x40", "40x40"]);

@@ -1,4 +1,4 @@
-//! What the commands write, as whole programs: sizes and numbers that cannot be, folders and files that are replaced and
+//! What the commands write, as whole programs: impossible sizes and numbers, folders and files that are replaced and
 //! those that are not, formats, and what is left behind.
 
 use crate::common::{copy, json, names, refused, text, volseggs, with_segments};
@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use volseggs::model::scene_file::read_tensors;
 use volseggs::train::checkpoint;
 
-/// A folder with the dataset in `data` and a run with segments in `run`, made once; nobody writes into it.
+/// A folder with the dataset in `data` and a run with segments in `run`, made once; nothing writes into it.
 fn made_once() -> &'static Path {
     static ROOT: OnceLock<PathBuf> = OnceLock::new();
     ROOT.get_or_init(|| with_segments("outputs", &["--clusters", "2"]))
@@ -24,14 +24,14 @@ fn with_run() -> TempDir {
     folder
 }
 
-/// The program in `root` with arguments between spaces.
+/// Returns the program in `root` with space-separated arguments.
 fn call(root: &Path, arguments: &str) -> Command {
     let mut command = volseggs();
     command.current_dir(root).args(arguments.split_whitespace());
     command
 }
 
-/// Every file below a folder with its bytes.
+/// Returns every file below a folder with its bytes, without locks.
 fn bytes_of(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
     for name in names(folder) {
@@ -45,14 +45,14 @@ fn bytes_of(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// The name of a temporary of `name` as a process that was killed leaves it: no process has so high a number.
+/// Returns the name of a temporary of `name` as a killed process leaves it: no process has such a high number.
 fn leftover(name: &str) -> String {
     let host = volseggs::process::host_name().unwrap_or_default();
     let host = host.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193));
     format!(".tmp-{name}-4294967290@{host:08x}-0")
 }
 
-/// A small series of volumes with a ball in `root`: 8-bit values from 0 to 253.
+/// Writes a small series of volumes with a ball into `root`: 8-bit values from 0 to 253.
 fn write_volume(root: &Path) {
     let value = |i: usize| {
         let [x, y, z] = [i % 12, i / 12 % 12, i / 144].map(|v| v as f64 - 5.5);
@@ -64,7 +64,7 @@ fn write_volume(root: &Path) {
     }
 }
 
-/// `prepare` in `root` of the volumes there, into `data`; the flags of `changes` have these values instead.
+/// Returns `prepare` in `root` of the volumes there, into `data`; flags in `changes` replace the usual ones.
 fn prepare(root: &Path, changes: &str) -> Command {
     let usual = "--volume v_0.raw v_1.raw v_2.raw --transfer-function ramp --size 16 --times 2 --views 2 \
                  --test-views 3 --segment-views 0 --out data";
@@ -157,7 +157,7 @@ fn a_render_replaces_an_older_one_whole_and_nothing_else() {
         refused(&mut render(out, 2), words);
         assert!(bytes_of(root) == before, "--out {out}");
     }
-    // a new folder in a new folder
+    // a new folder inside a new folder
     render("a/b", 1).assert().success();
     assert_eq!(names(&root.join("a/b")), ["0000.png", "frames.json"]);
 }
@@ -195,7 +195,7 @@ fn the_format_of_an_export_follows_from_its_name() {
         [("a.ply", &b"ply\n"[..]), ("a.seg.nrrd", b"NRRD0004\n"), ("a.nrrd", b"NRRD0004\n"), ("a.vti", b"<?xml")]
     {
         let dims = if file == "a.ply" { "" } else { "--dims 6,6,6" };
-        // twice: a file of its own gives way
+        // twice: a file of its own is replaced
         for _ in 0..2 {
             call(root, &format!("export run --time 0.5 --out {file} {dims}")).assert().success();
         }
@@ -243,7 +243,7 @@ fn an_export_of_many_times_replaces_an_older_one_whole() {
     assert_eq!(record["times"], json!([0.0, 1.0]));
     std::fs::write(root.join("many/notes.txt"), "x").unwrap();
     refused(&mut export("--frames 2"), &["notes.txt"]);
-    // labels without a name go into the run, where many have a folder of their own
+    // labels without a name go into the run, where several have a folder of their own
     for more in ["--frames 2", "--time 0.5", "--frames 3"] {
         call(root, &format!("export run --format nrrd --dims 5,5,5 {more}")).assert().success();
     }
@@ -306,13 +306,13 @@ fn prepare_replaces_a_dataset_and_nothing_else() {
             assert!(bytes_of(root) == before, "--out {out} {replace}");
         }
     }
-    // a dataset that holds its own source
+    // a dataset that contains its own source
     copy(&inside, &root.join("data/train/volumes"));
     refused(&mut prepare(&root.join("data/train/volumes"), "--replace --out ../.."), &["which is in use"]);
     refused(&mut prepare(root, "--replace --volume data/train/volumes/v_0.raw"), &["v_0.raw", "which is in use"]);
     assert!(root.join("data/train/volumes/v_2.raw").is_file());
     std::fs::remove_dir_all(root.join("data/train/volumes")).unwrap();
-    // a file of somebody else's deep inside
+    // a file of someone else deep inside
     std::fs::write(root.join("data/train/mine.txt"), "x").unwrap();
     refused(&mut into("../../data", "--replace"), &["train/mine.txt", "does not belong to a dataset"]);
     assert!(root.join("data/train/mine.txt").is_file());
@@ -363,7 +363,7 @@ fn prepare_names_the_flag_that_cannot_be() {
         assert!(!text.contains("--side"), "{bad}: {text}");
         assert_eq!(names(root), before, "{bad}");
     }
-    // numbers that begin with a minus; a log without a terminal gets lines
+    // negative numbers; a log without a terminal gets lines
     let done = prepare(root, "--time-values -1,1,2").assert().success();
     let log = String::from_utf8_lossy(&done.get_output().stderr).into_owned();
     assert!(log.lines().any(|l| l.starts_with("7/7 images")), "{log}");

@@ -1,11 +1,11 @@
-//! `volseggs pack` as a whole program: a packed run is drawn, measured, segmented and edited as the run it was made of, and not
-//! trained on.
+//! `volseggs pack` as a whole program: a packed run is rendered, evaluated, segmented and edited like the run it was
+//! made from, and not trained further.
 
 use crate::common::{copy, json, names, refused, run_json, volseggs, with_segments};
 use std::path::Path;
 use volseggs::train::checkpoint::{list as checkpoints, newest_scene};
 
-/// The file sizes of a folder's scene and of that of the run.
+/// Returns the size of a run's newest scene file in bytes.
 fn bytes(root: &Path, run: &str) -> u64 {
     let scene = newest_scene(&root.join(run)).unwrap();
     std::fs::metadata(scene).unwrap().len()
@@ -23,7 +23,7 @@ fn a_packed_run_is_small_and_everything_works_on_it_but_training() {
     let told = run_json(root, &["pack", "run", "--out", "small"]);
     assert_eq!(told["gaussians"], 400);
     assert_eq!([&told["scene_bytes_before"], &told["scene_bytes"]], [bytes(root, "run"), bytes(root, "small")]);
-    // 23 f32 a Gaussian become 6 + 20 bytes, and the field is halved
+    // 23 f32 per Gaussian become 6 + 20 bytes, and the field is halved
     assert!(3 * bytes(root, "small") < 2 * bytes(root, "run"), "{told}");
     assert_eq!(names(&root.join("small")), ["checkpoints", "config.toml", "edits.json", "run.json", "segments"]);
     assert_eq!(names(&root.join("small/segments")), ["segments.safetensors"]);
@@ -40,7 +40,7 @@ fn a_packed_run_is_small_and_everything_works_on_it_but_training() {
     let render = ["render", "small", "--camera", "0,-4,0", "--time", "0.5", "--size", "32", "--out", "still"];
     volseggs().current_dir(root).args(render).assert().success();
 
-    // once more: the same bytes; and of what is packed already
+    // packed again, the bytes are the same; a packed run can be packed too
     let scene = |run: &str| std::fs::read(newest_scene(&root.join(run)).unwrap()).unwrap();
     run_json(root, &["pack", "run", "--out", "again"]);
     run_json(root, &["pack", "run", "--out", "again"]);

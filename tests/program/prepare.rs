@@ -26,7 +26,7 @@ fn write_series(root: &Path) {
     }
 }
 
-/// `prepare` of small images of the series into `root/NAME`.
+/// Returns the arguments of `prepare` for small images of the series, into `root/NAME`.
 fn arguments(root: &Path, name: &str) -> Vec<String> {
     let few = "--size 40x32 --times 2 --views 3 --test-views 5 --segment-views 2";
     let mut all =
@@ -173,7 +173,7 @@ fn wrong_input_is_one_error_and_leaves_nothing() {
     volume(&["none_*.raw"], &["none_*.raw"]);
     volume(&["v_1.raw", "v_0.raw"], &["v_0.raw"]);
     volume(&["absent.raw"], &["absent.raw"]);
-    // a file cut short
+    // a truncated file
     let bytes = std::fs::read(root.join("v_1.raw")).unwrap();
     std::fs::write(root.join("v_1.raw"), &bytes[..bytes.len() - 1]).unwrap();
     volume(&["v_*.raw"], &["v_1.raw", "7679", "7680"]);
@@ -232,7 +232,7 @@ fn the_demo_tells_its_story_and_goes_on() {
         assert!(page.contains(word) || page.to_lowercase().contains(&word.to_lowercase()), "{word}");
     }
     assert!(!page.contains("https://"));
-    // again: the dataset is taken as it is, the run is complete, the report is renewed
+    // again: the dataset is reused, the run is complete, the report is renewed
     let second: serde_json::Value = serde_json::from_slice(&run()).unwrap();
     assert_eq!(first["metrics"]["psnr"], second["metrics"]["psnr"]);
     refused(volseggs().args(["demo", "--set", "nothing=1", "--out", &out]), &["nothing"]);
@@ -281,7 +281,7 @@ fn what_volumes_and_a_run_of_them_cost_is_measured_side_by_side() {
     refused(&mut raycast("v_*.raw", &[]), &["run.json"]);
 }
 
-/// Settings of a training of a second.
+/// Returns the settings of a training that takes a second.
 fn small() -> Vec<&'static str> {
     SETTINGS.iter().flat_map(|set| ["--set", set]).collect()
 }

@@ -1,4 +1,4 @@
-//! Going on with a run: by its folder alone, for longer, from an older checkpoint; and what is refused.
+//! Resuming a run: by its folder alone, for longer, from an older checkpoint; and what is refused.
 
 use crate::common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
 use std::path::Path;
@@ -26,7 +26,7 @@ fn the_run_alone_is_enough_and_its_logs_may_change() {
     assert_eq!(names(&run.join("checkpoints")).len(), 3);
     let steps: Vec<u64> = metrics(&run).iter().map(|l| l["step"].as_u64().unwrap()).collect();
     assert_eq!(steps[..6], [10, 20, 30, 40, 45, 50]);
-    // what was changed is the run's configuration from now on
+    // what was changed stays in the run's configuration
     resume(&run, &[]).assert().success();
     assert!(std::fs::read_to_string(run.join("config.toml")).unwrap().contains("keep = 3"));
 }
@@ -56,7 +56,7 @@ fn a_trained_run_can_be_lengthened_but_not_shortened_or_changed() {
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
 }
 
-/// The keys that came after the first runs.
+/// The keys that were added after the first runs.
 const LATER_KEYS: &[&str] = &[
     "method",
     "only_times",
@@ -81,7 +81,7 @@ const LATER_KEYS: &[&str] = &[
 fn a_run_from_before_keys_existed_goes_on_as_it_began() {
     let root = dataset();
     let (whole, run) = (root.path().join("whole"), root.path().join("run"));
-    // in those days the means' rate in warm-up fell over the length of the joint stage
+    // at that time the means' rate in warm-up fell over the length of the joint stage
     let then = ["optim.warmup_decay_steps=60"];
     train(root.path(), "whole", &then).assert().success();
     train(root.path(), "run", &then).args(["--stop-after", "12"]).assert().success();
@@ -160,7 +160,7 @@ fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
         program.current_dir(root.path()).arg(command).arg(&run).args(more);
         refused(&mut program, &["step-000037", "damaged", &format!("give {} in place of", older.display())]);
     }
-    // the older one does in its place
+    // the older one works in its place
     let mut program = volseggs();
     program.args(["export"]).arg(&older).args(["--out", &text(root.path(), "older.ply")]).assert().success();
     resume(&older, &[]).assert().success();
@@ -168,7 +168,7 @@ fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
     assert!(names(&run.join("checkpoints")).contains(&"aside-step-000037".to_owned()), "nothing is thrown away");
     assert_eq!(metrics(&run), metrics(&whole));
 
-    // and where none is whole, that is said
+    // if none is complete, the message says so
     for (_, path) in checkpoint::list(&run) {
         damage(&path.join("scene.safetensors"));
     }
@@ -189,7 +189,7 @@ fn a_checkpoint_that_lost_a_file_is_not_passed_over_without_a_word() {
     resume(&older, &[]).assert().success();
     assert!(newest_bytes(&run) == newest_bytes(&whole), "the run ends elsewhere");
     assert!(names(&run.join("checkpoints")).contains(&"aside-step-000080".to_owned()));
-    // what was set aside can be gone on from too, and takes nothing older with it
+    // a checkpoint that was set aside can be resumed from too, and older ones stay
     resume(&run.join("checkpoints/step-000070"), &["--stop-after", "70"]).assert().success();
     let aside = run.join("checkpoints/aside-step-000080-1");
     resume(&aside, &[]).assert().success();

@@ -1,4 +1,4 @@
-//! `volseggs segment` and `track` as a whole program: from a trained run to parts that are followed through time.
+//! `volseggs segment` and `track` as whole programs: from a trained run to parts that are tracked through time.
 
 use crate::common::{dataset, json, names, refused, run_json, train, volseggs};
 use serde_json::Value;
@@ -11,7 +11,7 @@ fn from_a_run_to_parts_followed_through_time() {
     train(root, "run", &[]).assert().success();
     let segments = root.join("run/segments");
 
-    // nothing there yet: each says what to run first
+    // nothing exists yet: each command says what to run first
     for (arguments, hint) in [
         (&["segment", "masks", "run"][..], "segment coarse"),
         (&["segment", "fine", "run"], "segment masks"),
@@ -28,8 +28,8 @@ fn from_a_run_to_parts_followed_through_time() {
     assert_eq!(names(&segments), ["coarse.png", "segments.safetensors"]);
     refused(volseggs().current_dir(root).args(["segment", "coarse", "run"]), &["--replace"]);
     // refused before anything is opened: there is no run of this name
-    let skins = ["segment", "coarse", "nowhere", "--space", "rgb", "--keep-skins"];
-    refused(volseggs().current_dir(root).args(skins), &["--keep-skins", "--space material"]);
+    let layers = ["segment", "coarse", "nowhere", "--space", "rgb", "--keep-surface-layers"];
+    refused(volseggs().current_dir(root).args(layers), &["--keep-surface-layers", "--space material"]);
     let name = found[0]["name"].as_str().unwrap().to_owned();
 
     let masks = run_json(root, &["segment", "masks", "run", "--views", "5", "--size", "64"]);
@@ -64,7 +64,7 @@ fn from_a_run_to_parts_followed_through_time() {
     clicks_and_groups(root, &name);
 }
 
-/// What is under a pixel, what is like it, and several segments as one.
+/// Checks what is under a pixel, what is similar to it, and several segments as one.
 fn clicks_and_groups(root: &Path, name: &str) {
     let file = root.join("run/segments/segments.safetensors");
     let before = std::fs::read(&file).unwrap();

@@ -1,16 +1,16 @@
-//! `volseggs segment` as a whole program: what is taken back, what gives way to what, and what is refused.
+//! `volseggs segment` as a whole program: what is undone, what replaces what, and what is refused.
 
 use crate::common::{dataset, names, refused, run_json, train, volseggs};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// What `volseggs segment` prints: standard output, standard error.
+/// Runs `volseggs segment` and returns standard output and standard error.
 fn segment(root: &Path, arguments: &[&str]) -> (String, String) {
     let output = volseggs().current_dir(root).arg("segment").args(arguments).assert().success().get_output().clone();
     (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 
-/// Names of a listing, in its order.
+/// Returns the names of a listing, in its order.
 fn listed(root: &Path) -> Vec<String> {
     let all = run_json(root, &["segment", "list", "run"]);
     all["segments"].as_array().unwrap().iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect()
@@ -21,7 +21,7 @@ fn file(root: &Path) -> PathBuf {
     root.join("run/segments/segments.safetensors")
 }
 
-/// A run, which trained for `steps` if given, with two colours as segments.
+/// Trains a run, with `more` arguments, and makes two colours its segments.
 fn two_colours(more: &[&str]) -> TempDir {
     let folder = dataset();
     train(folder.path(), "run", &[]).args(more).assert().success();
@@ -29,7 +29,7 @@ fn two_colours(more: &[&str]) -> TempDir {
     folder
 }
 
-/// Refused for `words`, and the run is as it was.
+/// Checks that a command is refused with `words` and leaves the run as it was.
 fn refused_and_unchanged(root: &Path, arguments: &[&str], words: &[&str]) {
     let state = || (names(&root.join("run")), names(&root.join("run/segments")), std::fs::read(file(root)).unwrap());
     let before = state();
@@ -74,7 +74,7 @@ fn changes_of_segments_are_taken_back() {
     segment(root, &["redo", "run", "--count", "2"]);
     assert_eq!(listed(root), [one, two, "both"]);
 
-    // other colours in their place, and the old ones back
+    // other colours in their place, then the old ones back
     run_json(root, &["segment", "coarse", "run", "--clusters", "3", "--replace"]);
     let new = listed(root);
     refused_and_unchanged(root, &["redo", "run"], &["nothing to redo"]);
@@ -83,7 +83,7 @@ fn changes_of_segments_are_taken_back() {
     segment(root, &["redo", "run"]);
     assert_eq!(listed(root), new);
 
-    // of another state of the scene nothing can come back, nor from a damaged file
+    // neither segments of another state of the scene nor those of a damaged file can be restored
     train(root, "run", &[]).arg("--resume").assert().success();
     refused(volseggs().current_dir(root).args(["segment", "undo", "run"]), &["another state", "--replace"]);
     run_json(root, &["segment", "coarse", "run", "--clusters", "2", "--replace"]);
@@ -139,7 +139,7 @@ fn a_split_takes_nothing_away_that_somebody_made() {
     let (out, _) = segment(root, &["list", "run"]);
     assert_eq!(out.lines().filter(|l| l.starts_with("  ")).count(), 4, "{out}");
 
-    // masks are of the Gaussians that they were made of
+    // masks belong to the Gaussians that they were made from
     let affinity = root.join("run/segments/affinity.safetensors");
     let field = std::fs::read(&affinity).unwrap();
     segment(root, &["coarse", "run", "--clusters", "4", "--replace"]);
@@ -148,7 +148,7 @@ fn a_split_takes_nothing_away_that_somebody_made() {
     segment(root, &["undo", "run"]);
     assert!(std::fs::read(&affinity).unwrap() == field);
 
-    // picked in a part: it goes only when told, and comes back
+    // picked in a part: it is removed only with --replace, and comes back
     let held = (1..=3).map(part).find(|p| {
         let arguments = ["segment", "pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--within", p];
         volseggs().current_dir(root).args(arguments).output().unwrap().status.success()
@@ -161,7 +161,7 @@ fn a_split_takes_nothing_away_that_somebody_made() {
     segment(root, &["undo", "run"]);
     assert!(listed(root).contains(&"deep".to_owned()));
 
-    // names that are taken are left out
+    // names in use are skipped
     segment(root, &["split", "run", name, "--clusters", "2", "--replace"]);
     segment(root, &["remove", "run", &part(1)]);
     segment(root, &["group", "run", &part(1), "mine"]);
@@ -183,7 +183,7 @@ fn every_gaussian_of_coarse_is_accounted_for() {
     assert!(counts.iter().sum::<u64>() == number("in_segments") && counts.iter().all(|n| *n > 0), "{out}");
     let line = format!("{} of 400 Gaussians are in segments; {} are too", number("in_segments"), number("transparent"));
     assert!(told.contains(&line) && told.contains("--min-opacity 0.05") && told.contains("--keep-outliers"), "{told}");
-    // none that are left: the segments of before stay
+    // if none are left, the previous segments stay
     let none = ["coarse", "run", "--replace", "--min-opacity", "1"];
     refused_and_unchanged(root, &none, &["no segments", "400 are too transparent", "--min-opacity 1"]);
 }
@@ -222,7 +222,7 @@ fn numbers_that_no_command_can_use_are_refused() {
     ] {
         refused_and_unchanged(root, &arguments, words);
     }
-    // where the camera looks from the centre itself
+    // a camera at the centre itself
     let (_, newest) = volseggs::train::checkpoint::list(&root.join("run")).pop().unwrap();
     let device = volseggs::device::DeviceName::Flex.open().unwrap();
     let scene = volseggs::model::Scene::load(&newest.join("scene.safetensors"), &device).unwrap();
@@ -252,7 +252,7 @@ fn a_segment_gets_another_name_and_edits_follow_it() {
     refused_and_unchanged(root, &["rename", "run", "core", "../x"], &["cannot be a name"]);
     std::fs::create_dir_all(root.join("run/track").join(two)).unwrap();
     refused_and_unchanged(root, &["rename", "run", two, "x"], &["track", two]);
-    // an edit that was undone still has the name of one that is gone
+    // an undone edit still holds the name of a removed segment
     run_json(root, &["segment", "group", "run", "both", "core", two]);
     run_json(root, &["edit", "hide", "run", "--segment", "both"]);
     run_json(root, &["edit", "undo", "run"]);

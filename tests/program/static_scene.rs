@@ -1,4 +1,5 @@
-//! `--config static` as a whole program: one time of a dataset with many, trained without a field, measured and drawn.
+//! `--config static` as a whole program: one time of a dataset with many, trained without a field, evaluated and
+//! rendered.
 
 use crate::common::{dataset, json, metrics, names, refused, volseggs};
 use serde_json::Value;

@@ -22,7 +22,7 @@ fn root() -> &'static Path {
     })
 }
 
-/// Writes a sweep file whose runs are as small as those of the other tests; gives its path.
+/// Writes a sweep file whose runs are as small as those of the other tests; returns its path.
 fn sweep_file(name: &str, text: &str) -> PathBuf {
     let path = root().join(format!("{name}.toml"));
     let set: String =
@@ -31,7 +31,7 @@ fn sweep_file(name: &str, text: &str) -> PathBuf {
     path
 }
 
-/// `volseggs sweep ARGUMENTS... --out OUT`, to be run.
+/// Returns the command `volseggs sweep ARGUMENTS... --out OUT`.
 fn sweep(arguments: &[&str], file: &Path, out: &Path) -> Command {
     let mut program = Command::new(BINARY);
     program.arg("sweep").args(arguments).arg(file).arg("--out").arg(out);
@@ -44,7 +44,7 @@ fn start(file: &Path, out: &Path) -> Child {
     program.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 
-/// Metrics files of runs that are done, with the time they were written.
+/// Returns the metrics files of completed runs, with the times at which they were written.
 fn done(out: &Path) -> BTreeMap<PathBuf, SystemTime> {
     let Ok(runs) = std::fs::read_dir(out.join("runs")) else { return BTreeMap::new() };
     let files = runs.flat_map(|r| std::fs::read_dir(r.unwrap().path()).unwrap().map(|f| f.unwrap().path()));
@@ -52,7 +52,7 @@ fn done(out: &Path) -> BTreeMap<PathBuf, SystemTime> {
     metrics.map(|f| (f.clone(), f.metadata().unwrap().modified().unwrap())).collect()
 }
 
-/// The report without what depends on the clock.
+/// Returns the report without what depends on the clock.
 fn table(out: &Path, name: &str) -> Vec<Value> {
     let results = json(&out.join(name).join("results.json"));
     let outcomes = results["set"]["outcomes"].as_array().unwrap();
@@ -91,7 +91,7 @@ fn a_sweep_that_is_killed_three_times_loses_nothing_and_repeats_nothing() {
     assert_eq!(now.len(), 12);
     assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a run that was done was done again");
     assert_eq!(table(&straight, "twelve"), table(&killed, "twelve"));
-    // nothing is left to do, and nothing is done
+    // nothing is left to do, so nothing is done
     let again = sweep(&["--json"], &file, &killed).assert().success();
     let results: Value = serde_json::from_slice(&again.get_output().stdout).unwrap();
     assert_eq!(results["outcomes"].as_array().unwrap().len(), 12);
@@ -130,7 +130,7 @@ fn a_run_that_fails_is_recorded_and_the_others_go_on() {
     assert_eq!(done(&out).len(), 2);
     let table = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
     assert!(table.contains("not finite"), "{table}");
-    // it is not tried again unless asked for
+    // it is not retried unless requested
     let again = sweep(&[], &file, &out).assert().code(1);
     assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("1 failed before"));
     let asked = sweep(&["--rerun-failed", "--only", "wild"], &file, &out).assert().code(1);
@@ -211,7 +211,7 @@ fn runs_are_compared_over_their_seeds() {
     let page = std::fs::read_to_string(root().join("comparison/report.html")).unwrap();
     assert!(page.contains("<svg") || page.contains("data:image/svg"), "no curves");
     Command::new(BINARY).args(["compare", "/no/such/run"]).assert().code(2);
-    // measured on fewer views, one cannot be laid beside the others
+    // evaluated on fewer views, a run cannot be compared with the others
     let mean = runs[1].join("eval/test/mean.json");
     let mut summary = json(&mean);
     summary["views"] = 2.into();
@@ -239,18 +239,18 @@ fn devices_are_trained_side_by_side() {
     assert_eq!(found["devices"][0]["psnr"], found["devices"][1]["psnr"]);
 }
 
-/// A copy of the program with other bytes that does the same, as one that was built again.
+/// Makes a copy of the program with other bytes that does the same, as after a rebuild.
 fn rebuilt(name: &str) -> PathBuf {
     let path = root().join(name);
-    // by another process: a file that this one has open for writing cannot be started; what follows the last section of
-    // an executable is passed over
+    // by another process, as a file that this one has open for writing cannot be started; bytes after the last section
+    // of an executable are ignored
     let script = "cp \"$0\" \"$1\" && printf rebuilt >>\"$1\"";
     let copied = std::process::Command::new("sh").args(["-c", script, BINARY]).arg(&path).status().unwrap();
     assert!(copied.success());
     path
 }
 
-/// `PROGRAM sweep ARGUMENTS... --out OUT`: what it says on standard output and standard error.
+/// Runs `PROGRAM sweep ARGUMENTS... --out OUT`; returns standard output and standard error.
 fn said(program: &Path, arguments: &[&str], file: &Path, out: &Path) -> (String, String) {
     let mut command = Command::new(program);
     command.arg("sweep").args(arguments).arg(file).arg("--out").arg(out);
@@ -258,7 +258,7 @@ fn said(program: &Path, arguments: &[&str], file: &Path, out: &Path) -> (String,
     (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 
-/// Short name of the build of `program`, as `doctor` tells it.
+/// Returns the short name of the build of `program`, as `doctor` reports it.
 fn build_of(program: &Path) -> String {
     let output = Command::new(program).args(["doctor", "--json"]).assert().success().get_output().clone();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -287,19 +287,19 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
         assert!(json(&run.join("run.json"))["build"].as_str().unwrap().starts_with(&old));
         assert!(json(metrics)["build"].as_str().unwrap().starts_with(&old));
     }
-    // the same program has nothing to do, and nothing to say of builds
+    // the same program has nothing to do, and nothing to report about builds
     let (_, told) = said(program, &[], &file, &out);
     assert!(told.contains("2 of 2 runs are done before") && !told.contains("build"), "{told}");
     assert_eq!(done(&out), first);
 
-    // the rebuilt one shows what is there, and says whose it is
+    // the rebuilt program shows the existing results, and names their build
     let (status, told) = said(&other, &["status"], &file, &out);
     assert_eq!(status.matches(" done ").count(), 2, "{status}");
     assert!(told.contains(&old) && told.contains(&new), "{told}");
     let (table, told) = said(&other, &["collect"], &file, &out);
     assert!(table.contains(&old) && !table.contains("missing") && told.contains(&new), "{table}{told}");
 
-    // it trains anew, and says so
+    // it retrains, and says so
     let (_, told) = said(&other, &["--dry-run"], &file, &out);
     let line = told.lines().find(|l| l.contains("--any-build")).unwrap();
     assert!(line.contains("2 runs") && line.contains(&old) && line.contains("anew"), "{line}");
@@ -308,7 +308,7 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
     let now = done(&out);
     assert!(now.len() == 3 && untouched(&now), "{now:?}");
 
-    // planned by the new build, half done: the run of the old one is told beside it, and shown when asked for
+    // planned by the new build, half done: the old build's run is reported beside it, and shown on request
     let (status, _) = said(&other, &["status"], &file, &out);
     let open = status.lines().find(|l| l.contains(" to do ")).unwrap();
     assert!(open.contains(&old) && status.matches(" done ").count() == 1, "{status}");
@@ -317,7 +317,7 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
     let (table, _) = said(&other, &["collect", "--any-build"], &file, &out);
     assert!(!table.contains("missing") && table.contains(&old) && table.contains(&new), "{table}");
 
-    // told to, it takes the other one over
+    // on request, it adopts the other one
     let (_, told) = said(&other, &["--any-build"], &file, &out);
     assert!(told.contains(&old) && told.contains("2 of 2 runs are done before"), "{told}");
     assert_eq!(done(&out), now);
@@ -332,7 +332,7 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
         assert!((metric("model_mb") * 1e6 - metric("model_mib") * 1024.0 * 1024.0).abs() < 1e-3, "{outcome}");
     }
 
-    // without being told, it goes on to train what it has not trained itself
+    // without the request, it goes on to train what it has not trained itself
     said(&other, &[], &file, &out);
     let now = done(&out);
     assert!(now.len() == 4 && untouched(&now), "{now:?}");
@@ -344,7 +344,7 @@ fn a_worker_of_another_build_than_planned_trains_a_run_of_its_own() {
     said(program, &["--only", "first"], &file, &out);
     let (old, other) = (build_of(program), rebuilt("volseggs-handed"));
     let new = build_of(&other);
-    // as a task of Slurm whose program was built again while it stood in the queue
+    // like a Slurm task whose program was rebuilt while it was queued
     let mut worker = Command::new(&other);
     let output = worker.args(["sweep", "worker", "--task", "1"]).arg(out.join("handed")).assert().success();
     let told = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
@@ -354,7 +354,7 @@ fn a_worker_of_another_build_than_planned_trains_a_run_of_its_own() {
     assert_eq!((runs.len(), of(&old), of(&new)), (2, 1, 1), "{runs:?}");
     let (status, _) = said(program, &["status"], &file, &out);
     assert!(status.contains(&format!("finished by build {new}")), "{status}");
-    // it does what is done no second time
+    // it does not repeat what is done
     let again =
         Command::new(&other).args(["sweep", "worker", "--task", "1"]).arg(out.join("handed")).assert().success();
     assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("done before"));
@@ -374,7 +374,7 @@ fn all_runs_are_of_the_program_that_began_also_if_its_file_is_replaced() {
     while !out.join("replaced/plan.json").is_file() && patience.elapsed() < Duration::from_secs(60) {
         std::thread::sleep(Duration::from_millis(5));
     }
-    // as a linker puts a new file in the place of the old one
+    // as a linker replaces the old file with a new one
     let next = root().join("volseggs-next");
     let copied = std::process::Command::new("cp").arg(&other).arg(&next).status().unwrap();
     assert!(copied.success());

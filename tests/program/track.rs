@@ -3,7 +3,7 @@
 use crate::common::{SIZE, dataset, names, refused, run_json, train, volseggs};
 use std::path::Path;
 
-/// Pixels of a mask, which has no other values than 0 and 255.
+/// Returns the number of set pixels of a mask, whose values are all 0 or 255, and its size.
 fn pixels(path: &Path) -> (u64, (u32, u32)) {
     let mask = image::open(path).unwrap().into_luma8();
     assert!(mask.pixels().all(|p| matches!(p.0, [0 | 255])), "{}", path.display());
@@ -45,7 +45,7 @@ fn masks_areas_and_pictures_of_chosen_times() {
     assert_eq!((lines[0].as_str(), &lines[1]), ("projected_area", &rows[0]["projected_area"].to_string()));
     assert!(std::fs::read_to_string(out.join("over-time.svg")).unwrap().contains("projected area"));
 
-    // chosen times in any order, twice the size, from a test view; both segments at once
+    // chosen times in any order, at twice the size, from a test view; both segments at once
     let chosen = ["--segment", &other, "--renders", "--at", "0.8", "--at", "0.1", "--at", "0.8", "--view", "2"];
     let rendered = run_json(root, &[&track[..], &low, &chosen, &["--size", "64"]].concat());
     let rows = rendered[0]["statistics"].as_array().unwrap();
@@ -63,7 +63,7 @@ fn masks_areas_and_pictures_of_chosen_times() {
         assert_eq!((render.width(), render.height()), (64, 64));
     }
 
-    // a stricter mask is smaller; a camera of its own; one time alone
+    // a stricter mask is smaller; a camera of its own; a single time
     let one = [&track[..], &["--at", "0.8", "--view", "2", "--size", "64"]].concat();
     let area = |more: &[&str]| {
         let found = run_json(root, &[&one[..], more].concat());
@@ -74,7 +74,7 @@ fn masks_areas_and_pictures_of_chosen_times() {
     let beside = run_json(root, &[&track[..], &low, &["--at", "0.8", "--camera=-9,0.5,3"]].concat());
     assert!(beside[0]["statistics"][0]["projected_share"].as_f64() < rows[1]["projected_share"].as_f64(), "{beside}");
 
-    // edits apply to the pictures alone
+    // edits apply only to the pictures
     let hide = format!(r#"{{"version":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
     std::fs::write(root.join("run/edits.json"), hide).unwrap();
     let hidden = run_json(root, &[&one[..], &low].concat());

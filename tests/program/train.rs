@@ -57,7 +57,7 @@ fn a_run_leaves_a_complete_folder() {
 fn training_improves_the_images() {
     let root = dataset();
     let length = ["stages.joint_steps=280", "densify.joint_until=200", "output.eval_views=6", "output.eval_every=10"];
-    // the default rates are made for thousands of steps
+    // the default rates are meant for thousands of steps
     let rates = ["optim.encoder=0.05", "optim.decoder=0.01", "optim.final_fraction=0.3"];
     let more: Vec<&str> = length.into_iter().chain(rates).collect();
     train(root.path(), "run", &more).assert().success();
@@ -104,7 +104,7 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
     let record = json(&parts.join("run.json"));
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
 
-    // once more with nothing left to do changes nothing
+    // resuming with nothing left to do changes nothing
     train(root.path(), "parts", &[]).arg("--resume").assert().success();
     assert!(newest_bytes(&parts) == newest_bytes(&whole));
     assert_eq!(metrics(&parts), metrics(&whole));
@@ -114,7 +114,7 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
 fn so_does_one_with_every_saving() {
     let root = dataset();
     let savings = ["speed.coarse_steps=40", "speed.sort_every=25", "speed.cull_visits=4", "densify.mode=off"];
-    // many start where there is nothing, and fade fast
+    // many start where there is nothing, and fade quickly
     let fading = ["init.placement=box", "init.opacity=0.01", "optim.opacity=0.5", "densify.prune_opacity=0"];
     let more: Vec<&str> = savings.into_iter().chain(fading).collect();
     train(root.path(), "whole", &more).assert().success();
@@ -137,8 +137,8 @@ fn spawn(root: &Path, name: &str, more: &[&str]) -> Child {
     command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// The newest checkpoint, the one that a resumed run starts from, can be used, and nothing with a temporary
-/// name counts as one. Gives how many there are.
+/// Checks that the newest checkpoint, from which a resumed run starts, can be used, and that nothing with a temporary
+/// name counts as one. Returns the number of checkpoints.
 fn check_checkpoints(run: &Path) -> usize {
     if !run.join("checkpoints").exists() {
         return 0;
@@ -175,9 +175,9 @@ fn a_killed_run_keeps_whole_checkpoints_and_ends_the_same() {
     let (mut killed, mut seen) = (0, 0);
     for share in [0.08, 0.4, 0.15, 0.31, 0.22, 0.37, 0.5] {
         let mut child = spawn(root.path(), "killed", &more);
-        // by the machine's own speed, so that it gets somewhere also where much else runs
+        // scaled to the machine's speed, so that training gets somewhere even when the machine is busy
         std::thread::sleep(whole.mul_f64(share).max(Duration::from_millis(50)));
-        // the last one gets as far as a checkpoint, however busy the machine has become since it was measured
+        // the last one reaches a checkpoint, however busy the machine has become since it was measured
         while share == 0.5 && checkpoint::list(&run).is_empty() && child.try_wait().unwrap().is_none() {
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -203,7 +203,7 @@ fn a_killed_run_keeps_whole_checkpoints_and_ends_the_same() {
 #[test]
 fn signals_save_a_checkpoint() {
     let root = dataset();
-    // far too long to end by itself, and no checkpoint is due before the signal comes
+    // far too long to end by itself, with no checkpoint due before the signal comes
     let more = ["stages.joint_steps=200000", "output.checkpoint_every=100000"];
     for signal in ["TERM", "INT"] {
         let run = root.path().join(signal);

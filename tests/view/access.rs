@@ -1,5 +1,5 @@
-//! Everybody can use the page: names, contrast in light and dark, keys alone. The faults that are looked for are in
-//! `access.js`; with `VOLSEGGS_AXE=FILE`, where FILE is `axe.min.js` of axe-core, its serious ones too.
+//! Accessibility of the page: names, contrast in light and dark, use by keys alone. The checked faults are in
+//! `access.js`; with `VOLSEGGS_AXE=FILE`, where FILE is `axe.min.js` of axe-core, its serious ones are checked too.
 
 use crate::browser::{Browser, Tab};
 use crate::run;
@@ -8,10 +8,10 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use volseggs_testing::{Need, skip};
 
-/// Opens the parts of the panel that are folded, so that all there is can be looked at.
+/// Unfolds the parts of the panel, so that everything can be checked.
 const UNFOLD: &str = "document.querySelectorAll('details').forEach((part) => { part.open = true; })";
 
-/// The script of axe-core, if this machine has it.
+/// Returns the script of axe-core, if this machine has it.
 fn axe() -> Option<String> {
     let Ok(file) = std::env::var("VOLSEGGS_AXE") else {
         skip(Need::Axe, "VOLSEGGS_AXE is not set, a file axe.min.js of axe-core, so its faults are not looked for");
@@ -20,7 +20,7 @@ fn axe() -> Option<String> {
     Some(std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("VOLSEGGS_AXE={file}: {e}")))
 }
 
-/// Faults of the page as it is now.
+/// Returns the faults of the page in its present state.
 fn faults(browser: &mut Browser, tab: &Tab, axe: Option<&str>) -> Vec<Value> {
     let mut found = browser.eval(tab, include_str!("access.js")).as_array().unwrap().clone();
     if let Some(axe) = axe {
@@ -46,7 +46,7 @@ fn nobody_is_kept_out() {
         assert_eq!(faults(&mut browser, &tab, axe), [] as [Value; 0], "{scheme}, at the start");
         browser.eval(&tab, UNFOLD);
         assert_eq!(faults(&mut browser, &tab, axe), [] as [Value; 0], "{scheme}, unfolded");
-        // as much as there is to see: handles, an opened row, an edit, a message of what went wrong
+        // as much as possible on the page: handles, an opened row, an edit, an error message
         browser.eval(&tab, "document.querySelector('#tree input[type=checkbox]').click()");
         browser.eval(&tab, "document.querySelector('#tree [data-key^=more]').click()");
         browser.eval(&tab, "document.getElementById('hide').click()");
@@ -112,7 +112,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
     );
     assert!(missed.is_empty(), "Tab does not come to {what}");
 
-    // a part is folded by keys, and stays so when the page is loaded again
+    // a part is folded by keys, and stays folded when the page is reloaded
     browser.eval(&tab, "document.querySelector('#part-look summary').focus()");
     browser.key(&tab, "Enter", 0);
     browser.wait(&tab, "!document.getElementById('part-look').open");
@@ -126,7 +126,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
         json!([false, true])
     );
 
-    // Space is that of what has the focus
+    // Space acts on what has the focus
     browser.eval(&tab, "document.getElementById('loop').focus()");
     browser.key(&tab, " ", 0);
     assert_eq!(
@@ -134,7 +134,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
         json!([false, "Play"])
     );
 
-    // the picture itself by keys
+    // the picture itself, by keys
     browser.eval(&tab, "document.getElementById('picture').focus()");
     let mut before = browser.picture(&tab);
     for key in ["ArrowLeft", "ArrowUp", "+", "-", "q", ".", "r"] {

@@ -1,4 +1,4 @@
-//! A run that is looked at in the process that trains it.
+//! Viewing a run in the process that trains it.
 
 use crate::browser::Browser;
 use crate::common::{
@@ -12,10 +12,10 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 use volseggs::train::checkpoint;
 
-/// Steps enough for a window to come and go.
+/// Enough steps for a window to come and go.
 const SETTINGS: [&str; 2] = ["stages.joint_steps=1500", "output.checkpoint_every=500"];
 
-/// A training in `root/run` with a viewer.
+/// Starts a training in `root/run` with a viewer.
 fn start(root: &Path, settings: &[&str], flags: &[&str]) -> Server {
     let mut command = Command::new(BINARY);
     command.args(train_arguments(root, "run", settings)).arg("--view").args(flags);
@@ -26,7 +26,7 @@ fn pause(window: &mut Window, id: u32, pause: bool) {
     window.say(&json!({ "type": "pause", "id": id, "pause": pause }));
 }
 
-/// What is told of a training whose live part fits.
+/// Waits for a message about the training whose live part satisfies `fits`.
 fn told(window: &mut Window, fits: impl Fn(&Value) -> bool) -> Value {
     window.wait_for(|m| m["type"] == "training" && fits(&m["live"]))
 }
@@ -47,7 +47,7 @@ fn looking_on_and_pausing_changes_no_bit_and_the_last_picture_is_of_the_last_sce
     pause(&mut window, 1, true);
     let first = told(&mut window, is_paused)["steps"].as_u64().unwrap();
     assert!(first < 1000, "{first} steps before the first window");
-    // in a pause as in the steps between, as many pictures as it gives
+    // many pictures during each pause, with steps between the pauses
     let mut seen = Vec::new();
     let mut last = first;
     for id in [2, 4, 6] {
@@ -176,7 +176,7 @@ fn a_person_looks_on_and_has_the_training_pause() {
     let step = format!("Number({}.match(/step ([0-9,]+)/)[1].replace(',', ''))", text("scene"));
     browser.wait(&tab, &format!("{step} >= 0"));
     let (first, picture) = (browser.eval(&tab, &step), browser.picture(&tab));
-    // the part is open, and the picture follows by itself
+    // the part is open, and the picture is renewed by itself
     browser.wait(&tab, &format!("/steps.s, .* left, loss/.test({})", text("live-figures")));
     browser.wait(&tab, &format!("{step} > {first}"));
     let until = Instant::now() + Duration::from_secs(60);
@@ -191,7 +191,7 @@ fn a_person_looks_on_and_has_the_training_pause() {
     browser.rests(&tab);
     let paused = browser.eval(&tab, &text("training-figures"));
     browser.shoot(&tab, "7-train-view");
-    // another window sees it too, and ends it
+    // another window sees the pause too, and ends it
     let other = browser.open(&server.url());
     browser.wait(&other, &format!("{} === {paused}", text("training-figures")));
     browser.eval(&other, "document.getElementById('pause').click()");

@@ -1,5 +1,5 @@
-//! The page in a real browser: Chromium without a window, driven by its own debugging protocol over a websocket, which
-//! needs neither a driver program nor another dependency.
+//! The page in a real browser: headless Chromium, driven by its own debugging protocol over a websocket, which needs
+//! neither a driver program nor another dependency.
 
 use crate::socket::Server;
 use base64::Engine;
@@ -19,11 +19,11 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Width and height of the window.
 const WINDOW: [u32; 2] = [1100, 760];
 
-/// The middle of the picture, where something is, in the window.
+/// The middle of the picture, where an object is, in window coordinates.
 pub const MIDDLE: &str = "(() => { const b = document.getElementById('picture').getBoundingClientRect(); \
                       return [b.left + b.width / 2, b.top + b.height / 2]; })()";
 
-/// Chromium.
+/// A running Chromium.
 pub struct Browser {
     child: Child,
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
@@ -33,12 +33,12 @@ pub struct Browser {
     _profile: TempDir,
 }
 
-/// A tab of it.
+/// A tab of the browser.
 #[derive(Clone)]
 pub struct Tab(String);
 
 impl Browser {
-    /// Starts it; `None` where there is none, which has been said.
+    /// Starts the browser; `None` if there is none, which has then been reported.
     pub fn start() -> Option<Self> {
         let profile = tempfile::tempdir().unwrap();
         let started = ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|program| {
@@ -74,7 +74,7 @@ impl Browser {
             skip(Need::Browser, "`chromium` does not start");
             return None;
         };
-        // what it goes on to say is of no matter, but must go somewhere
+        // its further output does not matter, but must go somewhere
         std::thread::spawn(move || lines.for_each(drop));
         let (socket, _) = tungstenite::connect(&url).unwrap();
         Some(Self { child, socket, calls: 0, wrong: Vec::new(), _profile: profile })
@@ -104,7 +104,7 @@ impl Browser {
         }
     }
 
-    /// Opens a page in a tab of its own.
+    /// Opens a page in a new tab.
     pub fn open(&mut self, url: &str) -> Tab {
         let target = self.call(None, "Target.createTarget", json!({ "url": "about:blank" }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
@@ -116,14 +116,14 @@ impl Browser {
         tab
     }
 
-    /// Opens the page of a viewer in a tab of its own, and waits for its picture.
+    /// Opens the page of a viewer in a new tab, and waits for its picture.
     pub fn visit(&mut self, server: &Server) -> Tab {
         let tab = self.open(&server.url());
         self.rests(&tab);
         tab
     }
 
-    /// The value of an expression on the page.
+    /// Returns the value of an expression on the page.
     pub fn eval(&mut self, tab: &Tab, expression: &str) -> Value {
         let asked = json!({ "expression": expression, "awaitPromise": true, "returnByValue": true });
         let answer = self.call(Some(tab), "Runtime.evaluate", asked);
@@ -134,7 +134,7 @@ impl Browser {
     /// Waits until an expression is true.
     pub fn wait(&mut self, tab: &Tab, expression: &str) {
         let until = Instant::now() + PATIENCE;
-        // the page may not be there yet
+        // the page may not be loaded yet
         let guarded = format!("(() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }})()");
         while self.eval(tab, &guarded) != true {
             if Instant::now() > until {
@@ -145,13 +145,13 @@ impl Browser {
         }
     }
 
-    /// Waits until the picture shows all that was asked for, without loss.
+    /// Waits until the picture shows everything that was requested, losslessly.
     pub fn rests(&mut self, tab: &Tab) {
         std::thread::sleep(Duration::from_millis(250));
         self.wait(tab, "document.getElementById('picture').dataset.lossless === 'true'");
     }
 
-    /// A number that tells the picture from others.
+    /// Returns a hash of the picture.
     pub fn picture(&mut self, tab: &Tab) -> Value {
         let pixels = "(() => { const c = document.getElementById('picture'); \
                       const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; \
@@ -178,14 +178,14 @@ impl Browser {
                 event["windowsVirtualKeyCode"] = u32::from(key.to_ascii_uppercase().as_bytes()[0]).into();
             }
             if kind == "keyDown" && modifiers & 2 == 0 {
-                // what makes a button or a form act on it
+                // the text that makes a button or a form respond to it
                 match key {
                     "Enter" => event["text"] = "\r".into(),
                     _ if key.len() == 1 => event["text"] = key.into(),
                     _ => {}
                 }
             }
-            // what the browser itself does with a key goes by this number
+            // the browser's own response to a key depends on this number
             if let Some((_, code)) = [("Tab", 9), ("Enter", 13), ("Escape", 27)].iter().find(|(name, _)| *name == key) {
                 event["windowsVirtualKeyCode"] = (*code).into();
             }
@@ -193,7 +193,7 @@ impl Browser {
         }
     }
 
-    /// Sets an input as a person would.
+    /// Sets an input as a user would.
     pub fn set(&mut self, tab: &Tab, id: &str, value: &str) {
         let set = format!(
             "(() => {{ const e = document.getElementById('{id}'); e.value = '{value}'; \
@@ -202,7 +202,7 @@ impl Browser {
         self.eval(tab, &set);
     }
 
-    /// Writes what is seen beside the build, to look at.
+    /// Saves a screenshot beside the build, for inspection.
     pub fn shoot(&mut self, tab: &Tab, name: &str) {
         let shot = self.call(Some(tab), "Page.captureScreenshot", json!({}));
         let png = base64::engine::general_purpose::STANDARD.decode(shot["data"].as_str().unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! Many who change the document at once, windows and commands: nothing is lost.
+//! Concurrent changes of the document, by windows and commands: nothing is lost.
 
 use crate::common::{BINARY, run_json};
 use crate::socket::{Server, Window};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::process::{Command, Stdio};
 
-/// Windows that change at once, beside one line of commands.
+/// Windows that make changes at once, alongside a sequence of commands.
 const WINDOWS: u64 = 3;
 
 #[test]
@@ -63,7 +63,7 @@ fn of_changes_by_windows_and_commands_at_once_none_is_lost() {
         |o: &serde_json::Value| (4096.0 * (o["operation"]["opacity"]["factor"].as_f64().unwrap() - 0.5)).round() as u64;
     let factors: BTreeSet<u64> = made.iter().map(number).collect();
     assert_eq!((made.len() as u64, factors), (count, (0..count).collect()), "each once");
-    // and the viewer knows them all
+    // and the viewer knows all of them
     let (mut window, _) = Window::open(&server);
     window.wait_for(|m| m["edits"].as_array().is_some_and(|e| e.len() as u64 == count));
 }
@@ -94,7 +94,7 @@ fn of_two_clicks_that_become_segments_at_once_one_is_stale_and_a_window_need_not
     let mut third = open([16, 16]);
     let base = third.document["revision"].clone();
     third.say(&commit(&base, "three"));
-    // what comes after it is answered: it was heard
+    // what follows it is answered, so it was received
     third.say(&json!({ "type": "command", "id": 3 }));
     third.wait_for(|m| m["id"] == 3);
     drop(third);

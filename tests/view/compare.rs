@@ -1,4 +1,4 @@
-//! The picture beside the picture.
+//! The comparison picture beside the main picture.
 
 use crate::browser::{Browser, Tab};
 use crate::common::{SIZE, copy, refused, run_json, volseggs};
@@ -33,7 +33,7 @@ fn beside_a_picture_is_the_one_that_it_is_compared_with() {
         let picture = window.lossless();
         assert!(picture.number == other.number && picture.picture == now);
     }
-    // two colours that stand for numbers have one scale
+    // two colourings of numbers share one scale
     wanted["look"] = "velocity speed".into();
     wanted["compare"] = json!({ "with": "time", "time": 0.3 });
     window.say(&wanted);
@@ -58,7 +58,7 @@ fn beside_a_picture_is_the_one_that_it_is_compared_with() {
     for (x, y, pixel) in file.enumerate_pixels().filter(|(_, _, p)| p[3] == 0 || p[3] > 200) {
         assert_eq!(*image.get_pixel(x, y) == white, pixel[3] == 0, "over the background at {x}, {y}");
     }
-    // where the view is said to be is where `render` puts it
+    // the view is where `render` puts it
     let mut there = view(&welcome, views[1]["time"].as_f64().unwrap(), "colour", false);
     ["eye", "target", "up", "fov"].into_iter().for_each(|k| there[k] = views[1][k].clone());
     window.say(&there);
@@ -68,7 +68,7 @@ fn beside_a_picture_is_the_one_that_it_is_compared_with() {
     let apart = drawn.iter().zip(rendered.iter()).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(apart <= Some(1), "{apart:?}");
     window.say(&wanted);
-    // it comes once
+    // it is sent only once
     window.lossless();
     wanted["time"] = 0.4.into();
     window.say(&wanted);
@@ -80,7 +80,7 @@ fn beside_a_picture_is_the_one_that_it_is_compared_with() {
     assert!(window.lossless().png, "the picture itself is there");
 }
 
-/// A run beside another: the same trained on for some steps, without its segments.
+/// Makes a second run beside the run: the same, trained for some more steps, without its segments.
 fn with_another() -> tempfile::TempDir {
     let folder = run();
     let root = folder.path();
@@ -120,11 +120,11 @@ fn another_run_is_drawn_as_render_draws_it_from_the_same_camera_at_the_same_time
     assert!(beside(0, "colour", &[]) == rendered("my other/run", &[]), "other bytes than render's");
     // the checkpoint is of the same run: its segments and edits are those of the run, which do not fit it
     assert!(beside(1, "colour", &[]) == rendered("run/checkpoints/step-000070", &["--no-edits"]));
-    // a segment that the other run has not is not there: the background is
+    // a segment that the other run lacks leaves only the background
     let empty = image::load_from_memory(&beside(0, "colour", &[&name])).unwrap().to_rgb8();
     let first = *empty.get_pixel(0, 0);
     assert!(empty.pixels().all(|p| *p == first));
-    // the other run is segmented by a command meanwhile
+    // meanwhile, a command segments the other run
     run_json(root, &["segment", "coarse", "my other/run", "--clusters", "2"]);
     let until = std::time::Instant::now() + std::time::Duration::from_secs(30);
     while beside(0, "segments", &[]) != rendered("my other/run", &["--show", "segments"]) {
@@ -215,7 +215,7 @@ fn a_person_compares_with_another_run() {
     assert_eq!(browser.eval(&tab, "document.getElementById('other').hidden"), true);
     browser.eval(&tab, "document.getElementById('compare-flip').click()");
     assert_eq!(browser.eval(&tab, "document.getElementById('compared').textContent"), "Shown: run, step 90");
-    // what it lacks is said where it would be
+    // what it lacks is reported in its place
     browser.set(&tab, "look", "segments");
     browser.wait(&tab, "document.getElementById('compared').textContent.includes('has none yet')");
     browser.shoot(&tab, "11-other-run-lacks");

@@ -1,11 +1,11 @@
-//! Who is let in: every mixture of host, origin and token; messages that are too long or make no sense.
+//! Access to the viewer: every combination of host, origin and token; messages that are too long or malformed.
 
 use crate::socket::{Server, Window, connect};
 use crate::{run, view};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 
-/// The status line and headers that a request of these headers gets, in lower case, and the rest.
+/// Sends a request with these headers; returns the status line and headers of the answer, in lower case, and the rest.
 fn get(server: &Server, path: &str, headers: &str) -> (String, String) {
     let mut stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
     write!(stream, "GET {path} HTTP/1.1\r\n{headers}Connection: close\r\n\r\n").unwrap();
@@ -41,7 +41,7 @@ fn only_who_has_the_token_and_means_this_server_is_let_in() {
             assert!(!body.contains(&server.token));
         }
     }
-    // the token in the address becomes a cookie, and goes from the address
+    // the token in the address becomes a cookie, and is removed from the address
     let (head, _) = get(&server, &format!("/?token={}", server.token), &here);
     assert!(head.starts_with("http/1.1 303") && head.contains("location: /\r\n"), "{head}");
     assert!(head.contains("set-cookie: ") && head.contains("httponly") && head.contains("samesite=strict"), "{head}");
@@ -49,7 +49,7 @@ fn only_who_has_the_token_and_means_this_server_is_let_in() {
         assert!(get(&server, path, &here).0.starts_with("http/1.1 403"), "{path}");
     }
     assert!(get(&server, &format!("/?token={}", server.token), &elsewhere).0.starts_with("http/1.1 403"));
-    // nothing but the page is there, whatever the path
+    // only the page is served, whatever the path
     for path in ["/../Cargo.toml", "/%2e%2e/run/run.json", "/run/run.json", "//etc/passwd", "/ws/x"] {
         let (head, _) = get(&server, path, &format!("{here}{cookie}"));
         assert!(head.starts_with("http/1.1 404") || head.starts_with("http/1.1 400"), "{path}: {head}");

@@ -1,4 +1,4 @@
-//! Handles on the picture: what is shown while one is dragged, what is saved when it is let go, and one undo for all.
+//! Handles on the picture: what is shown while one is dragged, what is saved when it is released, and one undo for all.
 
 use crate::browser::{Browser, Tab};
 use crate::common::run_json;
@@ -45,7 +45,7 @@ fn a_preview_shows_what_the_edit_will_and_saves_nothing() {
     window.say(&old);
     assert!(window.lossless().picture == plain, "of another document");
 
-    // saved: the same picture, also while the window still asks for the preview, and at other times too
+    // saved: the same picture, even while the window still requests the preview, and at other times too
     window.say(&shown);
     window.lossless();
     let done = change(&mut window, 2, &json!({ "kind": "edit", "segments": [&name], "operation": operation }));
@@ -88,7 +88,7 @@ fn one_undo_takes_back_whichever_of_segments_and_edits_changed_last() {
     let hide = json!({ "kind": "edit", "segments": [&name], "operation": "hide" });
     change(&mut window, 1, &hide);
     change(&mut window, 2, &json!({ "kind": "group", "name": "all", "segments": [&name] }));
-    // a command's change has its turn too
+    // a change by a command takes its turn too
     run_json(root, &["edit", "opacity", "run", "--segment", &name, "--factor", "0.5"]);
     window.wait_for(|m| m["type"] == "document" && m["edits"].as_array().is_some_and(|e| e.len() == 2));
     let state = |root: &Path| (operations(root).len(), names(root).len().saturating_sub(first.len()));
@@ -107,13 +107,13 @@ fn one_undo_takes_back_whichever_of_segments_and_edits_changed_last() {
     for wanted in [(1, 1), (1, 0), (0, 0)] {
         assert_eq!(last(&mut window, true), Some(wanted));
     }
-    // what was there before the viewer: the segments by colour
+    // undo reaches what existed before the viewer: the segments by colour
     last(&mut window, true).unwrap();
     assert!(list(root).is_empty());
     assert_eq!(last(&mut window, true), None, "nothing left to undo");
 }
 
-/// Where a handle can be taken, in the window: the middle of its line.
+/// Returns a point at which a handle can be grabbed, in window coordinates: at 0.7 of its line, or its centre.
 fn grip(browser: &mut Browser, tab: &Tab, label: &str) -> [f64; 2] {
     let at = browser.eval(
         tab,
@@ -151,7 +151,7 @@ fn a_person_drags_handles_and_takes_it_back() {
         }
         [from[0] + by[0], from[1] + by[1]]
     };
-    // Esc while it is dragged leaves all as it was
+    // Esc during a drag leaves everything as it was
     let at = pull(&mut browser, "Move along z", [0.0, -60.0]);
     browser.rests(&tab);
     assert_ne!(browser.picture(&tab), plain, "the picture follows");
@@ -185,7 +185,7 @@ fn a_person_drags_handles_and_takes_it_back() {
     let by = &operations(root)[0]["operation"]["translate"]["by"];
     assert!(by[0] == 0.0 && by[1] == 0.0 && by[2].as_f64().unwrap() > 0.0, "{by}");
 
-    // where a second picture is beside it, they stay on the first
+    // with a second picture beside the first, the handles stay on the first
     browser.set(&tab, "compare", "plain");
     browser.rests(&tab);
     let within = "(() => { const [g, c] = ['gizmo', 'picture'].map((id) => document.getElementById(id).getBoundingClientRect()); \
@@ -195,7 +195,7 @@ fn a_person_drags_handles_and_takes_it_back() {
     browser.rests(&tab);
     browser.wait(&tab, within);
 
-    // by keys, then all of it back and forth
+    // by keys, then everything is undone, and one step redone
     browser.eval(&tab, "document.querySelector('#gizmo [aria-label=\"Move along x\"]').focus()");
     browser.key(&tab, "ArrowRight", 0);
     browser.key(&tab, "ArrowRight", 0);

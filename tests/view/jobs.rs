@@ -1,4 +1,4 @@
-//! Long work from a window: what it makes is what the commands make, it is told to everybody, and can be cancelled.
+//! Long work from a window: it makes what the commands make, is announced to every window, and can be cancelled.
 
 use crate::common::{copy, run_json, volseggs};
 use crate::run;
@@ -11,7 +11,7 @@ fn start(window: &mut Window, id: u32, task: &Value) {
     window.say(&json!({ "type": "job", "id": id, "base": base, "task": task }));
 }
 
-/// Does it, and gives how it ended.
+/// Runs a task and returns how it ended.
 fn ended(window: &mut Window, id: u32, task: &Value) -> Value {
     start(window, id, task);
     let answer = window.wait_for(|m| m["id"] == id);
@@ -19,7 +19,7 @@ fn ended(window: &mut Window, id: u32, task: &Value) -> Value {
     window.wait_for(|m| m["type"] == "job" && !m["end"].is_null())
 }
 
-/// Does it, and gives what was made in words.
+/// Runs a task and returns the description of its result.
 fn made(window: &mut Window, id: u32, task: &Value) -> String {
     let job = ended(window, id, task);
     job["end"]["done"].as_str().unwrap_or_else(|| panic!("{job}")).to_owned()

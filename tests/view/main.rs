@@ -1,13 +1,15 @@
-//! `volseggs view` and `volseggs train --view` over their own network: who is let in, what is drawn, and that what is done there is what commands do.
+//! `volseggs view` and `volseggs train --view` over the network: who is let in, what is drawn, and that actions there
+//! do what commands do.
 //!
-//! Some tests have a short form, an ordinary part of `cargo test`, and a long one, which is the same code with more rounds:
+//! Some tests have a short form, an ordinary part of `cargo test`, and a long one, which is the same code with more
+//! rounds:
 //!
-//! | variable | what | if not given |
+//! | variable | meaning | default |
 //! |---|---|---|
-//! | `VOLSEGGS_VIEW_MESSAGES` | malformed messages | 2,000 |
+//! | `VOLSEGGS_VIEW_MESSAGES` | number of malformed messages | 2,000 |
 //! | `VOLSEGGS_VIEW_SEED` | their seed | 1 |
-//! | `VOLSEGGS_VIEW_CHANGES` | changes by three windows and by commands at once | 60 |
-//! | `VOLSEGGS_VIEW_FRAMES` | frames between the two looks at the memory of the viewer | 400 |
+//! | `VOLSEGGS_VIEW_CHANGES` | simultaneous changes by three windows and by commands | 60 |
+//! | `VOLSEGGS_VIEW_FRAMES` | frames between the two measurements of the viewer's memory | 400 |
 #![cfg(feature = "view")]
 #![allow(clippy::unwrap_used)]
 
@@ -46,20 +48,20 @@ static RUN: LazyLock<PathBuf> = LazyLock::new(|| {
     root
 });
 
-/// A copy of it.
+/// Copies the run.
 fn run() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy(&RUN.join("run"), &folder.path().join("run"));
     folder
 }
 
-/// A number from the environment, see the top.
+/// Reads a number from the environment; see the top of this file.
 fn setting(name: &str, or: u64) -> u64 {
     let Ok(text) = std::env::var(name) else { return or };
     text.parse().unwrap_or_else(|_| panic!("{name}={text}: a whole number"))
 }
 
-/// What is seen from 3, -2, 1.5.
+/// Returns the view from (3, -2, 1.5).
 fn view(welcome: &Value, time: f64, look: &str, moving: bool) -> Value {
     json!({
         "type": "view", "eye": [3.0, -2.0, 1.5], "target": welcome["centre"], "up": [0.0, 0.0, 1.0], "fov": welcome["fov"],
@@ -153,7 +155,7 @@ fn what_a_click_makes_is_what_pick_makes() {
         let typed =
             ["segment", "pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--time", "0.5", "--name", &name];
         let made = run_json(root, &[&typed[..], flags].concat());
-        // what is seen at other times joins what was picked
+        // Gaussians seen at other times join the picked ones
         let count = |v: &Value| v.as_u64().unwrap();
         let then = count(&made["made"][1]) - count(&made["from_other_times"]);
         assert!(0 < then && then <= count(&picked["gaussians"]), "{made} {picked}");
@@ -164,7 +166,7 @@ fn what_a_click_makes_is_what_pick_makes() {
         let [viewed, typed] = [&format!("viewed{n}"), &name].map(|name| all.get(name).unwrap().clone());
         assert_eq!((viewed.members, viewed.parent, viewed.origin), (typed.members, typed.parent, typed.origin));
     }
-    // a nudge of the last click, and nothing under another
+    // an adjustment of the last click, and a click outside the picture
     window.say(&json!({ "type": "pick", "id": 30, "pixel": [16, 16], "within": null, "meaning": null }));
     window.wait_for(|m| m["type"] == "picked" && m["id"] == 30);
     window.say(&json!({ "type": "adjust", "id": 31, "meaning": { "by": { "scale": 0.9, "threshold": -1.0 } } }));
@@ -195,7 +197,7 @@ fn changes_are_shared_kept_and_refused_when_they_are_stale() {
     second.say(&change(2, &base, fade));
     let stale = second.wait_for(|m| m["id"] == 2);
     assert!(stale["message"].as_str().unwrap().contains("changed meanwhile"), "{stale}");
-    // a command writes beside the viewer, which hears of it
+    // a command writes while the viewer runs, which notices it
     run_json(root, &["segment", "group", "run", "both", &name]);
     let newer = second.wait_for(|m| m["type"] == "document" && m["segments"].to_string().contains("both"));
     assert!(newer["revision"].as_u64() > seen["revision"].as_u64());

@@ -1,4 +1,4 @@
-//! Who is let in, in every mixture of name, origin, secret, method and path.
+//! Access to the viewer, for every combination of host, origin, secret, method and path.
 
 use crate::browser::Browser;
 use crate::run;
@@ -7,7 +7,7 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// The head of the answer in lower case: a websocket's connection stays open after it.
+/// Returns the head of the answer in lower case; a websocket's connection stays open after it.
 fn head(server: &Server, request: &str) -> String {
     let mut stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
@@ -33,14 +33,14 @@ fn every_mixture_of_host_origin_secret_and_method() {
     let hosts = [
         (Some(format!("localhost:{port}")), true),
         (Some(format!("127.0.0.1:{port}")), true),
-        // what ssh forwards may have another port
+        // an ssh tunnel may have another port
         (Some("localhost:9".to_owned()), true),
         (Some(format!("evil.example:{port}")), false),
         (Some(format!("localhost.evil.example:{port}")), false),
         (Some(format!("127.0.0.1.evil.example:{port}")), false),
         (None, false),
     ];
-    // an origin that names its host is of this server's own page if that host is
+    // an origin that names its host belongs to this server's own page if that host does
     let origins = [Some("=host"), Some("http://evil.example"), Some("null"), Some("http://localhost:1"), None];
     let wrong = "0".repeat(32);
     let cookie = |value: &str| format!("Cookie: a=b; volseggs-{port}={value}\r\n");
@@ -52,7 +52,7 @@ fn every_mixture_of_host_origin_secret_and_method() {
         (String::new(), format!("?token={}", server.token), false, true),
         (String::new(), format!("?token={wrong}"), false, false),
         (cookie(&wrong), format!("?token={}", server.token), false, true),
-        // who knows both gets an address without the secret
+        // a client that has both gets an address without the secret
         (cookie(&server.token), format!("?token={}", server.token), true, true),
         (cookie(&server.token), format!("?token={wrong}"), true, false),
         (format!("Cookie: volseggs-{}={}\r\n", port ^ 1, server.token), String::new(), false, false),
@@ -100,7 +100,7 @@ fn every_mixture_of_host_origin_secret_and_method() {
                         asked += 1;
                         if status == 101 {
                             opened += 1;
-                            // eight windows at a time, and this one is gone in a moment
+                            // at most eight windows at a time, and this one will be gone in a moment
                             std::thread::sleep(Duration::from_millis(50));
                         }
                     }

@@ -1,4 +1,4 @@
-//! Messages that make no sense, and windows that behave badly: the viewer answers, and goes on for the others.
+//! Malformed messages, and windows that behave badly: the viewer answers, and continues for the others.
 
 use crate::socket::{Server, Window};
 use crate::{run, setting, view};
@@ -25,7 +25,7 @@ impl Dice {
     }
 }
 
-/// Messages as a page sends them.
+/// Returns messages as a page sends them.
 fn sound(welcome: &Value, name: &str) -> Vec<Value> {
     let change = |what: Value| json!({ "type": "change", "id": 7, "base": 1, "change": what });
     let edit = |operation: Value| change(json!({ "kind": "edit", "segments": [name], "operation": operation }));
@@ -53,7 +53,7 @@ fn sound(welcome: &Value, name: &str) -> Vec<Value> {
     ]
 }
 
-/// Something else in the place of a value.
+/// Returns an odd value to replace another.
 fn odd(dice: &mut Dice) -> Value {
     match dice.below(12) {
         0 => Value::Null,
@@ -71,7 +71,7 @@ fn odd(dice: &mut Dice) -> Value {
     }
 }
 
-/// Changes a value somewhere below.
+/// Changes a value at some depth.
 fn spoil(dice: &mut Dice, value: &mut Value) {
     match value {
         Value::Object(map) if !map.is_empty() => {
@@ -97,7 +97,7 @@ fn spoil(dice: &mut Dice, value: &mut Value) {
     }
 }
 
-/// A text that is nearly a message.
+/// Returns a text that is almost a message.
 fn nearly(dice: &mut Dice, messages: &[Value]) -> String {
     let mut message = dice.of(messages).clone();
     for _ in 0..=dice.below(3) {
@@ -109,7 +109,7 @@ fn nearly(dice: &mut Dice, messages: &[Value]) -> String {
         1 => text.replacen(':', "::", 1),
         2 => format!("{text}{text}"),
         3 => "[".repeat(dice.below(20_000)),
-        // twice the same key, which maps of the library cannot hold
+        // a duplicate key, which maps of the library cannot hold
         4 => text.replacen('{', "{\"type\":\"clear\",", 1),
         _ => text,
     }
@@ -128,7 +128,7 @@ fn malformed_messages_are_answered_and_change_nothing_else() {
         let text = nearly(&mut dice, &messages);
         window.say_text(&text);
         if k % 40 == 39 {
-            // what was said so far was heard: this is answered by its own words
+            // everything so far was received: this message is answered in its own words
             window.say(&json!({ "type": format!("said-{k}") }));
             window.wait_for(|m| m["message"].as_str().is_some_and(|t| t.contains(&format!("said-{k}`"))));
         }
@@ -151,7 +151,7 @@ fn a_window_that_reads_nothing_stops_nobody_else() {
     let server = Server::start(folder.path(), &[]);
     let (mut deaf, welcome) = Window::open(&server);
     let (mut other, _) = Window::open(&server);
-    // answers pile up for one that reads none of them: it is given up
+    // answers pile up for a window that reads none of them: it is dropped
     let mut said = Map::new();
     said.insert("type".into(), "x".repeat(4000).into());
     let text = Value::Object(said).to_string();

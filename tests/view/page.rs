@@ -1,4 +1,4 @@
-//! What a person does on the page, in a real browser.
+//! What a user does on the page, in a real browser.
 
 use crate::browser::{Browser, MIDDLE, PATIENCE};
 use crate::common::{run_json, volseggs};
@@ -147,7 +147,7 @@ fn a_person_compares_with_the_image_another_time_and_no_edits() {
     let now = columns(&mut browser);
     assert!(now[0][0] == false && now[1][0] == false && now[0][1] == now[1][1], "{now}");
     browser.shoot(&tab, "6-image");
-    // how far apart the two pictures are
+    // the difference between the two pictures
     let apart = "(() => { const [a, b] = ['picture', 'other'].map((id) => { const c = document.getElementById(id); \
                  return c.getContext('2d').getImageData(c.width / 4, c.height / 4, c.width / 2, c.height / 2).data; }); \
                  let sum = 0; for (let i = 0; i < a.length; i++) if (i % 4 < 3 && b[i - i % 4 + 3]) sum += Math.abs(a[i] - b[i]); \

@@ -3,10 +3,10 @@
 use crate::socket::{Server, Window};
 use crate::{run, setting, view};
 
-/// The memory may grow by this many bytes at most: what allocators keep to themselves; a leak of a single picture's pixels a
-/// frame would be more.
+/// Maximum growth of the memory in bytes: what allocators retain; a leak of a single picture's pixels per frame would
+/// be more.
 const BOUND: u64 = 8 << 20;
-/// Times of the playback, all of which are soon held ready.
+/// Times of the playback, all of which are soon cached.
 const TIMES: u64 = 20;
 
 #[test]

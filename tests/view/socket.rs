@@ -1,4 +1,4 @@
-//! A viewer that runs, and a window on it.
+//! A running viewer, and a window connected to it.
 
 use crate::common::BINARY;
 use serde_json::Value;
@@ -28,7 +28,7 @@ impl Server {
         Self::of(command)
     }
 
-    /// Waits until it says where it is.
+    /// Starts the command and waits until it reports its address.
     pub fn of(mut command: Command) -> Self {
         let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut url = String::new();
@@ -38,14 +38,14 @@ impl Server {
         Self { child, port: port.parse().unwrap(), token: token.to_owned() }
     }
 
-    /// Bytes of memory that it holds now; none where the system does not tell.
+    /// Returns the bytes of memory that it holds now; `None` if the system does not report them.
     pub fn memory(&self) -> Option<u64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
         let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
         Some(1024 * line.trim().trim_end_matches(" kB").parse::<u64>().unwrap())
     }
 
-    /// The address that it prints.
+    /// Returns the address that it prints.
     pub fn url(&self) -> String {
         format!("http://localhost:{}/?token={}", self.port, self.token)
     }
@@ -75,7 +75,7 @@ impl Drop for Server {
 
 /// A frame.
 pub struct Frame {
-    /// 0 a picture, 2 a file that was asked for.
+    /// 0 a picture, 1 what it is compared with, 2 a requested file, 3 an image of the dataset.
     pub kind: u8,
     pub png: bool,
     pub number: u32,
@@ -97,7 +97,7 @@ pub struct Window {
 }
 
 impl Window {
-    /// Opens one; gives its welcome too.
+    /// Opens a window; also returns its welcome.
     pub fn open(server: &Server) -> (Self, Value) {
         let socket = connect(server, &[("Cookie", &server.cookie())]).unwrap();
         let mut window = Self { socket, takes: true, document: Value::Null, picture: Vec::new() };
@@ -114,7 +114,7 @@ impl Window {
         self.socket.send(Message::text(text)).unwrap();
     }
 
-    /// Says it if the server still hears; it is not read what it answers.
+    /// Sends a text if the server still receives; its answer is not read.
     pub fn try_say_text(&mut self, text: &str) -> bool {
         let MaybeTlsStream::Plain(stream) = self.socket.get_mut() else { unreachable!() };
         stream.set_write_timeout(Some(Duration::from_secs(2))).unwrap();
@@ -125,7 +125,7 @@ impl Window {
         self.socket.send(Message::binary(bytes)).unwrap();
     }
 
-    /// The next message, if one comes before `until`.
+    /// Returns the next message, if one arrives before `until`.
     fn next(&mut self, until: Instant) -> Option<Message> {
         let left = until.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -140,7 +140,7 @@ impl Window {
         }
     }
 
-    /// The next text that fits, be it the document that came already; frames before it are taken.
+    /// Returns the next text that fits, or the current document if it does; frames before it are consumed.
     pub fn wait_for(&mut self, fits: impl Fn(&Value) -> bool) -> Value {
         if fits(&self.document) {
             return self.document.clone();
@@ -164,12 +164,12 @@ impl Window {
         }
     }
 
-    /// The next frame without loss.
+    /// Returns the next lossless frame.
     pub fn lossless(&mut self) -> Frame {
         self.frame(|frame| frame.png && frame.kind == 0)
     }
 
-    /// The next frame that fits.
+    /// Returns the next frame that fits.
     pub fn frame(&mut self, fits: impl Fn(&Frame) -> bool) -> Frame {
         let until = Instant::now() + PATIENCE;
         loop {
@@ -187,7 +187,7 @@ impl Window {
         }
     }
 
-    /// The next frame without loss, whatever errors are told before it.
+    /// Returns the next lossless frame, whatever errors are reported before it.
     pub fn any_lossless(&mut self) -> Frame {
         let until = Instant::now() + PATIENCE;
         loop {
@@ -204,7 +204,7 @@ impl Window {
         }
     }
 
-    /// All frames that come within some seconds.
+    /// Returns all frames that arrive within some seconds.
     pub fn frames_within(&mut self, seconds: f64) -> Vec<Frame> {
         let until = Instant::now() + Duration::from_secs_f64(seconds);
         let mut frames = Vec::new();
@@ -237,7 +237,7 @@ impl Window {
         frame
     }
 
-    /// Whether the server ends the connection.
+    /// Whether the server closes the connection.
     pub fn is_closed(&mut self) -> bool {
         let until = Instant::now() + PATIENCE;
         while Instant::now() < until {
@@ -250,8 +250,8 @@ impl Window {
     }
 }
 
-/// A websocket to the server as its own page would open it, with other headers in the place of the usual ones; an empty one
-/// is left out.
+/// Opens a websocket to the server as its own page would, with `headers` replacing the usual ones; an empty one is
+/// omitted.
 pub fn connect(server: &Server, headers: &[(&str, &str)]) -> tungstenite::Result<WebSocket<MaybeTlsStream<TcpStream>>> {
     let url = format!("ws://localhost:{}/ws", server.port);
     let mut request = url.into_client_request()?;

@@ -1,4 +1,4 @@
-//! What is taken away from the viewer: pictures that say what they show, and commands that draw them again.
+//! What users take away from the viewer: pictures that record what they show, and commands that draw them again.
 
 use crate::common::{BINARY, SIZE, run_json, volseggs};
 use crate::socket::{Server, Window};
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Command;
 use volseggs::run::saved::SavedView;
 
-/// Bytes of a frame that `render --view VIEW` writes.
+/// Returns the bytes of a frame that `render --view VIEW` writes.
 fn rendered(root: &Path, view: &str, flags: &[&str]) -> Vec<u8> {
     let render = ["render", "run", "--view", view, "--out", "still"];
     volseggs().current_dir(root).args(render).args(flags).assert().success();
@@ -29,7 +29,7 @@ fn a_saved_picture_and_its_command_draw_it_again() {
         ("velocity x", 0.1, &names[..1], false),
         ("depth", 0.7, &names[1..2], true),
     ]) {
-        // the scale of the colours is that of the first picture, also when the time is another one later
+        // the colour scale is that of the first picture, even when the time changes later
         for time in [0.5, time] {
             let mut wanted = view(&welcome, time, look, false);
             (wanted["hidden"], wanted["edits"]) = (json!(hidden), json!(edits));
@@ -49,7 +49,7 @@ fn a_saved_picture_and_its_command_draw_it_again() {
         assert_eq!((saved.view.time, &saved.view.look[..], &saved.view.hidden[..]), (time, look, hidden));
         assert_eq!((saved.view.eye, saved.scene.as_str().into()), ([3.0, -2.0, 1.5], welcome["scene"].clone()));
         assert_eq!(saved.view.range.is_some(), look != "colour");
-        // the same pixels, and but for the text the same bytes
+        // the same pixels, and except for the text the same bytes
         let pixels = |bytes: &[u8]| image::load_from_memory(bytes).unwrap().to_rgb8();
         let again = rendered(root, "saved.png", &[]);
         assert!(pixels(&still.picture) == pixels(&again) && again == seen.picture, "{look}");
@@ -66,7 +66,7 @@ fn a_saved_picture_and_its_command_draw_it_again() {
         assert!(shell.args(["-c", &command]).env("PATH", path.unwrap()).current_dir(root).status().unwrap().success());
         assert!(std::fs::read(root.join("still/0000.png")).unwrap() == again, "{command}");
     }
-    // what a click selected is no part of it
+    // the selection of a click is not part of it
     window.say(&view(&welcome, 0.5, "colour", false));
     let plain = window.lossless();
     window.say(&json!({ "type": "pick", "id": 20, "pixel": [16, 16], "within": null, "meaning": null }));
@@ -120,7 +120,7 @@ fn files_that_hold_no_view_are_refused_by_name() {
     refused("who.json", &[], "who");
 }
 
-/// A path of two keyframes that the viewer makes a file of.
+/// Returns a path of two keyframes, as the viewer writes it to a file.
 fn path_file(root: &Path) -> Value {
     let server = Server::start(root, &[]);
     let (mut window, welcome) = Window::open(&server);
@@ -159,7 +159,7 @@ fn a_path_becomes_frames_or_a_film() {
         (&json!(4), &json!("velocity speed"), &json!("path.json"))
     );
     assert_eq!((&record["times"][0], &record["times"][3]), (&json!(0.1), &json!(0.7)));
-    // a keyframe is the picture of its view, with the scale that was seen
+    // a keyframe is the picture of its view, with the scale that was shown
     let mut first = file["view"].clone();
     (first["time"], first["eye"]) = (json!(0.1), file["keys"][0]["eye"].clone());
     assert!(first["range"].is_array());
@@ -190,7 +190,8 @@ fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
     std::fs::create_dir(&bin).unwrap();
     let film = |script: Option<&str>| {
         if let Some(script) = script {
-            // in the place of the program one that keeps the frames as they come; its last argument is the file, as a URL
+            // a substitute for the program that keeps the frames as they arrive; its last argument is the file, as a
+            // URL
             std::fs::write(
                 bin.join("ffmpeg"),
                 format!("#!/bin/sh\nfor url; do :; done; out=\"${{url#file:}}\"\n{script}\n"),

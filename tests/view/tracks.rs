@@ -31,7 +31,7 @@ fn a_chart_shows_what_track_measures_also_where_nothing_may_be_changed() {
     let events = typed[0]["events"].as_array().unwrap().iter().filter(happened).count();
     assert_eq!(one["events"].as_array().unwrap().len(), events);
 
-    // several are one; of many requests the newest is answered, and no other for ever waited for
+    // several segments are one; of many requests the newest is answered, and none is waited for forever
     for id in 2..=9 {
         window.say(&ask(id, &names, 9));
     }
@@ -71,7 +71,7 @@ fn a_click_or_a_key_on_a_chart_goes_to_that_time() {
     browser.rests(&tab);
     let now = browser.eval(&tab, "Number(document.getElementById('chart-time').getAttribute('aria-valuenow'))");
     assert!((now.as_f64().unwrap() - (time - 0.01)).abs() < 2e-3, "{now} after {time}");
-    // each letter says what it stands for, beside the charts and where it is pointed at
+    // each letter is explained, beside the charts and on hover
     let letters = "[...document.querySelectorAll('#chart-volume .letter')].map((t) => t.textContent).join('')";
     let explained = "[...document.querySelectorAll('#chart-key b')].map((b) => b.textContent)";
     let said = "[...document.querySelectorAll('#chart-volume g')].every((g) => /^\\d.*(part|whole)/.test(g.querySelector('title').textContent))";

@@ -41,11 +41,11 @@ fn a_segment_is_renamed_and_edits_and_masks_follow() {
     assert!(window.lossless().picture == picture, "it looks as before");
     let nobody = json!({ "kind": "rename", "segment": "nobody", "name": "x" });
     assert_eq!(change(&mut window, nobody)["type"], "error");
-    // masks know it by its Gaussians
+    // masks identify it by its Gaussians
     run_json(root, &["segment", "fine", "run", "--steps", "2", "--pixels", "64"]);
     let known = window.document["revision"].as_u64();
     window.wait_for(|m| m["type"] == "document" && m["revision"].as_u64() > known);
-    // one step back, names of edits too; the edit is the step before
+    // one step back restores the names in edits too; the edit is the step before
     change(&mut window, json!({ "kind": "last", "undo": true }));
     assert_eq!((names(root)[0].clone(), &operations(root)[0]["segments"]), (old.clone(), &json!([&old])));
     change(&mut window, json!({ "kind": "last", "undo": false }));
@@ -63,7 +63,7 @@ fn a_pixel_shows_a_place() {
     window.say(&json!({ "type": "point", "id": 2, "pixel": [16, 16] }));
     let answer = window.wait_for(|m| m["id"] == 2);
     let at = [0, 1, 2].map(|k| answer["at"][k].as_f64().unwrap_or_else(|| panic!("{answer}")));
-    // on the ray of the middle of the picture, near the middle of the scene
+    // on the ray through the middle of the picture, near the middle of the scene
     let (eye, centre) = ([3.0, -2.0, 1.5], [0, 1, 2].map(|k| welcome["centre"][k].as_f64().unwrap()));
     let sub = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|k| a[k] - b[k]);
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -93,7 +93,7 @@ fn a_person_works_in_the_tree() {
         )
     };
 
-    // opacity: seen at once, saved as one edit when it rests
+    // opacity: shown at once, saved as one edit when it comes to rest
     let opacity = format!("opacity {old}");
     browser.eval(&tab, &set(&opacity, "0.6", "['input']"));
     browser.eval(&tab, &set(&opacity, "0.2", "['input']"));
@@ -106,7 +106,7 @@ fn a_person_works_in_the_tree() {
     browser.eval(&tab, &set(&format!("colour {old}"), "#ff8800", "['input', 'change']"));
     browser.wait(&tab, "document.querySelectorAll('#edits li').length === 2");
     assert!(operations(root)[1].to_string().contains("recolour"));
-    // one that is hidden is shown again by the same edit that sets its opacity
+    // a hidden segment is shown again by the same edit that sets its opacity
     for (value, edits) in [("0", 3), ("0.5", 4)] {
         browser.eval(&tab, &set(&opacity, value, "['input', 'change']"));
         browser.wait(&tab, &format!("document.querySelectorAll('#edits li').length === {edits}"));
@@ -117,13 +117,13 @@ fn a_person_works_in_the_tree() {
         browser.wait(&tab, &format!("document.querySelectorAll('#edits li').length === {left}"));
     }
 
-    // another window has checked and left it out too
+    // another window has checked and hidden it too
     let other = browser.visit(&server);
     browser
         .eval(&other, &format!("{}.click(); {}.click()", find(&format!("check {old}")), find(&format!("eye {old}"))));
     browser.rests(&other);
 
-    // another name; what is checked and left out stays so
+    // another name; what is checked and hidden stays so
     browser.eval(&tab, &format!("{}.click(); {}.click()", find(&format!("check {old}")), find(&format!("eye {old}"))));
     browser.eval(&tab, &format!("{}.click()", find(&format!("more {old}"))));
     browser.rests(&tab);
@@ -147,7 +147,7 @@ fn a_person_works_in_the_tree() {
     browser.wait(&tab, &format!("{kept}.every((kept) => String(kept) === 'true')"));
     let there = format!("[{}.checked, {}.ariaPressed]", find("check core"), find("eye core"));
     browser.wait(&other, &format!("{there}.every((kept) => String(kept) === 'true')"));
-    // and so it does when a command gives it another name again
+    // and also when a command renames it again
     for (from, to) in [("core", "kernel"), ("kernel", "core")] {
         volseggs().current_dir(root).args(["segment", "rename", "run", from, to]).assert().success();
         browser.wait(&other, &format!("{}.checked", find(&format!("check {to}"))));
@@ -158,7 +158,7 @@ fn a_person_works_in_the_tree() {
     browser.eval(&tab, &format!("{}.click(); {}.click()", find("check core"), find("eye core")));
     browser.rests(&tab);
 
-    // from the first to the last with Shift
+    // from the first to the last, with Shift
     for modifiers in [false, true] {
         let place = if modifiers { "last" } else { "first" };
         let click = format!(
@@ -173,7 +173,7 @@ fn a_person_works_in_the_tree() {
     let names_now = |root: &Path| names(root).len();
     let before = names_now(root);
     for (given, key) in [("", "Escape"), ("whole", "Enter")] {
-        // a question that was closed a moment ago does not answer the next one
+        // a question that was just closed does not answer the next one
         let ask = "document.getElementById('group').click()";
         browser.eval(&tab, &format!("{ask}; document.getElementById('question').close('no'); {ask}"));
         browser.wait(&tab, "document.getElementById('question').open");
@@ -193,7 +193,7 @@ fn a_person_works_in_the_tree() {
     browser.wait(&tab, "!document.getElementById('tree').textContent.includes('whole')");
     assert_eq!(names_now(root), before, "and nothing was replaced");
 
-    // a double click: the scene turns about what is there, and nothing is selected
+    // a double click: the scene turns about the place there, and nothing is selected
     let tab = browser.visit(&server);
     let middle = browser.eval(&tab, MIDDLE);
     let [x, y] = [0, 1].map(|k| middle[k].as_f64().unwrap() + 12.0);

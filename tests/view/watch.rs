@@ -1,4 +1,4 @@
-//! A run that is watched while another process trains it.
+//! Watching a run while another process trains it.
 
 use crate::browser::Browser;
 use crate::common::{self, BINARY, SIZE, dataset, run_json, train_arguments, volseggs};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use volseggs::train::checkpoint;
 
-/// A training that goes on for long, in `run`.
+/// A long training in `run`.
 struct Trainer {
     child: Child,
     root: TempDir,
@@ -42,7 +42,7 @@ impl Trainer {
         self.root().join("run")
     }
 
-    /// Stops it as Ctrl-C does: it leaves a last checkpoint, whose step this is.
+    /// Stops it as Ctrl-C does; it leaves a last checkpoint, whose step is returned.
     fn interrupt(&mut self) -> usize {
         let pid = self.child.id().to_string();
         assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
@@ -70,13 +70,13 @@ fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_write
     assert_eq!((&log["status"], &log["all"]), (&json!("running"), &json!(200_020)));
     let second = window.wait_for(|m| m["type"] == "welcome" && m["step"].as_u64() > Some(first));
     assert_ne!(second["scene"], welcome["scene"]);
-    // the trainer holds the run
+    // the trainer holds the run's lock
     let base = window.document["revision"].clone();
     window.say(&json!({ "type": "job", "id": 1, "base": base, "task": { "kind": "fine", "steps": 1 } }));
     window.wait_for(|m| m["id"] == 1 || (m["type"] == "job" && m["end"]["failed"].is_string()));
 
     let last = trainer.interrupt();
-    // the checkpoint is read beside what else is told
+    // the checkpoint and the end of the training may be reported in either order
     let [shown, over] = [Cell::new(false), Cell::new(false)];
     window.wait_for(|m| {
         shown.set(shown.get() || m["type"] == "welcome" && m["step"].as_u64() == Some(last as u64));
@@ -90,7 +90,7 @@ fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_write
     let picture = std::fs::read(root.join("still/0000.png")).unwrap();
     let until = Instant::now() + Duration::from_secs(60);
     loop {
-        // a frame of the checkpoint before may still be on its way
+        // a frame of the previous checkpoint may still be on its way
         let frame = window.lossless();
         assert_eq!((frame.width, frame.height), (SIZE, SIZE));
         if frame.picture == picture {
@@ -99,7 +99,7 @@ fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_write
         assert!(Instant::now() < until, "other bytes than render's");
     }
 
-    // what is not whole, such as what a copying program has begun to write, is not read
+    // an incomplete checkpoint, such as one that a copying program has begun to write, is not read
     let half = trainer.run().join("checkpoints").join(checkpoint::folder_name(last + 1000));
     std::fs::create_dir_all(&half).unwrap();
     std::fs::write(half.join("scene.safetensors"), b"half").unwrap();

@@ -1,4 +1,4 @@
-//! What takes long, on the page in a browser: work is started, watched and cancelled.
+//! Long work on the page in a browser: it is started, watched and cancelled.
 
 use crate::browser::Browser;
 use crate::run;
@@ -21,7 +21,7 @@ fn a_person_trains_cancels_and_splits() {
     browser.eval(&tab, "document.getElementById('job').scrollIntoView({ block: 'end' })");
     browser.shoot(&tab, "4-work");
 
-    // it goes on without the tab, and another is told of it
+    // it continues without the tab, and another tab is informed
     browser.call(Some(&tab), "Page.close", json!({}));
     let tab = browser.visit(&server);
     browser.wait(&tab, "/loss/.test(document.getElementById('job-figures').textContent)");
@@ -47,7 +47,7 @@ fn a_person_trains_cancels_and_splits() {
     browser.eval(&tab, "document.getElementById('job').scrollIntoView({ block: 'end' })");
     browser.shoot(&tab, "4-work-done");
 
-    // what is over is no news to a window that is opened later, which can read of it nevertheless
+    // finished work is not announced to a window opened later, which can still read about it
     std::thread::sleep(Duration::from_secs(3));
     let later = browser.visit(&server);
     browser.wait(&later, "/^Last, .* ago, export/.test(document.getElementById('job-last').textContent)");

@@ -44,7 +44,7 @@ pub const NEAR: f32 = 0.2;
 /// [`SplatSettings::dilation`] in 3DGS, pixels squared.
 pub const DILATION: f32 = 0.3;
 /// Largest dilation allowed, pixels squared.
-pub const MOST_DILATION: f32 = 100.0;
+pub const MAX_DILATION: f32 = 100.0;
 /// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a
 /// fraction of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
 pub const MINOR_SLACK: f32 = 1e-5;
@@ -59,7 +59,7 @@ pub struct SplatSettings {
     /// Spherical-harmonics degree in use, 0 to 3; coefficients beyond it are ignored and get no gradient.
     pub sh_degree: usize,
     /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall
-    /// between pixel centres; 0 to [`MOST_DILATION`], [`DILATION`] in 3DGS.
+    /// between pixel centres; 0 to [`MAX_DILATION`], [`DILATION`] in 3DGS.
     pub dilation: f32,
 }
 
@@ -243,7 +243,7 @@ fn check_common(
         (degree + 1).pow(2)
     );
     let dilation = settings.dilation;
-    assert!((0.0..=MOST_DILATION).contains(&dilation), "splat: a dilation of {dilation} pixels squared");
+    assert!((0.0..=MAX_DILATION).contains(&dilation), "splat: a dilation of {dilation} pixels squared");
     let camera = settings.camera;
     assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
     if let Some(offsets) = screen_offsets {

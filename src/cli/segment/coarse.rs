@@ -35,8 +35,8 @@ pub struct CoarseArgs {
     min_opacity: f32,
     /// Keep the surface layers of objects, in the colours that a transfer function gives their flanks, as separate
     /// segments.
-    #[arg(long, conflicts_with = "clusters")]
-    keep_skins: bool,
+    #[arg(long, alias = "keep-skins", conflicts_with = "clusters")]
+    keep_surface_layers: bool,
     /// Keep Gaussians without neighbours.
     #[arg(long)]
     keep_outliers: bool,
@@ -83,8 +83,10 @@ enum Space {
 
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        if self.keep_skins && self.space != Space::Material {
-            return Err(CliError::input("--keep-skins: only --space material joins skins; leave one of them out"));
+        if self.keep_surface_layers && self.space != Space::Material {
+            return Err(CliError::input(
+                "--keep-surface-layers: only --space material joins surface layers to bodies; omit one of the two",
+            ));
         }
         let (_, device) = self.common.device()?;
         let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
@@ -115,7 +117,7 @@ impl CoarseArgs {
                 Space::Lab => ColourSpace::Lab,
             },
             min_opacity: self.min_opacity,
-            keep_skins: self.keep_skins,
+            keep_surface_layers: self.keep_surface_layers,
             outliers: (!self.keep_outliers).then_some(outliers),
             seed: self.seed,
         };

@@ -18,7 +18,7 @@ use crate::eval::results::DataId;
 use crate::export::images::to_rgb8;
 use crate::metrics::lpips::Lpips;
 use crate::model::{HostGaussians, Scene};
-use crate::segment::carry::carry;
+use crate::segment::propagate::propagate;
 use image::RgbImage;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -177,7 +177,7 @@ fn choose(
         for Chosen { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
             let started = Instant::now();
             let within = scenery.looked_in(method, &selected.members);
-            selected.members = carry(scene, &selected.members, &within, time).map_err(|e| e.to_string())?;
+            selected.members = propagate(scene, &selected.members, &within, time).map_err(|e| e.to_string())?;
             *seconds += started.elapsed().as_secs_f64();
         }
     }

@@ -17,7 +17,7 @@ use volseggs_kernels::splat::{DILATION, splat_covariances};
 /// Entry of the file's header.
 const HEADER: &str = "4dgs";
 /// Maximum number of orders that a file may claim.
-const MOST_ORDERS: usize = 64;
+const MAX_ORDERS: usize = 64;
 /// The whole time range, after which the first order of the colours repeats.
 const DURATION: f32 = 1.0;
 
@@ -61,7 +61,7 @@ impl Spec {
     /// Rejects invalid values before anything is allocated accordingly.
     fn check(&self) -> Result<(), String> {
         let Self { sh_stride, orders, sh_degree, time_degree, .. } = *self;
-        if ![1, 4, 9, 16].contains(&sh_stride) || !(1..=MOST_ORDERS).contains(&orders) {
+        if ![1, 4, 9, 16].contains(&sh_stride) || !(1..=MAX_ORDERS).contains(&orders) {
             return Err(format!("{orders} orders of {sh_stride} coefficients: there are none such"));
         }
         if sh_degree >= sh_stride.isqrt() || time_degree >= orders {

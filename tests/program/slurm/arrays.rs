@@ -1,5 +1,5 @@
-//! Job arrays, with a shell script as the worker: what matters is what Slurm does to it. It takes a minute, as Slurm looks
-//! at time limits seldom.
+//! Job arrays, with a shell script as the worker: what matters is how Slurm treats it. It takes a minute, as Slurm
+//! rarely checks time limits.
 
 use super::cluster::{Cluster, executable};
 use std::fs;
@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 use volseggs::sweep::slurm::{Job, Profile, queue, submissions, submit};
 
-/// Largest array index is one less; the cluster's own limit.
+/// One more than the largest array index; the cluster's own limit.
 const MAX_ARRAY_SIZE: usize = 2001;
 
 fn wait_until(what: &str, log: &Path, done: impl Fn() -> bool) {
@@ -20,8 +20,8 @@ fn wait_until(what: &str, log: &Path, done: impl Fn() -> bool) {
     }
 }
 
-/// Ends at once as task 1, fails as task 2, is done at the second start as task 0, and goes on for ever else. When it
-/// is asked to end it saves and says so.
+/// Ends at once as task 1 or 2500, fails as task 2, is done at the second start as task 0, and otherwise runs forever.
+/// When asked to end, it saves and says so.
 const WORKER: &str = r#"dir=$3 task=$5
 [[ "$1 $2 $4" == "sweep worker --task" ]] || exit 64
 trap 'stop=1' TERM
@@ -63,7 +63,7 @@ fn arrays_run_stop_resume_and_are_cancelled() {
     wait_until("an empty queue", &first, || queue(&tools, &sweep, "").unwrap().is_empty());
     assert!(!done(2));
 
-    // Cancelled: it saves, and stays away.
+    // cancelled: it saves, and is not queued again
     let again = submit(&tools, &job, &[5]).unwrap();
     let log = log(again[0].job, 5);
     let begun = || fs::read_to_string(&log).is_ok_and(|text| text.contains("threads"));
@@ -75,7 +75,7 @@ fn arrays_run_stop_resume_and_are_cancelled() {
     assert!(text.contains("CANCELLED") && !text.contains("queued again"), "{text}");
     assert_eq!(submissions(&sweep).unwrap().len(), 3);
 
-    // A refusal of Slurm comes through.
+    // a refusal by Slurm is reported
     let bad = Profile { partition: Some("nowhere".to_owned()), ..job.profile.clone() };
     let said = submit(&tools, &Job { profile: bad, ..job }, &[1]).unwrap_err().to_string();
     assert!(said.contains("invalid partition") && said.contains("profile"), "{said}");

@@ -11,13 +11,13 @@ use volseggs::sweep::slurm::Tools;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/support/slurm-cluster");
 
-/// A running Slurm; it ends with this.
+/// A running Slurm, which ends when this is dropped.
 pub struct Cluster {
     base: TempDir,
 }
 
 impl Cluster {
-    /// None where Slurm is not installed; the test then skips.
+    /// Starts Slurm; `None` if it is not installed, and the test is then skipped.
     pub fn start() -> Option<Self> {
         let cluster = Self { base: tempfile::tempdir().unwrap() };
         let output = Command::new(SCRIPT).arg("start").arg(cluster.dir()).output().unwrap();
@@ -29,12 +29,12 @@ impl Cluster {
         Some(cluster)
     }
 
-    /// A folder that goes with the cluster.
+    /// Returns a folder that is removed with the cluster.
     pub fn base(&self) -> &Path {
         self.base.path()
     }
 
-    /// What `SLURM_CONF` is to be.
+    /// Returns the value of `SLURM_CONF`.
     pub fn conf(&self) -> PathBuf {
         self.dir().join("slurm.conf")
     }
@@ -43,7 +43,7 @@ impl Cluster {
         self.base.path().join("cluster")
     }
 
-    /// Slurm's programs, bound to this cluster.
+    /// Returns Slurm's programs, bound to this cluster.
     pub fn tools(&self) -> Tools {
         let bin = self.base.path().join("bin");
         let path = std::env::var_os("PATH").unwrap();
@@ -58,14 +58,14 @@ impl Cluster {
         Tools::new(&std::env::join_paths(both).unwrap())
     }
 
-    /// Runs a program of Slurm to its end; what it prints.
+    /// Runs a program of Slurm to its end; returns what it prints.
     pub fn call(&self, name: &str, arguments: &[&str]) -> String {
         let output = Command::new(name).args(arguments).env("SLURM_CONF", self.conf()).output().unwrap();
         assert!(output.status.success(), "{output:?}");
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Waits until nothing runs and nothing waits, but for tasks of the job `stays`.
+    /// Waits until nothing is running or queued, except tasks of the job `stays`.
     pub fn wait_until_empty(&self, stays: Option<u64>) {
         let begun = Instant::now();
         let stays = stays.map(|job| job.to_string());
@@ -83,7 +83,7 @@ impl Drop for Cluster {
     }
 }
 
-/// Writes a shell script that can be run.
+/// Writes an executable shell script.
 pub fn executable(file: &Path, body: &str) {
     fs::create_dir_all(file.parent().unwrap()).unwrap();
     fs::write(file, format!("#!/bin/bash\n{body}\n")).unwrap();

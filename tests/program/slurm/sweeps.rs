@@ -21,7 +21,7 @@ impl Site {
         path
     }
 
-    /// `volseggs sweep ARGUMENTS...` where Slurm's programs are found.
+    /// Returns the command `volseggs sweep ARGUMENTS...` for this cluster's Slurm.
     fn sweep(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(BINARY);
         command.arg("sweep").args(arguments).args(["--out", self.out().to_str().unwrap()]);
@@ -68,7 +68,7 @@ impl Site {
         }
     }
 
-    /// All logs of a sweep's tasks, in the order of the jobs.
+    /// Returns all logs of a sweep's tasks, in the order of the jobs.
     fn logs(&self, name: &str) -> String {
         let files = std::fs::read_dir(self.out().join(name).join("slurm")).unwrap().map(|f| f.unwrap().path());
         let mut logs: Vec<PathBuf> = files.filter(|f| f.extension().is_some_and(|e| e == "log")).collect();
@@ -87,7 +87,7 @@ fn all(state: &'static str) -> impl Fn(&[Value]) -> bool {
     move |status| status.iter().all(|s| s["state"] == state)
 }
 
-/// Steps that the logs of a run's processes speak of, in order: `120/4000 3 s ...`.
+/// Returns the steps that the logs of a run's processes report, in order: `120/4000 3 s ...`.
 fn steps(log: &str) -> Vec<usize> {
     let step =
         |line: &str| line.split_once('/').and_then(|(step, rest)| rest.contains(" s ").then(|| step.parse().ok())?);
@@ -103,7 +103,7 @@ fn a_sweep_on_slurm() {
     }
     write_dataset(&root.join("data"));
     let site = Site { cluster, root };
-    // Slurm takes more than a minute to look at the limit: the others meanwhile
+    // Slurm takes more than a minute to check the limit: the other tests run meanwhile
     let late = a_task_begins(&site);
     two_submissions_at_once(&site, late);
     a_cancelled_task(&site, late);
@@ -156,19 +156,19 @@ fn a_cancelled_task(site: &Site, late: u64) {
 }
 
 fn late(site: &Site) -> PathBuf {
-    // as long as it takes: the warning comes a minute and a half before the limit, at the earliest
+    // long enough: the warning comes a minute and a half before the limit, at the earliest
     site.file("late", "[grid]\n'stages.joint_steps' = [1000000]")
 }
 
 fn a_task_begins(site: &Site) -> u64 {
-    // Slurm looks every 30 s and warns up to 30 s early: with a limit of one minute it may warn before the script runs, and
-    // then never again
+    // Slurm checks every 30 s and warns up to 30 s early: with a limit of one minute it may warn before the script
+    // runs, and then never again
     let profile = site.profile("time = '2'\ngrace = 60\ncpus = 1");
     site.submit(&late(site), &profile)[0]["job"].as_u64().unwrap()
 }
 
 fn it_is_out_of_time(site: &Site, job: u64) {
-    // steps before the last warning and after; on a busy machine the first warning may come before the first step
+    // steps before and after the last warning; on a busy machine the first warning may come before the first step
     let around = || {
         let logs = site.logs("late");
         let (before, after) = logs.rsplit_once("queued again")?;

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Maximum number of orders of the colours' series in time.
-const MOST_ORDERS: usize = 8;
+const MAX_ORDERS: usize = 8;
 /// Maximum number of neighbours of a Gaussian.
 const MOST_NEIGHBOURS: usize = 256;
 
@@ -52,8 +52,8 @@ impl FourDgsConfig {
     /// # Errors
     /// The first invalid key with its value, and the values allowed.
     pub fn check(&self) -> Result<(), String> {
-        if self.time_orders > MOST_ORDERS {
-            return Err(format!("4dgs.time_orders = {}: at most {MOST_ORDERS}", self.time_orders));
+        if self.time_orders > MAX_ORDERS {
+            return Err(format!("4dgs.time_orders = {}: at most {MAX_ORDERS}", self.time_orders));
         }
         for (key, value, least, most) in
             [("time_margin", self.time_margin, 0.0, 10.0), ("time_scale", self.time_scale, 1e-6, 1e6)]

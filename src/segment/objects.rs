@@ -45,7 +45,7 @@ const TINY: f64 = 0.005;
 ///
 /// # Panics
 /// If `features` does not hold one feature per Gaussian.
-pub fn things(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
+pub fn objects(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
     assert_eq!(features.len(), FEATURES * body.len(), "features: [M, 16]");
     let groups = groups(features);
     if groups.len() < 2 {
@@ -165,13 +165,13 @@ mod tests {
     fn balls_that_touch_are_two_where_their_features_differ_and_one_where_not() {
         let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
         let unlike: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
-        let found = things(&body, &unlike).unwrap();
+        let found = objects(&body, &unlike).unwrap();
         assert_eq!(counts(&found).len(), 2);
         let wrong = found.iter().zip(&of).filter(|(thing, ball)| (found[0] == **thing) != (of[0] == **ball)).count();
         assert!(wrong * 50 < of.len(), "{wrong} of {}", of.len());
-        assert_eq!(found, on_threads(1, || things(&body, &unlike)).unwrap());
+        assert_eq!(found, on_threads(1, || objects(&body, &unlike)).unwrap());
         let like: Vec<f32> = of.iter().flat_map(|ball| at(0.3 * *ball as f32)).collect();
-        assert_eq!(things(&body, &like).unwrap(), vec![1; body.len()]);
+        assert_eq!(objects(&body, &like).unwrap(), vec![1; body.len()]);
     }
 
     #[test]
@@ -180,19 +180,19 @@ mod tests {
         // by more than two radians in all: opposite sides are unlike
         let drift: Vec<f32> = body.means.chunks_exact(3).flat_map(|p| at(1.2 * p[0])).collect();
         assert!(groups(&drift).len() > 2, "patches of like features are there");
-        assert_eq!(things(&body, &drift).unwrap(), vec![1; body.len()]);
+        assert_eq!(objects(&body, &drift).unwrap(), vec![1; body.len()]);
     }
 
     #[test]
     fn nothing_one_and_poison() {
         let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
-        assert_eq!(things(&body.subset(&[]), &[]).unwrap(), [0u32; 0]);
-        assert_eq!(things(&body.subset(&[4]), &at(0.1)).unwrap(), [1]);
+        assert_eq!(objects(&body.subset(&[]), &[]).unwrap(), [0u32; 0]);
+        assert_eq!(objects(&body.subset(&[4]), &at(0.1)).unwrap(), [1]);
         let mut features: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
         features[..FEATURES].fill(f32::NAN);
         let mut poisoned = body.clone();
         (poisoned.means[30], poisoned.log_scales[60]) = (f32::NAN, f32::INFINITY);
-        let found = things(&poisoned, &features).unwrap();
+        let found = objects(&poisoned, &features).unwrap();
         assert!(found.len() == body.len() && found.iter().all(|label| *label > 0));
     }
 }

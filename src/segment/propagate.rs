@@ -30,18 +30,18 @@ const VOTERS: usize = 6;
 ///
 /// # Errors
 /// If arrays of the scene disagree.
-pub fn carry(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Result<Vec<u32>, PointsError> {
+pub fn propagate(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Result<Vec<u32>, PointsError> {
     if !scene.opacity_changes() || within.is_empty() {
         return Ok(selected.to_vec());
     }
     let some = scene.some(within);
     let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
-    let is = carried(&was, time, |t| some.at(t as f32))?;
+    let is = propagated(&was, time, |t| some.at(t as f32))?;
     Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
 }
 
 /// The same for M Gaussians, given `at` any time: whether each belongs to what `was` selected, `[M]`.
-fn carried(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
+fn propagated(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
     let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
     let first = at(time);
     let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| seen(&first, i).then_some(was[i])).collect();
@@ -124,9 +124,9 @@ mod tests {
             let seen = rods(time).opacity();
             let first = |i: usize| i < STAGES * ALONG;
             let was: Vec<bool> = (0..n).map(|i| first(i) && seen[i] > 0.1).collect();
-            let found = carried(&was, time, rods).unwrap();
+            let found = propagated(&was, time, rods).unwrap();
             assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
-            assert_eq!(found, on_threads(1, || carried(&was, time, rods)).unwrap());
+            assert_eq!(found, on_threads(1, || propagated(&was, time, rods)).unwrap());
         }
     }
 
@@ -140,9 +140,9 @@ mod tests {
             at.means[3] = f32::NAN;
             at
         };
-        assert_eq!(carried(&was, 0.5, poisoned).unwrap(), was);
+        assert_eq!(propagated(&was, 0.5, poisoned).unwrap(), was);
         assert_eq!(
-            carried(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(),
+            propagated(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(),
             [false; 0]
         );
     }
