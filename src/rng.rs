@@ -133,6 +133,8 @@ pub enum Purpose {
     Background,
     /// Positions of split Gaussians.
     Split,
+    /// Which Gaussians relocation copies.
+    Relocation,
     /// Initial cluster centres.
     Clusters,
     /// Initial weights of the affinity field.
@@ -178,6 +180,7 @@ impl Purpose {
             Self::Views => 4,
             Self::Background => 5,
             Self::Split => 6,
+            Self::Relocation => 0x7265_6c6f,
             Self::Clusters => 7,
             Self::AffinityInit => 8,
             Self::AffinityPixels => 9,

@@ -149,6 +149,10 @@ fn gaussians_in_space_and_time_are_trained_measured_drawn_and_refused_by_name() 
 
     refused(&mut begin("more", &["--set", "stages.joint_steps=5"]), &["stages.joint_steps = 5", "the method 4dgs"]);
     refused(&mut begin("more", &["--set", "loss.fade=0.001"]), &["loss.fade = 0.001", "the method 4dgs"]);
+    refused(
+        &mut begin("more", &["--set", "densify.mode=relocate"]),
+        &["densify.mode = \"relocate\"", "the method 4dgs"],
+    );
     assert!(!root.path().join("more").exists());
 }
 

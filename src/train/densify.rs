@@ -4,6 +4,7 @@
 //! and to the optimiser's moments.
 
 use super::due::Due;
+use super::relocate;
 use crate::config::types::{Config, DensifyMode, PruneBy};
 use crate::model::HostGaussians;
 use crate::model::params::HostTensor;
@@ -99,18 +100,21 @@ pub enum Row {
     Clone(usize),
     /// One of the two halves of an old Gaussian, with moments of zero.
     Half(usize),
+    /// One of the Gaussians that together replace an old one, with moments of zero.
+    Share(usize),
 }
 
 impl Row {
     /// Returns the index of the old Gaussian.
     pub fn source(self) -> usize {
-        let (Self::Keep(i) | Self::Clone(i) | Self::Half(i)) = self;
+        let (Self::Keep(i) | Self::Clone(i) | Self::Half(i) | Self::Share(i)) = self;
         i
     }
 }
 
-/// Plans the rows of the new arrays from the statistics, `opacity_logits` `[N]` and `log_scales` `[N, 3]`.
+/// Plans the rows of the new arrays after `step` from the statistics, `opacity_logits` `[N]` and `log_scales` `[N, 3]`.
 pub fn plan(
+    step: usize,
     due: Due,
     statistics: &Statistics,
     opacity_logits: &[f32],
@@ -134,6 +138,11 @@ pub fn plan(
     let alive: Vec<usize> = (0..n).filter(|&i| !(is_transparent(i) || due.prune_large && is_oversized(i))).collect();
     // never prune all Gaussians
     let alive = if alive.is_empty() { (0..n).collect() } else { alive };
+    if d.mode == DensifyMode::Relocate {
+        let wanted = due.grow_to.unwrap_or(0).max(n) - alive.len();
+        let mut rng = Rng::new(config.seed, step as u64, Purpose::Relocation);
+        return relocate::plan(&alive, opacity, wanted, &mut rng);
+    }
     let wanted = due.grow_to.map_or(0, |target| target.saturating_sub(alive.len()));
     let threshold = if d.mode == DensifyMode::Threshold { d.threshold as f32 } else { 0.0 };
     let mut chosen: Vec<usize> = alive.iter().copied().filter(|&i| statistics.score(i) > threshold).collect();
@@ -168,9 +177,11 @@ pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
     out
 }
 
-/// Returns the new attributes. Halves are drawn from their parent's distribution and are 1.6 times smaller (3DGS).
+/// Returns the new attributes. Halves are drawn from their parent's distribution and are 1.6 times smaller (3DGS); shares
+/// together look like their parent ([`relocate::share`]).
 pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
     let mut out = g.map(|column| column.gather(rows.iter().map(|row| row.source())));
+    relocate::share(rows, &mut out);
     let mut rng = Rng::new(seed, step as u64, Purpose::Split);
     for (j, row) in rows.iter().enumerate() {
         if matches!(row, Row::Half(_)) {
@@ -211,7 +222,7 @@ mod tests {
     }
 
     fn planned(due: Due, s: &Statistics, g: &HostGaussians, config: &Config) -> Vec<Row> {
-        plan(due, s, &g.opacity_logits, &g.log_scales, config, 4.0)
+        plan(7, due, s, &g.opacity_logits, &g.log_scales, config, 4.0)
     }
 
     #[test]
@@ -258,6 +269,26 @@ mod tests {
         assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);
         config.densify.prune_size = 0.2;
         assert_eq!(kept(&config, &g, due), [0, 2, 4]);
+    }
+
+    #[test]
+    fn relocation_keeps_the_number_and_grows_along_the_same_line() {
+        let (mut config, mut s, mut g) = (Config::default(), statistics(6), gaussians(6));
+        config.densify.mode = DensifyMode::Relocate;
+        (s.opacity[5], g.opacity_logits[2]) = (0.001, 3.0);
+        let planned = |due: Due| planned(due, &s, &g, &config);
+        assert_eq!(planned(Due::default()), (0..6).map(Row::Keep).collect::<Vec<_>>());
+        for due in [Due { prune: true, ..Due::default() }, Due { prune: true, grow_to: Some(3), ..Due::default() }] {
+            let rows = planned(due);
+            assert!(rows.len() == 6 && rows.iter().all(|r| r.source() != 5), "{rows:?}");
+            assert_eq!(rows.iter().filter(|r| matches!(r, Row::Share(_))).count(), 2, "one and its copy");
+        }
+        let rows = planned(Due { grow_to: Some(9), ..Due::default() });
+        assert_eq!(rows.len(), 9);
+        assert_eq!(
+            gather_moments(&[1.0; 6], &rows, 1).iter().filter(|m| **m == 1.0).count(),
+            rows.iter().filter(|r| matches!(r, Row::Keep(_))).count()
+        );
     }
 
     #[test]

@@ -67,7 +67,7 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         DensifyMode::Off => None,
         DensifyMode::Threshold if stage.is_joint() => Some(d.budget),
         DensifyMode::Threshold => Some(d.warmup_most()),
-        DensifyMode::Budget => Some(line(stage, config, start)),
+        DensifyMode::Budget | DensifyMode::Relocate => Some(line(stage, config, start)),
     };
     let prunes = match stage {
         Stage::Warmup(_) => step > d.prune_from,

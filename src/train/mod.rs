@@ -25,6 +25,7 @@ pub mod observer;
 mod open;
 pub mod optimizer;
 pub mod rate_schedule;
+mod relocate;
 mod report;
 pub mod resume;
 pub mod run;

@@ -4,7 +4,7 @@ use super::schedule::{Stage, learning_rate};
 use super::{Saved, TrainError, Trainer, Training, losses};
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
-use crate::config::types::{Config, EncoderKind, GridInit, TvOrder, TvReduction};
+use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, TvOrder, TvReduction};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -293,4 +293,28 @@ fn an_average_changes_no_step_follows_the_order_and_comes_back_from_a_checkpoint
         assert_eq!(params::collect(a), params::collect(b));
     }
     assert_eq!(averaged.state(), resumed.state());
+}
+
+#[test]
+fn relocation_keeps_the_number_of_gaussians_on_the_line_and_resumes_bit_identically() {
+    let mut config = config();
+    (config.stages.joint_steps, config.densify.mode, config.densify.budget) = (60, DensifyMode::Relocate, 240);
+    (config.densify.every, config.densify.prune_every, config.densify.prune_opacity) = (5, 10, 0.05);
+    (config.densify.joint_from, config.densify.joint_until) = (10, 40);
+    let (data, mut whole) = trainer(&config);
+    let counts: Vec<usize> = (0..25).map(|_| whole.step(&data.train).unwrap().primitives).collect();
+    assert_eq!((counts[8], counts[14], counts[24]), (200, 207, 220), "one line, whatever is transparent");
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.safetensors");
+    whole.model().save(&path).unwrap();
+    let (_, mut resumed) = trainer(&config);
+    let state = whole.state();
+    resumed.resume(Saved { model: &path, state, state_path: &path, step: 25, first_primitives: 200 }).unwrap();
+    for _ in 25..60 {
+        whole.step(&data.train).unwrap();
+        resumed.step(&data.train).unwrap();
+    }
+    assert_eq!(whole.scene().gaussians.count(), 240);
+    assert_eq!(params::collect(whole.scene()), params::collect(resumed.scene()));
 }

@@ -270,7 +270,8 @@ impl Trainer {
     fn densify(&mut self, due: Due) {
         let host = self.scene().gaussians.to_host();
         let statistics = self.statistics.to_host();
-        let rows = densify::plan(due, &statistics, &host.opacity_logits, &host.log_scales, &self.config, self.extent);
+        let HostGaussians { opacity_logits, log_scales, .. } = &host;
+        let rows = densify::plan(self.step, due, &statistics, opacity_logits, log_scales, &self.config, self.extent);
         let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
         self.move_moments(&rows, &host);
         if due.reset {

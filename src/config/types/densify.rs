@@ -59,6 +59,10 @@ pub enum DensifyMode {
     Budget,
     /// Those above the threshold, as in 3DGS, limited by the budget.
     Threshold,
+    /// Relocation, as in 3DGS-MCMC: as many as in `budget` mode, and one for each that is removed, copied from Gaussians
+    /// drawn in proportion to their opacity. A Gaussian and its copies share its opacity, so that the image stays the
+    /// same.
+    Relocate,
     /// None are added.
     Off,
 }

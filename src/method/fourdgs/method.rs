@@ -2,7 +2,7 @@
 
 use super::model::Scene4d;
 use super::training::Fit;
-use crate::config::types::{Appearance, Config, WarmupTimes};
+use crate::config::types::{Appearance, Config, DensifyMode, WarmupTimes};
 use crate::data::Dataset;
 use crate::method::{Method, Model, Training};
 use crate::model::SceneError;
@@ -76,6 +76,11 @@ fn check_shared(config: &Config) -> Result<(), String> {
             config.loss.fade != 0.0,
             format!("loss.fade = {}", config.loss.fade),
             "its Gaussians fade by their own times; no field changes their opacity",
+        ),
+        (
+            config.densify.mode == DensifyMode::Relocate,
+            "densify.mode = \"relocate\"".to_owned(),
+            "how its Gaussians share an opacity in time is not known",
         ),
         (average > 0, format!("optim.average = {average}"), "not with this method"),
         (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),

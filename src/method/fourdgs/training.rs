@@ -148,7 +148,7 @@ impl Fit {
         let in_space = values("gaussians.log_scales").chunks_exact(4).flat_map(|s| &s[..3]).copied();
         let in_space: Vec<f32> = in_space.collect();
         let logits = values("gaussians.opacity_logits");
-        let rows = densify::plan(due, &self.combined(), logits, &in_space, &self.config, self.extent);
+        let rows = densify::plan(self.step, due, &self.combined(), logits, &in_space, &self.config, self.extent);
         self.rearrange(&rows, &host);
         if due.reset {
             let mut parameters = self.scene.parameters();
