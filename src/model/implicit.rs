@@ -235,8 +235,8 @@ mod tests {
         let paper = ModelConfig { encoder: EncoderKind::Factorised, ..config.clone() };
         let hybrid = field_parameters(&paper) as f64;
         let implied = |gaussians: f64| floats(37.36) - 62.0 * gaussians - decoder;
-        let most_gaussians = (floats(43.48) - hybrid) / 62.0;
-        let (least, most) = (implied(most_gaussians), implied(150_000.0));
+        let max_gaussians = (floats(43.48) - hybrid) / 62.0;
+        let (least, most) = (implied(max_gaussians), implied(150_000.0));
         assert!(least > 0.38e6 && most < 0.473e6, "{least} {most}");
         let count = encoder_parameters(&config);
         assert_eq!(count, 450_368);

@@ -77,7 +77,7 @@ impl Sizes {
 
 /// Returns the bytes at the peak of a training, excluding the images themselves.
 fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
-    let (n, count) = (most_gaussians(config), views.count as u128);
+    let (n, count) = (max_gaussians(config), views.count as u128);
     let Sizes { attributes, parameters, kept } = Sizes::of(config);
     let pixels = views.pixels as u128;
     let averaged = if config.optim.average > 0 { COPIES_AVERAGED } else { 0 };
@@ -97,7 +97,7 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
 }
 
 /// Returns the maximum number of Gaussians: each time some are added, their number at most doubles.
-pub(super) fn most_gaussians(config: &Config) -> u128 {
+pub(super) fn max_gaussians(config: &Config) -> u128 {
     let (start, d) = (config.init.points as u128, &config.densify);
     if d.mode == DensifyMode::Off {
         return start;
@@ -105,7 +105,7 @@ pub(super) fn most_gaussians(config: &Config) -> u128 {
     let [warmup, joint] = Span::of(config).map(|span| span.steps() / d.every.max(1));
     let times = warmup.saturating_add(joint).saturating_add(2);
     let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
-    doubled.min(d.budget.max(d.warmup_most()) as u128).max(start)
+    doubled.min(d.budget.max(d.warmup_limit()) as u128).max(start)
 }
 
 /// A key and an accessor of its value.
@@ -224,8 +224,8 @@ mod tests {
         let mut config = Config::default();
         (config.init.points, config.densify.budget) = (300, 1_000_000_000_000);
         (config.stages.warmup_steps, config.stages.joint_steps) = (0, 1000);
-        assert!(most_gaussians(&config) < 300 << 8);
+        assert!(max_gaussians(&config) < 300 << 8);
         config.densify.mode = DensifyMode::Off;
-        assert_eq!(most_gaussians(&config), 300);
+        assert_eq!(max_gaussians(&config), 300);
     }
 }

@@ -1,6 +1,6 @@
 //! Requirements on a configuration before training may start, beyond its types.
 
-use super::budget::most_gaussians;
+use super::budget::max_gaussians;
 use super::rate_schedule::find_schedule;
 use super::{TrainError, average, losses, schedule};
 use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
@@ -64,7 +64,7 @@ pub(crate) fn check_device(
     device: &Device,
 ) -> Result<(), TrainError> {
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
-    let n = usize::try_from(most_gaussians(config)).unwrap_or(usize::MAX).max(start);
+    let n = usize::try_from(max_gaussians(config)).unwrap_or(usize::MAX).max(start);
     let m = &config.model;
     let colours = (m.sh_degree as u128).saturating_add(1).saturating_pow(2).saturating_mul(3);
     // colours of one Gaussian, inputs of the decoder, width of the decoder, widest layer of an implicit network

@@ -66,7 +66,7 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         _ if !every(d.every) => None,
         DensifyMode::Off => None,
         DensifyMode::Threshold if stage.is_joint() => Some(d.budget),
-        DensifyMode::Threshold => Some(d.warmup_most()),
+        DensifyMode::Threshold => Some(d.warmup_limit()),
         DensifyMode::Budget | DensifyMode::Relocate => Some(line(stage, config, start)),
     };
     let prunes = match stage {

@@ -79,7 +79,7 @@ pub enum PruneBy {
 
 impl DensifyConfig {
     /// Maximum number of Gaussians that additions in warm-up lead to.
-    pub fn warmup_most(&self) -> usize {
+    pub fn warmup_limit(&self) -> usize {
         if self.warmup_budget == 0 { self.budget } else { self.warmup_budget }
     }
 }
